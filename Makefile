@@ -1,0 +1,39 @@
+# The commands a newcomer types: `make run` and `make test`.
+
+# Where `make run` serves.
+LISTEN ?= 127.0.0.1:8080
+# ONCE=1 ends `make run` after the report.
+ONCE ?=
+
+.PHONY: run test test-long bench web fmt clean
+
+run:
+	@deploy/setup.sh build
+	@$(MAKE) --no-print-directory web
+	@echo "building plenalign (release; the first time takes some minutes)"
+	@cargo build --release --quiet
+	@exec target/release/plenalign demo --listen $(LISTEN) $(if $(ONCE),--once)
+
+test:
+	@tests/checks.sh
+
+test-long:
+	@tests/long.sh
+
+bench:
+	cargo bench
+
+# The page, embedded in the binary. Rebuilt only when its sources have changed.
+web: web/dist/index.html
+
+web/dist/index.html: $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
+	@echo "building the page"
+	@cd web && npm ci --silent --no-audit --no-fund && npm run --silent build
+	@touch $@
+
+fmt:
+	cargo fmt
+
+clean:
+	cargo clean
+	rm -rf web/dist web/node_modules

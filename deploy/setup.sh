@@ -1,0 +1,62 @@
+#!/usr/bin/env bash
+# Installs from Debian what Plenalign needs beside the Rust toolchain and Node: as root, or through sudo.
+#
+#   deploy/setup.sh build   what `make run` needs
+#   deploy/setup.sh test    that, and what `make test` needs besides
+#
+# Says what it is going to install before it does, and does nothing where everything is there.
+set -euo pipefail
+
+# build-essential   the linker, and cc for crates that build C
+# libclang-dev      bindgen, which reads the kernel's V4L2 headers for the v4l crate
+# linux-libc-dev    those headers
+# curl              the tests' plain HTTP client
+build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates curl)
+# chromium          the browser in which the page is tested
+# python3           the table of `make test-long`
+test_packages=(chromium python3)
+
+what=${1:-test}
+case "$what" in
+  build) packages=("${build_packages[@]}") ;;
+  test) packages=("${build_packages[@]}" "${test_packages[@]}") ;;
+  *) echo "setup: '$what' is neither 'build' nor 'test'" >&2; exit 2 ;;
+esac
+
+for tool in cargo node npm; do
+  if ! command -v "$tool" >/dev/null; then
+    echo "setup: $tool is not on the PATH; install the Rust toolchain (1.95 or newer, rustup) and Node (20.19 or newer) first" >&2
+    exit 1
+  fi
+done
+node -e 'const [a, b] = process.versions.node.split(".").map(Number); process.exit(a > 20 || (a === 20 && b >= 19) ? 0 : 1)' || {
+  echo "setup: Node $(node --version) is too old; 20.19 or newer is needed" >&2
+  exit 1
+}
+
+missing=()
+for package in "${packages[@]}"; do
+  status=$(dpkg-query -W -f='${db:Status-Abbrev}' "$package" 2>/dev/null || true)
+  [[ $status == ii* ]] || missing+=("$package")
+done
+if ((${#missing[@]} == 0)); then
+  exit 0
+fi
+
+as_root=()
+if [[ $(id -u) != 0 ]]; then
+  command -v sudo >/dev/null || {
+    echo "setup: these Debian packages are missing and neither root nor sudo is at hand: ${missing[*]}" >&2
+    exit 1
+  }
+  as_root=(sudo)
+fi
+echo "setup: installing from Debian: ${missing[*]}"
+log=$(mktemp)
+if ! { "${as_root[@]}" apt-get update && "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+  apt-get install -y --no-install-recommends "${missing[@]}"; } >"$log" 2>&1; then
+  echo "setup: apt-get failed:" >&2
+  tail -n 20 "$log" >&2
+  exit 1
+fi
+rm -f "$log"

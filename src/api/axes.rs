@@ -1,0 +1,57 @@
+//! Moving and homing one axis by hand.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+
+use super::App;
+use super::error::{Problem, Result};
+use super::extract::{JsonBody, PathParam};
+use super::types::MoveRequest;
+use crate::control::events::BenchView;
+use crate::device::AxisName;
+use crate::units::Millimetres;
+
+/// Starts a move of one axis.
+///
+/// Returns once the move is accepted; its end is seen in the bench's state. Refused while a job holds the bench, while
+/// the stop is latched, outside the axis's travel, and beyond the e wall.
+#[utoipa::path(
+    post, path = "/api/v1/axes/{axis}/move", operation_id = "move_axis", tag = "axes", request_body = MoveRequest,
+    params(("axis" = AxisName, Path, description = "Which axis")),
+    responses(
+        (status = 202, description = "The move has begun", body = BenchView),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn go(
+    State(app): State<App>,
+    PathParam(axis): PathParam<AxisName>,
+    JsonBody(request): JsonBody<MoveRequest>,
+) -> Result<(StatusCode, Json<BenchView>)> {
+    let view = app.service.move_axis(axis, Millimetres(request.position_mm))?;
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// Starts homing one axis.
+///
+/// Returns once it is accepted. With the shell on, or its state unknown, homing e towards the shell is refused.
+#[utoipa::path(
+    post, path = "/api/v1/axes/{axis}/home", operation_id = "home_axis", tag = "axes",
+    params(("axis" = AxisName, Path, description = "Which axis")),
+    responses(
+        (status = 202, description = "Homing has begun", body = BenchView),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn home(
+    State(app): State<App>,
+    PathParam(axis): PathParam<AxisName>,
+) -> Result<(StatusCode, Json<BenchView>)> {
+    let view = app.service.home_axis(axis)?;
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}

@@ -1,0 +1,33 @@
+//! The bench's state, and the operator's statement about the shell.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::App;
+use super::error::{Problem, Result};
+use super::extract::JsonBody;
+use super::types::ShellRequest;
+use crate::control::events::BenchView;
+
+/// State of the whole bench.
+#[utoipa::path(get, path = "/api/v1/bench", operation_id = "get_bench", tag = "bench", responses((status = 200, body = BenchView)))]
+pub(super) async fn get(State(app): State<App>) -> Json<BenchView> {
+    Json(app.service.bench_view())
+}
+
+/// The operator states whether the shell is on the camera.
+///
+/// Unknown counts as on. `off` is taken on the operator's word, and is forgotten when the program ends.
+#[utoipa::path(
+    put, path = "/api/v1/shell", operation_id = "put_shell", tag = "bench", request_body = ShellRequest,
+    responses(
+        (status = 200, body = BenchView),
+        (status = 409, body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn put_shell(
+    State(app): State<App>,
+    JsonBody(request): JsonBody<ShellRequest>,
+) -> Result<Json<BenchView>> {
+    Ok(Json(app.service.set_shell(request.state)?))
+}

@@ -1,0 +1,302 @@
+//! Errors on the wire: the one place that knows status codes and turns an error into `application/problem+json`.
+
+use axum::Json;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use utoipa::ToSchema;
+
+use crate::control::{Refusal, ServiceError};
+use crate::device::DeviceError;
+
+/// What every `type` begins with; the rest is a short name that stays what it is.
+pub const TYPE_PREFIX: &str = "urn:plenalign:problem:";
+
+/// A problem as RFC 9457 has it, with members of its own beside the standard ones.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Problem {
+    /// What kind of problem: `urn:plenalign:problem:` and a short name, stable.
+    #[serde(rename = "type")]
+    #[schema(example = "urn:plenalign:problem:limit")]
+    pub kind: String,
+    /// The kind in words.
+    pub title: String,
+    /// The HTTP status.
+    #[schema(minimum = 400, maximum = 599)]
+    pub status: u16,
+    /// What was wrong here, and what would be right.
+    pub detail: String,
+    /// What the kind has beside these, for example `axis`, `low_mm` and `high_mm` of a limit.
+    #[serde(flatten)]
+    #[schema(value_type = std::collections::HashMap<String, Value>)]
+    pub members: Map<String, Value>,
+}
+
+impl Problem {
+    fn new(status: StatusCode, name: &str, title: &str, detail: impl Into<String>) -> Self {
+        Self {
+            kind: format!("{TYPE_PREFIX}{name}"),
+            title: title.to_owned(),
+            status: status.as_u16(),
+            detail: detail.into(),
+            members: Map::new(),
+        }
+    }
+
+    fn with(mut self, members: Value) -> Self {
+        if let Value::Object(members) = members {
+            self.members.extend(members);
+        }
+        self
+    }
+
+    /// Nothing is found under this path, or under the name in it.
+    #[must_use]
+    pub fn not_found(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
+    }
+
+    /// The path exists, the method on it does not.
+    #[must_use]
+    pub fn method_not_allowed(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed", "Method not allowed", detail)
+    }
+
+    /// The body or a parameter is not even JSON or a number.
+    #[must_use]
+    pub fn malformed(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, "malformed", "The request cannot be read", detail)
+    }
+
+    /// The body is JSON and does not say what it must; `field` is where.
+    #[must_use]
+    pub fn invalid(field: &str, detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid", "The request does not say what it must", detail)
+            .with(json!({ "field": field }))
+    }
+
+    /// The body is longer than any request is.
+    #[must_use]
+    pub fn too_large(limit_bytes: usize) -> Self {
+        let detail = format!("a request's body may be {limit_bytes} bytes long");
+        Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "The body is too large", detail)
+            .with(json!({ "limit_bytes": limit_bytes }))
+    }
+
+    /// The body is not said to be JSON.
+    #[must_use]
+    pub fn unsupported_media_type(found: Option<&str>) -> Self {
+        let detail = format!("the body's content type is {}; send application/json", found.unwrap_or("not given"));
+        Self::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body is not JSON", detail)
+    }
+
+    /// The `Host` named is not this machine: a page elsewhere has had its name point here.
+    #[must_use]
+    pub fn wrong_host(host: &str) -> Self {
+        let detail = format!("this daemon listens on loopback only and is not {host:?}; use 127.0.0.1 or localhost");
+        Self::new(StatusCode::MISDIRECTED_REQUEST, "wrong-host", "Another host is meant", detail)
+    }
+
+    /// A page of another origin asks for more than to read.
+    #[must_use]
+    pub fn cross_origin(origin: &str) -> Self {
+        let detail = format!("a page from {origin:?} may not command this bench; use the page served here");
+        Self::new(StatusCode::FORBIDDEN, "cross-origin", "Not from this origin", detail)
+    }
+
+    /// The WebSocket's path was asked for without an upgrade.
+    #[must_use]
+    pub fn upgrade_required(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::UPGRADE_REQUIRED, "upgrade-required", "A WebSocket is here", detail)
+    }
+
+    /// There is no frame, or only one too old to show.
+    #[must_use]
+    pub fn no_frame(detail: impl Into<String>, age_ms: Option<f64>) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "no-frame", "There is no fresh frame", detail)
+            .with(json!({ "frame_age_ms": age_ms }))
+    }
+
+    /// Nothing has been measured yet.
+    #[must_use]
+    pub fn no_measurement() -> Self {
+        let detail = "nothing has been measured since the program started; start a job";
+        Self::new(StatusCode::NOT_FOUND, "no-measurement", "Nothing has been measured", detail)
+    }
+
+    /// A mistake of the daemon's own.
+    #[must_use]
+    pub fn internal() -> Self {
+        let detail = "the daemon made a mistake; its log has the particulars";
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", "The daemon made a mistake", detail)
+    }
+
+    fn refused(name: &str, title: &str, refusal: &Refusal, members: Value) -> Self {
+        Self::new(StatusCode::CONFLICT, name, title, refusal.to_string()).with(members)
+    }
+
+    fn device(status: StatusCode, name: &str, title: &str, error: &DeviceError, members: Value) -> Self {
+        Self::new(status, name, title, error.to_string()).with(members)
+    }
+}
+
+impl From<Refusal> for Problem {
+    fn from(refusal: Refusal) -> Self {
+        let it = &refusal;
+        match it {
+            Refusal::Stopped => Self::refused("stopped", "The stop is latched", it, json!({})),
+            Refusal::Busy { job } => {
+                let members = json!({ "job": job, "href": super::types::job_href(*job) });
+                Self::refused("busy", "A job holds the bench", it, members)
+            }
+            Refusal::Limit { axis, target, low, high } => {
+                let members = json!({
+                    "axis": axis, "target_mm": target.value(), "low_mm": low.value(), "high_mm": high.value(),
+                });
+                Self::refused("limit", "Outside the axis's travel", it, members)
+            }
+            Refusal::Wall { target, wall } => {
+                let members = json!({ "axis": "e", "target_mm": target.value(), "wall_mm": wall.value() });
+                Self::refused("wall", "Beyond the e wall", it, members)
+            }
+            Refusal::Step { axis, distance, max } => {
+                let members = json!({ "axis": axis, "distance_mm": distance.value(), "max_mm": max.value() });
+                Self::refused("step", "Longer than one move may be", it, members)
+            }
+            Refusal::NotHomed { axis } => {
+                Self::refused("not-homed", "The axis is not homed", it, json!({ "axis": axis }))
+            }
+            Refusal::Moving { axis } => Self::refused("moving", "The axis is moving", it, json!({ "axis": axis })),
+            Refusal::HomingTowardsShell { axis, shell } => {
+                let title = "Homing would run towards the shell";
+                Self::refused("homing-towards-shell", title, it, json!({ "axis": axis, "shell": shell }))
+            }
+            Refusal::JobState { state, .. } => {
+                Self::refused("job-state", "Not in the job's state", it, json!({ "state": state }))
+            }
+            Refusal::ShuttingDown => {
+                let title = "The program is shutting down";
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "shutting-down", title, it.to_string())
+            }
+        }
+    }
+}
+
+impl From<DeviceError> for Problem {
+    fn from(error: DeviceError) -> Self {
+        const GONE: StatusCode = StatusCode::SERVICE_UNAVAILABLE;
+        const REFUSED: StatusCode = StatusCode::CONFLICT;
+        let it = &error;
+        match it {
+            DeviceError::Disconnected { device, .. } => {
+                let title = "A device is not connected";
+                Self::device(GONE, "device-disconnected", title, it, json!({ "device": device }))
+            }
+            DeviceError::Busy { device, .. } => {
+                let title = "A device is in use by another program";
+                Self::device(GONE, "device-in-use", title, it, json!({ "device": device }))
+            }
+            DeviceError::WrongDevice { device, .. } => {
+                let title = "Another device answers than the one configured";
+                Self::device(GONE, "device-wrong", title, it, json!({ "device": device }))
+            }
+            DeviceError::Timeout { device, .. } => {
+                Self::device(GONE, "device-timeout", "A device is late", it, json!({ "device": device }))
+            }
+            DeviceError::Protocol { device, .. } => {
+                let title = "A device's answer cannot be understood";
+                Self::device(GONE, "device-protocol", title, it, json!({ "device": device }))
+            }
+            DeviceError::Refused { device, .. } => {
+                Self::device(REFUSED, "device-refused", "A device refuses", it, json!({ "device": device }))
+            }
+            DeviceError::Alarm { device, .. } => {
+                Self::device(REFUSED, "device-alarm", "A device is in alarm", it, json!({ "device": device }))
+            }
+            DeviceError::NotHomed { axis } => Refusal::NotHomed { axis: *axis }.into(),
+            DeviceError::Stopped { axis } => {
+                Self::device(REFUSED, "stopped", "The axis was stopped", it, json!({ "axis": axis }))
+            }
+        }
+    }
+}
+
+impl From<ServiceError> for Problem {
+    fn from(error: ServiceError) -> Self {
+        match error {
+            ServiceError::Refused(refusal) => refusal.into(),
+            ServiceError::Device(error) => error.into(),
+            ServiceError::NoSuchJob { .. } => Self::not_found(error.to_string()),
+            ServiceError::Invalid { what } => Self::invalid("position_mm", what),
+        }
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let mut response = (status, Json(self)).into_response();
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
+        if status == StatusCode::SERVICE_UNAVAILABLE {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
+        }
+        if status == StatusCode::UPGRADE_REQUIRED {
+            headers.insert(header::UPGRADE, HeaderValue::from_static("websocket"));
+        }
+        response
+    }
+}
+
+/// What handlers return.
+pub(super) type Result<T> = std::result::Result<T, Problem>;
+
+#[cfg(test)]
+mod tests {
+    use uuid::Uuid;
+
+    use super::*;
+    use crate::device::AxisName;
+    use crate::units::Millimetres;
+
+    #[test]
+    fn a_refusal_names_its_kind_and_its_numbers() {
+        let limit = Refusal::Limit {
+            axis: AxisName::Focus,
+            target: Millimetres(9.0),
+            low: Millimetres(-2.0),
+            high: Millimetres(5.0),
+        };
+        let problem = serde_json::to_value(Problem::from(limit)).unwrap();
+        assert_eq!(problem["type"], "urn:plenalign:problem:limit");
+        assert_eq!(problem["status"], 409);
+        assert_eq!((&problem["axis"], &problem["high_mm"]), (&json!("focus"), &json!(5.0)));
+
+        let job = Uuid::nil();
+        let problem = Problem::from(Refusal::Busy { job });
+        assert_eq!(problem.members["job"], json!(job));
+        assert_eq!(problem.members["href"], json!(format!("/api/v1/jobs/{job}")));
+    }
+
+    #[test]
+    fn refused_now_is_409_and_a_device_gone_is_503_with_a_time_to_try_again() {
+        let axis = AxisName::E;
+        for refusal in [
+            Refusal::Stopped,
+            Refusal::Wall { target: Millimetres(-1.0), wall: Millimetres(-0.1) },
+            Refusal::Step { axis, distance: Millimetres(50.0), max: Millimetres(40.0) },
+            Refusal::NotHomed { axis },
+            Refusal::Moving { axis },
+            Refusal::HomingTowardsShell { axis, shell: "unknown" },
+            Refusal::JobState { state: "running".into(), why: "nothing waits".into() },
+        ] {
+            assert_eq!(Problem::from(refusal).status, 409);
+        }
+        let gone = DeviceError::Disconnected { device: "camera".into(), reason: "ENODEV".into() };
+        let response = Problem::from(gone).into_response();
+        assert_eq!(response.status(), 503);
+        assert!(response.headers().contains_key(header::RETRY_AFTER));
+        assert_eq!(response.headers()[header::CONTENT_TYPE], "application/problem+json");
+    }
+}

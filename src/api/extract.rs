@@ -1,0 +1,140 @@
+//! Reading requests: a JSON body and path parameters, with every failure a problem.
+
+use std::fmt::Display;
+use std::str::FromStr;
+
+use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
+use axum::extract::{FromRequest, FromRequestParts, Path, Request};
+use axum::http::header;
+use axum::http::request::Parts;
+use axum::response::IntoResponse;
+use serde::de::DeserializeOwned;
+
+use super::error::Problem;
+
+/// Longest body of a request, bytes.
+pub(super) const BODY_LIMIT_BYTES: usize = 16 * 1024;
+
+/// A JSON body.
+pub(super) struct JsonBody<T>(pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+        let content_type = request.headers().get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok());
+        let essence = content_type.map(|value| value.split(';').next().unwrap_or_default().trim());
+        if !essence.is_some_and(|essence| essence.eq_ignore_ascii_case("application/json")) {
+            return Err(Problem::unsupported_media_type(content_type));
+        }
+        let bytes = Bytes::from_request(request, state).await.map_err(body_problem)?;
+        parse(&bytes).map(Self)
+    }
+}
+
+fn body_problem(rejection: BytesRejection) -> Problem {
+    if rejection.status().as_u16() == 413 {
+        return Problem::too_large(BODY_LIMIT_BYTES);
+    }
+    // The connection broke off within the body: nobody is there to read this.
+    Problem::malformed(rejection.body_text())
+}
+
+/// JSON text to a value; where it does not fit, the problem names the field.
+pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    // The whole text first: what is not JSON at its end is not JSON, whatever its beginning lacks.
+    serde_json::from_slice::<serde::de::IgnoredAny>(bytes)
+        .map_err(|error| Problem::malformed(format!("the body is not JSON: {error}")))?;
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    serde_path_to_error::deserialize(&mut reader).map_err(|error| {
+        let path = error.path().to_string();
+        let inner = error.into_inner();
+        if inner.is_data() {
+            // Serde names a missing or unknown field in its message, and the path is that of the object around it.
+            let message = inner.to_string();
+            let named = message.split('`').nth(1).filter(|_| message.contains("field `"));
+            let field = if path == "." { named.unwrap_or(".").to_owned() } else { path };
+            Problem::invalid(&field, format!("{field}: {message}"))
+        } else {
+            Problem::malformed(format!("the body is not JSON: {inner}"))
+        }
+    })
+}
+
+/// The one parameter of a path, such as a job's id.
+pub(super) struct PathParam<T>(pub T);
+
+/// What a path parameter names.
+pub(super) trait PathName: Sized {
+    /// Reads the parameter, or says what would be right.
+    fn from_path(text: &str) -> Result<Self, String>;
+}
+
+impl PathName for uuid::Uuid {
+    fn from_path(text: &str) -> Result<Self, String> {
+        read(text).map_err(|error| format!("there is no job {text:?}: a job's id is a UUID ({error})"))
+    }
+}
+
+impl PathName for crate::device::AxisName {
+    fn from_path(text: &str) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|axis| axis.name() == text)
+            .ok_or_else(|| format!("there is no axis {text:?}; there are focus and e"))
+    }
+}
+
+fn read<T: FromStr>(text: &str) -> Result<T, impl Display + use<T>>
+where
+    T::Err: Display,
+{
+    text.parse::<T>()
+}
+
+impl<S: Send + Sync, T: PathName> FromRequestParts<S> for PathParam<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let Path(text) = Path::<String>::from_request_parts(parts, state).await.map_err(|rejection| {
+            let status = rejection.into_response().status();
+            if status.is_server_error() { Problem::internal() } else { Problem::not_found("the path cannot be read") }
+        })?;
+        T::from_path(&text).map(Self).map_err(Problem::not_found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::types::{ConfirmRequest, MoveRequest, ViewerMessage};
+    use super::*;
+
+    fn field_of(text: &str) -> (u16, String) {
+        let problem = parse::<MoveRequest>(text.as_bytes()).unwrap_err();
+        let field = problem.members.get("field").map_or_else(String::new, |f| f.as_str().unwrap_or_default().into());
+        (problem.status, field)
+    }
+
+    #[test]
+    fn what_is_not_json_is_400() {
+        for text in ["", "{", "nonsense", "{\"position_mm\": 1} trailing", "{\"position_mm\": NaN}"] {
+            assert_eq!(field_of(text), (400, String::new()), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_422_and_names_the_field() {
+        assert_eq!(field_of("{}"), (422, "position_mm".into()));
+        assert_eq!(field_of("{\"position_mm\": \"far\"}"), (422, "position_mm".into()));
+        assert_eq!(field_of("{\"position_mm\": 1, \"speed\": 2}"), (422, "speed".into()));
+        assert_eq!(field_of("[]").0, 422);
+        assert_eq!(parse::<ConfirmRequest>(b"{\"step\": -1}").unwrap_err().status, 422);
+    }
+
+    #[test]
+    fn a_viewers_message_has_defaults() {
+        let message = parse::<ViewerMessage>(b"{\"type\":\"pictures\",\"on\":true}").unwrap();
+        assert_eq!(message, ViewerMessage::Pictures { on: true, max_rate_hz: 15.0, reduce: 1, window: 0 });
+    }
+}

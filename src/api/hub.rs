@@ -1,0 +1,119 @@
+//! Changes, numbered and written once for every viewer.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::extract::ws::Utf8Bytes;
+use tokio::sync::broadcast;
+use tokio::sync::broadcast::error::RecvError;
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+
+use super::types::{JobResource, ServerMessage};
+use crate::control::Service;
+use crate::control::events::{BenchView, Event, MeasurementView};
+use crate::control::job::JobSnapshot;
+
+/// Changes kept for a viewer that is behind; one that is further behind gets a snapshot instead.
+const BACKLOG: usize = 256;
+
+/// Numbers changes and hands them to viewers, each written as JSON once.
+pub(super) struct Hub {
+    boot_id: Uuid,
+    /// Number of the newest change. Locked while a change is handed out, so that a new viewer's place among the
+    /// changes is certain.
+    newest: Mutex<u64>,
+    changes: broadcast::Sender<Utf8Bytes>,
+}
+
+impl Hub {
+    pub(super) fn new() -> Self {
+        Self { boot_id: Uuid::now_v7(), newest: Mutex::new(0), changes: broadcast::channel(BACKLOG).0 }
+    }
+
+    /// Identity of this run of the program.
+    pub(super) const fn boot_id(&self) -> Uuid {
+        self.boot_id
+    }
+
+    /// Number of the newest change.
+    pub(super) fn newest(&self) -> u64 {
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Every change after the number returned.
+    pub(super) fn subscribe(&self) -> (u64, broadcast::Receiver<Utf8Bytes>) {
+        let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        (*newest, self.changes.subscribe())
+    }
+
+    /// Numbers a change and hands it out.
+    pub(super) fn publish(&self, event: Event) {
+        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        *newest += 1;
+        let (seq, boot_id) = (*newest, self.boot_id);
+        let message = match event {
+            Event::Bench { bench } => ServerMessage::Bench { seq, boot_id, bench: Box::new(bench) },
+            Event::Job { job } => ServerMessage::Job { seq, boot_id, job: Box::new(JobResource::from(*job)) },
+            Event::Measurement { measurement } => {
+                ServerMessage::Measurement { seq, boot_id, measurement: Box::new(measurement) }
+            }
+        };
+        // No receiver means that nobody watches.
+        let _ = self.changes.send(text(&message));
+    }
+
+    /// Everything as it is, for a viewer that has the changes up to `seq`.
+    pub(super) fn snapshot(
+        &self,
+        seq: u64,
+        bench: BenchView,
+        jobs: Vec<JobSnapshot>,
+        measurement: Option<MeasurementView>,
+    ) -> ServerMessage {
+        ServerMessage::Snapshot {
+            seq,
+            boot_id: self.boot_id,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            bench: Box::new(bench),
+            jobs: jobs.into_iter().map(JobResource::from).collect(),
+            measurement,
+        }
+    }
+}
+
+/// A message as it is sent.
+pub(super) fn text(message: &ServerMessage) -> Utf8Bytes {
+    match serde_json::to_string(message) {
+        Ok(text) => text.into(),
+        Err(error) => {
+            // No field of a message can fail to be written; an empty object is what a viewer ignores.
+            tracing::error!(%error, "a message cannot be written as JSON");
+            Utf8Bytes::from_static("{}")
+        }
+    }
+}
+
+/// Hands the service's events on until it ends or the token says so.
+pub(super) async fn pump(hub: Arc<Hub>, service: Arc<Service>, shutdown: CancellationToken) {
+    let mut events = service.subscribe();
+    loop {
+        let event = tokio::select! {
+            event = events.recv() => event,
+            () = shutdown.cancelled() => return,
+        };
+        match event {
+            Ok(event) => hub.publish(event),
+            Err(RecvError::Lagged(missed)) => {
+                tracing::warn!(missed, "events came faster than they could be handed on; the state is sent anew");
+                hub.publish(Event::Bench { bench: service.bench_view() });
+                for job in service.jobs() {
+                    hub.publish(Event::Job { job: Box::new(job) });
+                }
+                if let Some(measurement) = service.measurement() {
+                    hub.publish(Event::Measurement { measurement });
+                }
+            }
+            Err(RecvError::Closed) => return,
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! What only has to be read: newest measurement, configuration in force, health, the contract itself.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::IntoResponse;
+
+use super::App;
+use super::error::{Problem, Result};
+use super::types::{ConfigView, Health};
+use crate::config::ConfigOrigin;
+use crate::control::design::DesignView;
+use crate::control::events::MeasurementView;
+
+/// The newest measurement.
+#[utoipa::path(
+    get, path = "/api/v1/measurement", operation_id = "get_measurement", tag = "bench",
+    responses(
+        (status = 200, body = MeasurementView),
+        (status = 404, description = "Nothing has been measured", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn measurement(State(app): State<App>) -> Result<Json<MeasurementView>> {
+    app.service.measurement().map(Json).ok_or_else(Problem::no_measurement)
+}
+
+/// The configuration in force, and where it came from.
+#[utoipa::path(get, path = "/api/v1/config", operation_id = "get_config", tag = "bench", responses((status = 200, body = ConfigView)))]
+pub(super) async fn config(State(app): State<App>) -> Result<Json<ConfigView>> {
+    let file = match app.origin.as_ref() {
+        ConfigOrigin::File(path) => Some(path.display().to_string()),
+        ConfigOrigin::Preset => None,
+    };
+    let origin = app.origin.describe(app.service.config());
+    let config = serde_json::to_value(app.service.config().as_ref()).map_err(|error| {
+        tracing::error!(%error, "the configuration cannot be written as JSON");
+        Problem::internal()
+    })?;
+    Ok(Json(ConfigView { origin, file, config }))
+}
+
+/// The design of the configured camera: clarity and joint optimisation, and what follows from them.
+#[utoipa::path(
+    get, path = "/api/v1/design", operation_id = "get_design", tag = "bench",
+    responses((status = 200, body = DesignView))
+)]
+pub(super) async fn design(State(app): State<App>) -> Json<DesignView> {
+    Json(DesignView::of(app.service.config(), &app.origin))
+}
+
+/// Whether the daemon answers.
+#[utoipa::path(get, path = "/healthz", operation_id = "get_health", tag = "daemon", responses((status = 200, body = Health)))]
+pub(super) async fn health(State(app): State<App>) -> Json<Health> {
+    Json(Health {
+        status: "ok".to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        boot_id: app.hub.boot_id(),
+        simulated: app.service.bench().is_simulated(),
+    })
+}
+
+/// This contract, OpenAPI 3.1.
+#[utoipa::path(
+    get, path = "/api/v1/openapi.json", operation_id = "get_openapi", tag = "daemon",
+    responses((status = 200, body = Object, content_type = "application/json"))
+)]
+pub(super) async fn openapi() -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, "application/json")], super::openapi_json())
+}

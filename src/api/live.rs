@@ -1,0 +1,287 @@
+//! The WebSocket: a snapshot, then changes as text; pictures as binary, to who asks for them.
+//!
+//! A viewer is one task. Changes are bounded and none is skipped: a viewer that cannot follow gets a new snapshot.
+//! Pictures are the opposite: the newest wins, and a viewer that is slow is sent fewer. Neither delays another viewer.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
+use axum::response::Response;
+use prost::Message as _;
+use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::watch;
+use tokio::time::{Instant, MissedTickBehavior};
+
+use super::App;
+use super::error::{Problem, Result};
+use super::extract::parse;
+use super::frame::milliseconds;
+use super::hub::text;
+use super::picture::{Encoding, Reduce, age};
+use super::proto;
+use super::types::{ServerMessage, ViewerMessage};
+use crate::device::Frame;
+
+/// Between signs of life.
+const TICK: Duration = Duration::from_secs(2);
+/// A viewer that takes nothing for so long is cut off.
+const SEND_TIMEOUT: Duration = Duration::from_secs(10);
+/// A viewer that says nothing for so long, pongs included, is gone.
+const SILENCE: Duration = Duration::from_secs(30);
+/// Longest message of a viewer, bytes.
+const MESSAGE_LIMIT: usize = 4096;
+
+type Frames = watch::Receiver<Option<Arc<Frame>>>;
+
+/// The live view: `proto/asyncapi.yaml` says what is sent here.
+#[utoipa::path(
+    get, path = "/api/v1/ws", operation_id = "open_websocket", tag = "live",
+    responses(
+        (status = 101, description = "The WebSocket is open; asyncapi.yaml has its messages"),
+        (status = 403, description = "A page of another origin", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 426, description = "No upgrade was asked for", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn ws(
+    State(app): State<App>,
+    upgrade: std::result::Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Result<Response> {
+    let upgrade = upgrade.map_err(|rejection| Problem::upgrade_required(rejection.body_text()))?;
+    let viewers = app.viewers.clone();
+    Ok(upgrade
+        .max_message_size(MESSAGE_LIMIT)
+        .max_frame_size(MESSAGE_LIMIT)
+        .on_upgrade(move |socket| viewers.track_future(async move { Viewer::new(app, socket).run().await })))
+}
+
+/// What a viewer wants to see.
+struct Watching {
+    frames: Frames,
+    /// Has the spacing of what is seen measured.
+    _spacing: Arc<()>,
+    reduce: Reduce,
+    /// At least so long between two pictures.
+    interval: Duration,
+    next_at: Instant,
+    /// At most so many pictures on the way; 0 for no bound.
+    window: u32,
+    /// Sequence numbers of the pictures on the way.
+    unseen: Vec<u64>,
+    last_seq: Option<u64>,
+    skipped: u64,
+}
+
+impl Watching {
+    fn may_send(&self) -> bool {
+        self.window == 0 || self.unseen.len() < self.window as usize
+    }
+}
+
+/// Why a viewer's task ends.
+enum End {
+    /// The viewer closed, or the connection broke.
+    Gone,
+    /// This side closes, and says why.
+    Close(u16, &'static str),
+}
+
+struct Viewer {
+    app: App,
+    socket: WebSocket,
+    watching: Option<Watching>,
+    heard_at: Instant,
+}
+
+impl Viewer {
+    fn new(app: App, socket: WebSocket) -> Self {
+        Self { app, socket, watching: None, heard_at: Instant::now() }
+    }
+
+    async fn run(mut self) {
+        let end = match self.follow().await {
+            Ok(never) => match never {},
+            Err(end) => end,
+        };
+        if let End::Close(code, reason) = end {
+            let frame = CloseFrame { code, reason: reason.into() };
+            let _ = tokio::time::timeout(Duration::from_secs(1), self.socket.send(Message::Close(Some(frame)))).await;
+        }
+    }
+
+    async fn follow(&mut self) -> std::result::Result<std::convert::Infallible, End> {
+        let (seq, mut changes) = self.app.hub.subscribe();
+        self.send_snapshot(seq).await?;
+        let mut tick = tokio::time::interval(TICK);
+        tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        tick.reset();
+        let shutdown = self.app.shutdown.clone();
+        loop {
+            tokio::select! {
+                biased;
+                () = shutdown.cancelled() => return Err(End::Close(close_code::AWAY, "the program is shutting down")),
+                change = changes.recv() => match change {
+                    Ok(text) => self.send(Message::Text(text)).await?,
+                    Err(RecvError::Lagged(_)) => {
+                        let (seq, renewed) = self.app.hub.subscribe();
+                        changes = renewed;
+                        self.send_snapshot(seq).await?;
+                    }
+                    Err(RecvError::Closed) => return Err(End::Close(close_code::AWAY, "the program is shutting down")),
+                },
+                message = self.socket.recv() => self.hear(message).await?,
+                _ = tick.tick() => self.tick().await?,
+                frame = next_frame(&mut self.watching) => self.send_picture(frame).await?,
+            }
+        }
+    }
+
+    async fn send(&mut self, message: Message) -> std::result::Result<(), End> {
+        match tokio::time::timeout(SEND_TIMEOUT, self.socket.send(message)).await {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(_)) | Err(_) => Err(End::Gone),
+        }
+    }
+
+    async fn send_snapshot(&mut self, seq: u64) -> std::result::Result<(), End> {
+        let service = &self.app.service;
+        let snapshot = self.app.hub.snapshot(seq, service.bench_view(), service.jobs(), service.measurement());
+        self.send(Message::Text(text(&snapshot))).await
+    }
+
+    async fn tick(&mut self) -> std::result::Result<(), End> {
+        if self.heard_at.elapsed() > SILENCE {
+            return Err(End::Close(close_code::POLICY, "nothing was heard for 30 s"));
+        }
+        let newest = self.watching.as_ref().and_then(|watching| watching.frames.borrow().clone());
+        let tick = ServerMessage::Tick {
+            seq: self.app.hub.newest(),
+            boot_id: self.app.hub.boot_id(),
+            now: jiff::Timestamp::now(),
+            frame_age_ms: newest.map(|frame| milliseconds(age(&frame))),
+        };
+        self.send(Message::Text(text(&tick))).await?;
+        self.send(Message::Ping(Default::default())).await
+    }
+
+    async fn hear(
+        &mut self,
+        message: Option<std::result::Result<Message, axum::Error>>,
+    ) -> std::result::Result<(), End> {
+        self.heard_at = Instant::now();
+        match message {
+            None | Some(Err(_)) | Some(Ok(Message::Close(_))) => Err(End::Gone),
+            Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(()),
+            Some(Ok(Message::Binary(_))) => Err(End::Close(close_code::UNSUPPORTED, "send text")),
+            Some(Ok(Message::Text(text))) => match self.obey(&text) {
+                Ok(()) => Ok(()),
+                Err(problem) => self.send_problem(problem).await,
+            },
+        }
+    }
+
+    async fn send_problem(&mut self, problem: Problem) -> std::result::Result<(), End> {
+        let (seq, boot_id) = (self.app.hub.newest(), self.app.hub.boot_id());
+        self.send(Message::Text(text(&ServerMessage::Problem { seq, boot_id, problem }))).await
+    }
+
+    fn obey(&mut self, message: &Utf8Bytes) -> Result<()> {
+        match parse(message.as_bytes())? {
+            ViewerMessage::Pictures { on: false, .. } => self.watching = None,
+            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, window } => {
+                let reduce = Reduce::from_number(reduce)
+                    .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {reduce} is not 1, 2 or 4")))?;
+                if !(0.1..=60.0).contains(&max_rate_hz) {
+                    let detail = format!("max_rate_hz: {max_rate_hz} is not within 0.1 to 60");
+                    return Err(Problem::invalid("max_rate_hz", detail));
+                }
+                if window > 16 {
+                    return Err(Problem::invalid("window", format!("window: {window} is not within 0 to 16")));
+                }
+                let mut frames = self.app.service.bench().camera.live();
+                // The picture there is counts as new, so that a viewer sees something at once.
+                frames.mark_changed();
+                self.watching = Some(Watching {
+                    frames,
+                    _spacing: self.app.service.look_on(),
+                    reduce,
+                    interval: Duration::from_secs_f64(1.0 / max_rate_hz),
+                    next_at: Instant::now(),
+                    window,
+                    unseen: Vec::new(),
+                    last_seq: None,
+                    skipped: 0,
+                });
+            }
+            ViewerMessage::Seen { seq } => {
+                if let Some(watching) = &mut self.watching {
+                    watching.unseen.retain(|&unseen| unseen > seq);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn send_picture(&mut self, frame: Arc<Frame>) -> std::result::Result<(), End> {
+        let Some(watching) = &mut self.watching else { return Ok(()) };
+        let encoding = Encoding::Jpeg { reduce: watching.reduce };
+        let jpeg = match self.app.pictures.encode(&frame, encoding).await {
+            Ok(jpeg) => jpeg,
+            Err(error) => {
+                tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
+                return Ok(());
+            }
+        };
+        if let Some(last) = watching.last_seq.replace(frame.seq) {
+            watching.skipped += frame.seq.saturating_sub(last + 1);
+        }
+        watching.next_at = Instant::now() + watching.interval;
+        if watching.window > 0 {
+            watching.unseen.push(frame.seq);
+        }
+        let message = picture_message(&frame, jpeg, watching.skipped, watching.reduce);
+        self.send(Message::Binary(message.encode_to_vec().into())).await
+    }
+}
+
+/// The newest frame once there is a new one, the viewer's rate allows it and its window is open; never for a viewer
+/// who wants no pictures. Nothing is lost when this is dropped half-way.
+async fn next_frame(watching: &mut Option<Watching>) -> Arc<Frame> {
+    let Some(watching) = watching.as_mut().filter(|watching| watching.may_send()) else {
+        return std::future::pending().await;
+    };
+    tokio::time::sleep_until(watching.next_at).await;
+    loop {
+        if watching.frames.changed().await.is_err() {
+            return std::future::pending().await;
+        }
+        let newest = watching.frames.borrow_and_update().clone();
+        if let Some(frame) = newest {
+            return frame;
+        }
+    }
+}
+
+fn picture_message(frame: &Frame, jpeg: axum::body::Bytes, frames_skipped: u64, reduce: Reduce) -> proto::Frame {
+    proto::Frame {
+        jpeg,
+        seq: frame.seq,
+        captured_unix_us: frame.captured_at.as_microsecond(),
+        exposure_us: frame.exposed_to.saturating_duration_since(frame.exposed_from).as_micros() as u64,
+        exposure_assumed: frame.exposure_assumed,
+        focus_mm: frame.focus.position.map(|position| position.value()),
+        e_mm: frame.e.position.map(|position| position.value()),
+        settled: frame.focus.settled && frame.e.settled,
+        preview: frame.preview,
+        simulated: frame.simulated,
+        age_ms: milliseconds(age(frame)),
+        frames_skipped,
+        width_px: frame.image.width() as u32,
+        height_px: frame.image.height() as u32,
+        reduce: reduce.number(),
+    }
+}

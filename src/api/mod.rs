@@ -1,0 +1,204 @@
+//! The HTTP API, version 1, with its WebSocket and the page.
+//!
+//! One file per resource; [`error`] alone knows status codes. The contract is `proto/openapi.json`, written from this
+//! code, `proto/asyncapi.yaml` for the WebSocket's text messages, and `proto/plenalign/v1` for its pictures.
+
+mod axes;
+mod bench;
+pub mod error;
+mod extract;
+mod frame;
+mod guard;
+mod hub;
+mod info;
+mod jobs;
+mod live;
+mod page;
+mod picture;
+/// Messages of `proto/plenalign/v1`, written by `prost-build`; a test compares.
+#[allow(missing_docs, clippy::all)]
+#[rustfmt::skip]
+pub mod proto;
+mod stop;
+pub mod types;
+
+use std::net::SocketAddr;
+use std::sync::{Arc, OnceLock};
+
+use axum::extract::{DefaultBodyLimit, Request};
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::middleware;
+use axum::response::{IntoResponse, Response};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::set_header::SetResponseHeaderLayer;
+use tower_http::trace::TraceLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use error::Problem;
+use hub::Hub;
+use picture::Pictures;
+
+use crate::config::ConfigOrigin;
+use crate::control::Service;
+
+/// What every handler gets.
+#[derive(Clone)]
+struct App {
+    service: Arc<Service>,
+    hub: Arc<Hub>,
+    pictures: Arc<Pictures>,
+    origin: Arc<ConfigOrigin>,
+    loopback_only: bool,
+    shutdown: CancellationToken,
+    viewers: TaskTracker,
+}
+
+impl App {
+    fn jobs(&self) -> Vec<types::JobResource> {
+        self.service.jobs().into_iter().map(types::JobResource::from).collect()
+    }
+}
+
+/// The API over a service, ready to be served.
+pub struct Api {
+    app: App,
+}
+
+impl Api {
+    /// The API over `service`. `address` is where it will listen; `origin` is where the configuration came from.
+    /// Has to be called within a tokio runtime.
+    #[must_use]
+    pub fn new(service: Arc<Service>, address: SocketAddr, origin: ConfigOrigin) -> Self {
+        let hub = Arc::new(Hub::new());
+        let shutdown = CancellationToken::new();
+        tokio::spawn(hub::pump(hub.clone(), service.clone(), shutdown.clone()));
+        let app = App {
+            service,
+            hub,
+            pictures: Arc::default(),
+            origin: Arc::new(origin),
+            loopback_only: address.ip().is_loopback(),
+            shutdown,
+            viewers: TaskTracker::new(),
+        };
+        Self { app }
+    }
+
+    /// The router, for a server or a test.
+    pub fn router(&self) -> axum::Router {
+        let (router, _) = routes().split_for_parts();
+        let header = |name, value| SetResponseHeaderLayer::if_not_present(name, HeaderValue::from_static(value));
+        router
+            .fallback(page_or_problem)
+            .method_not_allowed_fallback(method_not_allowed)
+            .layer(DefaultBodyLimit::max(extract::BODY_LIMIT_BYTES))
+            .layer(middleware::from_fn_with_state(self.app.clone(), guard::guard))
+            .layer(CatchPanicLayer::custom(|_| Problem::internal().into_response()))
+            .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
+            .layer(header(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
+            .layer(header(header::CACHE_CONTROL, "no-store"))
+            .layer(TraceLayer::new_for_http())
+            .with_state(self.app.clone())
+    }
+
+    /// Ends every stream and lets what still listens on the token end; returns when the viewers have been told.
+    /// The caller bounds the wait.
+    pub async fn close(&self) {
+        self.app.shutdown.cancel();
+        self.app.viewers.close();
+        self.app.viewers.wait().await;
+    }
+
+    /// Cancelled by [`Api::close`].
+    #[must_use]
+    pub fn closing(&self) -> CancellationToken {
+        self.app.shutdown.clone()
+    }
+}
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Plenalign",
+        description = "Aligns underwater plenoptic cameras: state of the bench, jobs, axes, \
+        stop, frames. Lengths carry their unit in the key. A client ignores fields that it does not know."
+    ),
+    components(schemas(types::ServerMessage, types::ViewerMessage, Problem))
+)]
+struct Contract;
+
+fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::with_openapi(Contract::openapi())
+        .routes(routes!(bench::get))
+        .routes(routes!(bench::put_shell))
+        .routes(routes!(axes::go))
+        .routes(routes!(axes::home))
+        .routes(routes!(jobs::create, jobs::list))
+        .routes(routes!(jobs::get, jobs::cancel))
+        .routes(routes!(jobs::confirm))
+        .routes(routes!(stop::stop, stop::get, stop::reset))
+        .routes(routes!(frame::png))
+        .routes(routes!(frame::jpg))
+        .routes(routes!(info::measurement))
+        .routes(routes!(info::config))
+        .routes(routes!(info::design))
+        .routes(routes!(info::openapi))
+        .routes(routes!(info::health))
+        .routes(routes!(live::ws))
+}
+
+/// The contract as code has it.
+#[must_use]
+pub fn openapi() -> utoipa::openapi::OpenApi {
+    let mut contract = routes().to_openapi();
+    // Every request with a body can fail in these ways, wherever it goes.
+    for item in contract.paths.paths.values_mut() {
+        for operation in [&mut item.post, &mut item.put].into_iter().flatten() {
+            if operation.request_body.is_some() {
+                for (status, description) in [
+                    ("400", "The body is not JSON"),
+                    ("413", "The body is too large"),
+                    ("415", "The body is not said to be JSON"),
+                    ("422", "The body does not say what it must; `field` names where"),
+                ] {
+                    operation.responses.responses.entry(status.to_owned()).or_insert_with(|| problem(description));
+                }
+            }
+        }
+    }
+    contract
+}
+
+fn problem(description: &str) -> utoipa::openapi::RefOr<utoipa::openapi::Response> {
+    use utoipa::openapi::{ContentBuilder, Ref, ResponseBuilder};
+    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+    ResponseBuilder::new().description(description).content("application/problem+json", content).build().into()
+}
+
+/// The contract as a file: JSON with a line's end.
+#[must_use]
+pub fn openapi_json() -> &'static str {
+    static TEXT: OnceLock<String> = OnceLock::new();
+    TEXT.get_or_init(|| openapi().to_pretty_json().map(|text| text + "\n").unwrap_or_default())
+}
+
+async fn page_or_problem(request: Request) -> Response {
+    let path = request.uri().path();
+    if path == "/api" || path.starts_with("/api/") {
+        return Problem::not_found(format!("there is nothing at {path}; /api/v1/openapi.json has what there is"))
+            .into_response();
+    }
+    if !matches!(request.method().as_str(), "GET" | "HEAD") {
+        return method_not_allowed(request).await;
+    }
+    page::serve(request.uri().clone(), request.headers().clone()).await
+}
+
+async fn method_not_allowed(request: Request) -> Response {
+    let (method, path) = (request.method(), request.uri().path());
+    Problem::method_not_allowed(format!("{method} is not for {path}; the header Allow has what is")).into_response()
+}

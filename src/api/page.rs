@@ -1,0 +1,53 @@
+//! The page: `web/dist`, embedded where it was there when the program was built.
+
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use rust_embed::RustEmbed;
+
+use super::error::Problem;
+
+#[derive(RustEmbed)]
+#[folder = "web/dist"]
+#[allow_missing = true]
+struct Page;
+
+/// Shown in place of a page that was not built.
+const NOTICE: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Plenalign</title>\
+<body style=\"font: 1rem/1.5 system-ui; max-width: 40rem; margin: 4rem auto; padding: 0 1rem\">\
+<h1>The page was not built</h1><p>This daemon runs, and its API is at <a href=\"/api/v1/bench\">/api/v1/bench</a> \
+(<a href=\"/api/v1/openapi.json\">contract</a>). Build the page with <code>make web</code> or \
+<code>cd web &amp;&amp; npm ci &amp;&amp; npm run build</code>, then build the program again.</p>";
+
+/// Nothing but what this daemon serves, and pictures that the page makes itself.
+const CONTENT_SECURITY_POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; \
+style-src 'self' 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+
+/// A file of the page, or a problem for what is not there.
+pub(super) async fn serve(uri: Uri, headers: HeaderMap) -> Response {
+    let path = uri.path().trim_start_matches('/');
+    let name = if path.is_empty() { "index.html" } else { path };
+    if let Some(file) = Page::get(name) {
+        let etag = format!("\"{}\"", hex(&file.metadata.sha256_hash()[..16]));
+        let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| value.as_bytes() == etag.as_bytes());
+        let kind = mime_guess::from_path(name).first_or_octet_stream();
+        let body = if known { Default::default() } else { file.data };
+        let status = if known { StatusCode::NOT_MODIFIED } else { StatusCode::OK };
+        return dressed((status, [(header::CONTENT_TYPE, kind.to_string()), (header::ETAG, etag)], body));
+    }
+    if name == "index.html" {
+        return dressed(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], NOTICE));
+    }
+    Problem::not_found(format!("there is nothing at {}", uri.path())).into_response()
+}
+
+fn dressed(response: impl IntoResponse) -> Response {
+    let mut response = response.into_response();
+    let headers = response.headers_mut();
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(CONTENT_SECURITY_POLICY));
+    response
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

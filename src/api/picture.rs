@@ -1,0 +1,219 @@
+//! Pictures for viewers: a raw frame to JPEG or PNG, each encoded once however many watch.
+
+use std::io::Cursor;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Bytes;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+use tokio::sync::Mutex;
+use tokio::time::Instant;
+
+use crate::device::{Frame, FrameSource};
+use crate::raw::{RawImage, Samples};
+
+/// JPEG quality of pictures: blur and micro-images show, noise costs little.
+const JPEG_QUALITY: u8 = 80;
+
+/// How a picture is encoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    /// Greyscale JPEG of 8 bits, `reduce` raw pixels to a picture pixel each way.
+    Jpeg { reduce: Reduce },
+    /// PNG with the raw frame's own samples.
+    Png,
+}
+
+/// Raw pixels to a picture pixel, each way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reduce {
+    Not,
+    Half,
+    Quarter,
+}
+
+impl Reduce {
+    pub(super) const fn from_number(number: u32) -> Option<Self> {
+        match number {
+            1 => Some(Self::Not),
+            2 => Some(Self::Half),
+            4 => Some(Self::Quarter),
+            _ => None,
+        }
+    }
+
+    pub(super) const fn number(self) -> u32 {
+        match self {
+            Self::Not => 1,
+            Self::Half => 2,
+            Self::Quarter => 4,
+        }
+    }
+}
+
+/// A picture's bytes and the sequence number of the frame they show.
+type Slot = Mutex<Option<(u64, Bytes)>>;
+
+/// The newest picture of each encoding. A slot is locked while its picture is encoded, so that whoever else wants the
+/// same one waits for it instead of doing the work again.
+#[derive(Default)]
+pub(super) struct Pictures {
+    jpeg: [Slot; 3],
+    png: Slot,
+}
+
+impl Pictures {
+    /// The frame's picture; an error is a picture that no encoder takes, in words.
+    pub(super) async fn encode(&self, frame: &Arc<Frame>, encoding: Encoding) -> Result<Bytes, String> {
+        let slot = match encoding {
+            Encoding::Jpeg { reduce: Reduce::Not } => &self.jpeg[0],
+            Encoding::Jpeg { reduce: Reduce::Half } => &self.jpeg[1],
+            Encoding::Jpeg { reduce: Reduce::Quarter } => &self.jpeg[2],
+            Encoding::Png => &self.png,
+        };
+        let mut held = slot.lock().await;
+        if let Some((seq, bytes)) = held.as_ref()
+            && *seq == frame.seq
+        {
+            return Ok(bytes.clone());
+        }
+        let image = frame.image.clone();
+        let bytes = tokio::task::spawn_blocking(move || match encoding {
+            Encoding::Jpeg { reduce } => jpeg(&image, reduce),
+            Encoding::Png => png(&image),
+        })
+        .await
+        .map_err(|error| error.to_string())??;
+        *held = Some((frame.seq, bytes.clone()));
+        Ok(bytes)
+    }
+}
+
+fn jpeg(image: &RawImage, reduce: Reduce) -> Result<Bytes, String> {
+    let (samples, width, height) = reduced(image, reduce);
+    let too_large = |_| format!("a frame of {width}x{height} is too large for JPEG");
+    let (w, h) = (u16::try_from(width).map_err(too_large)?, u16::try_from(height).map_err(too_large)?);
+    let mut bytes = Vec::with_capacity(samples.len() / 4);
+    jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY)
+        .encode(&samples, w, h, jpeg_encoder::ColorType::Luma)
+        .map_err(|error| error.to_string())?;
+    Ok(bytes.into())
+}
+
+/// The frame for viewing: 8 bits, means over squares of `reduce` pixels.
+fn reduced(image: &RawImage, reduce: Reduce) -> (Vec<u8>, usize, usize) {
+    let view = image.to_view();
+    let n = reduce.number() as usize;
+    let (width, height) = (image.width() / n, image.height() / n);
+    if n == 1 || width == 0 || height == 0 {
+        return (view, image.width(), image.height());
+    }
+    let mut out = Vec::with_capacity(width * height);
+    let mut sums = vec![0u32; width];
+    let half = (n * n / 2) as u32;
+    for rows in view.chunks_exact(image.width() * n).take(height) {
+        sums.fill(half);
+        for row in rows.chunks_exact(image.width()) {
+            for (sum, pixels) in sums.iter_mut().zip(row.chunks_exact(n)) {
+                *sum += pixels.iter().map(|&p| u32::from(p)).sum::<u32>();
+            }
+        }
+        out.extend(sums.iter().map(|&sum| (sum / (n * n) as u32) as u8));
+    }
+    (out, width, height)
+}
+
+fn png(image: &RawImage) -> Result<Bytes, String> {
+    let (width, height) = (image.width() as u32, image.height() as u32);
+    let mut bytes = Vec::new();
+    let encoder = PngEncoder::new_with_quality(Cursor::new(&mut bytes), CompressionType::Fast, FilterType::Up);
+    match image.samples() {
+        Samples::U8(samples) => encoder.write_image(samples, width, height, ExtendedColorType::L8),
+        Samples::U16(samples) => {
+            // The encoder takes samples in the machine's own byte order.
+            let native: Vec<u8> = samples.iter().flat_map(|sample| sample.to_ne_bytes()).collect();
+            encoder.write_image(&native, width, height, ExtendedColorType::L16)
+        }
+    }
+    .map_err(|error| error.to_string())?;
+    Ok(bytes.into())
+}
+
+/// Age of a frame, from the end of its exposure.
+pub(super) fn age(frame: &Frame) -> Duration {
+    Instant::now().saturating_duration_since(frame.exposed_to)
+}
+
+/// The newest frame that is no older than `max_age`; waits as long for one, since a source that nobody watched may
+/// have none.
+///
+/// The error is the age of what there is.
+pub(super) async fn fresh(camera: &dyn FrameSource, max_age: Duration) -> Result<Arc<Frame>, Option<Duration>> {
+    let mut frames = camera.live();
+    let wait = async {
+        loop {
+            let newest = frames.borrow_and_update().clone();
+            if let Some(frame) = newest.filter(|frame| age(frame) <= max_age) {
+                return Some(frame);
+            }
+            frames.changed().await.ok()?;
+        }
+    };
+    match tokio::time::timeout(max_age, wait).await {
+        Ok(Some(frame)) => Ok(frame),
+        _ => Err(camera.live().borrow().as_ref().map(|frame| age(frame))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::AxisPose;
+
+    fn frame(seq: u64, image: RawImage) -> Arc<Frame> {
+        let pose = AxisPose { position: None, settled: true };
+        Arc::new(Frame {
+            image: Arc::new(image),
+            seq,
+            exposed_from: Instant::now(),
+            exposed_to: Instant::now(),
+            exposure_assumed: false,
+            captured_at: jiff::Timestamp::UNIX_EPOCH,
+            focus: pose,
+            e: pose,
+            preview: false,
+            simulated: true,
+        })
+    }
+
+    #[test]
+    fn a_reduced_picture_holds_means() {
+        let image = RawImage::from_u8(5, 3, vec![0, 2, 10, 10, 99, 4, 6, 20, 20, 99, 7, 7, 7, 7, 7]);
+        assert_eq!(reduced(&image, Reduce::Half), (vec![3, 15], 2, 1));
+        assert_eq!(reduced(&image, Reduce::Not).1, 5);
+    }
+
+    #[tokio::test]
+    async fn a_png_holds_the_samples_and_a_jpeg_the_size() {
+        let samples: Vec<u16> = (0..64 * 48).map(|i| i % 4096).collect();
+        let raw = frame(1, RawImage::from_u16(64, 48, 12, samples.clone()));
+        let pictures = Pictures::default();
+        let png = pictures.encode(&raw, Encoding::Png).await.unwrap();
+        assert_eq!(image::load_from_memory(&png).unwrap().into_luma16().into_raw(), samples);
+        let jpeg = pictures.encode(&raw, Encoding::Jpeg { reduce: Reduce::Half }).await.unwrap();
+        let jpeg = image::load_from_memory(&jpeg).unwrap();
+        assert_eq!((jpeg.width(), jpeg.height()), (32, 24));
+    }
+
+    #[tokio::test]
+    async fn a_frame_is_encoded_once() {
+        let pictures = Pictures::default();
+        let encoding = Encoding::Jpeg { reduce: Reduce::Not };
+        let one = pictures.encode(&frame(7, RawImage::from_u8(8, 8, vec![0; 64])), encoding).await.unwrap();
+        let other = RawImage::from_u8(8, 8, vec![255; 64]);
+        let same = pictures.encode(&frame(7, other.clone()), encoding).await.unwrap();
+        assert_eq!(one.as_ptr(), same.as_ptr());
+        assert_ne!(one, pictures.encode(&frame(8, other), encoding).await.unwrap());
+    }
+}

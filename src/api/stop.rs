@@ -1,0 +1,32 @@
+//! Stopping everything, and taking the stop back.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::App;
+use crate::control::StopReport;
+use crate::control::events::StopView;
+
+/// Stops every axis at once and latches: motion is refused until the stop is reset.
+///
+/// Answers in every state of the bench, and says for each axis how far the stop got.
+#[utoipa::path(post, path = "/api/v1/stop", operation_id = "stop", tag = "stop", responses((status = 200, body = StopReport)))]
+pub(super) async fn stop(State(app): State<App>) -> Json<StopReport> {
+    let service = app.service.clone();
+    // In a task of its own: a client that hangs up must not call the stop back.
+    let report = tokio::spawn(async move { service.stop().await }).await;
+    let undeliverable = crate::device::StopDelivery::Undeliverable;
+    Json(report.unwrap_or(StopReport { focus: undeliverable, e: undeliverable }))
+}
+
+/// Whether the stop is latched.
+#[utoipa::path(get, path = "/api/v1/stop", operation_id = "get_stop", tag = "stop", responses((status = 200, body = StopView)))]
+pub(super) async fn get(State(app): State<App>) -> Json<StopView> {
+    Json(app.service.bench_view().stop)
+}
+
+/// Resets the stop; nothing moves by it. Asked again, nothing more happens.
+#[utoipa::path(delete, path = "/api/v1/stop", operation_id = "reset_stop", tag = "stop", responses((status = 200, body = StopView)))]
+pub(super) async fn reset(State(app): State<App>) -> Json<StopView> {
+    Json(app.service.reset_stop().stop)
+}

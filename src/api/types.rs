@@ -1,0 +1,193 @@
+//! Wire shapes that the layers below do not have: requests, links, and the messages of the WebSocket.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::error::Problem;
+use crate::control::events::{BenchView, MeasurementView, ShellState};
+use crate::control::job::JobSnapshot;
+
+/// Where a job is found.
+#[must_use]
+pub fn job_href(id: Uuid) -> String {
+    format!("/api/v1/jobs/{id}")
+}
+
+/// A job and where it is found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobResource {
+    /// Path of this job.
+    #[schema(example = "/api/v1/jobs/0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11")]
+    pub href: String,
+    /// The job.
+    #[serde(flatten)]
+    pub job: JobSnapshot,
+}
+
+impl From<JobSnapshot> for JobResource {
+    fn from(job: JobSnapshot) -> Self {
+        Self { href: job_href(job.id), job }
+    }
+}
+
+/// Every job since the program started.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobList {
+    /// The jobs, newest last.
+    pub jobs: Vec<JobResource>,
+}
+
+/// A confirmation of an operator step.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConfirmRequest {
+    /// Number of the step that has been carried out: a late confirmation of an earlier step is refused.
+    pub step: u32,
+}
+
+/// A move of one axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MoveRequest {
+    /// Where to, in the axis's own coordinate, mm.
+    pub position_mm: f64,
+}
+
+/// The operator's statement about the shell.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ShellRequest {
+    /// Whether the shell is on the camera.
+    pub state: ShellState,
+}
+
+/// The configuration in force and where it came from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ConfigView {
+    /// Where the design's numbers come from.
+    pub origin: String,
+    /// The file read, if any.
+    pub file: Option<String>,
+    /// The configuration, every key of the file with its value, defaults filled in.
+    pub config: serde_json::Value,
+}
+
+/// Whether the daemon answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Health {
+    /// Always `ok`: what does not answer says nothing.
+    #[schema(example = "ok")]
+    pub status: String,
+    /// Version of the program.
+    pub version: String,
+    /// Identity of this run of the program.
+    pub boot_id: Uuid,
+    /// Whether the bench is simulated.
+    pub simulated: bool,
+}
+
+/// What the daemon sends over the WebSocket as text.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum ServerMessage {
+    /// Everything as it is now: the first message, and again for a viewer that could not follow.
+    Snapshot {
+        /// Number of the newest change contained.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// Version of the program.
+        version: String,
+        /// State of the bench.
+        bench: Box<BenchView>,
+        /// Jobs since the start, newest last.
+        jobs: Vec<JobResource>,
+        /// The newest measurement.
+        measurement: Option<MeasurementView>,
+    },
+    /// The bench changed.
+    Bench {
+        /// Number of this change.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// State of the bench.
+        bench: Box<BenchView>,
+    },
+    /// A job changed.
+    Job {
+        /// Number of this change.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// The whole job.
+        job: Box<JobResource>,
+    },
+    /// Something was measured.
+    Measurement {
+        /// Number of this change.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// The measurement.
+        measurement: Box<MeasurementView>,
+    },
+    /// Nothing need have changed: a sign of life, every other second.
+    Tick {
+        /// Number of the newest change.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// The daemon's clock, RFC 3339.
+        #[schema(value_type = String, format = DateTime)]
+        now: jiff::Timestamp,
+        /// Age of the newest frame of a viewer that watches pictures, ms.
+        frame_age_ms: Option<f64>,
+    },
+    /// A message from this viewer could not be used.
+    Problem {
+        /// Number of the newest change.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// What was wrong with it.
+        problem: Problem,
+    },
+}
+
+/// What a viewer sends over the WebSocket, as text.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ViewerMessage {
+    /// Asks for pictures, or for none.
+    Pictures {
+        /// Whether to send pictures.
+        on: bool,
+        /// At most so many pictures a second, 0.1 to 60.
+        #[serde(default = "default_rate")]
+        #[schema(minimum = 0.1, maximum = 60, default = 15)]
+        max_rate_hz: f64,
+        /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
+        #[serde(default = "default_reduce")]
+        #[schema(default = 1)]
+        reduce: u32,
+        /// At most so many pictures on the way that the viewer has not said it has seen; 0 for no such bound.
+        #[serde(default)]
+        #[schema(maximum = 16, default = 0)]
+        window: u32,
+    },
+    /// Says that a picture has been shown, where `window` bounds how many are on the way.
+    Seen {
+        /// The picture's sequence number.
+        seq: u64,
+    },
+}
+
+fn default_rate() -> f64 {
+    15.0
+}
+
+fn default_reduce() -> u32 {
+    1
+}

@@ -1,0 +1,120 @@
+//! `plenalign align`: a joint alignment, in process on the configured bench or through a running daemon.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use tokio::io::{AsyncBufReadExt, BufReader};
+use tokio::sync::broadcast::error::RecvError;
+
+use super::lock::BenchLock;
+use super::progress::Progress;
+use super::serve::Signals;
+use super::{Context, remote, report};
+use crate::control::events::Event;
+use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
+use crate::control::{Service, open_bench};
+
+/// Arguments of `plenalign align`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Align through the daemon at this address, e.g. http://127.0.0.1:8080, instead of in process.
+    #[arg(long, value_name = "URL", conflicts_with_all = ["seed", "set"])]
+    server: Option<String>,
+    /// Seed of the simulated bench's noise and textures.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Set a key of the configuration for this run, e.g. `bench.simulation.e_scale_error=0.03`; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
+    let job = runtime.block_on(async {
+        match &args.server {
+            Some(server) => remote::align(server).await,
+            None => in_process(context, &args).await,
+        }
+    });
+    // A read of standard input that still waits must not hold the end up.
+    runtime.shutdown_background();
+    let job = job?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&report::report_json(&job))?);
+    } else {
+        print!("{}", report::report_text(&job));
+    }
+    Ok(if job.state == JobState::Converged { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnapshot> {
+    let mut assignments = Vec::new();
+    for assignment in &args.set {
+        let (key, value) = assignment
+            .split_once('=')
+            .with_context(|| format!("--set {assignment}: expected KEY=VALUE, e.g. assembly.initial_e_mm=25"))?;
+        assignments.push((key.trim(), value.trim()));
+    }
+    context.config.set_all(assignments)?;
+    if let Some(seed) = args.seed {
+        context.config.bench.simulation.seed = seed;
+        context.config.validate()?;
+    }
+    let config = Arc::new(context.config);
+    let mut signals = Signals::new()?;
+    let _lock = BenchLock::take(&config.bench)?;
+    let bench = open_bench(&config).await.context("the bench cannot be opened")?;
+    if bench.is_simulated() {
+        eprintln!("plenalign: SIMULATED bench: no real device is driven");
+    }
+    let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench);
+    let ended = follow(&service, &mut signals).await;
+    service.shut_down().await;
+    ended
+}
+
+/// Runs the job to its end. The first signal cancels it, the second ends the program at once.
+async fn follow(service: &Arc<Service>, signals: &mut Signals) -> anyhow::Result<JobSnapshot> {
+    let mut events = service.subscribe();
+    let id = service.create_job(JobRequest { kind: JobKind::JointAlignment })?.id;
+    let mut progress = Progress::new("press Enter when it is done".to_owned());
+    let mut lines = BufReader::new(tokio::io::stdin()).lines();
+    let (mut interrupted, mut input_open) = (false, true);
+    loop {
+        let job = service.job(id)?;
+        progress.show(&job);
+        if job.state.is_final() {
+            progress.finish();
+            return Ok(job);
+        }
+        let waits = job.state == JobState::WaitingForOperator;
+        tokio::select! {
+            event = events.recv() => match event {
+                Ok(Event::Job { .. } | Event::Bench { .. } | Event::Measurement { .. }) | Err(RecvError::Lagged(_)) => {}
+                Err(RecvError::Closed) => anyhow::bail!("the bench's service ended before its job"),
+            },
+            line = lines.next_line(), if waits && input_open => {
+                input_open = matches!(line, Ok(Some(_)));
+                match job.operator_step {
+                    Some(step) if input_open => drop(service.confirm(id, step.number)?),
+                    _ => {
+                        progress.say("standard input is closed: nobody can confirm the operator's steps; cancelling");
+                        service.cancel(id)?;
+                    }
+                }
+            }
+            () = signals.next() => {
+                if interrupted {
+                    anyhow::bail!("ended at once by a second signal");
+                }
+                interrupted = true;
+                progress.say("stopping the axes; a second signal ends at once");
+                service.cancel(id)?;
+            }
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! The command line: one file per subcommand.
+//!
+//! With `--json` a command prints one JSON object on standard output and nothing else there; human text otherwise.
+//! Progress goes to standard error, an error is one line there, and the exit code is 0 only on success.
+
+mod align;
+mod calibrate;
+mod demo;
+mod design;
+mod lock;
+mod measure;
+mod progress;
+mod remote;
+mod render;
+mod report;
+mod serve;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::config::{Config, ConfigOrigin};
+
+/// Aligns underwater plenoptic cameras.
+#[derive(Debug, Parser)]
+#[command(name = "plenalign", version, about)]
+struct Cli {
+    /// Configuration file; without it the reference preset stands.
+    #[arg(long, global = true, value_name = "FILE")]
+    config: Option<PathBuf>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run the daemon: REST, WebSocket and the page.
+    Serve(serve::Args),
+    /// Run a joint alignment, in process or through a running daemon.
+    Align(align::Args),
+    /// Print clarity, FOV and joint solutions of the configured camera.
+    Design(design::Args),
+    /// Measure the spacing of a raw frame.
+    Measure(measure::Args),
+    /// Find d and b from a raw frame of a triple-level board.
+    Calibrate(calibrate::Args),
+    /// Render a raw frame of the configured camera by exact rays.
+    Render(render::Args),
+    /// Serve the simulated bench and align it before your eyes.
+    Demo(demo::Args),
+}
+
+/// What every subcommand gets.
+struct Context {
+    /// The configuration in force.
+    config: Config,
+    /// Where it came from.
+    origin: ConfigOrigin,
+}
+
+/// Runs the program with the process's arguments.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(cli) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("plenalign: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: Cli) -> anyhow::Result<ExitCode> {
+    // Logs go to standard error, and only warnings unless RUST_LOG asks for more.
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let (config, origin) = Config::open(cli.config.as_deref())?;
+    let context = Context { config, origin };
+    match cli.command {
+        Command::Serve(args) => serve::run(context, args),
+        Command::Align(args) => align::run(context, args),
+        Command::Design(args) => design::run(context, args),
+        Command::Measure(args) => measure::run(context, args),
+        Command::Calibrate(args) => calibrate::run(context, args),
+        Command::Render(args) => render::run(context, args),
+        Command::Demo(args) => demo::run(context, args),
+    }
+}

@@ -1,0 +1,116 @@
+//! `plenalign align --server`: the same alignment through a running daemon's API.
+
+use std::time::Duration;
+
+use anyhow::{Context as _, bail};
+use reqwest::{Client, StatusCode};
+use serde::de::DeserializeOwned;
+
+use super::progress::Progress;
+use crate::api::error::Problem;
+use crate::api::types::{Health, JobResource};
+use crate::control::job::{JobKind, JobRequest, JobSnapshot};
+
+/// Between two looks at the job.
+const POLL: Duration = Duration::from_millis(250);
+/// Longest wait for one answer.
+const ANSWER: Duration = Duration::from_secs(10);
+/// Looks in a row that may fail before the daemon counts as lost.
+const FAILURES_ALLOWED: u32 = 8;
+
+/// Runs a joint alignment at the daemon at `server`, such as `http://127.0.0.1:8080`, with its progress on standard
+/// error. Confirms nothing in the operator's place.
+///
+/// # Errors
+/// When the daemon cannot be reached, refuses, or is lost on the way.
+pub(super) async fn align(server: &str) -> anyhow::Result<JobSnapshot> {
+    let daemon = Daemon::new(server)?;
+    let health: Health = daemon.get("/healthz").await?;
+    if health.simulated {
+        eprintln!("plenalign: the bench at {server} is SIMULATED");
+    }
+    let request = JobRequest { kind: JobKind::JointAlignment };
+    let created: JobResource = daemon.read(daemon.client.post(daemon.url("/api/v1/jobs")).json(&request)).await?;
+    let mut progress = Progress::new(format!("confirm it on the page at {}/ when it is done", daemon.base));
+    let job = wait_for_end(&daemon, &created, &mut progress).await;
+    progress.finish();
+    job
+}
+
+/// Looks at the job until it is over. The first interrupt cancels the job and waits on; the second leaves at once.
+async fn wait_for_end(daemon: &Daemon, created: &JobResource, progress: &mut Progress) -> anyhow::Result<JobSnapshot> {
+    let mut failures = 0;
+    let mut interrupts = 0;
+    loop {
+        match daemon.get::<JobResource>(&created.href).await {
+            Ok(resource) => {
+                failures = 0;
+                progress.show(&resource.job);
+                if resource.job.state.is_final() {
+                    return Ok(resource.job);
+                }
+            }
+            Err(error) if failures >= FAILURES_ALLOWED => {
+                return Err(error.context(format!("the daemon was lost; its job {} may go on", created.job.id)));
+            }
+            Err(_) => failures += 1,
+        }
+        tokio::select! {
+            () = tokio::time::sleep(POLL) => {}
+            _ = tokio::signal::ctrl_c() => {
+                interrupts += 1;
+                if interrupts > 1 {
+                    bail!("left; the job {} may still be cancelling", created.job.id);
+                }
+                progress.say("cancelling the job; interrupt again to leave it alone");
+                let cancelled: anyhow::Result<JobResource> =
+                    daemon.read(daemon.client.delete(daemon.url(&created.href))).await;
+                cancelled.context("the job could not be cancelled")?;
+            }
+        }
+    }
+}
+
+/// A daemon's API.
+struct Daemon {
+    client: Client,
+    base: String,
+}
+
+impl Daemon {
+    fn new(server: &str) -> anyhow::Result<Self> {
+        let base = server.trim_end_matches('/').to_owned();
+        if !base.starts_with("http://") {
+            bail!("{server:?} is not an address such as http://127.0.0.1:8080");
+        }
+        let client = Client::builder().timeout(ANSWER).no_proxy().build()?;
+        Ok(Self { client, base })
+    }
+
+    fn url(&self, path: &str) -> String {
+        format!("{}{path}", self.base)
+    }
+
+    async fn get<T: DeserializeOwned>(&self, path: &str) -> anyhow::Result<T> {
+        self.read(self.client.get(self.url(path))).await
+    }
+
+    /// Sends a request; a problem in the answer becomes the error, in the daemon's own words.
+    async fn read<T: DeserializeOwned>(&self, request: reqwest::RequestBuilder) -> anyhow::Result<T> {
+        let response = request.send().await.with_context(|| format!("no daemon answers at {}", self.base))?;
+        let status = response.status();
+        let body = response.bytes().await.with_context(|| format!("the answer from {} broke off", self.base))?;
+        if status.is_success() {
+            return serde_json::from_slice(&body)
+                .with_context(|| format!("what answers at {} is not this version of plenalign", self.base));
+        }
+        match serde_json::from_slice::<Problem>(&body) {
+            Ok(problem) => bail!("{}: {}", problem.title, problem.detail),
+            Err(_) => bail!("{} answers {}", self.base, reason(status)),
+        }
+    }
+}
+
+fn reason(status: StatusCode) -> String {
+    status.canonical_reason().map_or_else(|| status.to_string(), |words| format!("{} {words}", status.as_u16()))
+}

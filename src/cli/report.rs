@@ -1,0 +1,255 @@
+//! Jobs as lines of text and as one JSON object, the same whether a job runs in process or in a daemon.
+
+use std::fmt::Write;
+
+use serde_json::{Value, json};
+
+use crate::control::job::{Interval, Iteration, IterationKind, JobSnapshot, JobState, OperatorStep, Report, Stage};
+
+/// One iteration as a line: where the axes are, what was measured against what is wanted, what was decided.
+pub(crate) fn iteration_line(iteration: &Iteration) -> String {
+    let spacing = &iteration.spacing;
+    let mut line = format!(
+        "{:>3}  {:<5} {:<6}  Δv {}  e {}  spacing {:8.4} ± {:.4} px  target {:8.4}",
+        iteration.number,
+        stage_word(iteration.stage),
+        kind_word(iteration.kind),
+        value(iteration.delta_v_mm.or(iteration.focus_mm), iteration.delta_v_sigma_mm, 4),
+        value(iteration.e_estimate_mm.or(iteration.e_mm), iteration.e_estimate_sigma_mm, 3),
+        spacing.spacing_px,
+        spacing.spacing_sigma_px,
+        iteration.spacing_target_px,
+    );
+    if !iteration.decision.is_empty() {
+        let _ = write!(line, "  {}", iteration.decision);
+    }
+    line
+}
+
+/// What the operator is asked to do, as a line.
+pub(crate) fn operator_line(step: &OperatorStep) -> String {
+    match &step.value {
+        Some(value) => format!("operator step {}: {} [{value}]", step.number, step.instruction),
+        None => format!("operator step {}: {}", step.number, step.instruction),
+    }
+}
+
+/// A job's end as text: the outcome and why, then the figures of its report.
+pub(crate) fn report_text(job: &JobSnapshot) -> String {
+    let mut text = String::new();
+    let outcome = job.report.as_ref().map_or(job.state, |report| report.outcome);
+    let _ = writeln!(text, "{}{}", outcome_words(outcome), if job.simulated { "  (SIMULATED bench)" } else { "" });
+    let reason = job.reason.as_deref().or(job.report.as_ref().map(|report| report.reason.as_str()));
+    if let Some(reason) = reason.filter(|reason| !reason.is_empty()) {
+        let _ = writeln!(text, "  {reason}");
+    }
+    if let Some(report) = &job.report {
+        text.push('\n');
+        for (name, value) in rows(report) {
+            let _ = writeln!(text, "  {name:<26} {value}");
+        }
+        for note in &report.notes {
+            let _ = writeln!(text, "  note: {note}");
+        }
+    }
+    text
+}
+
+/// A job's end as one JSON object: the report's own keys, the iterations, and which job it was.
+pub(crate) fn report_json(job: &JobSnapshot) -> Value {
+    let mut object = match serde_json::to_value(&job.report) {
+        Ok(Value::Object(object)) => object,
+        _ => serde_json::Map::new(),
+    };
+    if !job.simulated {
+        object.remove("truth");
+    }
+    let mut say = |name: &str, value: Value| {
+        object.entry(name).or_insert(value);
+    };
+    say("outcome", json!(job.state));
+    say("reason", json!(job.reason));
+    say("job", json!(job.id));
+    say("simulated", json!(job.simulated));
+    say("iterations", json!(job.iterations));
+    Value::Object(object)
+}
+
+/// What an ending is called.
+pub(crate) fn outcome_words(state: JobState) -> &'static str {
+    match state {
+        JobState::Pending => "pending",
+        JobState::Running => "running",
+        JobState::WaitingForOperator => "waiting for the operator",
+        JobState::Cancelling => "cancelling",
+        JobState::Converged => "converged",
+        JobState::NotConverged => "not converged",
+        JobState::Cancelled => "cancelled",
+        JobState::Failed => "failed",
+    }
+}
+
+fn stage_word(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Preparation => "prep",
+        Stage::LBound => "bound",
+        Stage::Air => "air",
+        Stage::Shell => "shell",
+        Stage::Report => "end",
+    }
+}
+
+fn kind_word(kind: IterationKind) -> &'static str {
+    match kind {
+        IterationKind::Start => "start",
+        IterationKind::Probe => "probe",
+        IterationKind::Move => "move",
+        IterationKind::Verify => "verify",
+    }
+}
+
+fn rows(report: &Report) -> Vec<(&'static str, String)> {
+    let mut rows = vec![
+        (
+            "Δv",
+            format!(
+                "{}  target {:.4} mm",
+                value(report.delta_v_mm, report.delta_v_sigma_mm, 4),
+                report.delta_v_target_mm
+            ),
+        ),
+        (
+            "Δv after the air step",
+            format!("{}  target {:.4} mm", value(report.delta_v_air_mm, None, 4), report.delta_v_air_target_mm),
+        ),
+        (
+            "e",
+            format!(
+                "{}  target {:.3} mm, wall {:.3} mm",
+                value(report.e_mm, report.e_sigma_mm, 3),
+                report.e_target_mm,
+                report.e_wall_mm
+            ),
+        ),
+        ("image distance v + Δv", value(report.image_distance_mm, None, 4)),
+        (
+            "spacing",
+            match (report.spacing_px, report.spacing_sigma_px) {
+                (Some(spacing), Some(sigma)) => {
+                    format!("{spacing:.4} ± {sigma:.4} px  target {:.4} px", report.spacing_target_px)
+                }
+                _ => format!("not measured  target {:.4} px", report.spacing_target_px),
+            },
+        ),
+        ("moves", format!("{} in air, {} with the shell", report.moves_air, report.moves_shell)),
+        ("shell step", report.shell_step_done.clone()),
+        ("readbacks", {
+            let (focus, e) = (report.focus_readback_mm, report.e_readback_mm);
+            format!("focus {}, e {}", value(focus, None, 4), value(e, None, 3))
+        }),
+        (
+            "field of view in water",
+            report.fov_water_deg.map_or_else(|| "past the shell".to_owned(), |fov| format!("{fov:.2}°")),
+        ),
+        ("aperture", format!("{:.3} mm, f/{:.2} on the ring", report.aperture_mm, report.aperture_ring_f_number)),
+        ("depth of field in water", interval(report.depth_of_field, 0)),
+        ("tolerance of e", interval(report.e_tolerance, 2)),
+        ("l_bound", value(Some(report.l_bound_mm), report.l_bound_sigma_mm, 3)),
+    ];
+    if let Some([x, y]) = report.tilt_px {
+        let angle =
+            report.tilt_deg.map_or_else(String::new, |[x, y]| format!(" ({x:+.3}°, {y:+.3}° if it is the MLA's)"));
+        rows.push(("tilt x, y", format!("{x:+.4}, {y:+.4} px per half width{angle}")));
+    }
+    if let (Some(before), Some(after)) = (report.eog_before, report.eog_after) {
+        rows.push(("EOG per pixel", format!("{before:.1} before, {after:.1} after")));
+    }
+    for (name, scale) in [("scale of the focus axis", report.focus_scale), ("scale of the e axis", report.e_scale)] {
+        if let Some(scale) = scale {
+            rows.push((name, format!("{scale:.4} as the picture has it")));
+        }
+    }
+    rows.push(("design", report.design_origin.clone()));
+    rows
+}
+
+/// A length with its uncertainty, mm.
+fn value(value: Option<f64>, sigma: Option<f64>, digits: usize) -> String {
+    match (value, sigma) {
+        (Some(value), Some(sigma)) => format!("{value:.digits$} ± {sigma:.digits$} mm"),
+        (Some(value), None) => format!("{value:.digits$} mm"),
+        (None, _) => "not measured".to_owned(),
+    }
+}
+
+fn interval(interval: Option<Interval>, digits: usize) -> String {
+    let Some(interval) = interval else { return "none is that sharp".to_owned() };
+    let end = |end: Option<f64>| end.map_or_else(|| "∞".to_owned(), |end| format!("{end:.digits$} mm"));
+    format!("{} to {}", end(interval.low_mm), end(interval.high_mm))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::job::{JobKind, Progress, SpacingReading};
+
+    fn iteration() -> Iteration {
+        Iteration {
+            number: 3,
+            stage: Stage::Air,
+            kind: IterationKind::Move,
+            axis: Some(crate::device::AxisName::Focus),
+            focus_mm: Some(2.19),
+            e_mm: Some(30.0),
+            delta_v_mm: Some(2.2041),
+            delta_v_sigma_mm: Some(0.0004),
+            e_estimate_mm: None,
+            e_estimate_sigma_mm: None,
+            spacing: SpacingReading {
+                spacing_px: 19.7312,
+                spacing_sigma_px: 0.0021,
+                tilt_x_px: 0.0,
+                tilt_y_px: 0.0,
+                curvature_px: 0.1,
+                pairs: 2900,
+                frames: 1,
+            },
+            spacing_predicted_px: Some(19.73),
+            spacing_target_px: 19.7251,
+            decision: "within tolerance: verify".into(),
+            at: jiff::Timestamp::UNIX_EPOCH,
+        }
+    }
+
+    #[test]
+    fn a_line_has_positions_spacing_target_and_decision() {
+        let line = iteration_line(&iteration());
+        for part in ["air", "2.2041 ± 0.0004 mm", "30.000 mm", "19.7312 ± 0.0021 px", "19.7251", "verify"] {
+            assert!(line.contains(part), "{part:?} is not in {line:?}");
+        }
+    }
+
+    #[test]
+    fn a_job_without_a_report_still_says_how_it_ended() {
+        let job = JobSnapshot {
+            id: uuid::Uuid::nil(),
+            kind: JobKind::JointAlignment,
+            state: JobState::Failed,
+            stage: Stage::Air,
+            simulated: true,
+            generation: 9,
+            created_at: jiff::Timestamp::UNIX_EPOCH,
+            ended_at: None,
+            progress: Progress { step: 1, of: 9, doing: "nothing".into() },
+            operator_step: None,
+            iterations: vec![iteration()],
+            log: vec![],
+            reason: Some("the focus axis did not move".into()),
+            report: None,
+        };
+        assert_eq!(report_text(&job), "failed  (SIMULATED bench)\n  the focus axis did not move\n");
+        let json = report_json(&job);
+        assert_eq!((&json["outcome"], &json["reason"]), (&json!("failed"), &json!("the focus axis did not move")));
+        assert_eq!(json["iterations"].as_array().map(Vec::len), Some(1));
+    }
+}

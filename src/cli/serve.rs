@@ -1,0 +1,158 @@
+//! `plenalign serve`: configuration to bench to service to API, until a signal.
+
+use std::io::{ErrorKind, Write as _};
+use std::net::SocketAddr;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use tokio::net::TcpListener;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::task::JoinHandle;
+use tokio::time::timeout;
+
+use super::Context;
+use super::lock::BenchLock;
+use crate::api::Api;
+use crate::config::BenchDriver;
+use crate::control::{Service, open_bench};
+
+/// Where the daemon serves unless told otherwise.
+pub(super) const DEFAULT_ADDRESS: &str = "127.0.0.1:8080";
+/// Between the first signal and the end, whatever hangs.
+const SHUTDOWN: Duration = Duration::from_secs(5);
+/// What of it the axes may take: they are stopped first.
+const AXES: Duration = Duration::from_secs(3);
+/// Exit code after a second signal: 128 and the number of SIGINT, as shells have it.
+const INTERRUPTED: i32 = 130;
+
+/// Arguments of `plenalign serve`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Address to listen on. Whoever can reach it can move the axes: keep it on loopback.
+    #[arg(long, value_name = "ADDR", default_value = DEFAULT_ADDRESS)]
+    listen: String,
+    /// Use the simulated bench, whatever the configuration says.
+    #[arg(long)]
+    simulated: bool,
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
+    let code = runtime.block_on(serve(context, args));
+    // A blocking task that hangs must not hold the end up.
+    runtime.shutdown_timeout(Duration::from_millis(500));
+    code
+}
+
+async fn serve(mut context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    if args.simulated {
+        context.config.bench.driver = BenchDriver::Simulated;
+    }
+    // Signals are taken from here on, so that none in the next lines ends the program with a bench half open.
+    let mut signals = Signals::new()?;
+    let mut server = Server::start(context, &args.listen).await?;
+    say_address(server.address, server.simulated);
+    tokio::select! {
+        () = signals.next() => {}
+        ended = &mut server.task => {
+            server.service.shut_down().await;
+            ended.context("the server ended")??;
+            return Err(anyhow!("the server ended by itself"));
+        }
+    }
+    server.shut_down(&mut signals).await;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The signals that end the program.
+pub(super) struct Signals {
+    terminate: Signal,
+    interrupt: Signal,
+}
+
+impl Signals {
+    /// Takes the signals over from the system's default.
+    pub(super) fn new() -> anyhow::Result<Self> {
+        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
+    }
+
+    /// The next one.
+    pub(super) async fn next(&mut self) {
+        tokio::select! {
+            _ = self.terminate.recv() => {}
+            _ = self.interrupt.recv() => {}
+        }
+    }
+}
+
+/// A daemon that serves: its bench is this process's until it is dropped.
+pub(super) struct Server {
+    /// Where it serves.
+    pub(super) address: SocketAddr,
+    /// Whether its bench is simulated.
+    pub(super) simulated: bool,
+    service: Arc<Service>,
+    api: Api,
+    task: JoinHandle<std::io::Result<()>>,
+    _lock: BenchLock,
+}
+
+impl Server {
+    /// Takes port and bench, and serves.
+    pub(super) async fn start(context: Context, address: &str) -> anyhow::Result<Self> {
+        // The port first: where it is taken, another daemon may well have the bench.
+        let listener = listen(address).await?;
+        let address = listener.local_addr()?;
+        let config = Arc::new(context.config);
+        let lock = BenchLock::take(&config.bench)?;
+        let bench = open_bench(&config).await.context("the bench cannot be opened")?;
+        let simulated = bench.is_simulated();
+        let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench);
+        let api = Api::new(Arc::clone(&service), address, context.origin);
+        let closing = api.closing();
+        let server = axum::serve(listener, api.router()).with_graceful_shutdown(closing.cancelled_owned());
+        let task = tokio::spawn(server.into_future());
+        Ok(Self { address, simulated, service, api, task, _lock: lock })
+    }
+
+    /// Ends it: axes first, then the streams. A second signal ends the program at once.
+    pub(super) async fn shut_down(mut self, signals: &mut Signals) {
+        tracing::info!("stopping: axes first, then the streams");
+        let orderly = async {
+            if timeout(AXES, self.service.shut_down()).await.is_err() {
+                tracing::error!("the axes were not confirmed stopped in time");
+            }
+            self.api.close().await;
+            tracing::info!("streams closed");
+            let _ = (&mut self.task).await;
+        };
+        tokio::select! {
+            ended = timeout(SHUTDOWN, orderly) => if ended.is_err() {
+                tracing::warn!("connections were still open when the time was up");
+            },
+            () = signals.next() => std::process::exit(INTERRUPTED),
+        }
+    }
+}
+
+async fn listen(address: &str) -> anyhow::Result<TcpListener> {
+    match TcpListener::bind(address).await {
+        Ok(listener) => Ok(listener),
+        Err(error) if error.kind() == ErrorKind::AddrInUse => {
+            Err(anyhow!("{address} is taken by another program; choose another address with --listen"))
+        }
+        Err(error) => Err(error).with_context(|| format!("cannot listen on {address}")),
+    }
+}
+
+fn say_address(address: SocketAddr, simulated: bool) {
+    let bench = if simulated { "SIMULATED bench" } else { "bench" };
+    println!("plenalign: {bench} at http://{address}/");
+    let _ = std::io::stdout().flush();
+    tracing::info!(%address, simulated, "serving");
+    if !address.ip().is_loopback() {
+        tracing::warn!(%address, "not on loopback: whoever can reach this address can move the axes");
+    }
+}

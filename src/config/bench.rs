@@ -1,0 +1,215 @@
+//! `[bench]`: stages, camera and limits.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::SimulationConfig;
+
+/// Whether the bench is real.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BenchDriver {
+    /// Twins of stages and camera; loud about it everywhere, and never a fallback for missing hardware.
+    Simulated,
+    /// Stages over serial and a camera over V4L2.
+    Hardware,
+}
+
+/// `[bench]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BenchConfig {
+    /// Simulated or hardware.
+    pub driver: BenchDriver,
+    /// Stage controllers by name (hardware only).
+    pub controllers: BTreeMap<String, ControllerConfig>,
+    /// The focus axis. Its coordinate is Δv: 0 at the air design's image distance, positive away from the lens.
+    pub focus: AxisConfig,
+    /// The e axis. Its coordinate is e: positive away from the shell.
+    pub e: AxisConfig,
+    /// The camera.
+    pub camera: CameraConfig,
+    /// The simulated bench's truth (simulated only).
+    pub simulation: SimulationConfig,
+}
+
+impl Default for BenchConfig {
+    fn default() -> Self {
+        Self {
+            driver: BenchDriver::Simulated,
+            controllers: BTreeMap::new(),
+            focus: AxisConfig {
+                controller: "main".to_owned(),
+                axis: "X".to_owned(),
+                low_limit_mm: -2.0,
+                high_limit_mm: 5.0,
+                home_side: Side::Low,
+                home_position_mm: 0.0,
+                speed_mm_per_s: 2.0,
+                approach: Side::Low,
+                ..AxisConfig::default()
+            },
+            e: AxisConfig {
+                controller: "main".to_owned(),
+                axis: "Y".to_owned(),
+                low_limit_mm: -5.0,
+                high_limit_mm: 32.0,
+                home_side: Side::High,
+                home_position_mm: 30.0,
+                speed_mm_per_s: 5.0,
+                approach: Side::High,
+                ..AxisConfig::default()
+            },
+            camera: CameraConfig::default(),
+            simulation: SimulationConfig::default(),
+        }
+    }
+}
+
+/// Which protocol a stage controller speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ControllerDriver {
+    /// Grbl 1.1 over serial.
+    Grbl,
+}
+
+/// `[bench.controllers.NAME]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerConfig {
+    /// Protocol.
+    pub driver: ControllerDriver,
+    /// Serial port, best by its `/dev/serial/by-id` name.
+    pub port: PathBuf,
+    /// Baud rate.
+    #[serde(default = "default_baud")]
+    pub baud: u32,
+}
+
+const fn default_baud() -> u32 {
+    115_200
+}
+
+/// An end of an axis's travel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Side {
+    /// Towards smaller coordinates.
+    Low,
+    /// Towards larger coordinates.
+    High,
+}
+
+impl Side {
+    /// −1 for low, +1 for high.
+    #[must_use]
+    pub const fn sign(self) -> f64 {
+        match self {
+            Self::Low => -1.0,
+            Self::High => 1.0,
+        }
+    }
+}
+
+/// `[bench.focus]`, `[bench.e]`: one axis. All positions are in the axis's own coordinate, mm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AxisConfig {
+    /// Name of the controller under `[bench.controllers]`.
+    pub controller: String,
+    /// Axis letter or number on that controller.
+    pub axis: String,
+    /// Motor steps a millimetre: compared with the controller's own setting.
+    pub steps_per_mm: f64,
+    /// Whether the controller's positive direction is the coordinate's negative one.
+    pub reversed: bool,
+    /// Least position, mm.
+    pub low_limit_mm: f64,
+    /// Greatest position, mm.
+    pub high_limit_mm: f64,
+    /// The end where the home switch is.
+    pub home_side: Side,
+    /// Position after homing and pulling off the switch, mm.
+    pub home_position_mm: f64,
+    /// Greatest speed, mm/s.
+    pub speed_mm_per_s: f64,
+    /// Acceleration, mm/s².
+    pub acceleration_mm_per_s2: f64,
+    /// Lost motion on reversal, mm, at most. A final approach starts this much and more beside the target.
+    pub backlash_mm: f64,
+    /// The side from which a target is approached.
+    pub approach: Side,
+    /// Rest after a stop before a frame counts as taken at rest, ms.
+    pub settle_ms: u64,
+    /// Greatest single move, mm.
+    pub max_step_mm: f64,
+    /// Standard relative uncertainty of the scale before the picture has confirmed it.
+    pub scale_uncertainty: f64,
+    /// Bound on the error of the coordinate's zero after homing, mm.
+    pub zero_uncertainty_mm: f64,
+}
+
+impl Default for AxisConfig {
+    fn default() -> Self {
+        Self {
+            controller: String::new(),
+            axis: String::new(),
+            steps_per_mm: 400.0,
+            reversed: false,
+            low_limit_mm: 0.0,
+            high_limit_mm: 10.0,
+            home_side: Side::Low,
+            home_position_mm: 0.0,
+            speed_mm_per_s: 2.0,
+            acceleration_mm_per_s2: 20.0,
+            backlash_mm: 0.05,
+            approach: Side::Low,
+            settle_ms: 200,
+            max_step_mm: 40.0,
+            scale_uncertainty: 0.05,
+            zero_uncertainty_mm: 0.2,
+        }
+    }
+}
+
+/// Where frames come from on a hardware bench.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraDriver {
+    /// Video4Linux2.
+    V4l2,
+}
+
+/// `[bench.camera]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraConfig {
+    /// Driver (hardware only).
+    pub driver: CameraDriver,
+    /// Device file, best by its `/dev/v4l/by-id` name.
+    pub device: PathBuf,
+    /// Pixel format, a V4L2 four-character code: GREY or YUYV.
+    pub format: String,
+    /// Frames a second asked for.
+    pub frame_rate_hz: f64,
+    /// Longest wait for a frame before the camera counts as lost, ms.
+    pub timeout_ms: u64,
+    /// Time a picture spends between exposure and the driver's timestamp, ms.
+    pub pipeline_delay_ms: u64,
+}
+
+impl Default for CameraConfig {
+    fn default() -> Self {
+        Self {
+            driver: CameraDriver::V4l2,
+            device: PathBuf::from("/dev/video0"),
+            format: "GREY".to_owned(),
+            frame_rate_hz: 30.0,
+            timeout_ms: 2000,
+            pipeline_delay_ms: 0,
+        }
+    }
+}

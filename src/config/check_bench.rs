@@ -1,0 +1,123 @@
+//! Physical sense of `[bench]`.
+
+use super::check::Faults;
+use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig, ControllerDriver, SimulationConfig};
+
+/// Pixel formats that the V4L2 camera understands.
+const FORMATS: [&str; 2] = ["GREY", "YUYV"];
+/// Axes that a Grbl 1.1 controller drives.
+const GRBL_AXES: [&str; 3] = ["X", "Y", "Z"];
+
+impl BenchConfig {
+    pub(super) fn check(&self, faults: &mut Faults) {
+        for (name, axis) in [("focus", &self.focus), ("e", &self.e)] {
+            axis.check(&format!("bench.{name}"), faults);
+        }
+        for (name, controller) in &self.controllers {
+            let key = format!("bench.controllers.{name}");
+            faults.require(!controller.port.as_os_str().is_empty(), format!("{key}.port"), || {
+                "is empty: give the serial port, best by its /dev/serial/by-id name".to_owned()
+            });
+            faults.require(controller.baud > 0, format!("{key}.baud"), || "must be at least 1".to_owned());
+        }
+        self.camera.check(faults);
+        self.simulation.check(faults);
+        if self.driver == BenchDriver::Hardware {
+            self.check_wiring(faults);
+        }
+    }
+
+    /// On hardware every axis needs a controller, and one of its own axes there.
+    fn check_wiring(&self, faults: &mut Faults) {
+        for (name, axis) in [("focus", &self.focus), ("e", &self.e)] {
+            match self.controllers.get(&axis.controller) {
+                None => {
+                    let known: Vec<&str> = self.controllers.keys().map(String::as_str).collect();
+                    let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+                    faults.add(
+                        format!("bench.{name}.controller"),
+                        format!(
+                            "driver = \"hardware\" needs a section [bench.controllers.{}]; there is {known}",
+                            axis.controller
+                        ),
+                    );
+                }
+                Some(controller) => match controller.driver {
+                    ControllerDriver::Grbl => {
+                        faults.require(GRBL_AXES.contains(&axis.axis.as_str()), format!("bench.{name}.axis"), || {
+                            format!("{:?} is no axis of a Grbl controller: X, Y or Z", axis.axis)
+                        });
+                    }
+                },
+            }
+        }
+        faults.require(
+            (&self.focus.controller, &self.focus.axis) != (&self.e.controller, &self.e.axis),
+            "bench.e.axis",
+            || format!("is the focus axis's: both are {} of controller {}", self.e.axis, self.e.controller),
+        );
+        faults.require(!self.camera.device.as_os_str().is_empty(), "bench.camera.device", || {
+            "is empty: give the device file, best by its /dev/v4l/by-id name".to_owned()
+        });
+    }
+}
+
+impl AxisConfig {
+    fn check(&self, path: &str, faults: &mut Faults) {
+        let key = |name: &str| format!("{path}.{name}");
+        let (low, high) = (self.low_limit_mm, self.high_limit_mm);
+        faults.require(low < high, key("low_limit_mm"), || format!("{low} is not less than high_limit_mm, {high}"));
+        faults.require(low >= high || (low..=high).contains(&self.home_position_mm), key("home_position_mm"), || {
+            format!("{} is outside the limits of {low} to {high}", self.home_position_mm)
+        });
+        faults.positive(key("steps_per_mm"), self.steps_per_mm);
+        faults.positive(key("speed_mm_per_s"), self.speed_mm_per_s);
+        faults.positive(key("acceleration_mm_per_s2"), self.acceleration_mm_per_s2);
+        faults.positive(key("max_step_mm"), self.max_step_mm);
+        faults.not_negative(key("backlash_mm"), self.backlash_mm);
+        faults.require(low >= high || self.backlash_mm < high - low, key("backlash_mm"), || {
+            format!("{} is more than the whole travel", self.backlash_mm)
+        });
+        faults.not_negative(key("zero_uncertainty_mm"), self.zero_uncertainty_mm);
+        faults.require((0.0..1.0).contains(&self.scale_uncertainty), key("scale_uncertainty"), || {
+            format!("{} is not a relative uncertainty from 0 to below 1", self.scale_uncertainty)
+        });
+    }
+}
+
+impl CameraConfig {
+    fn check(&self, faults: &mut Faults) {
+        faults.require(FORMATS.contains(&self.format.as_str()), "bench.camera.format", || {
+            format!("{:?} is not understood: {}", self.format, FORMATS.join(" or "))
+        });
+        faults.positive("bench.camera.frame_rate_hz", self.frame_rate_hz);
+        faults.require(self.timeout_ms > 0, "bench.camera.timeout_ms", || "must be at least 1".to_owned());
+    }
+}
+
+impl SimulationConfig {
+    fn check(&self, faults: &mut Faults) {
+        let key = |name: &str| format!("bench.simulation.{name}");
+        for (name, error) in [
+            ("focal_length_error", self.focal_length_error),
+            ("focus_scale_error", self.focus_scale_error),
+            ("e_scale_error", self.e_scale_error),
+        ] {
+            faults.require(error > -1.0, key(name), || {
+                format!("{error} would leave nothing: it is relative, 0.05 for 5 %, and greater than -1")
+            });
+        }
+        for (name, value) in [
+            ("focus_backlash_mm", self.focus_backlash_mm),
+            ("e_backlash_mm", self.e_backlash_mm),
+            ("friction_step_mm", self.friction_step_mm),
+            ("read_noise_levels", self.read_noise_levels),
+            ("electrons_per_level", self.electrons_per_level),
+        ] {
+            faults.not_negative(key(name), value);
+        }
+        faults.require(self.rays > 0, key("rays"), || "must be at least 1".to_owned());
+        faults.require(self.preview_rays > 0, key("preview_rays"), || "must be at least 1".to_owned());
+        faults.positive(key("preview_rate_hz"), self.preview_rate_hz);
+    }
+}

@@ -1,0 +1,138 @@
+//! From a file to a checked configuration.
+
+use std::ops::Range;
+use std::path::Path;
+
+use toml::de::DeTable;
+use toml::{Spanned, Table, Value};
+
+use super::schema::{joined, unknown_keys};
+use super::{Config, ConfigError, ConfigOrigin, Position, Violation};
+
+impl Config {
+    /// The configuration in force: a file's where one is named, else the reference preset; and where it came from.
+    ///
+    /// # Errors
+    /// As [`Config::load`].
+    pub fn open(file: Option<&Path>) -> Result<(Self, ConfigOrigin), ConfigError> {
+        match file {
+            Some(path) => Ok((Self::load(path)?, ConfigOrigin::File(path.to_owned()))),
+            None => Ok((Self::default(), ConfigOrigin::Preset)),
+        }
+    }
+
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`], or as [`Config::from_toml`].
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        Self::from_toml(&text, &path.display().to_string())
+    }
+
+    /// Reads and checks a TOML text; `origin` names it in errors. A key left out has its value in the preset, also
+    /// within a section that is present; but `[water]`, where present, stands alone, its keys being alternatives.
+    ///
+    /// # Errors
+    /// [`ConfigError::Syntax`] where it is not TOML; [`ConfigError::Invalid`] with every unknown key, else with the first
+    /// value of a wrong type, else with every impossible value.
+    pub fn from_toml(text: &str, origin: &str) -> Result<Self, ConfigError> {
+        let invalid = |mut violations: Vec<Violation>| {
+            violations.sort_by_key(|violation| violation.position);
+            ConfigError::Invalid { origin: origin.to_owned(), violations }
+        };
+        let document = DeTable::parse(text).map_err(|error| ConfigError::Syntax {
+            origin: origin.to_owned(),
+            position: Position::of(text, error.span().map_or(0, |span| span.start)),
+            message: one_line(error.message()),
+        })?;
+        let document = document.get_ref();
+        let unknown = unknown_keys(text, document);
+        if !unknown.is_empty() {
+            return Err(invalid(unknown));
+        }
+        let wrong_type = |error: &toml::de::Error| {
+            let at = error.span().map_or(0, |span| span.start);
+            let key = key_at(document, at, "").unwrap_or_else(|| "the file".to_owned());
+            invalid(vec![Violation { key, position: Some(Position::of(text, at)), message: type_message(error) }])
+        };
+        // Once as it stands, for errors that know their place; once merged over the preset, for the values left out.
+        let _: Self = toml::from_str(text).map_err(|error| wrong_type(&error))?;
+        let written: Table = toml::from_str(text).map_err(|error| wrong_type(&error))?;
+        let merged = Self::merged(written).map_err(|error| wrong_type(&error))?;
+        merged.violations().map_or(Ok(()), |mut violations| {
+            for violation in &mut violations {
+                violation.position = span_of(document, &violation.key).map(|span| Position::of(text, span.start));
+            }
+            Err(invalid(violations))
+        })?;
+        Ok(merged)
+    }
+
+    fn merged(written: Table) -> Result<Self, toml::de::Error> {
+        let mut table = Table::try_from(Self::default()).map_err(serde::de::Error::custom)?;
+        if written.contains_key("water") {
+            table.remove("water");
+        }
+        merge(&mut table, written);
+        table.try_into()
+    }
+}
+
+/// Lays `over` on `base`, section by section.
+fn merge(base: &mut Table, over: Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(Value::Table(base)), Value::Table(over)) => merge(base, over),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+/// What the deserialiser says of a type, in the words of the file.
+pub(super) fn type_message(error: &toml::de::Error) -> String {
+    let mut message = one_line(error.message());
+    for (rust, plain) in [
+        ("expected f64", "expected a number"),
+        ("expected u32", "expected a whole number from 0 up"),
+        ("expected u64", "expected a whole number from 0 up"),
+        ("expected a boolean", "expected true or false"),
+        ("expected an array of length 2", "expected two numbers, as in [0.0, 0.0]"),
+        ("floating point", "number"),
+    ] {
+        message = message.replace(rust, plain);
+    }
+    message
+}
+
+fn one_line(message: &str) -> String {
+    message.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join("; ")
+}
+
+/// The dotted key whose name or value holds a byte of the text.
+fn key_at(table: &DeTable<'_>, byte: usize, path: &str) -> Option<String> {
+    let holds = |span: Range<usize>| span.contains(&byte);
+    table.iter().find_map(|(key, value)| {
+        let full = joined(path, key.get_ref());
+        let inner = value.get_ref().as_table().and_then(|table| key_at(table, byte, &full));
+        inner.or_else(|| (holds(key.span()) || holds(value.span())).then_some(full))
+    })
+}
+
+/// Where the value of a dotted key stands.
+fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
+    let get = |table: &DeTable<'_>, name: &str| {
+        table.iter().find(|(known, _)| known.get_ref() == name).map(|(_, value)| Spanned::span(value))
+    };
+    match key.split_once('.') {
+        None => get(table, key),
+        Some((section, rest)) => table
+            .iter()
+            .find(|(known, _)| known.get_ref() == section)
+            .and_then(|(_, value)| value.get_ref().as_table())
+            .and_then(|table| span_of(table, rest)),
+    }
+}

@@ -1,0 +1,557 @@
+//! The joint alignment, from the first homing to the report: the order of steps, the operator's part, and what is kept
+//! of each. Every decision of the loops is made in [`super::air`] and [`super::shell`].
+
+use std::sync::Arc;
+
+use super::air::{AirDecision, AirGoal, AirLoop, AirObservation, FREE_TRAVEL_MM, PROBE_MM};
+use super::axis_model::check_move;
+use super::calibrated::CalibratedCamera;
+use super::context::{JobContext, JobEnd};
+use super::events::ShellState;
+use super::eye::{Eye, Seen};
+use super::job::{Iteration, IterationKind, Stage};
+use super::motion::Motion;
+use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
+use crate::config::{Config, LBoundSource, ShellStep};
+use crate::device::{AxisName, Setup};
+use crate::optics::{CameraDesign, Solution};
+use crate::units::Millimetres;
+
+/// Distance between the levels of the triple-level board, mm.
+const LEVEL_STEP_MM: f64 = 8.0;
+/// b is held at its configured value while Δv is further than this from its target, mm: the board then cannot tell it.
+const HOLD_B_BEYOND_MM: f64 = 0.2;
+/// Δv is this near to its target (mm, by the axis's reading) when the aperture is set for it.
+const APERTURE_WITHIN_MM: f64 = 0.5;
+/// Standard relative uncertainty of the configured b while it is held.
+const B_RELATIVE_SIGMA: f64 = 0.002;
+/// Frames combined in a verifying measurement.
+const VERIFY_FRAMES: u32 = 2;
+/// Measurements of a loop before it is cut off, whatever its decisions.
+const MAX_MEASUREMENTS: u32 = 60;
+/// Steps of a joint alignment, for the progress bar.
+pub(super) const STEPS: u32 = 22;
+
+/// What an alignment has found so far: enough for a report at any moment.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Findings {
+    /// Solution aimed for.
+    pub(super) solution: Option<Solution>,
+    /// Δv at the end of the air step and its standard uncertainty, mm.
+    pub(super) delta_v_air: Option<(f64, f64)>,
+    /// Trim of Δv since, mm.
+    pub(super) trim_mm: f64,
+    /// Camera as calibrated.
+    pub(super) camera: Option<CalibratedCamera>,
+    /// e as the picture has it and its standard uncertainty, mm.
+    pub(super) e: Option<(f64, f64)>,
+    /// The last measurement.
+    pub(super) seen: Option<Seen>,
+    /// Moves in the air step.
+    pub(super) moves_air: u32,
+    /// Moves in the shell step.
+    pub(super) moves_shell: u32,
+    /// Scale of the focus axis.
+    pub(super) focus_scale: Option<f64>,
+    /// Scale of the e axis.
+    pub(super) e_scale: Option<f64>,
+    /// EOG of the central view before the first move with the shell, mean per pixel.
+    pub(super) eog_before: Option<f64>,
+    /// The same at the end.
+    pub(super) eog_after: Option<f64>,
+    /// Uncertainty of a measured l_bound, mm.
+    pub(super) l_bound_sigma_mm: Option<f64>,
+    /// What the shell step did, in words.
+    pub(super) shell_step_done: Option<String>,
+    /// What a reader should know.
+    pub(super) notes: Vec<String>,
+    /// The simulated truth at the end of the air step.
+    pub(super) truth_air: Option<serde_json::Value>,
+}
+
+/// One joint alignment under way.
+pub(super) struct Alignment<'a> {
+    pub(super) context: &'a JobContext,
+    pub(super) motion: &'a Motion,
+    pub(super) eye: &'a Eye,
+    pub(super) config: &'a Arc<Config>,
+    pub(super) design: CameraDesign,
+    pub(super) findings: Findings,
+}
+
+impl Alignment<'_> {
+    /// Runs the whole alignment. What it found stays in `findings`, whatever the end.
+    pub(super) async fn run(&mut self) -> Result<(), JobEnd> {
+        self.prepare().await?;
+        if self.config.assembly.l_bound == LBoundSource::Measure {
+            self.measure_l_bound().await?;
+        }
+        let solution = self.design.joint(self.motion.l_bound_mm());
+        self.findings.solution = Some(solution);
+        self.context.stage(Stage::Air);
+        let levels = self.air(&solution).await?;
+        self.park_e(&levels).await?;
+        self.context.stage(Stage::Shell);
+        self.shell(&solution).await
+    }
+
+    async fn prepare(&mut self) -> Result<(), JobEnd> {
+        self.context.stage(Stage::Preparation);
+        self.context.doing("devices and homing");
+        for axis in AxisName::ALL {
+            let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;
+            for disagreement in self.motion.stage_info(axis).disagreements {
+                self.context.log(format!("{axis} axis: {disagreement}"));
+            }
+            if !state.homed {
+                self.context.log(format!("homing the {axis} axis"));
+                self.context.unless_cancelled(self.motion.home(axis)).await?;
+            }
+            let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;
+            self.context.log(format!("the {axis} axis stands at {:.3}", state.position));
+        }
+        self.white_frame().await
+    }
+
+    async fn white_frame(&mut self) -> Result<(), JobEnd> {
+        let instruction = "Put the diffuser on the lens and light it evenly: a white frame is taken.".to_owned();
+        self.context.ask("white_frame", instruction, None, Setup::Diffuser).await?;
+        self.context.doing("white frame");
+        let found = self.context.unless_cancelled(self.eye.take_white()).await?;
+        self.context.log(found);
+        Ok(())
+    }
+
+    /// "167.2 mm from the principal point", with what a ruler can touch where that is known.
+    fn board_place(&self, distances_mm: &[f64]) -> String {
+        let list = |offset: f64| {
+            let distances: Vec<String> = distances_mm.iter().map(|d| format!("{:.1}", d + offset)).collect();
+            distances.join(", ")
+        };
+        match self.config.main_lens.principal_from_mount_mm {
+            Some(offset) => format!(
+                "{} mm from the lens's principal point, which is {} mm from the mount's face",
+                list(0.0),
+                list(offset)
+            ),
+            None => format!("{} mm from the lens's principal point", list(0.0)),
+        }
+    }
+
+    async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
+        let levels = [middle_mm - LEVEL_STEP_MM, middle_mm, middle_mm + LEVEL_STEP_MM];
+        let instruction = format!(
+            "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
+            self.board_place(&levels)
+        );
+        let value = format!("{:.1}, {:.1}, {:.1} mm", levels[0], levels[1], levels[2]);
+        let setup = Setup::AirTripleBoard { distances_mm: levels };
+        self.context.ask("triple_board_in_air", instruction, Some(value), setup).await?;
+        self.motion.set_shell(ShellState::Off);
+        Ok(levels)
+    }
+
+    /// σ(v) that the boards' distance from the principal plane is uncertain by, mm.
+    fn board_sigma_mm(&self, distance_mm: f64) -> f64 {
+        let magnification = self.design.main_lens.focal_length / (distance_mm - self.design.main_lens.focal_length);
+        self.config.main_lens.principal_from_mount_sigma_mm.unwrap_or(0.0) * magnification * magnification
+    }
+
+    /// l_bound by Eqs. 9–12: d and b in air, then the spacing with the lens pushed by hand to the least e.
+    async fn measure_l_bound(&mut self) -> Result<(), JobEnd> {
+        self.context.stage(Stage::LBound);
+        let solution = self.design.joint(self.config.assembly.l_bound_mm);
+        let levels = self.place_triple_board(solution.equivalent_distance).await?;
+        self.context.doing("l_bound: calibrating d and b in air");
+        self.observe_air(&levels, &solution, VERIFY_FRAMES).await?;
+        let Some(camera) = self.findings.camera else {
+            return Err(JobEnd::failed("l_bound needs the calibration in air"));
+        };
+        self.context.unless_cancelled(self.motion.release(AxisName::E)).await?;
+        let distance_mm = self.config.object.distance_mm;
+        let instruction = format!(
+            "The e axis's motor is off. Mount the shell, fill the tank, put the flat board {distance_mm:.1} mm from the shell's outer vertex, and push the camera by hand as near to the shell as the lens's barrel allows."
+        );
+        self.motion.set_shell(ShellState::On);
+        let value = Some(format!("{distance_mm:.1} mm"));
+        self.context.ask("least_e_by_hand", instruction, value, Setup::LeastE { distance_mm }).await?;
+        self.context.doing("l_bound: measuring the spacing");
+        let seen = self.context.unless_cancelled(self.eye.spacing(VERIFY_FRAMES)).await?;
+        let least_e = camera.e_mm(seen.spacing.spacing_px, 0.0);
+        let sigma = camera.e_sigma_mm(least_e, 0.0, seen.spacing.spacing_sigma_px);
+        if !least_e.is_finite() || !sigma.is_finite() {
+            return Err(JobEnd::failed(format!(
+                "a spacing of {:.3} px gives no l_bound: shell, water or board are not what is configured",
+                seen.spacing.spacing_px
+            )));
+        }
+        let clearance = self.config.assembly.clearance_mm.max(3.0 * sigma);
+        self.motion.set_l_bound_mm(least_e + clearance);
+        self.findings.l_bound_sigma_mm = Some(sigma);
+        let note = format!(
+            "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by only {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
+            camera.slope_e(least_e, 0.0).abs(),
+            least_e + clearance
+        );
+        self.context.log(note.clone());
+        self.findings.notes.push(note);
+        let instruction = "Take the shell off and the tank away; the e axis is homed again.".to_owned();
+        self.context.ask("shell_off", instruction, None, Setup::ShellOff).await?;
+        self.motion.set_shell(ShellState::Off);
+        self.context.doing("homing after the move by hand");
+        for axis in AxisName::ALL {
+            // A controller that can switch off all of its motors only has lost the other axis, too.
+            if !self.context.unless_cancelled(self.motion.read_state(axis)).await?.homed {
+                self.context.unless_cancelled(self.motion.home(axis)).await?;
+            }
+        }
+        self.findings.delta_v_air = None;
+        Ok(())
+    }
+
+    async fn air(&mut self, solution: &Solution) -> Result<[f64; 3], JobEnd> {
+        let levels = self.place_triple_board(solution.equivalent_distance).await?;
+        let axis = &self.config.bench.focus;
+        let mut air = AirLoop::new(AirGoal {
+            delta_v_mm: solution.delta_v,
+            tolerance_mm: self.config.assembly.delta_v_tolerance_mm,
+            low_limit_mm: axis.low_limit_mm,
+            high_limit_mm: axis.high_limit_mm,
+            scale_sigma: axis.scale_uncertainty,
+            zero_sigma_mm: axis.zero_uncertainty_mm,
+            backlash_mm: axis.backlash_mm,
+            systematic_sigma_mm: self.board_sigma_mm(solution.equivalent_distance),
+        });
+        let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
+        let mut aperture_set = false;
+        for _ in 0..MAX_MEASUREMENTS {
+            let near = (self.motion.position_mm(AxisName::Focus)? - solution.delta_v).abs() <= APERTURE_WITHIN_MM;
+            if near && !aperture_set {
+                // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
+                self.set_aperture(solution, &levels).await?;
+                aperture_set = true;
+            }
+            self.context.doing(format!("air: measuring Δv ({})", kind.word()));
+            let (observation, seen) = self.observe_air(&levels, solution, frames).await?;
+            let decision = air.next(observation);
+            let here = air.here().unwrap_or(observation);
+            self.findings.moves_air = air.moves();
+            self.findings.delta_v_air = Some((here.delta_v_mm, here.sigma_mm));
+            self.findings.focus_scale = air.model().map(|model| model.scale().0);
+            self.record_air(kind, &seen, here, predicted, &decision);
+            frames = 1;
+            match decision {
+                AirDecision::Probe { to_mm } | AirDecision::Move { to_mm } => {
+                    kind = if matches!(decision, AirDecision::Probe { .. }) {
+                        IterationKind::Probe
+                    } else {
+                        IterationKind::Move
+                    };
+                    predicted = air.model().map(|model| {
+                        let delta_v = model.predict(to_mm).0;
+                        self.design.spacing_at(levels[1], delta_v) / self.eye.pixel_mm()
+                    });
+                    self.context.doing(format!("air: focus axis to {to_mm:.4} mm"));
+                    self.context.unless_cancelled(self.motion.go(AxisName::Focus, Millimetres(to_mm))).await?;
+                }
+                AirDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
+                AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
+                AirDecision::Done => {
+                    self.findings.truth_air = self.context.truth();
+                    self.context.log(format!(
+                        "air step done: Δv = {:.4} ± {:.4} mm, wanted {:.4} mm",
+                        here.delta_v_mm, here.sigma_mm, solution.delta_v
+                    ));
+                    return Ok(levels);
+                }
+                AirDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
+                AirDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
+            }
+        }
+        Err(JobEnd::failed("the air loop did not end; this is a defect of the program"))
+    }
+
+    async fn observe_air(
+        &mut self,
+        levels: &[f64; 3],
+        solution: &Solution,
+        frames: u32,
+    ) -> Result<(AirObservation, Seen), JobEnd> {
+        let expected = self.findings.delta_v_air.map_or(0.0, |(delta_v, _)| delta_v);
+        let reading = self.motion.position_mm(AxisName::Focus)?;
+        // Before the first measurement the axis's own reading is the best guess.
+        let guess = if self.findings.delta_v_air.is_some() { expected } else { reading };
+        let far = (guess - solution.delta_v).abs() > HOLD_B_BEYOND_MM;
+        let held = B_RELATIVE_SIGMA * self.design.mla.b();
+        let mut triple = self.context.unless_cancelled(self.eye.calibrate(levels, far.then_some(held), frames)).await?;
+        let delta_v_of = |sum: f64| sum - self.design.air_image_distance();
+        let near = (delta_v_of(triple.camera.image_distance_mm) - solution.delta_v).abs() <= HOLD_B_BEYOND_MM;
+        if far && near {
+            triple = self.context.unless_cancelled(self.eye.calibrate(levels, None, frames)).await?;
+        }
+        let delta_v_mm = delta_v_of(triple.camera.image_distance_mm);
+        self.findings.camera = Some(CalibratedCamera {
+            design: self.design,
+            lens_to_mla_mm: triple.camera.lens_to_mla_mm,
+            mla_to_sensor_mm: triple.camera.mla_to_sensor_mm,
+            image_distance_sigma_mm: triple.camera.image_distance_sigma_mm,
+            pixel_mm: self.eye.pixel_mm(),
+        });
+        let seen = triple.middle;
+        self.findings.seen = Some(seen.clone());
+        let observation = AirObservation {
+            reading_mm: reading,
+            delta_v_mm,
+            sigma_mm: triple.camera.image_distance_sigma_mm,
+            repeatability_mm: triple.camera.repeatability_mm,
+        };
+        Ok((observation, seen))
+    }
+
+    fn record_air(
+        &self,
+        kind: IterationKind,
+        seen: &Seen,
+        here: AirObservation,
+        predicted: Option<f64>,
+        decision: &AirDecision,
+    ) {
+        let decision = match decision {
+            AirDecision::Probe { to_mm } => format!("probe: focus axis to {to_mm:.4} mm"),
+            AirDecision::Move { to_mm } => format!("move the focus axis to {to_mm:.4} mm"),
+            AirDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
+            AirDecision::Verify => "within tolerance: measure again to verify".to_owned(),
+            AirDecision::Done => "within tolerance, verified".to_owned(),
+            AirDecision::NotConverged { why } => format!("not converged: {why}"),
+            AirDecision::Fault(fault) => fault.to_string(),
+        };
+        self.context.record(Iteration {
+            delta_v_mm: Some(here.delta_v_mm),
+            delta_v_sigma_mm: Some(here.sigma_mm),
+            e_estimate_mm: None,
+            e_estimate_sigma_mm: None,
+            spacing_predicted_px: predicted,
+            ..self.iteration(Stage::Air, kind, AxisName::Focus, seen, decision)
+        });
+    }
+
+    fn iteration(&self, stage: Stage, kind: IterationKind, axis: AxisName, seen: &Seen, decision: String) -> Iteration {
+        let moved = matches!(kind, IterationKind::Probe | IterationKind::Move);
+        Iteration {
+            number: 0,
+            stage,
+            kind,
+            axis: moved.then_some(axis),
+            focus_mm: seen.focus_mm,
+            e_mm: seen.e_mm,
+            delta_v_mm: None,
+            delta_v_sigma_mm: None,
+            e_estimate_mm: None,
+            e_estimate_sigma_mm: None,
+            spacing: seen.spacing.clone(),
+            spacing_predicted_px: None,
+            spacing_target_px: self.eye.target_px(),
+            decision,
+            at: jiff::Timestamp::now(),
+        }
+    }
+
+    /// Takes e to where the shell is to be mounted, with the shell off: a probe first, and the picture of the boards in
+    /// air, whose distance changes with e, must follow every move.
+    async fn park_e(&mut self, levels: &[f64; 3]) -> Result<(), JobEnd> {
+        let initial = self.config.assembly.initial_e_mm;
+        let start = self.motion.position_mm(AxisName::E)?;
+        let way = initial - start;
+        if way.abs() <= self.config.assembly.e_tolerance_mm {
+            return Ok(());
+        }
+        let (low, high) = self.motion.range_mm(AxisName::E);
+        let free = (start - low).min(high - start);
+        if free < FREE_TRAVEL_MM {
+            return Err(JobEnd::NotConverged {
+                why: format!(
+                    "the e axis stands {free:.2} mm from an end of its travel; its first move needs {FREE_TRAVEL_MM} mm free on both sides"
+                ),
+            });
+        }
+        let mut from = start;
+        for to in [start + way.clamp(-PROBE_MM, PROBE_MM), initial] {
+            if (to - from).abs() < 1e-6 {
+                continue;
+            }
+            let Some((camera, before)) = self.findings.camera.zip(self.findings.seen.clone()) else {
+                return Err(JobEnd::failed("e is moved in air only after the air step"));
+            };
+            self.context.doing(format!("air: e axis to {to:.3} mm, where the shell is mounted"));
+            self.context.unless_cancelled(self.motion.go(AxisName::E, Millimetres(to))).await?;
+            let after = self.context.unless_cancelled(self.eye.calibrate(levels, None, 1)).await?.middle;
+            let distance = |seen: &Seen| camera.air_distance_mm(seen.spacing.spacing_px);
+            let slope = |seen: &Seen| {
+                let step = 0.01;
+                (camera.air_distance_mm(seen.spacing.spacing_px + step) - distance(seen)).abs() / step
+            };
+            let sigma = (before.spacing.spacing_sigma_px * slope(&before))
+                .hypot(after.spacing.spacing_sigma_px * slope(&after));
+            let measured = distance(&after) - distance(&before);
+            if let Some(fault) = check_move("e", to - from, measured, sigma, self.config.bench.e.backlash_mm) {
+                return Err(JobEnd::failed(fault.to_string()));
+            }
+            self.context
+                .log(format!("e moved by {:.3} mm; the picture shows {measured:.3} ± {sigma:.3} mm", to - from));
+            self.findings.seen = Some(after);
+            from = to;
+        }
+        Ok(())
+    }
+
+    async fn set_aperture(&mut self, solution: &Solution, levels: &[f64; 3]) -> Result<(), JobEnd> {
+        let ring = self.design.main_lens.ring_f_number(solution.aperture);
+        let instruction = format!(
+            "Set the aperture to {:.2} mm: f/{ring:.2} on the lens's ring (not the working number {:.2}).",
+            solution.aperture, solution.main_lens_f_number
+        );
+        let value = Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture));
+        let setup = Setup::Aperture { diameter_mm: solution.aperture, ring_f_number: ring };
+        self.context.ask("aperture", instruction, value, setup).await?;
+        // The micro-images have moved and changed their size: does the white frame still fit?
+        self.context.doing("white frame still good?");
+        let misfit = self.context.unless_cancelled(self.eye.white_misfit()).await?;
+        if let Some(misfit) = misfit {
+            self.context.log(misfit);
+            self.white_frame().await?;
+            self.place_triple_board(levels[1]).await?;
+        } else {
+            self.context.log("the white frame still fits");
+        }
+        Ok(())
+    }
+
+    async fn shell(&mut self, solution: &Solution) -> Result<(), JobEnd> {
+        let Some(camera) = self.findings.camera else {
+            return Err(JobEnd::failed("the shell step needs the air step's calibration"));
+        };
+        let distance_mm = self.config.object.distance_mm;
+        let instruction = format!(
+            "Take the diffuser off if it is on. Mount the shell, fill the tank, and put the flat board {distance_mm:.1} mm from the shell's outer vertex."
+        );
+        let setup = Setup::WaterBoard { distance_mm };
+        // From here on the shell counts as on, whatever becomes of the confirmation.
+        self.motion.set_shell(ShellState::On);
+        self.context.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+        let axis = &self.config.bench.e;
+        let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);
+        let mut shell = ShellLoop::new(
+            ShellGoal {
+                e_mm: solution.e,
+                wall_mm: low_mm,
+                tolerance_mm: self.config.assembly.e_tolerance_mm,
+                spacing_px: self.eye.target_px(),
+                step: self.config.assembly.shell_step,
+                high_limit_mm: high_mm,
+                scale_sigma: axis.scale_uncertainty,
+                zero_sigma_mm: axis.zero_uncertainty_mm,
+                backlash_mm: axis.backlash_mm,
+                home_mm: axis.home_position_mm,
+            },
+            camera,
+        );
+        let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
+        let focus_at_air = self.motion.position_mm(AxisName::Focus)?;
+        for _ in 0..MAX_MEASUREMENTS {
+            self.context.doing(format!("shell: measuring the spacing ({})", kind.word()));
+            let seen = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
+            if self.findings.eog_before.is_none() {
+                self.findings.eog_before = seen.eog;
+            }
+            self.findings.eog_after = seen.eog;
+            let e_reading_mm = self.motion.position_mm(AxisName::E)?;
+            let focus_scale = self.findings.focus_scale.unwrap_or(1.0);
+            let trim_mm = (self.motion.position_mm(AxisName::Focus)? - focus_at_air) * focus_scale;
+            let decision = shell.next(ShellObservation {
+                e_reading_mm,
+                trim_mm,
+                spacing_px: seen.spacing.spacing_px,
+                sigma_px: seen.spacing.spacing_sigma_px,
+            });
+            self.keep_shell(&shell, &seen, e_reading_mm, trim_mm);
+            self.record_shell(kind, moved, &seen, predicted, &decision);
+            frames = 1;
+            match decision {
+                ShellDecision::ProbeE { to_mm } => {
+                    let e = shell.model().predict(to_mm).0;
+                    (kind, moved, predicted) = (IterationKind::Probe, AxisName::E, Some(camera.spacing_px(e, trim_mm)));
+                    self.move_e(to_mm).await?;
+                }
+                ShellDecision::MoveE { to_mm, predicted_px } => {
+                    (kind, moved, predicted) = (IterationKind::Move, AxisName::E, Some(predicted_px));
+                    self.move_e(to_mm).await?;
+                }
+                ShellDecision::Trim { by_mm, predicted_px } => {
+                    (kind, moved, predicted) = (IterationKind::Move, AxisName::Focus, Some(predicted_px));
+                    let to = self.motion.position_mm(AxisName::Focus)? + by_mm / focus_scale;
+                    self.context.doing(format!("shell: trimming Δv by {:.1} µm", by_mm * 1000.0));
+                    self.context.unless_cancelled(self.motion.go(AxisName::Focus, Millimetres(to))).await?;
+                }
+                ShellDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
+                ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
+                ShellDecision::Done => return Ok(()),
+                ShellDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
+                ShellDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
+            }
+        }
+        Err(JobEnd::failed("the shell loop did not end; this is a defect of the program"))
+    }
+
+    async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {
+        self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
+        self.context.unless_cancelled(self.motion.go(AxisName::E, Millimetres(to_mm))).await?;
+        Ok(())
+    }
+
+    fn keep_shell(&mut self, shell: &ShellLoop, seen: &Seen, e_reading_mm: f64, trim_mm: f64) {
+        let findings = &mut self.findings;
+        findings.moves_shell = shell.moves();
+        findings.e = Some(shell.model().predict(e_reading_mm));
+        findings.e_scale = Some(shell.model().scale().0);
+        findings.trim_mm = trim_mm;
+        findings.seen = Some(seen.clone());
+        let how = match (self.config.assembly.shell_step, shell.trimmed()) {
+            (_, true) => {
+                format!("e held at its optimum, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
+            }
+            (ShellStep::HoldETrim, false) => "e moved to its optimum; no trim of Δv was needed".to_owned(),
+            (_, false) => "e translated until the spacing met Eq. 16".to_owned(),
+        };
+        findings.shell_step_done = Some(how);
+    }
+
+    fn record_shell(
+        &self,
+        kind: IterationKind,
+        moved: AxisName,
+        seen: &Seen,
+        predicted: Option<f64>,
+        decision: &ShellDecision,
+    ) {
+        let decision = match decision {
+            ShellDecision::ProbeE { to_mm } => format!("probe: e axis to {to_mm:.3} mm"),
+            ShellDecision::MoveE { to_mm, .. } => format!("move the e axis to {to_mm:.3} mm"),
+            ShellDecision::Trim { by_mm, .. } => format!("hold e, trim Δv by {:+.1} µm", by_mm * 1000.0),
+            ShellDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
+            ShellDecision::Verify => "the criterion is met: measure again to verify".to_owned(),
+            ShellDecision::Done => "the criterion is met, verified".to_owned(),
+            ShellDecision::NotConverged { why } => format!("not converged: {why}"),
+            ShellDecision::Fault(fault) => fault.to_string(),
+        };
+        let (e, e_sigma) = self.findings.e.unzip();
+        let delta_v = self.findings.delta_v_air.map(|(delta_v, sigma)| (delta_v + self.findings.trim_mm, sigma));
+        self.context.record(Iteration {
+            delta_v_mm: delta_v.map(|(value, _)| value),
+            delta_v_sigma_mm: delta_v.map(|(_, sigma)| sigma),
+            e_estimate_mm: e,
+            e_estimate_sigma_mm: e_sigma,
+            spacing_predicted_px: predicted,
+            ..self.iteration(Stage::Shell, kind, moved, seen, decision)
+        });
+    }
+}

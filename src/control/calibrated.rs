@@ -1,0 +1,113 @@
+//! The camera as the air step left it: calibrated d and b instead of the design's, seen through the shell.
+
+use crate::optics::{CameraDesign, mla};
+
+/// A camera whose d and b were measured in air, behind its shell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CalibratedCamera {
+    /// The design: main lens, pitch, shell and object distance are taken from it.
+    pub design: CameraDesign,
+    /// d as measured at the end of the air step, mm.
+    pub lens_to_mla_mm: f64,
+    /// b as measured, mm.
+    pub mla_to_sensor_mm: f64,
+    /// Standard uncertainty of d + N b, mm: what Δv is good to.
+    pub image_distance_sigma_mm: f64,
+    /// Side of a pixel, mm.
+    pub pixel_mm: f64,
+}
+
+impl CalibratedCamera {
+    /// The spacing (px) of the board in water with the lens at e (mm) and the MLA moved by `trim` (mm) since the air
+    /// step.
+    #[must_use]
+    pub fn spacing_px(&self, e: f64, trim: f64) -> f64 {
+        let equivalent = self.design.shell.equivalent_distance(self.design.object_distance, e);
+        let a = self.design.main_lens.image_distance(equivalent) - self.lens_to_mla_mm - trim;
+        mla::spacing(self.design.mla.pitch, a, self.mla_to_sensor_mm) / self.pixel_mm
+    }
+
+    /// The e (mm) at which the board in water has this spacing (px).
+    #[must_use]
+    pub fn e_mm(&self, spacing_px: f64, trim: f64) -> f64 {
+        let a = mla::a_from_spacing(self.design.mla.pitch, spacing_px * self.pixel_mm, self.mla_to_sensor_mm);
+        let equivalent = self.design.main_lens.object_distance(a + self.lens_to_mla_mm + trim);
+        self.design.shell.e_from_equivalent(equivalent, self.design.object_distance)
+    }
+
+    /// The distance (mm) from the lens of a board in air that has this spacing (px).
+    #[must_use]
+    pub fn air_distance_mm(&self, spacing_px: f64) -> f64 {
+        let a = mla::a_from_spacing(self.design.mla.pitch, spacing_px * self.pixel_mm, self.mla_to_sensor_mm);
+        self.design.main_lens.object_distance(a + self.lens_to_mla_mm)
+    }
+
+    /// The trim (mm) at which the board in water, with the lens at e (mm), has this spacing (px): "re-optimise Δv with e
+    /// fixed".
+    #[must_use]
+    pub fn trim_mm(&self, e: f64, spacing_px: f64) -> f64 {
+        let a = mla::a_from_spacing(self.design.mla.pitch, spacing_px * self.pixel_mm, self.mla_to_sensor_mm);
+        let equivalent = self.design.shell.equivalent_distance(self.design.object_distance, e);
+        self.design.main_lens.image_distance(equivalent) - a - self.lens_to_mla_mm
+    }
+
+    /// dl/de at e and trim, px/mm.
+    #[must_use]
+    pub fn slope_e(&self, e: f64, trim: f64) -> f64 {
+        const STEP_MM: f64 = 1e-3;
+        (self.spacing_px(e + STEP_MM, trim) - self.spacing_px(e - STEP_MM, trim)) / (2.0 * STEP_MM)
+    }
+
+    /// dl/dΔv at e and trim, px/mm.
+    #[must_use]
+    pub fn slope_delta_v(&self, e: f64, trim: f64) -> f64 {
+        const STEP_MM: f64 = 1e-5;
+        (self.spacing_px(e, trim + STEP_MM) - self.spacing_px(e, trim - STEP_MM)) / (2.0 * STEP_MM)
+    }
+
+    /// Standard uncertainty (mm) of the e that a spacing (px, with its sigma) gives: the spacing's and Δv's share.
+    #[must_use]
+    pub fn e_sigma_mm(&self, e: f64, trim: f64, spacing_sigma_px: f64) -> f64 {
+        let slope = self.slope_e(e, trim).abs();
+        spacing_sigma_px.hypot(self.slope_delta_v(e, trim) * self.image_distance_sigma_mm) / slope
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    /// The preset as a perfect air step leaves it.
+    pub(in crate::control) fn preset() -> CalibratedCamera {
+        let config = Config::default();
+        let design = config.design();
+        CalibratedCamera {
+            design,
+            lens_to_mla_mm: design.lens_to_mla(design.joint(0.0).delta_v),
+            mla_to_sensor_mm: design.mla.b(),
+            image_distance_sigma_mm: 0.0005,
+            pixel_mm: config.pixel_pitch().millimetres(),
+        }
+    }
+
+    #[test]
+    fn the_preset_has_the_documented_slopes() {
+        let camera = preset();
+        assert!((camera.spacing_px(0.0, 0.0) - 19.724_962).abs() < 1e-5, "{}", camera.spacing_px(0.0, 0.0));
+        assert!((camera.spacing_px(30.0, 0.0) - 12.68).abs() < 0.01);
+        assert!((camera.slope_e(0.0, 0.0) + 0.16).abs() < 0.005);
+        assert!((camera.slope_delta_v(0.0, 0.0) + 8.7).abs() < 0.1);
+        assert!((camera.slope_e(30.0, 0.0) + 0.34).abs() < 0.01);
+    }
+
+    #[test]
+    fn inverses_invert() {
+        let camera = preset();
+        for (e, trim) in [(0.0, 0.0), (12.0, 0.01), (30.0, -0.02)] {
+            let spacing = camera.spacing_px(e, trim);
+            assert!((camera.e_mm(spacing, trim) - e).abs() < 1e-9);
+            assert!((camera.trim_mm(e, spacing) - trim).abs() < 1e-12);
+        }
+    }
+}

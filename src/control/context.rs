@@ -1,0 +1,295 @@
+//! What a running job uses to say where it is, to ask the operator, and to notice that it is to end.
+
+use std::future::Future;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use tokio::sync::{broadcast, mpsc};
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+
+use super::events::Event;
+use super::job::{Iteration, JobRequest, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Report, Stage};
+use super::refusal::{Refusal, ServiceError};
+use crate::device::{DeviceError, Setup, SimulatedOperator};
+
+/// Lines of log kept for a job; more would only repeat.
+const MAX_LOG_LINES: usize = 2000;
+
+/// Why a job ends before it has converged.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum JobEnd {
+    /// Cancelled, or stopped.
+    Cancelled {
+        /// By what.
+        why: String,
+    },
+    /// The criterion cannot be met.
+    NotConverged {
+        /// Why.
+        why: String,
+    },
+    /// Something failed.
+    Failed {
+        /// What.
+        why: String,
+    },
+}
+
+impl JobEnd {
+    pub(super) fn failed(why: impl Into<String>) -> Self {
+        Self::Failed { why: why.into() }
+    }
+}
+
+impl From<ServiceError> for JobEnd {
+    fn from(error: ServiceError) -> Self {
+        match error {
+            ServiceError::Refused(Refusal::Stopped) | ServiceError::Device(DeviceError::Stopped { .. }) => {
+                Self::Cancelled { why: "stopped".to_owned() }
+            }
+            error => Self::failed(error.to_string()),
+        }
+    }
+}
+
+impl From<DeviceError> for JobEnd {
+    fn from(error: DeviceError) -> Self {
+        ServiceError::Device(error).into()
+    }
+}
+
+/// One job as the service and its own task share it.
+pub(super) struct Job {
+    snapshot: Mutex<JobSnapshot>,
+    events: broadcast::Sender<Event>,
+    cancel: CancellationToken,
+    /// Why it was asked to end; the first asker's word counts.
+    cancelled_why: OnceLock<&'static str>,
+    confirmations: mpsc::Sender<u32>,
+}
+
+/// The job's own side: what its task holds.
+pub(super) struct JobContext {
+    job: Arc<Job>,
+    confirmed: tokio::sync::Mutex<mpsc::Receiver<u32>>,
+    operator: Option<Arc<dyn SimulatedOperator>>,
+    steps_asked: AtomicU32,
+}
+
+impl Job {
+    /// A job just accepted, and the side of it that its task holds.
+    pub(super) fn new(
+        request: &JobRequest,
+        events: broadcast::Sender<Event>,
+        operator: Option<Arc<dyn SimulatedOperator>>,
+    ) -> (Arc<Self>, JobContext) {
+        let (confirmations, confirmed) = mpsc::channel(4);
+        let snapshot = JobSnapshot {
+            id: Uuid::now_v7(),
+            kind: request.kind,
+            state: JobState::Pending,
+            stage: Stage::Preparation,
+            simulated: operator.is_some(),
+            generation: 0,
+            created_at: jiff::Timestamp::now(),
+            ended_at: None,
+            progress: Progress { step: 0, of: 1, doing: "accepted".to_owned() },
+            operator_step: None,
+            iterations: Vec::new(),
+            log: Vec::new(),
+            reason: None,
+            report: None,
+        };
+        let job = Arc::new(Self {
+            snapshot: Mutex::new(snapshot),
+            events,
+            cancel: CancellationToken::new(),
+            cancelled_why: OnceLock::new(),
+            confirmations,
+        });
+        let context = JobContext {
+            job: Arc::clone(&job),
+            confirmed: tokio::sync::Mutex::new(confirmed),
+            operator,
+            steps_asked: AtomicU32::new(0),
+        };
+        (job, context)
+    }
+
+    /// The job as it is now.
+    pub(super) fn snapshot(&self) -> JobSnapshot {
+        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn change(&self, change: impl FnOnce(&mut JobSnapshot)) {
+        let snapshot = {
+            let mut snapshot = self.snapshot.lock().unwrap_or_else(PoisonError::into_inner);
+            change(&mut snapshot);
+            snapshot.generation += 1;
+            snapshot.clone()
+        };
+        // Nobody listening is no error.
+        let _ = self.events.send(Event::Job { job: Box::new(snapshot) });
+    }
+
+    /// Asks the job to end, and says why. May be repeated.
+    pub(super) fn cancel(&self, why: &'static str) {
+        if self.snapshot().state.is_final() || self.cancel.is_cancelled() {
+            return;
+        }
+        let _ = self.cancelled_why.set(why);
+        self.change(|job| {
+            job.state = JobState::Cancelling;
+            job.operator_step = None;
+        });
+        self.cancel.cancel();
+    }
+
+    /// Takes the operator's confirmation of a step.
+    ///
+    /// # Errors
+    /// When the job does not wait for that step.
+    pub(super) fn confirm(&self, step: u32) -> Result<(), ServiceError> {
+        let snapshot = self.snapshot();
+        let refuse = |why: String| {
+            let state = format!("{:?}", snapshot.state).to_lowercase();
+            Err(Refusal::JobState { state, why }.into())
+        };
+        match &snapshot.operator_step {
+            Some(asked) if asked.number == step => match self.confirmations.try_send(step) {
+                Ok(()) => Ok(()),
+                Err(_) => refuse("this step has been confirmed already".to_owned()),
+            },
+            Some(asked) => refuse(format!("it waits for step {} ({}), not for step {step}", asked.number, asked.name)),
+            None => refuse("it waits for no confirmation".to_owned()),
+        }
+    }
+}
+
+impl JobContext {
+    /// The job's state as it is now.
+    pub(super) fn snapshot(&self) -> JobSnapshot {
+        self.job.snapshot()
+    }
+
+    /// Adds a line to the job's log.
+    pub(super) fn log(&self, message: impl Into<String>) {
+        let message = message.into();
+        tracing::info!(message = %message, "job");
+        self.job.change(|job| {
+            if job.log.len() < MAX_LOG_LINES {
+                job.log.push(LogLine { at: jiff::Timestamp::now(), message });
+            }
+        });
+    }
+
+    /// The job is at work.
+    pub(super) fn begin(&self, steps: u32) {
+        self.job.change(|job| {
+            job.state = JobState::Running;
+            job.progress.of = steps;
+        });
+    }
+
+    /// Another part of the alignment begins.
+    pub(super) fn stage(&self, stage: Stage) {
+        self.job.change(|job| job.stage = stage);
+    }
+
+    /// Another step begins.
+    pub(super) fn doing(&self, doing: impl Into<String>) {
+        let doing = doing.into();
+        self.job.change(|job| {
+            job.progress.step += 1;
+            job.progress.of = job.progress.of.max(job.progress.step + 1);
+            job.progress.doing = doing;
+        });
+    }
+
+    /// Records an iteration; its number is given here.
+    pub(super) fn record(&self, mut iteration: Iteration) {
+        self.job.change(|job| {
+            iteration.number = job.iterations.len() as u32 + 1;
+            job.iterations.push(iteration);
+        });
+    }
+
+    /// Ends the job. The axes have been stopped.
+    pub(super) fn end(&self, state: JobState, reason: String, report: Option<Report>) {
+        self.job.change(|job| {
+            job.state = state;
+            job.stage = Stage::Report;
+            job.ended_at = Some(jiff::Timestamp::now());
+            job.operator_step = None;
+            job.progress.step = job.progress.of;
+            job.progress.doing = "ended".to_owned();
+            job.reason = Some(reason);
+            job.report = report;
+        });
+    }
+
+    /// Runs a step unless the job is cancelled first; the step is dropped then.
+    pub(super) async fn unless_cancelled<T, E: Into<JobEnd>>(
+        &self,
+        step: impl Future<Output = Result<T, E>>,
+    ) -> Result<T, JobEnd> {
+        tokio::select! {
+            biased;
+            () = self.job.cancel.cancelled() => {
+                let why = self.job.cancelled_why.get().copied().unwrap_or("cancelled");
+                Err(JobEnd::Cancelled { why: why.to_owned() })
+            }
+            result = step => result.map_err(Into::into),
+        }
+    }
+
+    /// Tells the operator what to set up and waits for the confirmation. On a simulated bench the twin obeys, and
+    /// confirms by itself where it is configured to.
+    pub(super) async fn ask(
+        &self,
+        name: &str,
+        instruction: String,
+        value: Option<String>,
+        setup: Setup,
+    ) -> Result<(), JobEnd> {
+        let number = self.steps_asked.fetch_add(1, Ordering::SeqCst) + 1;
+        let step = OperatorStep { number, name: name.to_owned(), instruction: instruction.clone(), value };
+        self.doing(format!("operator: {name}"));
+        self.log(format!("operator step {number}: {instruction}"));
+        let confirms = self.operator.as_ref().is_some_and(|operator| operator.confirms());
+        if !confirms {
+            self.job.change(|job| {
+                job.state = JobState::WaitingForOperator;
+                job.operator_step = Some(step);
+            });
+            let mut confirmed = self.confirmed.lock().await;
+            self.unless_cancelled(async {
+                while let Some(step) = confirmed.recv().await {
+                    if step == number {
+                        return Ok(());
+                    }
+                }
+                Err(JobEnd::failed("the program is ending"))
+            })
+            .await?;
+            self.job.change(|job| {
+                job.state = JobState::Running;
+                job.operator_step = None;
+            });
+        }
+        if let Some(operator) = &self.operator {
+            operator.obey(&setup);
+        }
+        self.log(format!(
+            "operator step {number} confirmed{}",
+            if confirms { " by the simulated operator" } else { "" }
+        ));
+        Ok(())
+    }
+
+    /// The simulated truth, on a simulated bench.
+    pub(super) fn truth(&self) -> Option<serde_json::Value> {
+        self.operator.as_ref().map(|operator| operator.truth())
+    }
+}

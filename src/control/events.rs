@@ -1,0 +1,146 @@
+//! What happens on a bench, published as it happens.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::job::{JobSnapshot, SpacingReading};
+use crate::device::AxisName;
+
+/// One axis as a caller sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AxisView {
+    /// Which axis.
+    pub axis: AxisName,
+    /// Driver's name.
+    pub driver: String,
+    /// What the controller says it is.
+    pub identity: String,
+    /// Where it is.
+    pub location: String,
+    /// Whether the controller answers.
+    pub connected: bool,
+    /// Whether the position is known.
+    pub homed: bool,
+    /// Position read back, mm; absent while unknown.
+    pub position_mm: Option<f64>,
+    /// Whether the axis moves.
+    pub moving: bool,
+    /// Least position allowed now, mm: the limit of travel, or the e wall.
+    pub low_limit_mm: f64,
+    /// Greatest position allowed, mm.
+    pub high_limit_mm: f64,
+    /// Why it cannot move now.
+    pub fault: Option<String>,
+    /// What differs between controller and configuration.
+    pub disagreements: Vec<String>,
+}
+
+/// The camera as a caller sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CameraView {
+    /// Driver's name.
+    pub driver: String,
+    /// What the device says it is.
+    pub identity: String,
+    /// Whether frames arrive.
+    pub online: bool,
+    /// Why not.
+    pub fault: Option<String>,
+    /// Frames lost so far.
+    pub frames_lost: u64,
+    /// Sequence number of the newest frame.
+    pub frame_seq: Option<u64>,
+    /// Age of the newest frame when this was said, ms.
+    pub frame_age_ms: Option<f64>,
+}
+
+/// Whether the shell is on the camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ShellState {
+    /// Mounted.
+    On,
+    /// Taken off, by the operator's own statement since the start of the program.
+    Off,
+    /// Not known: counts as on.
+    Unknown,
+}
+
+/// The stop's latch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StopView {
+    /// Whether motion is refused until the stop is reset.
+    pub latched: bool,
+    /// Since when, RFC 3339.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub since: Option<jiff::Timestamp>,
+}
+
+/// The newest measurement of the live picture or of a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MeasurementView {
+    /// Sequence number of the frame measured.
+    pub frame_seq: u64,
+    /// When the frame was taken, RFC 3339.
+    #[schema(value_type = String, format = DateTime)]
+    pub captured_at: jiff::Timestamp,
+    /// Readback of the focus axis, mm.
+    pub focus_mm: Option<f64>,
+    /// Readback of the e axis, mm.
+    pub e_mm: Option<f64>,
+    /// Whether both axes were settled during the whole exposure.
+    pub settled: bool,
+    /// The spacing.
+    pub spacing: SpacingReading,
+    /// The spacing wanted (Eq. 16), px.
+    pub spacing_target_px: f64,
+    /// |spacing − target| within the blur limit.
+    pub in_focus: bool,
+    /// Pitch of the micro-images found, px.
+    pub micro_image_pitch_px: f64,
+    /// Energy of gradient of the central view, mean per pixel.
+    pub eog: Option<f64>,
+}
+
+/// The state of the whole bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BenchView {
+    /// Whether the bench is simulated.
+    pub simulated: bool,
+    /// Where the design's numbers come from.
+    pub design_origin: String,
+    /// Focus axis and e axis.
+    pub axes: Vec<AxisView>,
+    /// The camera.
+    pub camera: CameraView,
+    /// Whether the shell is on.
+    pub shell: ShellState,
+    /// The stop's latch.
+    pub stop: StopView,
+    /// The job under way, by its id.
+    #[schema(value_type = Option<String>, format = Uuid)]
+    pub job: Option<uuid::Uuid>,
+    /// The e wall, mm.
+    pub e_wall_mm: f64,
+}
+
+/// Something happened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Event {
+    /// The bench's state changed.
+    Bench {
+        /// The whole state.
+        bench: BenchView,
+    },
+    /// A job changed.
+    Job {
+        /// The whole job.
+        job: Box<JobSnapshot>,
+    },
+    /// Something was measured.
+    Measurement {
+        /// The measurement.
+        measurement: MeasurementView,
+    },
+}

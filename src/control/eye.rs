@@ -1,0 +1,217 @@
+//! What the jobs see: frames taken at rest, measured away from the runtime's threads.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use super::context::JobEnd;
+use super::events::MeasurementView;
+use super::job::SpacingReading;
+use super::motion::Motion;
+use super::sight::{self, Sight, Triple};
+use crate::config::Config;
+use crate::device::{AxisPose, Bench, DeviceError, Frame};
+use crate::optics::CameraDesign;
+use crate::raw::RawImage;
+use crate::units::Millimetres;
+
+/// How long the axes may take to settle after a move that has ended.
+const SETTLING_ALLOWED: Duration = Duration::from_secs(10);
+/// A frame that spans motion is taken again this often.
+const FRAME_TRIES: u32 = 5;
+
+/// A spacing seen, with the pose of its last frame.
+#[derive(Debug, Clone)]
+pub(super) struct Seen {
+    /// The spacing.
+    pub(super) spacing: SpacingReading,
+    /// Readback of the focus axis, mm; `None` while unknown.
+    pub(super) focus_mm: Option<f64>,
+    /// Readback of the e axis, mm; `None` while unknown.
+    pub(super) e_mm: Option<f64>,
+    /// Energy of gradient of the central view, mean per pixel, of a single board.
+    pub(super) eog: Option<f64>,
+}
+
+/// A triple-level board seen.
+#[derive(Debug, Clone)]
+pub(super) struct SeenTriple {
+    /// What the board's spacings say about the camera.
+    pub(super) camera: Triple,
+    /// The middle level.
+    pub(super) middle: Seen,
+}
+
+/// The bench's camera with what is known of its micro-images.
+pub(super) struct Eye {
+    config: Arc<Config>,
+    design: CameraDesign,
+    bench: Bench,
+    motion: Arc<Motion>,
+    sight: Mutex<Option<Arc<Sight>>>,
+    measured: watch::Sender<Option<MeasurementView>>,
+}
+
+impl Eye {
+    /// An eye that has seen no white frame yet.
+    pub(super) fn new(config: Arc<Config>, bench: Bench, motion: Arc<Motion>) -> Self {
+        let design = config.design();
+        Self { config, design, bench, motion, sight: Mutex::new(None), measured: watch::Sender::new(None) }
+    }
+
+    /// What the jobs measured last.
+    pub(super) fn measured(&self) -> watch::Receiver<Option<MeasurementView>> {
+        self.measured.subscribe()
+    }
+
+    /// Side of a pixel, mm.
+    pub(super) fn pixel_mm(&self) -> f64 {
+        self.config.pixel_pitch().millimetres()
+    }
+
+    /// Eq. 16's spacing, px.
+    pub(super) fn target_px(&self) -> f64 {
+        self.design.mla.target_spacing() / self.pixel_mm()
+    }
+
+    fn sight(&self) -> Option<Arc<Sight>> {
+        self.sight.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn need_sight(&self) -> Result<Arc<Sight>, JobEnd> {
+        self.sight().ok_or_else(|| JobEnd::failed("no white frame has been taken"))
+    }
+
+    /// A frame exposed wholly while both axes stood settled.
+    async fn frame(&self) -> Result<Arc<Frame>, JobEnd> {
+        for _ in 0..FRAME_TRIES {
+            let settled = tokio::time::timeout(SETTLING_ALLOWED, async {
+                loop {
+                    if let Some(from) = self.motion.settled_from() {
+                        return from;
+                    }
+                    tokio::time::sleep(Duration::from_millis(20)).await;
+                }
+            });
+            let Ok(from) = settled.await else {
+                return Err(JobEnd::failed(format!("the axes did not come to rest within {SETTLING_ALLOWED:?}")));
+            };
+            let frame = self.bench.camera.frame(from.max(Instant::now())).await?;
+            if frame.focus.settled && frame.e.settled {
+                let (width, height) = (self.config.sensor.width_px, self.config.sensor.height_px);
+                if (frame.image.width(), frame.image.height()) != (width as usize, height as usize) {
+                    return Err(DeviceError::WrongDevice {
+                        device: "the camera".to_owned(),
+                        expected: format!("frames of {width}x{height} px"),
+                        found: format!("frames of {}x{} px", frame.image.width(), frame.image.height()),
+                    }
+                    .into());
+                }
+                return Ok(frame);
+            }
+        }
+        Err(JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis")))
+    }
+
+    async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
+        let mut frames = Vec::with_capacity(count as usize);
+        for _ in 0..count.max(1) {
+            frames.push(self.frame().await?);
+        }
+        Ok(frames)
+    }
+
+    /// Takes a white frame and learns grid and vignetting from it. Returns what was found, in words.
+    pub(super) async fn take_white(&self) -> Result<String, JobEnd> {
+        let frame = self.frame().await?;
+        let config = Arc::clone(&self.config);
+        let sight = blocking(move || Sight::from_white(&frame.image, &config)).await?;
+        let words = sight.describe();
+        *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(sight));
+        Ok(words)
+    }
+
+    /// Whether the white frame no longer fits the camera as it stands: why, in words.
+    pub(super) async fn white_misfit(&self) -> Result<Option<String>, JobEnd> {
+        let sight = self.need_sight()?;
+        let frame = self.frame().await?;
+        blocking(move || sight.misfit(&frame.image)).await
+    }
+
+    /// Measures the spacing of the flat board over so many frames.
+    pub(super) async fn spacing(&self, count: u32) -> Result<Seen, JobEnd> {
+        let sight = self.need_sight()?;
+        let frames = self.frames(count).await?;
+        let measured = frames.clone();
+        let seen = blocking(move || {
+            let images: Vec<_> = measured.iter().map(|frame| RawImage::clone(&frame.image)).collect();
+            sight.spacing(&images)
+        })
+        .await?;
+        Ok(self.seen(&frames, seen))
+    }
+
+    /// Measures a triple-level board over so many frames; `hold_b_sigma_mm` holds b at its configured value.
+    pub(super) async fn calibrate(
+        &self,
+        levels_mm: &[f64; 3],
+        hold_b_sigma_mm: Option<f64>,
+        count: u32,
+    ) -> Result<SeenTriple, JobEnd> {
+        let sight = self.need_sight()?;
+        let frames = self.frames(count).await?;
+        let (measured, levels_mm) = (frames.clone(), *levels_mm);
+        let (camera, middle) = blocking(move || {
+            let images: Vec<_> = measured.iter().map(|frame| RawImage::clone(&frame.image)).collect();
+            sight.triple(&images, &levels_mm, hold_b_sigma_mm)
+        })
+        .await?;
+        Ok(SeenTriple { camera, middle: self.seen(&frames, middle) })
+    }
+
+    fn seen(&self, frames: &[Arc<Frame>], seen: sight::Measured) -> Seen {
+        let last = frames.last();
+        let position =
+            |pose: fn(&Frame) -> AxisPose| last.and_then(|frame| pose(frame).position).map(Millimetres::value);
+        let (focus_mm, e_mm) = (position(|frame| frame.focus), position(|frame| frame.e));
+        if let Some(frame) = last {
+            self.measured.send_replace(Some(self.view(frame, &seen)));
+        }
+        Seen { spacing: seen.spacing, focus_mm, e_mm, eog: seen.eog }
+    }
+
+    fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {
+        MeasurementView {
+            frame_seq: frame.seq,
+            captured_at: frame.captured_at,
+            focus_mm: frame.focus.position.map(Millimetres::value),
+            e_mm: frame.e.position.map(Millimetres::value),
+            settled: frame.focus.settled && frame.e.settled,
+            spacing: seen.spacing.clone(),
+            spacing_target_px: self.target_px(),
+            in_focus: (seen.spacing.spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px,
+            micro_image_pitch_px: seen.micro_image_pitch_px,
+            eog: seen.eog,
+        }
+    }
+
+    /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured.
+    pub(super) async fn measure_live(&self) -> Option<MeasurementView> {
+        let sight = self.sight()?;
+        let mut live = self.bench.camera.live();
+        let frame =
+            tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
+        let image = Arc::clone(&frame.image);
+        let seen = tokio::task::spawn_blocking(move || sight.spacing(std::slice::from_ref(&image))).await.ok()?.ok()?;
+        Some(self.view(&frame, &seen))
+    }
+}
+
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(result) => result.map_err(|why| JobEnd::Failed { why }),
+        Err(error) => Err(JobEnd::failed(format!("a measurement ended unexpectedly: {error}"))),
+    }
+}

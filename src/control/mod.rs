@@ -1,0 +1,27 @@
+//! What to do next, and doing it: the one place that commands motion.
+//!
+//! [`Service`] is what callers (the API, the command line) hold. It owns the bench's motion rules ([`motion`]), runs at
+//! most one job at a time ([`job`]), and publishes what happens ([`events`]). The decisions of the loops are pure
+//! functions ([`air`], [`shell`]).
+
+pub mod air;
+mod alignment;
+pub mod axis_model;
+pub mod calibrated;
+mod context;
+pub mod design;
+pub mod events;
+mod eye;
+pub mod job;
+pub mod motion;
+mod open;
+mod refusal;
+mod report;
+mod runner;
+mod service;
+pub mod shell;
+mod sight;
+pub use motion::StopReport;
+pub use open::open_bench;
+pub use refusal::{Refusal, ServiceError};
+pub use service::Service;

@@ -1,0 +1,370 @@
+//! The motion rules: the one way to command an axis. A move is checked against latch, homing, limits, the e wall and
+//! the greatest step before it starts; backlash is taken out by approaching every target from the same side.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use tokio::time::Instant;
+use utoipa::ToSchema;
+
+use super::events::{ShellState, StopView};
+use super::refusal::{Refusal, ServiceError};
+use crate::config::{AxisConfig, Config, Side};
+use crate::device::{AxisName, Bench, DeviceError, StageInfo, StageState, StopDelivery};
+use crate::units::Millimetres;
+
+/// A readback this far from its target means that the controller did not do what it was told, mm.
+const READBACK_TOLERANCE_MM: f64 = 0.01;
+
+/// What became of a stop.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct StopReport {
+    /// The focus axis.
+    pub focus: StopDelivery,
+    /// The e axis.
+    pub e: StopDelivery,
+}
+
+/// The bench's stages behind the motion rules.
+pub struct Motion {
+    config: Arc<Config>,
+    bench: Bench,
+    stopped: AtomicBool,
+    state: Mutex<State>,
+    /// One command of motion at a time on each axis: a second is refused, never queued.
+    commands: [Arc<tokio::sync::Mutex<()>>; 2],
+}
+
+#[derive(Debug, Clone, Copy)]
+struct State {
+    stopped_since: Option<jiff::Timestamp>,
+    shell: ShellState,
+    /// Whether the last motion of an axis ended from its approach side.
+    approached: [bool; 2],
+    l_bound_mm: f64,
+}
+
+/// The right to command motion of one axis, until it is dropped.
+#[derive(Debug)]
+pub struct Claim {
+    axis: AxisName,
+    _command: tokio::sync::OwnedMutexGuard<()>,
+}
+
+fn index(axis: AxisName) -> usize {
+    match axis {
+        AxisName::Focus => 0,
+        AxisName::E => 1,
+    }
+}
+
+impl Motion {
+    /// The rules of a configuration over a bench. The shell's state is unknown, which counts as on.
+    #[must_use]
+    pub fn new(config: Arc<Config>, bench: Bench) -> Self {
+        let l_bound_mm = config.assembly.l_bound_mm;
+        Self {
+            config,
+            bench,
+            stopped: AtomicBool::new(false),
+            state: Mutex::new(State {
+                stopped_since: None,
+                shell: ShellState::Unknown,
+                approached: [false; 2],
+                l_bound_mm,
+            }),
+            commands: Default::default(),
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// An axis's configuration.
+    #[must_use]
+    pub fn axis(&self, axis: AxisName) -> &AxisConfig {
+        match axis {
+            AxisName::Focus => &self.config.bench.focus,
+            AxisName::E => &self.config.bench.e,
+        }
+    }
+
+    /// Whether the shell is on.
+    #[must_use]
+    pub fn shell(&self) -> ShellState {
+        self.state().shell
+    }
+
+    /// Takes the operator's statement about the shell.
+    pub fn set_shell(&self, shell: ShellState) {
+        self.state().shell = shell;
+    }
+
+    /// l_bound in force, mm.
+    #[must_use]
+    pub fn l_bound_mm(&self) -> f64 {
+        self.state().l_bound_mm
+    }
+
+    /// Puts a measured l_bound (clearance included, mm) in the place of the configured one.
+    pub fn set_l_bound_mm(&self, l_bound_mm: f64) {
+        self.state().l_bound_mm = l_bound_mm;
+    }
+
+    /// The e wall in the homed axis's coordinate, mm.
+    #[must_use]
+    pub fn e_wall_mm(&self) -> f64 {
+        self.config.assembly.e_wall_mm(self.l_bound_mm())
+    }
+
+    /// The positions an axis may be sent to now: least and greatest, mm.
+    #[must_use]
+    pub fn range_mm(&self, axis: AxisName) -> (f64, f64) {
+        let config = self.axis(axis);
+        match axis {
+            AxisName::Focus => (config.low_limit_mm, config.high_limit_mm),
+            AxisName::E => (config.low_limit_mm.max(self.e_wall_mm()), config.high_limit_mm),
+        }
+    }
+
+    /// The stop's latch.
+    #[must_use]
+    pub fn stop_view(&self) -> StopView {
+        StopView { latched: self.stopped.load(Ordering::SeqCst), since: self.state().stopped_since }
+    }
+
+    /// Stops both axes at once and latches: no motion until [`Motion::reset_stop`].
+    pub async fn stop(&self) -> StopReport {
+        if !self.stopped.swap(true, Ordering::SeqCst) {
+            self.state().stopped_since = Some(jiff::Timestamp::now());
+        }
+        self.halt().await
+    }
+
+    /// Stops both axes at once without latching: what ends every job.
+    pub async fn halt(&self) -> StopReport {
+        self.state().approached = [false; 2];
+        let (focus, e) = tokio::join!(self.bench.focus.stop(), self.bench.e.stop());
+        StopReport { focus, e }
+    }
+
+    /// Allows motion again. Nothing resumes by itself.
+    pub fn reset_stop(&self) {
+        self.state().stopped_since = None;
+        self.stopped.store(false, Ordering::SeqCst);
+    }
+
+    /// Whether a move may start now.
+    ///
+    /// # Errors
+    /// The first rule it breaks.
+    pub fn check(&self, axis: AxisName, target: Millimetres) -> Result<(), ServiceError> {
+        if !target.value().is_finite() {
+            return Err(ServiceError::Invalid {
+                what: format!("a position must be a finite number of mm, not {}", target.value()),
+            });
+        }
+        if self.stopped.load(Ordering::SeqCst) {
+            return Err(Refusal::Stopped.into());
+        }
+        let state = self.bench.stage(axis).state().borrow().clone();
+        if !state.connected {
+            let reason = state.fault.unwrap_or_else(|| "the controller does not answer".to_owned());
+            return Err(DeviceError::Disconnected { device: format!("the {axis} stage"), reason }.into());
+        }
+        if !state.homed {
+            return Err(Refusal::NotHomed { axis }.into());
+        }
+        if state.moving {
+            return Err(Refusal::Moving { axis }.into());
+        }
+        let from = state.position;
+        self.check_range(axis, from, target)?;
+        let config = self.axis(axis);
+        let distance = (target - from).abs();
+        if distance.value() > config.max_step_mm {
+            return Err(Refusal::Step { axis, distance, max: Millimetres(config.max_step_mm) }.into());
+        }
+        Ok(())
+    }
+
+    /// Limits and wall; a move that leads back towards them from outside is allowed.
+    fn check_range(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Result<(), Refusal> {
+        // Positions are reported to a thousandth of a millimetre.
+        const READOUT_MM: f64 = 1e-3;
+        let config = self.axis(axis);
+        let (low, high) = (config.low_limit_mm, config.high_limit_mm);
+        let leads_back = |bound_low: f64, bound_high: f64| {
+            (from.value() < bound_low && target > from && target.value() <= bound_high)
+                || (from.value() > bound_high && target < from && target.value() >= bound_low)
+        };
+        let outside = target.value() < low - READOUT_MM || target.value() > high + READOUT_MM;
+        if outside && !leads_back(low, high) {
+            return Err(Refusal::Limit { axis, target, low: Millimetres(low), high: Millimetres(high) });
+        }
+        if axis == AxisName::E {
+            let wall = self.e_wall_mm();
+            if target.value() < wall - READOUT_MM && !leads_back(wall, high) {
+                return Err(Refusal::Wall { target, wall: Millimetres(wall) });
+            }
+        }
+        Ok(())
+    }
+
+    /// The legs of a move: the target alone, or first a point beside it on the approach side.
+    fn legs(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Vec<Millimetres> {
+        let config = self.axis(axis);
+        let side = config.approach.sign();
+        let comes_from_approach_side = (from - target).value() * side > 0.0;
+        let approached = self.state().approached[index(axis)];
+        if comes_from_approach_side && approached {
+            return vec![target];
+        }
+        let (low, high) = self.range_mm(axis);
+        let margin = 2.0 * config.backlash_mm + 0.05;
+        if comes_from_approach_side && (from - target).abs().value() >= margin {
+            // Long enough for the play to be taken up on the way.
+            return vec![target];
+        }
+        let beside = Millimetres((target.value() + side * margin).clamp(low, high));
+        if (beside - target).abs().value() < 1e-6 { vec![target] } else { vec![beside, target] }
+    }
+
+    /// Moves an axis to `target` with its approach leg and returns the readback.
+    ///
+    /// # Errors
+    /// A refusal before anything moves; a device's error, or a stop, in mid-move.
+    pub async fn go(&self, axis: AxisName, target: Millimetres) -> Result<Millimetres, ServiceError> {
+        self.go_claimed(self.claim(axis)?, target).await
+    }
+
+    /// Takes the right to command an axis, which a command that answers before its end holds until then.
+    ///
+    /// # Errors
+    /// [`Refusal::Moving`] while another command has it.
+    pub fn claim(&self, axis: AxisName) -> Result<Claim, Refusal> {
+        let command = Arc::clone(&self.commands[index(axis)]);
+        let command = command.try_lock_owned().map_err(|_| Refusal::Moving { axis })?;
+        Ok(Claim { axis, _command: command })
+    }
+
+    /// [`Motion::go`] with a right taken before.
+    ///
+    /// # Errors
+    /// Those of [`Motion::go`].
+    pub async fn go_claimed(&self, claim: Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis;
+        self.check(axis, target)?;
+        let from = self.bench.stage(axis).state().borrow().position;
+        let mut readback = from;
+        let legs = self.legs(axis, from, target);
+        self.state().approached[index(axis)] = false;
+        for leg in legs {
+            if self.stopped.load(Ordering::SeqCst) {
+                return Err(Refusal::Stopped.into());
+            }
+            readback = self.bench.stage(axis).move_to(leg).await?;
+            if (readback - leg).abs().value() > READBACK_TOLERANCE_MM {
+                return Err(DeviceError::Protocol {
+                    device: format!("the {axis} stage"),
+                    detail: format!("it was sent to {leg:.4} and says it stands at {readback:.4}"),
+                }
+                .into());
+            }
+        }
+        self.state().approached[index(axis)] = true;
+        Ok(readback)
+    }
+
+    /// Whether homing an axis may start now: the e axis is not homed towards a shell that is on or may be.
+    ///
+    /// # Errors
+    /// The rule it breaks.
+    pub fn check_home(&self, axis: AxisName) -> Result<(), ServiceError> {
+        if self.stopped.load(Ordering::SeqCst) {
+            return Err(Refusal::Stopped.into());
+        }
+        let shell = match self.shell() {
+            ShellState::Off => return Ok(()),
+            ShellState::On => "on",
+            ShellState::Unknown => "not known to be off",
+        };
+        let homes_e = axis == AxisName::E || self.bench.stage(axis).homes_also() == Some(AxisName::E);
+        if homes_e && self.axis(AxisName::E).home_side == Side::Low {
+            return Err(Refusal::HomingTowardsShell { axis, shell }.into());
+        }
+        Ok(())
+    }
+
+    /// Homes an axis.
+    ///
+    /// # Errors
+    /// A refusal before anything moves, or the device's error.
+    pub async fn home(&self, axis: AxisName) -> Result<(), ServiceError> {
+        self.home_claimed(self.claim(axis)?).await
+    }
+
+    /// [`Motion::home`] with a right taken before.
+    ///
+    /// # Errors
+    /// Those of [`Motion::home`].
+    pub async fn home_claimed(&self, claim: Claim) -> Result<(), ServiceError> {
+        let axis = claim.axis;
+        self.check_home(axis)?;
+        self.bench.stage(axis).home().await?;
+        for axis in [Some(axis), self.bench.stage(axis).homes_also()].into_iter().flatten() {
+            let config = self.axis(axis);
+            // Pulling off the switch moves away from the home side, which is an approach from it.
+            self.state().approached[index(axis)] = config.home_side == config.approach;
+        }
+        Ok(())
+    }
+
+    /// Switches an axis's motor off, so that it can be moved by hand; its position is unknown until homed.
+    ///
+    /// # Errors
+    /// A latched stop, or the device's error.
+    pub async fn release(&self, axis: AxisName) -> Result<(), ServiceError> {
+        if self.stopped.load(Ordering::SeqCst) {
+            return Err(Refusal::Stopped.into());
+        }
+        self.state().approached[index(axis)] = false;
+        Ok(self.bench.stage(axis).release().await?)
+    }
+
+    /// Asks an axis's controller for its state.
+    ///
+    /// # Errors
+    /// When the controller does not answer.
+    pub async fn read_state(&self, axis: AxisName) -> Result<StageState, DeviceError> {
+        self.bench.stage(axis).read_state().await
+    }
+
+    /// What the stage of an axis is.
+    #[must_use]
+    pub fn stage_info(&self, axis: AxisName) -> StageInfo {
+        self.bench.stage(axis).info()
+    }
+
+    /// The last readback of an axis, mm.
+    ///
+    /// # Errors
+    /// [`DeviceError::NotHomed`] while the position is unknown.
+    pub fn position_mm(&self, axis: AxisName) -> Result<f64, DeviceError> {
+        let state = self.bench.stage(axis).state().borrow().clone();
+        if state.homed { Ok(state.position.value()) } else { Err(DeviceError::NotHomed { axis }) }
+    }
+
+    /// From when on a frame counts as taken at rest: both axes at rest, and settled. `None` while one moves.
+    #[must_use]
+    pub fn settled_from(&self) -> Option<Instant> {
+        let at_rest = |axis: AxisName| {
+            let state = self.bench.stage(axis).state().borrow().at_rest_since?;
+            Some(state + Duration::from_millis(self.axis(axis).settle_ms))
+        };
+        Some(at_rest(AxisName::Focus)?.max(at_rest(AxisName::E)?))
+    }
+}

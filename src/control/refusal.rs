@@ -1,0 +1,106 @@
+//! Why a request is refused now, in the operator's words.
+
+use uuid::Uuid;
+
+use crate::device::{AxisName, DeviceError};
+use crate::units::Millimetres;
+
+/// Why a well-formed request is refused now.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// The stop is latched.
+    #[error("the stop is latched; reset it first")]
+    Stopped,
+    /// A job holds the bench.
+    #[error("job {job} holds the bench until it ends or is cancelled")]
+    Busy {
+        /// The holder.
+        job: Uuid,
+    },
+    /// Outside the axis's travel.
+    #[error("{target:.3} is outside the {axis} axis's travel of {low} to {high}")]
+    Limit {
+        /// Which axis.
+        axis: AxisName,
+        /// The position asked for.
+        target: Millimetres,
+        /// Least position.
+        low: Millimetres,
+        /// Greatest position.
+        high: Millimetres,
+    },
+    /// Beyond the e wall.
+    #[error("{target:.3} is beyond the e wall at {wall:.3}: the lens could touch the shell")]
+    Wall {
+        /// The position asked for.
+        target: Millimetres,
+        /// The wall.
+        wall: Millimetres,
+    },
+    /// Longer than a single move may be.
+    #[error("a move of {distance:.3} is longer than the {axis} axis's greatest step of {max}")]
+    Step {
+        /// Which axis.
+        axis: AxisName,
+        /// Length asked for.
+        distance: Millimetres,
+        /// Greatest length.
+        max: Millimetres,
+    },
+    /// The axis's position is unknown.
+    #[error("the {axis} axis is not homed; home it first")]
+    NotHomed {
+        /// Which axis.
+        axis: AxisName,
+    },
+    /// The axis moves already.
+    #[error("the {axis} axis is moving")]
+    Moving {
+        /// Which axis.
+        axis: AxisName,
+    },
+    /// Homing would run towards the shell.
+    #[error(
+        "homing the {axis} axis would run the e axis towards the shell, which is {shell}; take the shell off and say so first"
+    )]
+    HomingTowardsShell {
+        /// Which axis was to be homed.
+        axis: AxisName,
+        /// The shell's state, in a word.
+        shell: &'static str,
+    },
+    /// The job is not in a state for this.
+    #[error("the job is {state}: {why}")]
+    JobState {
+        /// The job's state, in a word.
+        state: String,
+        /// What would be right.
+        why: String,
+    },
+    /// The program is ending.
+    #[error("the program is shutting down")]
+    ShuttingDown,
+}
+
+/// Why a request was not carried out.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ServiceError {
+    /// Well-formed, but refused now.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    /// A device failed.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// There is no such job.
+    #[error("there is no job {id}")]
+    NoSuchJob {
+        /// The id asked for.
+        id: Uuid,
+    },
+    /// The request is not a number that an axis can go to.
+    #[error("{what}")]
+    Invalid {
+        /// What is wrong, and what would be right.
+        what: String,
+    },
+}

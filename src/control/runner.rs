@@ -1,0 +1,63 @@
+//! The one task that drives a job: runs it, stops the axes whatever the end, and writes its report.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::alignment::{Alignment, Findings, STEPS};
+use super::context::{JobContext, JobEnd};
+use super::eye::Eye;
+use super::job::JobState;
+use super::motion::Motion;
+use super::report;
+use crate::config::Config;
+use crate::device::AxisName;
+
+/// How long reading one axis's position at the end may take.
+const READ_ALLOWED: Duration = Duration::from_secs(1);
+
+/// Runs a job to its end.
+pub(super) async fn run(context: &JobContext, motion: &Motion, eye: &Eye, config: &Arc<Config>, design_origin: &str) {
+    context.begin(STEPS);
+    if context.snapshot().simulated {
+        context.log("SIMULATED bench: no real device is driven");
+    }
+    context.log(format!("design: {design_origin}"));
+    let mut alignment =
+        Alignment { context, motion, eye, config, design: config.design(), findings: Findings::default() };
+    let ended = alignment.run().await;
+    let findings = alignment.findings;
+    let (state, reason) = match ended {
+        // Whatever a device says of a motion that a stop has cut short, it was the stop.
+        Err(JobEnd::Failed { .. }) if motion.stop_view().latched => (JobState::Cancelled, "stopped".to_owned()),
+        Ok(()) => (JobState::Converged, "the spacing meets its target, verified".to_owned()),
+        Err(JobEnd::Cancelled { why }) => (JobState::Cancelled, why),
+        Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
+        Err(JobEnd::Failed { why }) => (JobState::Failed, why),
+    };
+    bring_to_rest(context, motion, state != JobState::Converged).await;
+    let report = report::report(context, motion, eye, config, design_origin, &findings, state, &reason);
+    context.log(format!("{}: {reason}", report::state_name(state)));
+    context.end(state, reason, Some(report));
+}
+
+/// Stops the axes and reads where they are. After a converged job they stand still already: only an axis that says
+/// otherwise is stopped, because a stop may cost the position.
+async fn bring_to_rest(context: &JobContext, motion: &Motion, stop_always: bool) {
+    let mut stop = stop_always;
+    for axis in AxisName::ALL {
+        let read = tokio::time::timeout(READ_ALLOWED, motion.read_state(axis)).await;
+        stop |= !matches!(read, Ok(Ok(state)) if !state.moving);
+    }
+    if stop {
+        let stopped = motion.halt().await;
+        context.log(format!("axes stopped: focus {:?}, e {:?}", stopped.focus, stopped.e));
+    }
+    for axis in AxisName::ALL {
+        match tokio::time::timeout(READ_ALLOWED, motion.read_state(axis)).await {
+            Ok(Ok(state)) if state.homed => context.log(format!("the {axis} axis stands at {:.3}", state.position)),
+            Ok(Ok(_)) => context.log(format!("the {axis} axis's position is unknown until it is homed")),
+            Ok(Err(error)) => context.log(format!("the {axis} axis's position could not be read: {error}")),
+            Err(_) => context.log(format!("the {axis} axis did not say where it stands")),
+        }
+    }
+}

@@ -1,0 +1,399 @@
+//! What callers hold: the bench with its motion rules, the one job, and what happens.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::broadcast;
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+
+use super::context::{Job, JobContext};
+use super::events::{AxisView, BenchView, CameraView, Event, MeasurementView, ShellState};
+use super::eye::Eye;
+use super::job::{JobRequest, JobSnapshot, JobState};
+use super::motion::{Claim, Motion};
+use super::{Refusal, ServiceError, StopReport, runner};
+use crate::config::Config;
+use crate::device::{AxisName, Bench};
+use crate::units::Millimetres;
+
+/// Events kept for a subscriber that lags.
+const EVENT_QUEUE: usize = 1024;
+/// Jobs kept in memory.
+const MAX_JOBS: usize = 100;
+/// Rest between two looks at the bench's state for the events, at least.
+const VIEW_INTERVAL: Duration = Duration::from_millis(100);
+/// Rest between two measurements of the live picture.
+const LIVE_INTERVAL: Duration = Duration::from_millis(500);
+/// How long a job may take to stop the axes and to write its report when the program ends.
+const JOB_END_ALLOWED: Duration = Duration::from_secs(3);
+
+/// The bench with its motion rules, the one job, and what happens.
+pub struct Service {
+    config: Arc<Config>,
+    design_origin: String,
+    bench: Bench,
+    motion: Arc<Motion>,
+    eye: Arc<Eye>,
+    events: broadcast::Sender<Event>,
+    jobs: Mutex<Vec<Arc<Job>>>,
+    measurement: Mutex<Option<MeasurementView>>,
+    closing: AtomicBool,
+    /// Shared with everybody who watches the live picture's spacing.
+    onlookers: Arc<()>,
+    tasks: CancellationToken,
+}
+
+impl Service {
+    /// Starts the service over a bench: its watchers run until [`Service::shut_down`]. `design_origin` says where the
+    /// design's numbers come from.
+    #[must_use]
+    pub fn start(config: Arc<Config>, design_origin: String, bench: Bench) -> Arc<Self> {
+        let (events, _) = broadcast::channel(EVENT_QUEUE);
+        let motion = Arc::new(Motion::new(Arc::clone(&config), bench.clone()));
+        let eye = Arc::new(Eye::new(Arc::clone(&config), bench.clone(), Arc::clone(&motion)));
+        let service = Arc::new(Self {
+            config,
+            design_origin,
+            bench,
+            motion,
+            eye,
+            events,
+            jobs: Mutex::new(Vec::new()),
+            measurement: Mutex::new(None),
+            closing: AtomicBool::new(false),
+            onlookers: Arc::default(),
+            tasks: CancellationToken::new(),
+        });
+        let (watched, measured) = (Arc::clone(&service), Arc::clone(&service));
+        tokio::spawn(async move { watched.tasks.clone().run_until_cancelled(watched.watch_bench()).await });
+        tokio::spawn(async move { measured.tasks.clone().run_until_cancelled(measured.watch_focus()).await });
+        service
+    }
+
+    /// The configuration in force.
+    #[must_use]
+    pub fn config(&self) -> &Arc<Config> {
+        &self.config
+    }
+
+    /// Where the design's numbers come from.
+    #[must_use]
+    pub fn design_origin(&self) -> &str {
+        &self.design_origin
+    }
+
+    /// The bench, for its frames.
+    #[must_use]
+    pub fn bench(&self) -> &Bench {
+        &self.bench
+    }
+
+    /// What happens from now on. Subscribe first, then take the snapshots: nothing is missed between.
+    #[must_use]
+    pub fn subscribe(&self) -> broadcast::Receiver<Event> {
+        self.events.subscribe()
+    }
+
+    /// Has the live picture's spacing measured between jobs for as long as what this returns is held. Measuring costs
+    /// a core a good part of its time: nobody watching, it rests.
+    #[must_use]
+    pub fn look_on(&self) -> Arc<()> {
+        Arc::clone(&self.onlookers)
+    }
+
+    /// The state of the whole bench.
+    #[must_use]
+    pub fn bench_view(&self) -> BenchView {
+        let axes = AxisName::ALL.into_iter().map(|axis| self.axis_view(axis)).collect();
+        let camera = self.bench.camera.state().borrow().clone();
+        let frame = self.bench.camera.newest();
+        BenchView {
+            simulated: self.bench.is_simulated(),
+            design_origin: self.design_origin.clone(),
+            axes,
+            camera: CameraView {
+                driver: camera.driver,
+                identity: camera.identity,
+                online: camera.online,
+                fault: camera.fault,
+                frames_lost: camera.frames_lost,
+                frame_seq: frame.as_ref().map(|frame| frame.seq),
+                frame_age_ms: frame.map(|frame| frame.exposed_to.elapsed().as_secs_f64() * 1000.0),
+            },
+            shell: self.motion.shell(),
+            stop: self.motion.stop_view(),
+            job: self.current().map(|job| job.snapshot().id),
+            e_wall_mm: self.motion.e_wall_mm(),
+        }
+    }
+
+    fn axis_view(&self, axis: AxisName) -> AxisView {
+        let stage = self.bench.stage(axis);
+        let (info, state) = (stage.info(), stage.state().borrow().clone());
+        let (low_limit_mm, high_limit_mm) = self.motion.range_mm(axis);
+        AxisView {
+            axis,
+            driver: info.driver,
+            identity: info.identity,
+            location: info.location,
+            connected: state.connected,
+            homed: state.homed,
+            position_mm: state.homed.then_some(state.position.value()),
+            moving: state.moving,
+            low_limit_mm,
+            high_limit_mm,
+            fault: state.fault,
+            disagreements: info.disagreements,
+        }
+    }
+
+    /// The newest measurement of the live picture or of a job.
+    #[must_use]
+    pub fn measurement(&self) -> Option<MeasurementView> {
+        self.measurement.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn all_jobs(&self) -> MutexGuard<'_, Vec<Arc<Job>>> {
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The jobs, newest last.
+    #[must_use]
+    pub fn jobs(&self) -> Vec<JobSnapshot> {
+        self.all_jobs().iter().map(|job| job.snapshot()).collect()
+    }
+
+    /// A job.
+    ///
+    /// # Errors
+    /// [`ServiceError::NoSuchJob`].
+    pub fn job(&self, id: Uuid) -> Result<JobSnapshot, ServiceError> {
+        Ok(self.find(id)?.snapshot())
+    }
+
+    fn find(&self, id: Uuid) -> Result<Arc<Job>, ServiceError> {
+        let jobs = self.all_jobs();
+        jobs.iter().find(|job| job.snapshot().id == id).cloned().ok_or(ServiceError::NoSuchJob { id })
+    }
+
+    fn current(&self) -> Option<Arc<Job>> {
+        self.all_jobs().iter().rev().find(|job| !job.snapshot().state.is_final()).cloned()
+    }
+
+    /// Starts a job.
+    ///
+    /// # Errors
+    /// A refusal while another job holds the bench, an axis still moves by hand, the stop is latched, or the program
+    /// ends.
+    pub fn create_job(self: &Arc<Self>, request: JobRequest) -> Result<JobSnapshot, ServiceError> {
+        self.open_for_motion()?;
+        if self.motion.stop_view().latched {
+            return Err(Refusal::Stopped.into());
+        }
+        let mut jobs = self.all_jobs();
+        if let Some(holder) = jobs.iter().find(|job| !job.snapshot().state.is_final()) {
+            return Err(Refusal::Busy { job: holder.snapshot().id }.into());
+        }
+        for axis in AxisName::ALL {
+            self.motion.claim(axis)?;
+        }
+        let (job, context) = Job::new(&request, self.events.clone(), self.bench.simulated.clone());
+        if jobs.len() >= MAX_JOBS {
+            jobs.remove(0);
+        }
+        jobs.push(Arc::clone(&job));
+        drop(jobs);
+        let service = Arc::clone(self);
+        tokio::spawn(async move { service.run(context).await });
+        Ok(job.snapshot())
+    }
+
+    async fn run(&self, context: JobContext) {
+        runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin).await;
+        self.publish_bench();
+    }
+
+    fn open_for_motion(&self) -> Result<(), ServiceError> {
+        if self.closing.load(Ordering::SeqCst) { Err(Refusal::ShuttingDown.into()) } else { Ok(()) }
+    }
+
+    /// Confirms the operator step that a job waits for.
+    ///
+    /// # Errors
+    /// When there is no such job, or it does not wait for that step.
+    pub fn confirm(&self, id: Uuid, step: u32) -> Result<JobSnapshot, ServiceError> {
+        let job = self.find(id)?;
+        job.confirm(step)?;
+        Ok(job.snapshot())
+    }
+
+    /// Asks a job to end; may be repeated, also after its end.
+    ///
+    /// # Errors
+    /// [`ServiceError::NoSuchJob`].
+    pub fn cancel(&self, id: Uuid) -> Result<JobSnapshot, ServiceError> {
+        let job = self.find(id)?;
+        job.cancel("cancelled");
+        Ok(job.snapshot())
+    }
+
+    /// No job may hold the bench, and the program must not be ending.
+    fn free_for_hand(&self) -> Result<(), ServiceError> {
+        self.open_for_motion()?;
+        match self.current() {
+            Some(job) => Err(Refusal::Busy { job: job.snapshot().id }.into()),
+            None => Ok(()),
+        }
+    }
+
+    /// Takes an axis for a command by hand. A job is looked for again once the axis is taken: one that began meanwhile
+    /// either found the axis taken or is seen here.
+    fn claim_for_hand(&self, axis: AxisName) -> Result<Claim, ServiceError> {
+        self.free_for_hand()?;
+        let claim = self.motion.claim(axis)?;
+        self.free_for_hand()?;
+        Ok(claim)
+    }
+
+    /// Starts a move by hand; its end is seen in the events.
+    ///
+    /// # Errors
+    /// Every motion rule, before anything moves.
+    pub fn move_axis(self: &Arc<Self>, axis: AxisName, target: Millimetres) -> Result<BenchView, ServiceError> {
+        let claim = self.claim_for_hand(axis)?;
+        self.motion.check(axis, target)?;
+        let service = Arc::clone(self);
+        tokio::spawn(async move {
+            if let Err(error) = service.motion.go_claimed(claim, target).await {
+                tracing::warn!(%axis, %error, "a move by hand did not end as commanded");
+            }
+            service.publish_bench();
+        });
+        Ok(self.bench_view())
+    }
+
+    /// Starts homing an axis; its end is seen in the events.
+    ///
+    /// # Errors
+    /// A refusal before anything moves.
+    pub fn home_axis(self: &Arc<Self>, axis: AxisName) -> Result<BenchView, ServiceError> {
+        let claim = self.claim_for_hand(axis)?;
+        self.motion.check_home(axis)?;
+        let service = Arc::clone(self);
+        tokio::spawn(async move {
+            if let Err(error) = service.motion.home_claimed(claim).await {
+                tracing::warn!(%axis, %error, "homing did not end well");
+            }
+            service.publish_bench();
+        });
+        Ok(self.bench_view())
+    }
+
+    /// Takes the operator's statement about the shell.
+    ///
+    /// # Errors
+    /// A refusal while a job holds the bench.
+    pub fn set_shell(&self, shell: ShellState) -> Result<BenchView, ServiceError> {
+        self.free_for_hand()?;
+        self.motion.set_shell(shell);
+        self.publish_bench();
+        Ok(self.bench_view())
+    }
+
+    /// Stops both axes at once, in every state, and latches. A job under way ends as cancelled.
+    pub async fn stop(&self) -> StopReport {
+        let report = self.motion.stop().await;
+        if let Some(job) = self.current() {
+            job.cancel("stopped");
+        }
+        self.publish_bench();
+        report
+    }
+
+    /// Allows motion again; nothing resumes by itself.
+    pub fn reset_stop(&self) -> BenchView {
+        self.motion.reset_stop();
+        self.publish_bench();
+        self.bench_view()
+    }
+
+    /// Ends the service: refuses new jobs, stops the axes, lets the job under way write its end, stops the watchers.
+    pub async fn shut_down(&self) {
+        self.closing.store(true, Ordering::SeqCst);
+        // Latched, so that a job between two moves cannot begin another one before it hears of its end.
+        let stopped = self.motion.stop().await;
+        tracing::info!(focus = ?stopped.focus, e = ?stopped.e, "axes stopped");
+        if let Some(job) = self.current() {
+            job.cancel("the program ended");
+            let ended = async {
+                while !job.snapshot().state.is_final() {
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                }
+            };
+            if tokio::time::timeout(JOB_END_ALLOWED, ended).await.is_err() {
+                tracing::error!("the job did not end in time; the axes have been stopped");
+            }
+        }
+        self.tasks.cancel();
+    }
+
+    fn publish_bench(&self) {
+        // Nobody listening is no error.
+        let _ = self.events.send(Event::Bench { bench: self.bench_view() });
+    }
+
+    fn publish_measurement(&self, measurement: MeasurementView) {
+        *self.measurement.lock().unwrap_or_else(PoisonError::into_inner) = Some(measurement.clone());
+        let _ = self.events.send(Event::Measurement { measurement });
+    }
+
+    /// Publishes the bench's state whenever a device's changes.
+    async fn watch_bench(&self) {
+        let mut focus = self.bench.focus.state();
+        let mut e = self.bench.e.state();
+        let mut camera = self.bench.camera.state();
+        loop {
+            let changed = tokio::select! {
+                changed = focus.changed() => changed,
+                changed = e.changed() => changed,
+                changed = camera.changed() => changed,
+            };
+            if changed.is_err() {
+                return;
+            }
+            focus.mark_unchanged();
+            e.mark_unchanged();
+            camera.mark_unchanged();
+            self.publish_bench();
+            tokio::time::sleep(VIEW_INTERVAL).await;
+        }
+    }
+
+    /// Publishes what the jobs measure and, while somebody watches and no job measures, the live picture's spacing.
+    async fn watch_focus(&self) {
+        let mut measured = self.eye.measured();
+        loop {
+            tokio::select! {
+                changed = measured.changed() => {
+                    if changed.is_err() {
+                        return;
+                    }
+                    let newest = measured.borrow_and_update().clone();
+                    if let Some(measurement) = newest {
+                        self.publish_measurement(measurement);
+                    }
+                }
+                () = tokio::time::sleep(LIVE_INTERVAL) => {
+                    if Arc::strong_count(&self.onlookers) > 1
+                        && self.current().is_none_or(|job| job.snapshot().state == JobState::WaitingForOperator)
+                        && let Some(measurement) = self.eye.measure_live().await
+                    {
+                        self.publish_measurement(measurement);
+                    }
+                }
+            }
+        }
+    }
+}

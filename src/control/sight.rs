@@ -1,0 +1,228 @@
+//! Imaging as the loops need it: what a white frame teaches, and what is read from frames with it. Plain functions,
+//! called away from the runtime's threads.
+
+use super::job::SpacingReading;
+use crate::config::Config;
+use crate::imaging::calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use crate::imaging::grid::Grid;
+use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame};
+use crate::imaging::spacing::SpacingOptions;
+use crate::imaging::{clarity, view};
+use crate::optics::CameraDesign;
+use crate::optics::mla::{a_from_spacing, micro_image_pitch};
+use crate::raw::RawImage;
+
+/// What a triple-level board says about the camera.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Triple {
+    /// d, mm.
+    pub(super) lens_to_mla_mm: f64,
+    /// b, mm.
+    pub(super) mla_to_sensor_mm: f64,
+    /// d + N b at the design N: v_ADJ, mm.
+    pub(super) image_distance_mm: f64,
+    /// Its standard uncertainty, mm.
+    pub(super) image_distance_sigma_mm: f64,
+    /// Where most of that is an error shared by neighbouring poses, what they scatter by without it, mm.
+    pub(super) repeatability_mm: Option<f64>,
+}
+
+/// What was read from frames of one pose.
+#[derive(Debug, Clone)]
+pub(super) struct Measured {
+    /// The spacing.
+    pub(super) spacing: SpacingReading,
+    /// Pitch of the micro-images, px.
+    pub(super) micro_image_pitch_px: f64,
+    /// Energy of gradient of the central view, mean per pixel.
+    pub(super) eog: Option<f64>,
+}
+
+/// Grid and vignetting learnt from a white frame, and what is known of the camera.
+pub(super) struct Sight {
+    white: WhiteModel,
+    design: CameraDesign,
+    pixel_mm: f64,
+    /// What the configuration and the white frame disagree on, in words.
+    disagreement: Option<String>,
+}
+
+impl Sight {
+    /// Learns from a white frame.
+    ///
+    /// # Errors
+    /// Why the frame is no white frame of a microlens array, in words.
+    pub(super) fn from_white(white: &RawImage, config: &Config) -> Result<Self, String> {
+        let white = WhiteModel::new(white).map_err(|error| format!("the white frame cannot be used: {error}"))?;
+        let design = config.design();
+        let pixel_mm = config.pixel_pitch().millimetres();
+        let disagreement = disagreement(&white.grid, &design, pixel_mm);
+        Ok(Self { white, design, pixel_mm, disagreement })
+    }
+
+    /// What was found, in words.
+    pub(super) fn describe(&self) -> String {
+        let grid = &self.white.grid;
+        let found = format!(
+            "white frame: {} array, pitch {:.4} px, rotation {:.3}°, {} micro-images, residual {:.3} px",
+            grid.array.name(),
+            grid.pitch_px(),
+            grid.rotation().to_degrees(),
+            grid.micro_images(),
+            grid.residual_px
+        );
+        match &self.disagreement {
+            Some(disagreement) => format!("{found}; {disagreement}"),
+            None => found,
+        }
+    }
+
+    fn options(&self) -> FrameOptions {
+        let pitch_px = self.design.mla.pitch / self.pixel_mm;
+        FrameOptions {
+            spacing: SpacingOptions { mode: Some(self.design.mla.mode), ..SpacingOptions::new(pitch_px) },
+            array: Some(self.design.mla.array),
+            white_at_this_setting: false,
+        }
+    }
+
+    /// Why the white frame no longer fits a frame, in words; `None` while it does.
+    ///
+    /// # Errors
+    /// Why that cannot be told, in words.
+    pub(super) fn misfit(&self, image: &RawImage) -> Result<Option<String>, String> {
+        let prepared = prepare_frame(image, Some(&self.white), &self.options()).map_err(|error| error.to_string())?;
+        let misfit = prepared.vignetting_fit.filter(|fit| !fit.fits());
+        Ok(misfit.map(|fit| {
+            format!(
+                "the white frame no longer fits: its profile is off by {:.1} %, of which texture explains {:.1} %",
+                100.0 * fit.misfit,
+                100.0 * fit.misfit_sigma
+            )
+        }))
+    }
+
+    /// Measures the spacing of a flat board over several frames of one pose.
+    ///
+    /// # Errors
+    /// Why there is no number to be had, in words.
+    pub(super) fn spacing(&self, images: &[RawImage]) -> Result<Measured, String> {
+        let seen = measure_frames(images, Some(&self.white), &self.options()).map_err(|error| error.to_string())?;
+        let eog = images.last().and_then(|image| {
+            let profile = Some(&self.white.vignetting);
+            let view = view::central_view(image, &seen.grid, profile, seen.spacing.on_axis_px).ok()?;
+            Some(clarity::eog(&view).mean_per_pixel)
+        });
+        let spacing = SpacingReading {
+            spacing_px: seen.spacing.on_axis_px,
+            spacing_sigma_px: seen.spacing.sigma_px,
+            tilt_x_px: seen.spacing.tilt_x_px,
+            tilt_y_px: seen.spacing.tilt_y_px,
+            curvature_px: seen.spacing.curvature_px,
+            pairs: seen.spacing.pairs as u32,
+            frames: images.len() as u32,
+        };
+        Ok(Measured { spacing, micro_image_pitch_px: seen.grid.pitch_px(), eog })
+    }
+
+    /// Calibrates the camera from several frames of a triple-level board; a b is held where its uncertainty (mm) is
+    /// given. The reading is that of the middle level.
+    ///
+    /// # Errors
+    /// Why there is no calibration to be had, in words.
+    pub(super) fn triple(
+        &self,
+        images: &[RawImage],
+        levels_mm: &[f64; 3],
+        hold_b_sigma_mm: Option<f64>,
+    ) -> Result<(Triple, Measured), String> {
+        let options = CalibrationOptions {
+            frame: self.options(),
+            pixel_mm: self.pixel_mm,
+            main_lens: self.design.main_lens,
+            // What the distances share is the caller's business: no frame can mend it.
+            distance_sigma_mm: 0.0,
+            hold_b: hold_b_sigma_mm.map(|sigma| (self.design.mla.b(), sigma)),
+        };
+        let resolution = self.design.mla.signed_resolution();
+        let seen = images
+            .iter()
+            .map(|image| calibrate(image, Some(&self.white), levels_mm, &options))
+            .collect::<Result<Vec<_>, _>>();
+        let seen = match seen {
+            // Far from focus the levels' spacings differ by less than can be told apart.
+            Err(
+                CalibrationError::BoardsNotFound { .. }
+                | CalibrationError::Degenerate { .. }
+                | CalibrationError::Measurement(MeasurementError::Spacing(_)),
+            ) if hold_b_sigma_mm.is_some() => return self.blurred_triple(images, levels_mm),
+            seen => seen.map_err(|error| error.to_string())?,
+        };
+        let mean = |value: &dyn Fn(&Calibration) -> f64| seen.iter().map(value).sum::<f64>() / seen.len().max(1) as f64;
+        let Some(first) = seen.first() else { return Err("no frame was taken".to_owned()) };
+        // Uncertainties are mostly what the model leaves unexplained, which further frames do not mend: not averaged.
+        let camera = Triple {
+            lens_to_mla_mm: mean(&|c| c.line.d_mm),
+            mla_to_sensor_mm: mean(&|c| c.line.b_mm),
+            image_distance_mm: mean(&|c| c.line.image_distance(resolution).0),
+            image_distance_sigma_mm: mean(&|c| c.line.image_distance(resolution).1),
+            repeatability_mm: None,
+        };
+        if hold_b_sigma_mm.is_some() && camera.image_distance_sigma_mm > self.spread_mm(levels_mm) {
+            return self.blurred_triple(images, levels_mm);
+        }
+        let middle = |c: &Calibration| c.line.levels[c.line.levels.len() / 2];
+        let spacing = SpacingReading {
+            spacing_px: mean(&|c| middle(c).spacing_px),
+            spacing_sigma_px: mean(&|c| middle(c).sigma_px),
+            tilt_x_px: mean(&|c| c.field_px[0]),
+            tilt_y_px: mean(&|c| c.field_px[1]),
+            curvature_px: mean(&|c| c.field_px[2]),
+            pairs: 0,
+            frames: images.len() as u32,
+        };
+        Ok((camera, Measured { spacing, micro_image_pitch_px: first.grid.pitch_px(), eog: None }))
+    }
+}
+
+impl Sight {
+    /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
+    /// enough to come nearer.
+    fn blurred_triple(&self, images: &[RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), String> {
+        let measured = self.spacing(images)?;
+        let (pitch, b) = (self.design.mla.pitch, self.design.mla.b());
+        let a = a_from_spacing(pitch, measured.spacing.spacing_px * self.pixel_mm, b);
+        let image = |distance: f64| self.design.main_lens.image_distance(distance);
+        let lens_to_mla_mm = image(levels_mm[1]) - a;
+        let spread = self.spread_mm(levels_mm);
+        let camera = Triple {
+            lens_to_mla_mm,
+            mla_to_sensor_mm: b,
+            image_distance_mm: lens_to_mla_mm + self.design.mla.a(),
+            image_distance_sigma_mm: spread,
+            repeatability_mm: Some(spread.min(a * a / (b * pitch) * measured.spacing.spacing_sigma_px * self.pixel_mm)),
+        };
+        Ok((camera, Measured { eog: None, ..measured }))
+    }
+
+    /// What three boards taken as one may be off by, mm of image distance: the mean over boards that fill unequal parts
+    /// of the field lies anywhere between them, at the middle most likely.
+    fn spread_mm(&self, levels_mm: &[f64; 3]) -> f64 {
+        let image = |distance: f64| self.design.main_lens.image_distance(distance);
+        (image(levels_mm[0]) - image(levels_mm[2])).abs() / 4.0
+    }
+}
+
+/// What a white frame's grid and the configuration disagree on.
+fn disagreement(grid: &Grid, design: &CameraDesign, pixel_mm: f64) -> Option<String> {
+    if grid.array != design.mla.array {
+        let configured = design.mla.array.name();
+        return Some(format!("the configuration says a {configured} array"));
+    }
+    let expected = micro_image_pitch(design.mla.pitch, design.air_lens_to_mla(), design.mla.b());
+    let expected_px = expected / pixel_mm;
+    // The pitch shows d to some ten per cent only; a wrong MLA or pixel pitch shows at once.
+    let off = grid.pitch_px() / expected_px - 1.0;
+    (off.abs() > 0.01)
+        .then(|| format!("the configuration makes it {expected_px:.3} px: check mla.pitch_mm and sensor.pixel_um"))
+}

@@ -1,0 +1,404 @@
+//! Grbl 1.1's protocol, bytes in and bytes out: commands, status reports, settings, messages.
+//!
+//! Source: Grbl 1.1's interface and commands documents. Lengths are millimetres and rates millimetres a minute, as the
+//! controller has them.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use crate::device::port::{LineKind, LineProtocol};
+
+/// Real-time byte: report the status.
+pub const STATUS: u8 = b'?';
+/// Real-time byte: feed hold.
+pub const HOLD: u8 = b'!';
+/// Real-time byte: end a jog, with the axis's deceleration, and drop what is queued of it.
+pub const JOG_CANCEL: u8 = 0x85;
+/// Real-time byte: soft reset.
+pub const RESET: u8 = 0x18;
+/// Asks for the settings.
+pub const SETTINGS: &[u8] = b"$$\n";
+/// Asks for version and build options.
+pub const BUILD_INFO: &[u8] = b"$I\n";
+/// Puts the controller to sleep: every motor is switched off.
+pub const SLEEP: &[u8] = b"$SLP\n";
+
+/// One of the controller's axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Letter {
+    /// Axis 0.
+    X,
+    /// Axis 1.
+    Y,
+    /// Axis 2.
+    Z,
+}
+
+impl Letter {
+    /// All, in the controller's order.
+    pub const ALL: [Self; 3] = [Self::X, Self::Y, Self::Z];
+
+    /// The axis of a name in the configuration: `X`, `Y` or `Z`, in either case.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|letter| name.eq_ignore_ascii_case(letter.name()))
+    }
+
+    /// The letter.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::X => "X",
+            Self::Y => "Y",
+            Self::Z => "Z",
+        }
+    }
+
+    /// The controller's number for it.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        match self {
+            Self::X => 0,
+            Self::Y => 1,
+            Self::Z => 2,
+        }
+    }
+}
+
+/// A jog of one axis to a machine position (mm) at a feed rate (mm/min). A jog is checked against the soft limits
+/// before it starts, and ends at once on [`JOG_CANCEL`].
+#[must_use]
+pub fn jog(axis: Letter, machine_mm: f64, feed_mm_per_min: f64) -> Vec<u8> {
+    // Four decimals: finer than any motor step; more would lengthen the line and be cut by the controller's floats.
+    format!("$J=G90 G21 G53 {}{machine_mm:.4} F{feed_mm_per_min:.2}\n", axis.name()).into_bytes()
+}
+
+/// Homing of every axis that the controller homes, or of one where it was built for that.
+#[must_use]
+pub fn home(axis: Option<Letter>) -> Vec<u8> {
+    match axis {
+        None => b"$H\n".to_vec(),
+        Some(axis) => format!("$H{}\n", axis.name()).into_bytes(),
+    }
+}
+
+/// Tells Grbl's lines apart.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Grbl;
+
+impl LineProtocol for Grbl {
+    fn classify(&self, line: &str) -> LineKind {
+        if line == "ok" {
+            LineKind::Done
+        } else if line.starts_with("error:") {
+            LineKind::Refused
+        } else if line.starts_with("ALARM:") {
+            LineKind::Halted
+        } else if banner(line).is_some() {
+            LineKind::Started
+        } else if line.starts_with('<') || line.starts_with("[MSG:") {
+            LineKind::Notice
+        } else if line.starts_with('$') || line.starts_with('[') {
+            LineKind::Data
+        } else {
+            LineKind::Noise
+        }
+    }
+}
+
+/// The version in a start-up line, e.g. `Grbl 1.1h`. Noise before it on the line is passed over: a board that resets
+/// when its port is opened spits some.
+#[must_use]
+pub fn banner(line: &str) -> Option<&str> {
+    let start = line.find("Grbl ")?;
+    let rest = &line[start..];
+    let end = rest.find(" [")?;
+    let version = &rest[..end];
+    let digits = version.strip_prefix("Grbl ")?;
+    (digits.starts_with(|c: char| c.is_ascii_digit()) && digits.len() <= 12).then_some(version)
+}
+
+/// What the controller is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// At rest.
+    Idle,
+    /// Executing G-code.
+    Run,
+    /// Feed hold, complete or (`false`) decelerating still.
+    Hold(bool),
+    /// Jogging.
+    Jog,
+    /// Locked.
+    Alarm,
+    /// Safety door.
+    Door,
+    /// Checking G-code without motion.
+    Check,
+    /// Homing.
+    Home,
+    /// Asleep.
+    Sleep,
+}
+
+impl Mode {
+    /// Whether the axes stand still.
+    #[must_use]
+    pub const fn at_rest(self) -> bool {
+        matches!(self, Self::Idle | Self::Hold(true) | Self::Alarm | Self::Check | Self::Sleep)
+    }
+}
+
+/// A status report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Status {
+    /// What the controller is doing.
+    pub mode: Mode,
+    /// Machine position, mm, where the report has it.
+    pub machine: Option<[f64; 3]>,
+    /// Work position, mm, where the report has it instead.
+    pub work: Option<[f64; 3]>,
+    /// Offset of work from machine coordinates, mm, where the report has it: machine = work + offset.
+    pub work_offset: Option<[f64; 3]>,
+}
+
+/// Reads a status report, `<Idle|MPos:0.000,0.000,0.000|FS:0,0>`; `None` for anything else or anything damaged.
+#[must_use]
+pub fn status(line: &str) -> Option<Status> {
+    let body = line.strip_prefix('<')?.strip_suffix('>')?;
+    let mut fields = body.split('|');
+    let mode = mode(fields.next()?)?;
+    let mut status = Status { mode, machine: None, work: None, work_offset: None };
+    for field in fields {
+        let (name, value) = field.split_once(':')?;
+        match name {
+            "MPos" => status.machine = Some(position(value)?),
+            "WPos" => status.work = Some(position(value)?),
+            "WCO" => status.work_offset = Some(position(value)?),
+            _ => {}
+        }
+    }
+    (status.machine.is_some() || status.work.is_some()).then_some(status)
+}
+
+fn mode(word: &str) -> Option<Mode> {
+    let (name, sub) = match word.split_once(':') {
+        Some((name, sub)) => (name, Some(sub)),
+        None => (word, None),
+    };
+    Some(match name {
+        "Idle" => Mode::Idle,
+        "Run" => Mode::Run,
+        "Hold" => Mode::Hold(sub == Some("0")),
+        "Jog" => Mode::Jog,
+        "Alarm" => Mode::Alarm,
+        "Door" => Mode::Door,
+        "Check" => Mode::Check,
+        "Home" => Mode::Home,
+        "Sleep" => Mode::Sleep,
+        _ => return None,
+    })
+}
+
+fn position(value: &str) -> Option<[f64; 3]> {
+    let mut position = [0.0; 3];
+    let mut count = 0;
+    for part in value.split(',') {
+        let number: f64 = part.parse().ok().filter(|number: &f64| number.is_finite())?;
+        // Builds for more axes report more; the first three are those that this driver knows.
+        if let Some(slot) = position.get_mut(count) {
+            *slot = number;
+        }
+        count += 1;
+    }
+    (count >= 2).then_some(position)
+}
+
+/// The controller's settings by number.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Settings(BTreeMap<u16, f64>);
+
+impl Settings {
+    /// Reads the answer to `$$`. Lines that are not settings are passed over.
+    #[must_use]
+    pub fn from_lines(lines: &[String]) -> Self {
+        Self(lines.iter().filter_map(|line| setting(line)).collect())
+    }
+
+    /// A setting's value.
+    #[must_use]
+    pub fn get(&self, number: u16) -> Option<f64> {
+        self.0.get(&number).copied()
+    }
+
+    /// Whether a setting is there and not zero.
+    #[must_use]
+    pub fn is_on(&self, number: u16) -> bool {
+        self.get(number).is_some_and(|value| value != 0.0)
+    }
+
+    /// The setting of an axis in one of the three-number groups: 100 steps/mm, 110 greatest rate (mm/min), 120
+    /// acceleration (mm/s²), 130 travel (mm).
+    #[must_use]
+    pub fn of_axis(&self, group: u16, axis: Letter) -> Option<f64> {
+        self.get(group + axis.index() as u16)
+    }
+}
+
+/// Reads a settings line, `$100=400.000`.
+#[must_use]
+pub fn setting(line: &str) -> Option<(u16, f64)> {
+    let (number, value) = line.strip_prefix('$')?.split_once('=')?;
+    // Some builds add the setting's name in brackets.
+    let value = value.split_whitespace().next()?;
+    Some((number.parse().ok()?, value.parse().ok().filter(|value: &f64| value.is_finite())?))
+}
+
+/// Whether the answer to `$I` says that single axes can be homed (`H` among the build options).
+#[must_use]
+pub fn homes_single_axes(lines: &[String]) -> bool {
+    lines
+        .iter()
+        .filter_map(|line| line.strip_prefix("[OPT:"))
+        .filter_map(|options| options.split(',').next())
+        .any(|letters| letters.contains('H'))
+}
+
+/// An alarm, by its number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Alarm(pub u8);
+
+impl Alarm {
+    /// Reads `ALARM:n`.
+    #[must_use]
+    pub fn from_line(line: &str) -> Option<Self> {
+        line.strip_prefix("ALARM:")?.trim().parse().ok().map(Self)
+    }
+
+    /// Whether the controller answers nothing at all until it is reset.
+    #[must_use]
+    pub const fn needs_reset(self) -> bool {
+        matches!(self.0, 1 | 2)
+    }
+}
+
+impl fmt::Display for Alarm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words = match self.0 {
+            1 => "a limit switch was hit; move the axis off it, then stop (which resets the controller) and home",
+            2 => "the target was beyond the controller's soft limits; stop (which resets the controller), then home",
+            3 => "it was reset while moving and its position is lost; home it",
+            4 | 5 => "a probe cycle failed; home it",
+            6 => "it was reset while homing; home it again",
+            7 => "the safety door was opened while homing; close it and home again",
+            8 => "homing could not pull off the switch; check the pull-off distance ($27) and the switch, home again",
+            9 => "homing found no switch within the travel; check switch, wiring and travel ($130 to $132), home again",
+            10 => "homing found no second switch; check the switches and home again",
+            _ => "an alarm unknown to this driver; home it",
+        };
+        write!(f, "ALARM:{}: {words}", self.0)
+    }
+}
+
+/// What an `error:n` line means.
+#[must_use]
+pub fn error_meaning(line: &str) -> &'static str {
+    match line.strip_prefix("error:").and_then(|number| number.trim().parse::<u8>().ok()) {
+        Some(1) => "a word without its letter",
+        Some(2) => "a number is missing or malformed",
+        Some(3) => "the command is not known to it",
+        Some(4) => "a negative value where a positive one is needed",
+        Some(5) => "homing is not enabled in its settings ($22)",
+        Some(6) => "the step pulse is too short",
+        Some(7) => "its settings memory could not be read and was reset",
+        Some(8) => "it is not idle",
+        Some(9) => "it is locked by an alarm; home it",
+        Some(10) => "soft limits ($20) need homing ($22)",
+        Some(11) => "the line is too long",
+        Some(12) => "the setting asks for more steps a second than it can make",
+        Some(13) => "the safety door is open",
+        Some(14) => "the text is too long for its memory",
+        Some(15) => "the target is beyond its travel",
+        Some(16) => "the jog command is malformed",
+        Some(17) => "laser mode needs a variable spindle",
+        Some(20) => "a G-code word is not supported",
+        Some(22) => "no feed rate was given",
+        Some(33) => "the motion's target is invalid",
+        _ => "see Grbl's table of errors",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn reports_are_read_as_grbl_writes_them() {
+        let read = status("<Idle|MPos:-199.000,-199.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>").unwrap();
+        assert_eq!(read.mode, Mode::Idle);
+        assert_eq!(read.machine, Some([-199.0, -199.0, -1.0]));
+        assert_eq!(read.work_offset, Some([0.0; 3]));
+        assert_eq!(status("<Hold:1|WPos:1.000,2.000,3.000|Bf:15,128>").unwrap().mode, Mode::Hold(false));
+        assert!(status("<Hold:0|WPos:1.000,2.000,3.000>").unwrap().mode.at_rest());
+        assert_eq!(status("<Idle|MPos:0.000,0.000,0."), None, "a fragment is no report");
+        assert_eq!(status("<Idle|MPos:0.000,nan,0.000>"), None);
+        assert_eq!(status("<Idle>"), None, "without a position there is nothing to read");
+    }
+
+    #[test]
+    fn commands_are_written_as_grbl_reads_them() {
+        assert_eq!(jog(Letter::Y, -1.25, 300.0), b"$J=G90 G21 G53 Y-1.2500 F300.00\n");
+        assert_eq!(home(None), b"$H\n");
+        assert_eq!(home(Some(Letter::X)), b"$HX\n");
+    }
+
+    #[test]
+    fn lines_are_told_apart() {
+        let kind = |line| Grbl.classify(line);
+        assert_eq!(kind("ok"), LineKind::Done);
+        assert_eq!(kind("error:15"), LineKind::Refused);
+        assert_eq!(kind("ALARM:1"), LineKind::Halted);
+        assert_eq!(kind("Grbl 1.1h ['$' for help]"), LineKind::Started);
+        assert_eq!(kind("\u{fffd}xGrbl 1.1h ['$' for help]"), LineKind::Started);
+        assert_eq!(kind("Grbl something else"), LineKind::Noise);
+        assert_eq!(kind("<Idle|MPos:0,0,0>"), LineKind::Notice);
+        assert_eq!(kind("[MSG:Reset to continue]"), LineKind::Notice);
+        assert_eq!(kind("$100=400.000"), LineKind::Data);
+        assert_eq!(kind("[VER:1.1h.20190825:]"), LineKind::Data);
+        assert_eq!(kind("\u{fffd}"), LineKind::Noise);
+    }
+
+    #[test]
+    fn settings_and_options_are_read() {
+        let lines: Vec<String> =
+            ["$100=400.000", "$110=120.000 (x max rate)", "rubbish", "$x=1"].map(str::to_owned).to_vec();
+        let settings = Settings::from_lines(&lines);
+        assert_eq!(settings.of_axis(100, Letter::X), Some(400.0));
+        assert_eq!(settings.of_axis(110, Letter::X), Some(120.0));
+        assert_eq!(settings.of_axis(100, Letter::Y), None);
+        assert!(homes_single_axes(&["[VER:1.1h.20190825:]".to_owned(), "[OPT:VH,15,128]".to_owned()]));
+        assert!(!homes_single_axes(&["[VER:1.1H:]".to_owned(), "[OPT:V,15,128]".to_owned()]));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_break_the_readers(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            let line = String::from_utf8_lossy(&bytes).into_owned();
+            let _ = (Grbl.classify(&line), status(&line), setting(&line), banner(&line), Alarm::from_line(&line));
+            let _ = (error_meaning(&line), homes_single_axes(&[line]));
+        }
+
+        #[test]
+        fn damaged_reports_are_read_right_or_not_at_all(at in 0usize..60, byte in any::<u8>()) {
+            let report = "<Jog|MPos:-10.000,-20.000,0.000|FS:120,0>";
+            let mut bytes = report.as_bytes().to_vec();
+            let index = at % bytes.len();
+            bytes[index] = byte;
+            if let Some(read) = status(&String::from_utf8_lossy(&bytes)) {
+                prop_assert!(read.machine.is_some_and(|p| p.iter().all(|x| x.is_finite())) || read.work.is_some());
+            }
+        }
+    }
+}

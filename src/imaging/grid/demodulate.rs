@@ -1,0 +1,149 @@
+//! Phase of the lattice's first harmonics about each micro-image.
+//!
+//! About a micro-image the frame is multiplied by a window and by exp(2πi g·r) for each first harmonic g, and summed:
+//! the sum's phase is 2π g·u, where u is how far the true centre lies from the place assumed. The window is a triangle
+//! along both lattice vectors, two cells wide: its transform has double zeros at every other harmonic, so that neither
+//! the mean nor a slope of the frame nor another harmonic enters.
+
+use rayon::prelude::*;
+use rustfft::num_complex::Complex;
+
+use super::{Grid, LogFrame, MicroImage, reciprocal};
+use crate::optics::ArrayKind;
+
+/// A micro-image and its harmonics.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lens {
+    pub at: MicroImage,
+    /// One sum for each of the demodulator's harmonics, its phase relative to the assumed centre.
+    pub sums: [Complex<f64>; 3],
+}
+
+/// Window times harmonics, for one lattice.
+pub(super) struct Demodulator {
+    /// Harmonics, cycles per px: two for a square, three for a hexagonal array.
+    pub harmonics: Vec<[f64; 2]>,
+    /// Rows of the window: y offset, first x offset, and where its weights begin.
+    rows: Vec<(isize, isize, usize, usize)>,
+    /// Real and imaginary weights, harmonic by harmonic.
+    weights: Vec<[Vec<f32>; 2]>,
+    reach: [isize; 2],
+}
+
+impl Demodulator {
+    pub(super) fn new(grid: &Grid) -> Self {
+        let [g0, g1] = reciprocal(grid.basis);
+        let mut harmonics = vec![g0, g1];
+        if grid.array == ArrayKind::Hexagonal {
+            // Reciprocal vectors of a 60° basis are 120° apart: their sum is the third of the ring.
+            harmonics.push([g0[0] + g1[0], g0[1] + g1[1]]);
+        }
+        let [a, b] = grid.basis;
+        let reach = [(a[0].abs() + b[0].abs()).floor() as isize, (a[1].abs() + b[1].abs()).floor() as isize];
+        let mut rows = Vec::new();
+        let mut points: Vec<(f64, f64, f64)> = Vec::new();
+        for dy in -reach[1]..=reach[1] {
+            let begin = points.len();
+            let mut first = None;
+            for dx in -reach[0]..=reach[0] {
+                let (x, y) = (dx as f64, dy as f64);
+                let s = 1.0 - (g0[0] * x + g0[1] * y).abs();
+                let t = 1.0 - (g1[0] * x + g1[1] * y).abs();
+                if s > 0.0 && t > 0.0 {
+                    first.get_or_insert(dx);
+                    points.push((x, y, s * t));
+                }
+            }
+            if let Some(first) = first {
+                rows.push((dy, first, begin, points.len() - begin));
+            }
+        }
+        let weights = harmonics.iter().map(|g| kernel(&points, *g)).collect();
+        Self { harmonics, rows, weights, reach }
+    }
+
+    /// Every micro-image whose window lies within `part` of the frame (x, y, width, height).
+    pub(super) fn run(&self, frame: &LogFrame, grid: &Grid, part: [usize; 4]) -> Vec<Lens> {
+        let [x0, y0, w, h] = part.map(|n| n as isize);
+        let all: Vec<MicroImage> = grid.micro_images_within(0.0).collect();
+        all.into_par_iter()
+            .with_min_len(32)
+            .filter_map(|m| {
+                let (cx, cy) = (m.x.round() as isize, m.y.round() as isize);
+                let inside = cx - self.reach[0] >= x0
+                    && cy - self.reach[1] >= y0
+                    && cx + self.reach[0] < x0 + w
+                    && cy + self.reach[1] < y0 + h;
+                inside.then(|| self.lens(frame, m, cx, cy))
+            })
+            .collect()
+    }
+
+    fn lens(&self, frame: &LogFrame, at: MicroImage, cx: isize, cy: isize) -> Lens {
+        let mut sums = [Complex::new(0.0, 0.0); 3];
+        for (sum, [re, im]) in sums.iter_mut().zip(&self.weights) {
+            let (mut real, mut imaginary) = (0.0f32, 0.0f32);
+            for &(dy, first, begin, count) in &self.rows {
+                let from = (cy + dy) as usize * frame.width + (cx + first) as usize;
+                let values = &frame.values[from..from + count];
+                let (r, i) = dot2(values, &re[begin..begin + count], &im[begin..begin + count]);
+                real += r;
+                imaginary += i;
+            }
+            *sum = Complex::new(f64::from(real), f64::from(imaginary));
+        }
+        for (sum, g) in sums.iter_mut().zip(&self.harmonics) {
+            // From the pixel that the window was laid on to the assumed centre.
+            let shift = g[0] * (at.x - cx as f64) + g[1] * (at.y - cy as f64);
+            *sum *= Complex::from_polar(1.0, -std::f64::consts::TAU * shift);
+        }
+        Lens { at, sums }
+    }
+}
+
+/// Two dot products in one pass, in eight lanes that the compiler keeps in vector registers.
+fn dot2(values: &[f32], re: &[f32], im: &[f32]) -> (f32, f32) {
+    let mut r = [0.0f32; 8];
+    let mut i = [0.0f32; 8];
+    let (v8, v_rest) = values.as_chunks::<8>();
+    let (re8, re_rest) = re.as_chunks::<8>();
+    let (im8, im_rest) = im.as_chunks::<8>();
+    for ((v, a), b) in v8.iter().zip(re8).zip(im8) {
+        for k in 0..8 {
+            r[k] += v[k] * a[k];
+            i[k] += v[k] * b[k];
+        }
+    }
+    let (mut real, mut imaginary) = (r.iter().sum::<f32>(), i.iter().sum::<f32>());
+    for ((v, a), b) in v_rest.iter().zip(re_rest).zip(im_rest) {
+        real += v * a;
+        imaginary += v * b;
+    }
+    (real, imaginary)
+}
+
+/// Window times harmonic with the sampled window's leak of mean and slope taken out, so that the sum of a cosine's
+/// samples is half its amplitude.
+fn kernel(points: &[(f64, f64, f64)], g: [f64; 2]) -> [Vec<f32>; 2] {
+    let area: f64 = points.iter().map(|p| p.2).sum();
+    let mut sums: Vec<Complex<f64>> = points
+        .iter()
+        .map(|&(x, y, w)| Complex::from_polar(w / area, std::f64::consts::TAU * (g[0] * x + g[1] * y)))
+        .collect();
+    let mut normal = nalgebra::Matrix3::<f64>::zeros();
+    let mut leak = [nalgebra::Vector3::<f64>::zeros(); 2];
+    for (&(x, y, w), s) in points.iter().zip(&sums) {
+        let q = nalgebra::Vector3::new(1.0, x, y);
+        normal += q * q.transpose() * w;
+        leak[0] += q * s.re;
+        leak[1] += q * s.im;
+    }
+    if let Some(inverse) = normal.try_inverse() {
+        let (re, im) = (inverse * leak[0], inverse * leak[1]);
+        for (&(x, y, w), s) in points.iter().zip(&mut sums) {
+            s.re -= w * (re[0] + re[1] * x + re[2] * y);
+            s.im -= w * (im[0] + im[1] * x + im[2] * y);
+        }
+    }
+    [sums.iter().map(|s| s.re as f32).collect(), sums.iter().map(|s| s.im as f32).collect()]
+}

@@ -1,0 +1,332 @@
+//! Robust maps from lattice indices to the frame, through the phases of many micro-images.
+
+use nalgebra::{DMatrix, DVector};
+use rustfft::num_complex::Complex;
+
+use super::demodulate::Lens;
+use super::{Distortion, Grid};
+
+/// Rounds of reweighting; the weights settle within three or four.
+const ROUNDS: usize = 6;
+/// Contrast above the median counts no more than this: a bright outlier is still one micro-image.
+const CONTRAST_CAP: f64 = 1.5;
+
+/// What of the grid is fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Model {
+    /// Shift and scale: what a change of the image distance does to a known grid.
+    ScaleShift,
+    /// Shift, scale and rotation: a lattice as made, seen square on.
+    Similarity,
+    /// Polynomials of this degree in x and y; 1 is the affine lattice.
+    Polynomial(usize),
+}
+
+/// The monomials of s and t up to a degree: 1; s, t; s², st, t²; ...
+pub(super) fn monomials(s: f64, t: f64, degree: usize) -> impl Iterator<Item = f64> {
+    (0..=degree).flat_map(move |d| (0..=d).map(move |k| s.powi((d - k) as i32) * t.powi(k as i32)))
+}
+
+/// Number of monomials up to a degree.
+pub(super) const fn monomial_count(degree: usize) -> usize {
+    (degree + 1) * (degree + 2) / 2
+}
+
+/// Phases of all micro-images as observations of a displacement field.
+pub(super) struct Phases<'a> {
+    grid: &'a Grid,
+    lenses: &'a [Lens],
+    harmonics: &'a [[f64; 2]],
+    /// Median modulus of each harmonic's sum.
+    medians: Vec<f64>,
+}
+
+/// A fitted grid.
+pub(super) struct Fit {
+    pub grid: Grid,
+    /// Sum of the squared, weighted phases left, cycles squared, over the weights: what the models are compared by.
+    pub variance: f64,
+}
+
+impl<'a> Phases<'a> {
+    pub(super) fn new(grid: &'a Grid, lenses: &'a [Lens], harmonics: &'a [[f64; 2]]) -> Self {
+        let medians = (0..harmonics.len())
+            .map(|h| median(&mut lenses.iter().map(|l| l.sums[h].norm()).collect::<Vec<_>>()).max(1e-12))
+            .collect();
+        Self { grid, lenses, harmonics, medians }
+    }
+
+    /// Contrast of a micro-image relative to the median: the weakest of its harmonics.
+    pub(super) fn contrast(&self, lens: &Lens) -> f64 {
+        (0..self.harmonics.len()).map(|h| lens.sums[h].norm() / self.medians[h]).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Where a micro-image is, less where it was assumed, px: least squares over its harmonics.
+    pub(super) fn displacement(&self, lens: &Lens) -> [f64; 2] {
+        let (mut n, mut q) = (nalgebra::Matrix2::<f64>::zeros(), nalgebra::Vector2::<f64>::zeros());
+        for (h, g) in self.harmonics.iter().enumerate() {
+            let g = nalgebra::Vector2::new(g[0], g[1]);
+            n += g * g.transpose();
+            q += g * cycles(lens.sums[h]);
+        }
+        n.try_inverse().map_or([0.0; 2], |inverse| {
+            let u = inverse * q;
+            [u[0], u[1]]
+        })
+    }
+
+    /// Median distance of the micro-images from the grid, px, leaving out those without contrast.
+    pub(super) fn residual(&self) -> f64 {
+        let distance = |l: &Lens| {
+            let [x, y] = self.displacement(l);
+            x.hypot(y)
+        };
+        median(&mut self.lenses.iter().filter(|l| self.contrast(l) > 0.3).map(distance).collect::<Vec<_>>())
+    }
+
+    /// How far the phases agree with the grid: 1 where every one is zero, near 0 for noise.
+    pub(super) fn coherence(&self) -> f64 {
+        (0..self.harmonics.len())
+            .map(|h| {
+                let aligned: f64 = self.lenses.iter().map(|l| l.sums[h].re).sum();
+                let all: f64 = self.lenses.iter().map(|l| l.sums[h].norm()).sum();
+                aligned / all.max(1e-12)
+            })
+            .fold(1.0, f64::min)
+    }
+
+    /// The shift of the whole lattice (px) from the mean phase: the start, when nothing is known of the centre.
+    pub(super) fn common_shift(&self) -> [f64; 2] {
+        let mut sums = [Complex::new(0.0, 0.0); 3];
+        for lens in self.lenses {
+            for (h, sum) in sums.iter_mut().enumerate().take(self.harmonics.len()) {
+                *sum += lens.sums[h];
+            }
+        }
+        // Two harmonics are enough, and phases of three need not be unwrapped consistently.
+        let [a, b] = self.grid.basis;
+        let (s, t) = (cycles(sums[0]), cycles(sums[1]));
+        [s * a[0] + t * b[0], s * a[1] + t * b[1]]
+    }
+
+    /// Fits a model; `None` where the micro-images do not determine it.
+    pub(super) fn fit(&self, model: Model) -> Option<Fit> {
+        let scale = self.scale();
+        let per_axis = match model {
+            Model::Polynomial(degree) => monomial_count(degree),
+            Model::ScaleShift | Model::Similarity => 0,
+        };
+        let terms: Vec<Vec<f64>> = self
+            .lenses
+            .iter()
+            .map(|l| match model {
+                Model::Polynomial(degree) => {
+                    monomials(f64::from(l.at.i) / scale, f64::from(l.at.j) / scale, degree).collect()
+                }
+                Model::ScaleShift | Model::Similarity => {
+                    let c = self.grid.centre;
+                    let length = scale * self.grid.pitch_px();
+                    vec![(l.at.x - c[0]) / length, (l.at.y - c[1]) / length]
+                }
+            })
+            .collect();
+        // Derivatives of a displacement along g by the parameters of a shift, scale and rotation.
+        let rigid = |g: [f64; 2], p: &[f64]| [g[0], g[1], g[0] * p[0] + g[1] * p[1], g[1] * p[0] - g[0] * p[1]];
+        let unknowns = match model {
+            Model::ScaleShift => 3,
+            Model::Similarity => 4,
+            Model::Polynomial(_) => 2 * per_axis,
+        };
+        let count = self.harmonics.len();
+        if self.lenses.len() * 2 < unknowns * 2 {
+            return None;
+        }
+        let mut weights: Vec<f64> = Vec::with_capacity(self.lenses.len() * count);
+        let mut observed = Vec::with_capacity(weights.capacity());
+        for lens in self.lenses {
+            for h in 0..count {
+                weights.push((lens.sums[h].norm() / self.medians[h]).min(CONTRAST_CAP).powi(2));
+                observed.push(cycles(lens.sums[h]));
+            }
+        }
+        let mut robust = vec![1.0; weights.len()];
+        let mut parameters = DVector::<f64>::zeros(unknowns);
+        let mut variance = 0.0;
+        for round in 0..ROUNDS {
+            let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
+            let mut right = DVector::<f64>::zeros(unknowns);
+            for (h, g) in self.harmonics.iter().enumerate() {
+                if per_axis > 0 {
+                    let (block, vector) = accumulate(&terms, per_axis, |n| {
+                        let k = n * count + h;
+                        (weights[k] * robust[k], observed[k])
+                    });
+                    for p in 0..2 {
+                        for r in 0..per_axis {
+                            right[p * per_axis + r] += g[p] * vector[r];
+                            for q in 0..2 {
+                                for c in 0..per_axis {
+                                    normal[(p * per_axis + r, q * per_axis + c)] += g[p] * g[q] * block[(r, c)];
+                                }
+                            }
+                        }
+                    }
+                } else {
+                    for (n, place) in terms.iter().enumerate() {
+                        let k = n * count + h;
+                        let w = weights[k] * robust[k];
+                        let row = rigid(*g, place);
+                        for r in 0..unknowns {
+                            right[r] += w * row[r] * observed[k];
+                            for c in 0..unknowns {
+                                normal[(r, c)] += w * row[r] * row[c];
+                            }
+                        }
+                    }
+                }
+            }
+            parameters = normal.cholesky()?.solve(&right);
+            // What is left, and new weights: Huber's first (one minimum), then Tukey's, which lets go of outliers.
+            let mut left: Vec<f64> = Vec::with_capacity(observed.len());
+            for (n, place) in terms.iter().enumerate() {
+                for (h, g) in self.harmonics.iter().enumerate() {
+                    let predicted: f64 = if per_axis > 0 {
+                        let dot = |from: usize| {
+                            place.iter().zip(parameters.iter().skip(from)).map(|(t, c)| t * c).sum::<f64>()
+                        };
+                        g[0] * dot(0) + g[1] * dot(per_axis)
+                    } else {
+                        rigid(*g, place).iter().zip(parameters.iter()).map(|(t, c)| t * c).sum()
+                    };
+                    let k = n * count + h;
+                    left.push((observed[k] - predicted) * weights[k].sqrt());
+                }
+            }
+            let spread = 1.4826 * median(&mut left.iter().map(|r| r.abs()).collect::<Vec<_>>()).max(1e-7);
+            for (w, r) in robust.iter_mut().zip(&left) {
+                let z = r.abs() / spread;
+                *w = if round < 2 {
+                    if z < 1.345 { 1.0 } else { 1.345 / z }
+                } else if z < 4.685 {
+                    (1.0 - (z / 4.685).powi(2)).powi(2)
+                } else {
+                    0.0
+                };
+            }
+            variance = left.iter().zip(&robust).map(|(r, w)| w * r * r).sum::<f64>()
+                / weights.iter().zip(&robust).map(|(a, b)| a * b).sum::<f64>().max(1e-12);
+        }
+        Some(Fit { grid: self.moved(model, &parameters, scale), variance })
+    }
+
+    /// Lattice indices and places are divided by this, about half the frame.
+    fn scale(&self) -> f64 {
+        let [w, h] = self.grid.frame_size;
+        (w.max(h) as f64 / 2.0 / self.grid.pitch_px()).max(1.0)
+    }
+
+    fn moved(&self, model: Model, p: &DVector<f64>, scale: f64) -> Grid {
+        let mut grid = self.grid.clone();
+        match model {
+            Model::ScaleShift | Model::Similarity => {
+                let length = scale * self.grid.pitch_px();
+                let a = 1.0 + p[2] / length;
+                let b = if model == Model::Similarity { p[3] / length } else { 0.0 };
+                let turn = |v: [f64; 2]| [a * v[0] - b * v[1], a * v[1] + b * v[0]];
+                grid.centre = [grid.centre[0] + p[0], grid.centre[1] + p[1]];
+                grid.basis = grid.basis.map(turn);
+                if let Some(d) = &mut grid.distortion {
+                    d.coefficients.iter_mut().for_each(|c| *c = turn(*c));
+                }
+            }
+            Model::Polynomial(degree) => {
+                let count = monomial_count(degree);
+                let term = |k: usize| [p[k], p[count + k]];
+                let add = |v: &mut [f64; 2], by: [f64; 2], f: f64| {
+                    v[0] += by[0] * f;
+                    v[1] += by[1] * f;
+                };
+                if degree == 1 && grid.distortion.is_none() {
+                    add(&mut grid.centre, term(0), 1.0);
+                    add(&mut grid.basis[0], term(1), 1.0 / scale);
+                    add(&mut grid.basis[1], term(2), 1.0 / scale);
+                } else {
+                    let mut coefficients: Vec<[f64; 2]> = (0..count).map(term).collect();
+                    let mut degree = degree;
+                    if let Some(old) = &self.grid.distortion {
+                        degree = degree.max(old.degree);
+                        coefficients.resize(monomial_count(degree), [0.0; 2]);
+                        let degrees = (0..=old.degree).flat_map(|d| std::iter::repeat_n(d, d + 1));
+                        for ((c, o), d) in coefficients.iter_mut().zip(&old.coefficients).zip(degrees) {
+                            add(c, *o, (scale / old.scale).powi(d as i32));
+                        }
+                    }
+                    grid.distortion = Some(Distortion { degree, scale, coefficients });
+                    grid = balanced(grid, self.lenses);
+                }
+            }
+        }
+        grid
+    }
+}
+
+/// The same grid with the departure's affine part (over these micro-images) moved into the lattice.
+fn balanced(mut grid: Grid, lenses: &[Lens]) -> Grid {
+    let Some(distortion) = grid.distortion.as_mut() else { return grid };
+    let scale = distortion.scale;
+    let mut normal = nalgebra::Matrix3::<f64>::zeros();
+    let mut right = [nalgebra::Vector3::<f64>::zeros(); 2];
+    for lens in lenses {
+        let (i, j) = (f64::from(lens.at.i), f64::from(lens.at.j));
+        let f = nalgebra::Vector3::new(1.0, i / scale, j / scale);
+        let d = distortion.at(i, j);
+        normal += f * f.transpose();
+        right[0] += f * d[0];
+        right[1] += f * d[1];
+    }
+    let Some(inverse) = normal.try_inverse() else { return grid };
+    for axis in 0..2 {
+        let p = inverse * right[axis];
+        for (k, c) in distortion.coefficients.iter_mut().take(3).enumerate() {
+            c[axis] -= p[k];
+        }
+        grid.centre[axis] += p[0];
+        grid.basis[0][axis] += p[1] / scale;
+        grid.basis[1][axis] += p[2] / scale;
+    }
+    grid
+}
+
+/// Sums of w f fᵀ and w f y.
+fn accumulate(terms: &[Vec<f64>], size: usize, at: impl Fn(usize) -> (f64, f64)) -> (DMatrix<f64>, DVector<f64>) {
+    let mut block = DMatrix::<f64>::zeros(size, size);
+    let mut vector = DVector::<f64>::zeros(size);
+    for (n, f) in terms.iter().enumerate() {
+        let (w, y) = at(n);
+        if w == 0.0 {
+            continue;
+        }
+        for c in 0..size {
+            let wc = w * f[c];
+            vector[c] += wc * y;
+            for r in c..size {
+                block[(r, c)] += wc * f[r];
+            }
+        }
+    }
+    block.fill_upper_triangle_with_lower_triangle();
+    (block, vector)
+}
+
+/// A sum's phase in cycles, in (−½, ½].
+fn cycles(sum: Complex<f64>) -> f64 {
+    sum.arg() / std::f64::consts::TAU
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,371 @@
+//! From a frame to its grid, with nothing known or with a grid that nearly fits.
+
+use super::demodulate::{Demodulator, Lens};
+use super::fit::{Fit, Model, Phases, monomial_count};
+use super::profile::Matcher;
+use super::spectrum::{Candidate, candidates, central_part};
+use super::{Distortion, Grid, GridError, GridOptions, LensResidual, LogFrame, reciprocal};
+use crate::optics::ArrayKind;
+use crate::raw::RawImage;
+
+/// Least coherence of a frame's lattice phases for a grid to be found in it. Chequered boards come down to 0.6 in the
+/// referee frames, other textures stay above 0.9.
+const COHERENCE_LEAST: f64 = 0.45;
+/// Least coherence for a known grid to be fitted: a chequered board under a hexagonal array comes down to 0.4.
+const COHERENCE_KNOWN_LEAST: f64 = 0.3;
+/// Median distance of micro-images from the grid, in pitches, up to which a frame counts as clean (a white frame) and
+/// may ask for more than a lattice.
+const CLEAN_RESIDUAL: f64 = 0.006;
+/// Greatest degree of the polynomial map.
+const DEGREE_MAX: usize = 5;
+/// Largest relative change of the pitch that [`refine_grid`] takes for the same grid.
+const SCALE_CHANGE_MAX: f64 = 0.01;
+
+/// Finds the grid of a white or textured frame: array type, pitch, rotation and place, without being told any of them.
+///
+/// # Errors
+/// [`GridError`] for a frame that is too small, blank, saturated, has no lattice, or too few micro-images.
+pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridError> {
+    let frame = LogFrame::new(image, options)?;
+    let no_lattice =
+        |reason: String| GridError::NoLattice { least: options.pitch_px[0], greatest: options.pitch_px[1], reason };
+    let part = central_part(&frame);
+    let candidates = candidates(&frame, part, options.pitch_px);
+    if candidates.is_empty() {
+        return Err(no_lattice("its spectrum has no peaks at right angles or at 60° to each other".to_owned()));
+    }
+    let mut best: Option<Grid> = None;
+    let mut scarce = None;
+    for candidate in &candidates {
+        let start = start(candidate, [frame.width, frame.height]);
+        let found = start.micro_images();
+        if found < options.micro_images_min {
+            scarce.get_or_insert(GridError::TooFewMicroImages {
+                found,
+                pitch: start.pitch_px(),
+                least: options.micro_images_min,
+            });
+            continue;
+        }
+        let Some(grid) = settle(&frame, start, part) else { continue };
+        let good_enough = grid.coherence > 0.9;
+        if best.as_ref().is_none_or(|b| grid.coherence > b.coherence) {
+            best = Some(grid);
+        }
+        if good_enough {
+            break;
+        }
+    }
+    let Some(grid) = best else {
+        return Err(scarce.unwrap_or_else(|| no_lattice("its phases determine no lattice".to_owned())));
+    };
+    if grid.coherence < COHERENCE_LEAST {
+        return Err(no_lattice(format!(
+            "the best has a coherence of {:.2}, at least {COHERENCE_LEAST} is needed",
+            grid.coherence
+        )));
+    }
+    let pitch = grid.pitch_px();
+    if pitch < options.pitch_px[0] || pitch > options.pitch_px[1] {
+        return Err(no_lattice(format!("the best has a pitch of {pitch:.2} px")));
+    }
+    if hides_fundamental(&frame, &grid) {
+        return Err(no_lattice(format!(
+            "the pitch of {pitch:.2} px is a harmonic of a larger one, of which too few micro-images are in the frame"
+        )));
+    }
+    let grid = match bend(&frame, &grid, options.degree_max.clamp(1, DEGREE_MAX)) {
+        Some(bent) => bent,
+        None => matched(&frame, grid, Model::Similarity),
+    };
+    Ok(centred(grid))
+}
+
+/// Fits a known grid to a frame taken at another image distance: a shift of a few pixels and a change of the pitch of
+/// up to 1 %. Rotation, array and distortion are kept: a motor does not turn the array.
+///
+/// # Errors
+/// [`GridError`] for a frame that is too small, blank, saturated, of another size, or that the grid no longer fits.
+pub fn refine_grid(image: &RawImage, grid: &Grid) -> Result<Grid, GridError> {
+    let size = [image.width(), image.height()];
+    if size != grid.frame_size {
+        return Err(GridError::OtherFrameSize { grid: grid.frame_size, frame: size });
+    }
+    let frame = LogFrame::new(image, &GridOptions::default())?;
+    let whole = [0, 0, frame.width, frame.height];
+    let misfit = |reason: String| GridError::DoesNotFit { reason };
+    let mut refined = grid.clone();
+    for _ in 0..3 {
+        let demodulator = Demodulator::new(&refined);
+        let lenses = demodulator.run(&frame, &refined, whole);
+        let Some(fit) = Phases::new(&refined, &lenses, &demodulator.harmonics).fit(Model::ScaleShift) else {
+            return Err(misfit("too few of its micro-images lie in the frame".to_owned()));
+        };
+        let moved = distance(fit.grid.centre, refined.centre);
+        let stretched = (fit.grid.pitch_px() / refined.pitch_px() - 1.0).abs() * size[0].max(size[1]) as f64 / 2.0;
+        refined = fit.grid;
+        if moved + stretched < 0.02 {
+            break;
+        }
+    }
+    let change = refined.pitch_px() / grid.pitch_px() - 1.0;
+    if change.abs() > SCALE_CHANGE_MAX {
+        return Err(misfit(format!("its pitch would change by {:.2} %", 100.0 * change)));
+    }
+    let refined = matched(&frame, judged(&frame, refined, whole), Model::ScaleShift);
+    if refined.coherence < COHERENCE_KNOWN_LEAST {
+        return Err(misfit(format!("coherence {:.2}, at least {COHERENCE_KNOWN_LEAST} is needed", refined.coherence)));
+    }
+    // How far single micro-images lie from the lattice is not told by a textured frame.
+    Ok(centred(Grid { residual_px: grid.residual_px, ..refined }))
+}
+
+/// Where each micro-image of the frame lies against the grid, and its contrast: for maps, and to flag missing, dead and
+/// dirty microlenses. Micro-images too near the frame's edge to be judged are left out.
+///
+/// # Errors
+/// [`GridError`] for a frame that is too small, blank, saturated or of another size.
+pub fn lens_residuals(image: &RawImage, grid: &Grid) -> Result<Vec<LensResidual>, GridError> {
+    let size = [image.width(), image.height()];
+    if size != grid.frame_size {
+        return Err(GridError::OtherFrameSize { grid: grid.frame_size, frame: size });
+    }
+    let frame = LogFrame::new(image, &GridOptions::default())?;
+    let demodulator = Demodulator::new(grid);
+    let lenses = demodulator.run(&frame, grid, [0, 0, frame.width, frame.height]);
+    let phases = Phases::new(grid, &lenses, &demodulator.harmonics);
+    Ok(lenses
+        .iter()
+        .map(|l| LensResidual { micro_image: l.at, offset_px: phases.displacement(l), contrast: phases.contrast(l) })
+        .collect())
+}
+
+/// Whether a frame of few micro-images has more at half the lattice's frequencies than at the lattice's own: there the
+/// search cannot see a fundamental for the mean of the frame that is so near it.
+fn hides_fundamental(frame: &LogFrame, grid: &Grid) -> bool {
+    /// In wider frames the fundamental of a lattice of twice the pitch is a peak of its own.
+    const PITCHES_SEEN: f64 = 12.0;
+    let (w, h) = (frame.width, frame.height);
+    if w.min(h) as f64 > PITCHES_SEEN * grid.pitch_px() {
+        return false;
+    }
+    let window = |k: usize, n: usize| (std::f64::consts::PI * (k as f64 + 0.5) / n as f64).sin().powi(2);
+    let (mut sum, mut area) = (0.0, 0.0);
+    for (k, &v) in frame.values.iter().enumerate() {
+        let weight = window(k % w, w) * window(k / w, h);
+        sum += weight * f64::from(v);
+        area += weight;
+    }
+    let mean = sum / area.max(1e-12);
+    let modulus = |g: [f64; 2]| {
+        let (mut re, mut im) = (0.0, 0.0);
+        for (y, row) in frame.values.chunks_exact(w).enumerate() {
+            for (x, &v) in row.iter().enumerate() {
+                let value = window(x, w) * window(y, h) * (f64::from(v) - mean);
+                let (sine, cosine) = (std::f64::consts::TAU * (g[0] * x as f64 + g[1] * y as f64)).sin_cos();
+                re += value * cosine;
+                im += value * sine;
+            }
+        }
+        f64::hypot(re, im)
+    };
+    let [a, b] = reciprocal(grid.basis);
+    let own = modulus(a).min(modulus(b));
+    let halves = [a, b, [a[0] + b[0], a[1] + b[1]], [a[0] - b[0], a[1] - b[1]]];
+    halves.iter().any(|g| modulus([g[0] / 2.0, g[1] / 2.0]) > own)
+}
+
+/// A candidate's lattice, in canonical basis, with its centre still anywhere.
+fn start(candidate: &Candidate, frame_size: [usize; 2]) -> Grid {
+    let centre = frame_size.map(|n| (n as f64 - 1.0) / 2.0);
+    let [a, b] = canonical(candidate.array, reciprocal(candidate.reciprocal));
+    // The exact array nearest to it: two peaks of a spectrum are not placed well enough to tell a shear.
+    let (sine, cosine) = symmetry(candidate.array).sin_cos();
+    let a = [(a[0] + cosine * b[0] + sine * b[1]) / 2.0, (a[1] - sine * b[0] + cosine * b[1]) / 2.0];
+    let b = [cosine * a[0] - sine * a[1], sine * a[0] + cosine * a[1]];
+    Grid::affine(candidate.array, centre, [a, b], frame_size)
+}
+
+/// The angle by which an array turns into itself, radians.
+fn symmetry(array: ArrayKind) -> f64 {
+    match array {
+        ArrayKind::Square => std::f64::consts::FRAC_PI_2,
+        ArrayKind::Hexagonal => std::f64::consts::FRAC_PI_3,
+    }
+}
+
+/// The basis that [`Grid`] promises: the first vector's angle from +x within half the array's symmetry, the second that
+/// symmetry further.
+fn canonical(array: ArrayKind, basis: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let period = symmetry(array);
+    let mut vectors: Vec<[f64; 2]> = Vec::new();
+    for m in -2i32..=2 {
+        for n in -2i32..=2 {
+            if (m, n) != (0, 0) {
+                let (m, n) = (f64::from(m), f64::from(n));
+                vectors.push([m * basis[0][0] + n * basis[1][0], m * basis[0][1] + n * basis[1][1]]);
+            }
+        }
+    }
+    let length = |v: &[f64; 2]| v[0].hypot(v[1]);
+    let shortest = vectors.iter().map(length).fold(f64::INFINITY, f64::min);
+    // Neighbours differ in length by what the array and the sensor are off; diagonals by 41 or 73 %.
+    vectors.retain(|v| length(v) < 1.2 * shortest);
+    let nearest = |to: f64| {
+        let off = |v: &[f64; 2]| {
+            let turned = v[1].atan2(v[0]) - to + std::f64::consts::PI;
+            (turned.rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI).abs()
+        };
+        vectors.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(basis[0])
+    };
+    // A hair towards +y decides between the two ends of the half-open range.
+    let first = nearest(1e-9);
+    let second = nearest(first[1].atan2(first[0]) + period);
+    [first, second]
+}
+
+/// From a candidate to a lattice over the whole frame: the part it was found in first, where its pitch is good enough
+/// to count micro-images by.
+fn settle(frame: &LogFrame, start: Grid, part: [usize; 4]) -> Option<Grid> {
+    let mut grid = start;
+    let demodulator = Demodulator::new(&grid);
+    let lenses = demodulator.run(frame, &grid, part);
+    let shift = Phases::new(&grid, &lenses, &demodulator.harmonics).common_shift();
+    grid.centre = [grid.centre[0] + shift[0], grid.centre[1] + shift[1]];
+    let whole = [0, 0, frame.width, frame.height];
+    let parts: &[[usize; 4]] = if part[2] + 64 < whole[2] || part[3] + 64 < whole[3] {
+        &[part, part, whole, whole]
+    } else {
+        &[whole, whole, whole]
+    };
+    for (round, &part) in parts.iter().enumerate() {
+        grid = fit_once(frame, &grid, part, Model::Similarity)?.grid;
+        if round == 1 {
+            // Hopeless ones are not worth the whole frame.
+            grid = judged(frame, grid, part);
+            if grid.coherence < 0.6 * COHERENCE_LEAST {
+                return Some(grid);
+            }
+        }
+    }
+    Some(judged(frame, grid, whole))
+}
+
+fn demodulated(frame: &LogFrame, grid: &Grid, part: [usize; 4]) -> (Demodulator, Vec<Lens>) {
+    let demodulator = Demodulator::new(grid);
+    let lenses = demodulator.run(frame, grid, part);
+    (demodulator, lenses)
+}
+
+fn fit_once(frame: &LogFrame, grid: &Grid, part: [usize; 4], model: Model) -> Option<Fit> {
+    let (demodulator, lenses) = demodulated(frame, grid, part);
+    Phases::new(grid, &lenses, &demodulator.harmonics).fit(model)
+}
+
+/// The grid with its coherence and residual filled in.
+fn judged(frame: &LogFrame, mut grid: Grid, part: [usize; 4]) -> Grid {
+    let (demodulator, lenses) = demodulated(frame, &grid, part);
+    let phases = Phases::new(&grid, &lenses, &demodulator.harmonics);
+    let coherence = phases.coherence();
+    grid.residual_px = phases.residual();
+    grid.coherence = coherence;
+    grid
+}
+
+/// Where the frame is clean enough to tell, the array's own departure from an exact lattice: affine first, then as many
+/// degrees as the data ask for. `None` for a textured frame: texture moves single micro-images more than any array does,
+/// and its mean field is no property of the array.
+fn bend(frame: &LogFrame, grid: &Grid, degree_max: usize) -> Option<Grid> {
+    let whole = [0, 0, frame.width, frame.height];
+    let (demodulator, lenses) = demodulated(frame, grid, whole);
+    let phases = Phases::new(grid, &lenses, &demodulator.harmonics);
+    // Windows overlap fourfold: so many fewer independent phases.
+    let independent = (lenses.len() * demodulator.harmonics.len()) as f64 / 4.0;
+    let mut best: Option<(f64, usize)> = None;
+    for degree in 1..=DEGREE_MAX {
+        let unknowns = 2.0 * monomial_count(degree) as f64;
+        if independent < 4.0 * unknowns {
+            break;
+        }
+        let Some(fit) = phases.fit(Model::Polynomial(degree)) else { break };
+        // Bayes' information criterion.
+        let cost = independent * fit.variance.max(1e-12).ln() + unknowns * independent.ln();
+        if best.as_ref().is_none_or(|b| cost < b.0) {
+            best = Some((cost, degree));
+        }
+    }
+    let (_, asked) = best?;
+    // One more round about the bent grid: the first had its windows on the straight one.
+    let bent = |degree: usize| {
+        let once = fit_once(frame, grid, whole, Model::Polynomial(degree))?.grid;
+        let twice = fit_once(frame, &once, whole, Model::Polynomial(degree))?.grid;
+        Some(judged(frame, twice, whole))
+    };
+    let best = bent(asked)?;
+    if best.residual_px > CLEAN_RESIDUAL * best.pitch_px() {
+        return None;
+    }
+    if asked > degree_max { bent(degree_max) } else { Some(best) }
+}
+
+/// The grid of a textured frame, placed by the mean profile; that of a clean frame as it is.
+fn matched(frame: &LogFrame, grid: Grid, model: Model) -> Grid {
+    /// The profile is averaged with the grid that it corrects: the third round no longer changes it.
+    const ROUNDS: usize = 3;
+    if grid.residual_px < CLEAN_RESIDUAL * grid.pitch_px() {
+        return grid;
+    }
+    let harmonics = Demodulator::new(&grid).harmonics;
+    let mut matched = grid.clone();
+    for _ in 0..ROUNDS {
+        let Some(matcher) = Matcher::new(frame, &matched) else { return grid };
+        let lenses = matcher.run(frame, &matched, &harmonics);
+        let phases = Phases::new(&matched, &lenses, &harmonics);
+        let Some(fit) = phases.fit(model) else { return grid };
+        let residual = phases.residual();
+        matched = Grid { residual_px: residual, ..fit.grid };
+    }
+    // Far from where the phases have it the linear comparison does not hold.
+    let moved = distance(matched.centre, grid.centre);
+    if moved < 0.1 * grid.pitch_px() { matched } else { grid }
+}
+
+/// The same grid, counted from the micro-image nearest the frame's centre.
+fn centred(mut grid: Grid) -> Grid {
+    let middle = grid.frame_size.map(|n| (n as f64 - 1.0) / 2.0);
+    let [i, j] = grid.index_of(middle[0], middle[1]);
+    if [i, j] == [0, 0] {
+        return grid;
+    }
+    grid.centre = [
+        grid.centre[0] + f64::from(i) * grid.basis[0][0] + f64::from(j) * grid.basis[1][0],
+        grid.centre[1] + f64::from(i) * grid.basis[0][1] + f64::from(j) * grid.basis[1][1],
+    ];
+    if let Some(distortion) = &mut grid.distortion {
+        recount(distortion, f64::from(i), f64::from(j));
+    }
+    grid
+}
+
+/// Moves the origin of the indices by (i, j): the binomials of the shifted powers, expanded.
+fn recount(distortion: &mut Distortion, i: f64, j: f64) {
+    let choose = |n: usize, k: usize| (0..k).fold(1.0, |c, q| c * (n - q) as f64 / (q + 1) as f64);
+    let (s0, t0) = (i / distortion.scale, j / distortion.scale);
+    let mut shifted = vec![[0.0; 2]; monomial_count(distortion.degree)];
+    let powers = (0..=distortion.degree).flat_map(|d| (0..=d).map(move |q| (d - q, q)));
+    for (c, (p, q)) in distortion.coefficients.iter().zip(powers) {
+        for a in 0..=p {
+            for b in 0..=q {
+                let f = choose(p, a) * s0.powi((p - a) as i32) * choose(q, b) * t0.powi((q - b) as i32);
+                let to = &mut shifted[(a + b) * (a + b + 1) / 2 + b];
+                to[0] += f * c[0];
+                to[1] += f * c[1];
+            }
+        }
+    }
+    distortion.coefficients = shifted;
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}

@@ -1,0 +1,373 @@
+//! A raw frame made ready for measuring: vignetting divided out, spline coefficients, slopes, micro-images, noise.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use super::SpacingError;
+use crate::imaging::grid::Grid;
+use crate::imaging::interpolation::spline_coefficients;
+use crate::raw::RawImage;
+
+/// Share of the micro-image's radius that is used: beyond it vignetting falls steeply and neighbours leak in.
+pub const MASK_FRACTION: f64 = 0.8;
+/// The smallest masks, as a part of the micro-image's radius, where the profile falls from its centre on.
+const LEAST_MASK_FRACTION: f64 = 0.5;
+/// Share of the centre's light from which on a pixel counts as seeing through its whole microlens.
+const WHOLE_SHARE: f64 = 0.985;
+/// Pixels that the spline and the slopes reach beyond the mask.
+const MARGIN_PX: f64 = 4.0;
+/// Below this share of the brightest, vignetting is not divided out any further: it would only blow up noise.
+const LEAST_VIGNETTING: f32 = 0.2;
+/// Share of saturated pixels within the masks above which a frame is refused.
+const SATURATED_SHARE: f64 = 0.4;
+
+/// One micro-image of a prepared frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MicroImage {
+    /// Lattice indices in the frame's grid.
+    pub index: [i32; 2],
+    /// Its centre, px.
+    pub centre: [f64; 2],
+    /// Which of several regions it belongs to; `None`: it is left out.
+    pub region: Option<usize>,
+    /// Mean grey level within the mask, vignetting divided out.
+    pub(super) mean: f32,
+    /// Variance of the grey level within the mask, noise taken out as far as known (never negative).
+    pub(super) texture: f32,
+}
+
+/// Two neighbouring micro-images, by their places in [`SpacingFrame::micro_images`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pair {
+    /// The first micro-image.
+    pub first: usize,
+    /// Its neighbour along the lattice direction.
+    pub second: usize,
+    /// Lattice direction: 0 and 1 along the basis, 2 along their difference (hexagonal arrays).
+    pub direction: usize,
+}
+
+/// A raw frame made ready for measuring its spacing.
+#[derive(Debug, Clone)]
+pub struct SpacingFrame {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Grey levels with vignetting divided out.
+    pub(super) values: Vec<f32>,
+    /// Spline coefficients of `values`.
+    pub(super) coefficients: Vec<f32>,
+    /// Inverse noise variance of `values` in units of the raw frame's: vignetting squared; 0 for saturated pixels.
+    pub(super) precision: Vec<f32>,
+    /// Slopes of slightly smoothed `values` along x and y.
+    pub(super) slopes: [Vec<f32>; 2],
+    /// Sum of squares of the slope filter: the slopes' noise variance in units of that of `values`.
+    pub(super) slope_noise: f64,
+    /// Micro-images wholly within the frame.
+    pub(super) micro_images: Vec<MicroImage>,
+    /// Nearest neighbours, each pair once.
+    pub(super) pairs: Vec<Pair>,
+    /// Radius of the masks, px.
+    pub(super) radius: f64,
+    /// Part of the micro-image's radius within which pixels see through their whole microlens.
+    pub(super) whole: f64,
+    /// Distance of nearest neighbours in the grid, px.
+    pub(super) pitch: f64,
+    /// Standard deviation of the raw frame's noise, grey levels.
+    pub(super) noise: f64,
+    /// How many lattice directions there are: two or three.
+    pub(super) directions: usize,
+}
+
+impl SpacingFrame {
+    /// Prepares a frame. `vignetting` has one value for each pixel: the share of light that reaches it, relative to a
+    /// micro-image's centre. `slope_sigma` is the smoothing (px) of the slopes that matching is done with.
+    ///
+    /// # Errors
+    /// [`SpacingError`] when the grid or the vignetting belong to another frame size, when there are too few
+    /// micro-images, or when the frame is saturated or dark.
+    pub fn new(raw: &RawImage, vignetting: &[f32], grid: &Grid, slope_sigma: f64) -> Result<Self, SpacingError> {
+        let (width, height) = (raw.width(), raw.height());
+        if grid.frame_size != [width, height] || vignetting.len() != width * height {
+            return Err(SpacingError::WrongSize { frame: [width, height], grid: grid.frame_size });
+        }
+        let pitch = grid.pitch_px();
+        let radius = MASK_FRACTION * pitch / 2.0;
+        let (mut micro_images, pairs) = lattice(grid, radius + MARGIN_PX);
+        let needed = super::LEAST_PAIRS;
+        if pairs.len() < needed {
+            return Err(SpacingError::TooFewMicroImages { pairs: pairs.len(), needed });
+        }
+        let samples = raw.to_f32();
+        let white = f32::from(raw.white_level());
+        check_exposure(&samples, width, &micro_images, radius, white)?;
+        let (values, precision): (Vec<f32>, Vec<f32>) = samples
+            .par_iter()
+            .zip(vignetting)
+            .with_min_len(1 << 14)
+            .map(|(&sample, &share)| {
+                let share = share.max(LEAST_VIGNETTING);
+                (sample / share, if sample >= white { 0.0 } else { share * share })
+            })
+            .unzip();
+        let noise = noise_level(&samples, width, &micro_images, radius);
+        describe(&mut micro_images, &values, &precision, width, radius, noise);
+        let coefficients = spline_coefficients(&values, width);
+        let (slopes, slope_noise) = slopes(&values, width, slope_sigma);
+        let whole = whole_fraction(vignetting, width, &micro_images, pitch);
+        let directions = grid.neighbour_steps().len();
+        Ok(Self {
+            width,
+            height,
+            values,
+            coefficients,
+            precision,
+            slopes,
+            slope_noise,
+            micro_images,
+            pairs,
+            radius,
+            whole,
+            pitch,
+            noise,
+            directions,
+        })
+    }
+
+    /// The micro-images wholly within the frame.
+    #[must_use]
+    pub fn micro_images(&self) -> &[MicroImage] {
+        &self.micro_images
+    }
+
+    /// Standard deviation of the frame's noise as estimated from itself, grey levels of the raw frame.
+    #[must_use]
+    pub const fn noise_grey_levels(&self) -> f64 {
+        self.noise
+    }
+
+    /// Distance of nearest neighbours in the grid (the micro-image pitch), px.
+    #[must_use]
+    pub const fn micro_image_pitch_px(&self) -> f64 {
+        self.pitch
+    }
+
+    /// Assigns each micro-image to a region, or leaves it out: pairs count only within one region.
+    pub fn assign_regions(&mut self, region_of: impl Fn(&MicroImage) -> Option<usize>) {
+        for k in 0..self.micro_images.len() {
+            self.micro_images[k].region = region_of(&self.micro_images[k]);
+        }
+    }
+
+    /// Field coordinates of a position (px): from the frame's centre in units of half its width.
+    #[must_use]
+    pub fn field(&self, position: [f64; 2]) -> [f64; 2] {
+        let half = self.width as f64 / 2.0;
+        [
+            (position[0] - (self.width as f64 - 1.0) / 2.0) / half,
+            (position[1] - (self.height as f64 - 1.0) / 2.0) / half,
+        ]
+    }
+
+    /// The position (px) that has these field coordinates.
+    pub(super) fn place(&self, field: [f64; 2]) -> [f64; 2] {
+        let half = self.width as f64 / 2.0;
+        [field[0] * half + (self.width as f64 - 1.0) / 2.0, field[1] * half + (self.height as f64 - 1.0) / 2.0]
+    }
+
+    /// Midpoint of a pair in field coordinates.
+    pub(super) fn midpoint(&self, pair: Pair) -> [f64; 2] {
+        let (a, b) = (self.micro_images[pair.first].centre, self.micro_images[pair.second].centre);
+        self.field([f64::midpoint(a[0], b[0]), f64::midpoint(a[1], b[1])])
+    }
+}
+
+/// Micro-images at least `margin` px from the frame's outermost pixel centres, and the pairs of neighbours among them.
+fn lattice(grid: &Grid, margin: f64) -> (Vec<MicroImage>, Vec<Pair>) {
+    let micro_images: Vec<MicroImage> = grid
+        .micro_images_within(margin + 0.5)
+        .map(|m| MicroImage { index: [m.i, m.j], centre: [m.x, m.y], region: Some(0), mean: 0.0, texture: 0.0 })
+        .collect();
+    let places: HashMap<[i32; 2], usize> = micro_images.iter().enumerate().map(|(k, m)| (m.index, k)).collect();
+    let mut pairs = Vec::new();
+    for (first, m) in micro_images.iter().enumerate() {
+        for (direction, step) in grid.neighbour_steps().iter().enumerate() {
+            if let Some(&second) = places.get(&[m.index[0] + step[0], m.index[1] + step[1]]) {
+                pairs.push(Pair { first, second, direction });
+            }
+        }
+    }
+    (micro_images, pairs)
+}
+
+/// Calls `visit` with the offset of each pixel row's first pixel within the disc, and how many there are.
+pub(super) fn disc_rows(centre: [f64; 2], radius: f64, width: usize, mut visit: impl FnMut(usize, usize)) {
+    let top = (centre[1] - radius).ceil().max(0.0) as usize;
+    let bottom = (centre[1] + radius).floor() as usize;
+    for y in top..=bottom {
+        let half = (radius * radius - (y as f64 - centre[1]).powi(2)).max(0.0).sqrt();
+        let left = (centre[0] - half).ceil() as usize;
+        let right = (centre[0] + half).floor();
+        if right >= left as f64 {
+            visit(y * width + left, right as usize + 1 - left);
+        }
+    }
+}
+
+fn check_exposure(
+    samples: &[f32],
+    width: usize,
+    micro_images: &[MicroImage],
+    radius: f64,
+    white: f32,
+) -> Result<(), SpacingError> {
+    let (count, saturated, sum) = micro_images
+        .par_iter()
+        .map(|m| {
+            let mut totals = (0usize, 0usize, 0.0f64);
+            disc_rows(m.centre, radius, width, |start, n| {
+                let row = &samples[start..start + n];
+                totals.0 += n;
+                totals.1 += row.iter().filter(|&&s| s >= white).count();
+                totals.2 += f64::from(row.iter().sum::<f32>());
+            });
+            totals
+        })
+        .reduce(|| (0, 0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2));
+    let share = saturated as f64 / count.max(1) as f64;
+    if share > SATURATED_SHARE {
+        return Err(SpacingError::Saturated { share });
+    }
+    let mean = sum / count.max(1) as f64;
+    // An 8-bit frame whose micro-images average three grey levels holds no texture above its own quantisation.
+    let least = (f64::from(white) * 0.012).min(3.0);
+    if mean < least {
+        return Err(SpacingError::Dark { mean, least });
+    }
+    Ok(())
+}
+
+/// Part of the micro-image's radius within which no light is cut off, from the profile's mean around circles.
+fn whole_fraction(vignetting: &[f32], width: usize, micro_images: &[MicroImage], pitch: f64) -> f64 {
+    const DIRECTIONS: usize = 24;
+    let every = (micro_images.len() / 64).max(1);
+    let ring = |fraction: f64| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for m in micro_images.iter().step_by(every) {
+            for k in 0..DIRECTIONS {
+                let angle = std::f64::consts::TAU * k as f64 / DIRECTIONS as f64;
+                let reach = fraction * pitch / 2.0;
+                let (x, y) = (m.centre[0] + reach * angle.cos(), m.centre[1] + reach * angle.sin());
+                sum += f64::from(vignetting[y.round() as usize * width + x.round() as usize]);
+                count += 1.0;
+            }
+        }
+        sum / f64::max(count, 1.0)
+    };
+    let least = WHOLE_SHARE * f64::midpoint(ring(0.1), ring(0.25));
+    (0..)
+        .map(|k| MASK_FRACTION - 0.02 * f64::from(k))
+        .take_while(|&fraction| fraction > LEAST_MASK_FRACTION)
+        .find(|&fraction| ring(fraction) >= least)
+        .unwrap_or(LEAST_MASK_FRACTION)
+}
+
+/// Standard deviation of the noise: the lower quartile over micro-images of what a filter blind to planes and saddles
+/// leaves. The lower quartile belongs to micro-images without sharp texture.
+fn noise_level(samples: &[f32], width: usize, micro_images: &[MicroImage], radius: f64) -> f64 {
+    let mut variances: Vec<f64> = micro_images
+        .par_iter()
+        .map(|m| {
+            let (mut sum, mut count) = (0.0f64, 0usize);
+            disc_rows(m.centre, 0.85 * radius, width, |start, n| {
+                for k in start..start + n {
+                    let line = |k: usize| samples[k - 1] - 2.0 * samples[k] + samples[k + 1];
+                    let response = line(k - width) - 2.0 * line(k) + line(k + width);
+                    sum += f64::from(response * response);
+                }
+                count += n;
+            });
+            // 36 is the sum of squares of the filter (1 −2 1) × (1 −2 1).
+            sum / 36.0 / count.max(1) as f64
+        })
+        .collect();
+    let quartile = variances.len() / 4;
+    let (_, variance, _) = variances.select_nth_unstable_by(quartile, f64::total_cmp);
+    variance.sqrt()
+}
+
+/// Mean and texture of each micro-image.
+fn describe(micro_images: &mut [MicroImage], values: &[f32], precision: &[f32], width: usize, radius: f64, noise: f64) {
+    micro_images.par_iter_mut().for_each(|m| {
+        let (mut count, mut sum, mut squares, mut share) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
+        disc_rows(m.centre, radius, width, |start, n| {
+            for k in start..start + n {
+                if precision[k] > 0.0 {
+                    let value = f64::from(values[k]);
+                    count += 1.0;
+                    sum += value;
+                    squares += value * value;
+                    share += f64::from(1.0 / precision[k]);
+                }
+            }
+        });
+        if count > 0.0 {
+            let mean = sum / count;
+            m.mean = mean as f32;
+            m.texture = (squares / count - mean * mean - noise * noise * share / count).max(0.0) as f32;
+        }
+    });
+}
+
+/// Slopes along x and y of the values smoothed by a Gaussian, and the noise the filter lets through.
+///
+/// The filters have no weight at the pixel itself, so that a pixel's noise never meets itself in a score.
+fn slopes(values: &[f32], width: usize, sigma: f64) -> ([Vec<f32>; 2], f64) {
+    let reach = (3.0 * sigma).ceil().max(1.0) as usize;
+    let offsets = || (0..=2 * reach).map(|k| k as f64 - reach as f64);
+    let gauss: Vec<f64> = offsets().map(|x| (-0.5 * (x / sigma).powi(2)).exp()).collect();
+    let total: f64 = gauss.iter().sum();
+    let moment: f64 = gauss.iter().zip(offsets()).map(|(g, x)| g * x * x).sum();
+    let smooth: Vec<f32> = gauss.iter().map(|g| (g / total) as f32).collect();
+    let slope: Vec<f32> = gauss.iter().zip(offsets()).map(|(g, x)| (g * x / moment) as f32).collect();
+    let energy = |filter: &[f32]| filter.iter().map(|f| f64::from(f * f)).sum::<f64>();
+    let along_x = down(&along(values, width, &slope), width, &smooth);
+    let along_y = down(&along(values, width, &smooth), width, &slope);
+    ([along_x, along_y], energy(&smooth) * energy(&slope))
+}
+
+/// Correlates each row with a filter of odd length; the ends of rows, where it does not fit, stay zero.
+fn along(values: &[f32], width: usize, filter: &[f32]) -> Vec<f32> {
+    let reach = filter.len() / 2;
+    let mut result = vec![0.0f32; values.len()];
+    if width <= 2 * reach {
+        return result;
+    }
+    result.par_chunks_mut(width).zip(values.par_chunks(width)).with_min_len(16).for_each(|(out, row)| {
+        let n = width - 2 * reach;
+        for (k, &weight) in filter.iter().enumerate() {
+            for (o, v) in out[reach..reach + n].iter_mut().zip(&row[k..k + n]) {
+                *o += weight * v;
+            }
+        }
+    });
+    result
+}
+
+/// Correlates each column with a filter of odd length; rows where it does not fit stay zero.
+fn down(values: &[f32], width: usize, filter: &[f32]) -> Vec<f32> {
+    let reach = filter.len() / 2;
+    let height = values.len() / width;
+    let mut result = vec![0.0f32; values.len()];
+    result.par_chunks_mut(width).enumerate().with_min_len(16).for_each(|(y, out)| {
+        if y >= reach && y + reach < height {
+            for (k, &weight) in filter.iter().enumerate() {
+                let row = &values[(y + k - reach) * width..][..width];
+                for (o, v) in out.iter_mut().zip(row) {
+                    *o += weight * v;
+                }
+            }
+        }
+    });
+    result
+}

@@ -1,0 +1,330 @@
+//! The spacing l_P0P1: the distance on the sensor between the image points of one object point under adjacent
+//! microlenses, estimated jointly from all pairs of neighbouring micro-images.
+//!
+//! ```text
+//!        micro-image A            micro-image B
+//!      (      x      )          (   x         )
+//!             |<------ spacing ----->|                 the same object point: l apart
+//!      |<--- micro-image pitch --->|                   so within the micro-image it moves by l − pitch
+//! ```
+//!
+//! In the field the spacing is l(x, y) = l_0 + t_x x + t_y y + k (x² + y²), x and y from the frame's centre in units of
+//! half its width; a pair counts at its midpoint. l_0, the value on the axis, is what Eqs. 9 and 16 mean.
+
+mod frame;
+mod patch;
+mod search;
+mod solve;
+
+use nalgebra::DVector;
+use serde::Serialize;
+
+pub use frame::{MASK_FRACTION, MicroImage, Pair, SpacingFrame};
+pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, correlation_map};
+
+use crate::optics::MlaMode;
+use solve::{Model, Normal, Outcome, iterate};
+
+/// Fewer pairs than this leave nothing to tell scatter from.
+pub const LEAST_PAIRS: usize = 24;
+/// Smoothing of the slopes that matching is done with, px.
+pub const SLOPE_SIGMA_PX: f64 = 1.0;
+/// Least half width (px) of the overlap of two masks.
+const LEAST_OVERLAP_PX: f64 = 1.5;
+/// Median residual, in units of what a right noise estimate would leave, of pairs that match.
+const USUAL_RESIDUAL: f64 = 0.8;
+/// Correlation of neighbours below which they do not show the same thing.
+const LEAST_CORRELATION: f64 = 0.6;
+
+/// Why a spacing could not be measured.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SpacingError {
+    /// Frame, grid and vignetting do not belong together.
+    #[error("the frame is {}x{} px but its grid or vignetting is for {}x{} px: take a white frame of the same size", frame[0], frame[1], grid[0], grid[1])]
+    WrongSize {
+        /// Columns and rows of the frame.
+        frame: [usize; 2],
+        /// Columns and rows the grid is for.
+        grid: [usize; 2],
+    },
+    /// The frame shows too few neighbouring micro-images.
+    #[error("only {pairs} pairs of neighbouring micro-images lie in the frame or region; {needed} are needed")]
+    TooFewMicroImages {
+        /// Pairs found.
+        pairs: usize,
+        /// Pairs needed.
+        needed: usize,
+    },
+    /// Too many pixels are at the white level.
+    #[error("{:.0} % of the pixels are saturated: shorten the exposure or dim the light", share * 100.0)]
+    Saturated {
+        /// Share of saturated pixels within the micro-images.
+        share: f64,
+    },
+    /// Hardly any light.
+    #[error("the micro-images average {mean:.1} grey levels, at least {least:.1} are needed: lengthen the exposure")]
+    Dark {
+        /// Mean grey level within the micro-images.
+        mean: f64,
+        /// Grey level needed.
+        least: f64,
+    },
+    /// The board shows nothing that could be matched.
+    #[error("no texture stands out of the noise ({noise:.1} grey levels): put a textured board in view")]
+    NoTexture {
+        /// Noise of the frame, grey levels.
+        noise: f64,
+    },
+    /// Only one lattice direction has texture across it.
+    #[error("the texture runs in one direction only: micro-images differ along {} alone; turn the board or use another", if *along_rows { "rows" } else { "columns" })]
+    OneDirection {
+        /// Whether pairs along rows (x) can be matched, and those along columns cannot.
+        along_rows: bool,
+    },
+    /// No spacing in the capture range makes neighbours match.
+    #[error(
+        "neighbouring micro-images do not match at any spacing from {from_px:.1} to {to_px:.1} px (best correlation {correlation:.2}): out of the range of focus, or no plenoptic frame of this array"
+    )]
+    NoMatch {
+        /// Least spacing tried, px.
+        from_px: f64,
+        /// Largest spacing tried, px.
+        to_px: f64,
+        /// Best correlation found.
+        correlation: f64,
+    },
+    /// Two spacings explain the frame alike.
+    #[error(
+        "spacings of {first_px:.2} and {second_px:.2} px explain the frame alike: the texture repeats itself, use another board"
+    )]
+    Ambiguous {
+        /// The better, px.
+        first_px: f64,
+        /// The other, px.
+        second_px: f64,
+    },
+    /// A number given by the caller is impossible.
+    #[error("{what} of {value} is not possible: it must be positive and finite")]
+    Impossible {
+        /// Which number.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+}
+
+/// What the caller knows before measuring.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpacingOptions {
+    /// D_MLA, the made pitch of the microlenses, px: the capture range is a range of it.
+    pub mla_pitch_px: f64,
+    /// Only this mode's range is searched; both where `None`.
+    pub mode: Option<MlaMode>,
+    /// Expected spacing, px, tried before any search.
+    pub start_px: Option<f64>,
+    /// Tilt x, tilt y (px per half frame width) and curvature (px per half width squared) where they are known and not
+    /// to be fitted.
+    pub field_held: Option<[f64; 3]>,
+}
+
+impl SpacingOptions {
+    /// Nothing known but the MLA pitch (px).
+    #[must_use]
+    pub const fn new(mla_pitch_px: f64) -> Self {
+        Self { mla_pitch_px, mode: None, start_px: None, field_held: None }
+    }
+}
+
+/// A measured spacing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Spacing {
+    /// l_0: the spacing on the axis, px.
+    pub on_axis_px: f64,
+    /// Its standard uncertainty, px: noise and what the model cannot explain, from the scatter between field blocks.
+    pub sigma_px: f64,
+    /// Its standard uncertainty from pixel noise alone, px.
+    pub sigma_random_px: f64,
+    /// t_x: rise of the spacing along x, px per half frame width.
+    pub tilt_x_px: f64,
+    /// t_y: rise of the spacing along y (down), px per half frame width.
+    pub tilt_y_px: f64,
+    /// k: rise of the spacing with the squared distance from the axis, px per half frame width squared.
+    pub curvature_px: f64,
+    /// Covariance of l_0, t_x, t_y, k (px²), from the scatter between field blocks. Zero for terms held.
+    pub covariance: [[f64; 4]; 4],
+    /// Pairs of neighbouring micro-images that were compared.
+    pub pairs: usize,
+    /// Correlation of neighbours at this spacing, noise taken out: 1 where they show the same thing.
+    pub correlation: f64,
+    /// Median residual of the pairs in units of what noise alone would leave.
+    pub residual_ratio: f64,
+    /// Noise of the (first) frame as estimated from itself, grey levels.
+    pub noise_grey_levels: f64,
+}
+
+/// Spacings of several regions that share tilt and curvature.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegionSpacings {
+    /// Spacing on the axis as each region has it, px.
+    pub spacings_px: Vec<f64>,
+    /// Standard uncertainty of each from pixel noise alone, px.
+    pub sigmas_random_px: Vec<f64>,
+    /// Tilt x, tilt y (px per half frame width), curvature (px per half width squared), before a region's scale.
+    pub field_px: [f64; 3],
+    /// Covariance (px²) of the spacings, then of the field terms where they were free; from the scatter between blocks.
+    pub covariance: nalgebra::DMatrix<f64>,
+    /// Pairs compared in each region.
+    pub pairs: Vec<usize>,
+    /// Correlation of neighbours, noise taken out.
+    pub correlation: f64,
+    /// Median residual of the pairs in units of what noise alone would leave.
+    pub residual_ratio: f64,
+}
+
+/// Measures the spacing of one frame, or of several frames of the same pose together.
+///
+/// # Errors
+/// [`SpacingError`] says why there is no number to be had.
+pub fn measure_spacing(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<Spacing, SpacingError> {
+    let from = start(frames, options)?;
+    let regions = match measure_regions(frames, &[from], &[1.0], options) {
+        // The expected value was too far off: look for the spacing as if nothing had been known.
+        Err(SpacingError::NoMatch { .. } | SpacingError::NoTexture { .. }) if options.start_px.is_some() => {
+            let options = SpacingOptions { start_px: None, ..*options };
+            measure_regions(frames, &[start(frames, &options)?], &[1.0], &options)?
+        }
+        regions => regions?,
+    };
+    let mut covariance = [[0.0; 4]; 4];
+    for (i, row) in covariance.iter_mut().enumerate().take(regions.covariance.nrows()) {
+        for (j, value) in row.iter_mut().enumerate().take(regions.covariance.ncols()) {
+            *value = regions.covariance[(i, j)];
+        }
+    }
+    let sigma_random_px = regions.sigmas_random_px[0];
+    Ok(Spacing {
+        on_axis_px: regions.spacings_px[0],
+        // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
+        sigma_px: covariance[0][0].sqrt().max(sigma_random_px),
+        sigma_random_px,
+        tilt_x_px: regions.field_px[0],
+        tilt_y_px: regions.field_px[1],
+        curvature_px: regions.field_px[2],
+        covariance,
+        pairs: regions.pairs[0],
+        correlation: regions.correlation,
+        residual_ratio: regions.residual_ratio,
+        noise_grey_levels: frames[0].noise,
+    })
+}
+
+/// Measures the spacings of regions (see [`SpacingFrame::assign_regions`]) that share tilt and curvature; `starts` are
+/// approximate spacings (px, within a pixel or so), `scales` how strongly the field terms act in each region.
+///
+/// # Errors
+/// [`SpacingError`] says why there is no number to be had.
+pub fn measure_regions(
+    frames: &[SpacingFrame],
+    starts: &[f64],
+    scales: &[f64],
+    options: &SpacingOptions,
+) -> Result<RegionSpacings, SpacingError> {
+    let mut model = Model {
+        scales: scales.to_vec(),
+        field: options.field_held.unwrap_or_default(),
+        ..Model::flat(starts.to_vec())
+    };
+    let reach = 0.15 * options.mla_pitch_px;
+    let noise = frames.first().map_or(0.0, |f| f.noise);
+    let (mut outcome, mut normal) = iterate(frames, None, &mut model, reach, 0.05, 10);
+    let scarce = normal.region_pairs.iter().copied().min().unwrap_or(0);
+    if scarce < LEAST_PAIRS {
+        return Err(SpacingError::TooFewMicroImages { pairs: scarce, needed: LEAST_PAIRS });
+    }
+    if outcome == Outcome::Converged {
+        model.field_free = options.field_held.is_none();
+        model.mask = mask(frames, &model.spacings, options);
+        // Texture that the noise estimate took for noise is what matching pairs do not leave as residual.
+        model.noise_scale = (normal.residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt();
+        (outcome, normal) = iterate(frames, None, &mut model, reach, 2e-4, 20);
+    }
+    let inverse = normal.inverse().filter(|_| outcome != Outcome::Undetermined);
+    let Some(inverse) = inverse else { return Err(SpacingError::NoTexture { noise }) };
+    if outcome == Outcome::Lost || normal.correlation < LEAST_CORRELATION {
+        return Err(no_match(options, normal.correlation));
+    }
+    check_texture(&normal, frames, noise)?;
+    let regions = starts.len();
+    let sigmas_random_px = (0..regions)
+        .map(|r| solve::noise_variance(frames, &model, &DVector::from(inverse.column(r).clone_owned())).sqrt())
+        .collect();
+    Ok(RegionSpacings {
+        spacings_px: model.spacings.clone(),
+        sigmas_random_px,
+        field_px: model.field,
+        covariance: normal.scatter(&inverse),
+        pairs: normal.region_pairs.clone(),
+        correlation: normal.correlation,
+        residual_ratio: normal.residual,
+    })
+}
+
+/// Where to start iterating: the caller's value where neighbours match there, else what a search finds.
+fn start(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<f64, SpacingError> {
+    let pitch = options.mla_pitch_px;
+    if !(pitch.is_finite() && pitch > 0.0) {
+        return Err(SpacingError::Impossible { what: "an MLA pitch (px)", value: pitch });
+    }
+    if frames.is_empty() {
+        return Err(SpacingError::TooFewMicroImages { pairs: 0, needed: LEAST_PAIRS });
+    }
+    if let Some(start) = options.start_px {
+        return Ok(start);
+    }
+    let candidates = search::search(frames, pitch, options.mode);
+    match candidates.first() {
+        Some(best) if best.correlation >= LEAST_CORRELATION => Ok(best.spacing),
+        best => Err(no_match(options, best.map_or(0.0, |b| b.correlation))),
+    }
+}
+
+/// The masks for spacings near these, in units of half the micro-image pitch: as large as the main lens's aperture cuts
+/// nothing off, and never so small that they hardly overlap.
+///
+/// Near the edge of its micro-image a pixel sees through a part of its microlens only. Out of focus its blur is then
+/// lopsided, which pulls the spacing towards the one in focus (by 0.06 px of 6 px at Δv = 0, 0.2 of 7 px at e = 30);
+/// in focus the light lies lopsided on the pixel itself (0.006 px).
+fn mask(frames: &[SpacingFrame], spacings: &[f64], options: &SpacingOptions) -> f64 {
+    let pitch = frames.first().map_or(options.mla_pitch_px, |f| f.pitch);
+    let whole = frames.iter().map(|f| f.whole).fold(MASK_FRACTION, f64::min);
+    // Masks a shift apart overlap by their diameter less the shift.
+    let shift = spacings.iter().map(|l| (l - pitch).abs()).fold(0.0, f64::max);
+    whole.max((shift / 2.0 + LEAST_OVERLAP_PX) / (pitch / 2.0)).min(MASK_FRACTION)
+}
+
+fn no_match(options: &SpacingOptions, correlation: f64) -> SpacingError {
+    let range = |low: f64, high: f64| (low * options.mla_pitch_px, high * options.mla_pitch_px);
+    let (from_px, to_px) = match options.mode {
+        Some(MlaMode::Galilean) => range(GALILEAN_RANGE[0], GALILEAN_RANGE[1]),
+        Some(MlaMode::Keplerian) => range(KEPLERIAN_RANGE[0], KEPLERIAN_RANGE[1]),
+        None => range(GALILEAN_RANGE[0], KEPLERIAN_RANGE[1]),
+    };
+    SpacingError::NoMatch { from_px, to_px, correlation }
+}
+
+fn check_texture(normal: &Normal, frames: &[SpacingFrame], noise: f64) -> Result<(), SpacingError> {
+    if normal.texture_significance() < 4.0 {
+        return Err(SpacingError::NoTexture { noise });
+    }
+    let directions = frames.first().map_or(2, |f| f.directions);
+    let total: f64 = normal.by_direction.iter().sum();
+    // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
+    if directions == 2 {
+        for (direction, along_rows) in [(1, true), (0, false)] {
+            if normal.by_direction[direction] < 0.01 * total {
+                return Err(SpacingError::OneDirection { along_rows });
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,139 @@
+//! Where to start: the spacing at which neighbours correlate, looked for over the whole capture range.
+
+use super::SpacingOptions;
+use super::frame::{Pair, SpacingFrame};
+use super::solve::{Model, Outcome, PairScore, correlation, iterate, score_pairs};
+use crate::imaging::calibration::Bin;
+use crate::optics::MlaMode;
+
+/// Capture range in Galilean mode, in MLA pitches.
+pub const GALILEAN_RANGE: [f64; 2] = [0.35, 0.95];
+/// Capture range in Keplerian mode, in MLA pitches.
+pub const KEPLERIAN_RANGE: [f64; 2] = [1.05, 1.5];
+/// Pairs that the search looks at, over all frames.
+const PAIRS: usize = 600;
+/// Pairs that a map of the field looks at.
+const MAP_PAIRS: usize = 1500;
+/// Peaks of the correlation that are looked at more closely.
+const CANDIDATES: usize = 5;
+
+/// A spacing at which neighbours match.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Candidate {
+    pub(super) spacing: f64,
+    pub(super) correlation: f64,
+}
+
+/// The spacings to be tried for an MLA pitch (px), by rising spacing.
+pub(super) fn trial_spacings(mla_pitch: f64, mode: Option<MlaMode>) -> Vec<Vec<f64>> {
+    let ranges: &[[f64; 2]] = match mode {
+        Some(MlaMode::Galilean) => &[GALILEAN_RANGE],
+        Some(MlaMode::Keplerian) => &[KEPLERIAN_RANGE],
+        None => &[GALILEAN_RANGE, KEPLERIAN_RANGE],
+    };
+    // Half a pixel finds the sharpest texture; large micro-images have none that sharp.
+    let step = (mla_pitch / 60.0).max(0.5);
+    ranges
+        .iter()
+        .map(|[low, high]| {
+            let count = ((high - low) * mla_pitch / step).ceil() as usize;
+            (0..=count).map(|k| low * mla_pitch + k as f64 * (high - low) * mla_pitch / count as f64).collect()
+        })
+        .collect()
+}
+
+/// The pairs with the most texture, spread over the frame.
+pub(super) fn textured_pairs(frame: &SpacingFrame, wanted: usize) -> Vec<Pair> {
+    let mut pairs: Vec<(f32, Pair)> = frame
+        .pairs
+        .iter()
+        .map(|&p| (frame.micro_images[p.first].texture.min(frame.micro_images[p.second].texture), p))
+        .filter(|(_, p)| {
+            let (a, b) = (frame.micro_images[p.first].region, frame.micro_images[p.second].region);
+            a.is_some() && a == b
+        })
+        .collect();
+    // The better half, and of it every so many: the most textured alone may all lie on one object.
+    let half = pairs.len() / 2;
+    if half > 0 {
+        pairs.select_nth_unstable_by(half, |a, b| b.0.total_cmp(&a.0));
+        pairs.truncate(half.max(wanted.min(pairs.len())));
+    }
+    pairs.sort_unstable_by_key(|(_, p)| (p.first, p.direction));
+    let stride = (pairs.len() as f64 / wanted.max(1) as f64).max(1.0);
+    (0..).map(|k| (f64::from(k) * stride) as usize).take_while(|&k| k < pairs.len()).map(|k| pairs[k].1).collect()
+}
+
+/// Candidates by falling correlation, refined on a part of the pairs.
+pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMode>) -> Vec<Candidate> {
+    let subsets: Vec<Vec<Pair>> = frames.iter().map(|f| textured_pairs(f, PAIRS / frames.len().min(PAIRS))).collect();
+    let regions = frames.iter().flat_map(|f| &f.micro_images).filter_map(|m| m.region).max().map_or(1, |r| r + 1);
+    let flat = |spacing: f64| Model::flat(vec![spacing; regions]);
+    let mut peaks = Vec::new();
+    for trials in trial_spacings(mla_pitch, mode) {
+        let curve: Vec<f64> = trials
+            .iter()
+            .map(|&spacing| {
+                let model = flat(spacing);
+                let scores: Vec<_> = frames.iter().zip(&subsets).flat_map(|(f, s)| score_pairs(f, s, &model)).collect();
+                correlation(&scores)
+            })
+            .collect();
+        for k in 0..curve.len() {
+            let before = k.checked_sub(1).map_or(f64::MIN, |k| curve[k]);
+            let after = curve.get(k + 1).copied().unwrap_or(f64::MIN);
+            if curve[k] > before && curve[k] >= after {
+                peaks.push(Candidate { spacing: trials[k], correlation: curve[k] });
+            }
+        }
+    }
+    peaks.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
+    peaks.truncate(CANDIDATES);
+    if regions > 1 {
+        return peaks;
+    }
+    let mut refined: Vec<Candidate> = peaks
+        .iter()
+        .filter_map(|peak| {
+            let mut model = flat(peak.spacing);
+            let (outcome, normal) = iterate(frames, Some(&subsets), &mut model, 3.0, 0.02, 12);
+            (outcome == Outcome::Converged)
+                .then_some(Candidate { spacing: model.spacings[0], correlation: normal.correlation })
+        })
+        .collect();
+    refined.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
+    refined
+}
+
+/// Trial spacings (px) over the capture range, and the correlation of neighbours at each in bins across the frame, one
+/// micro-image pitch wide: along x, and along y.
+#[must_use]
+pub fn correlation_map(frame: &SpacingFrame, options: &SpacingOptions) -> (Vec<f64>, [Vec<Bin>; 2]) {
+    let trials = trial_spacings(options.mla_pitch_px, options.mode).concat();
+    let pairs = textured_pairs(frame, MAP_PAIRS);
+    let bins = [frame.width, frame.height].map(|size| (size as f64 / frame.pitch).ceil().max(1.0) as usize);
+    let mut maps = bins.map(|n| vec![Bin { values: Vec::with_capacity(trials.len()), weight: 0.0 }; n]);
+    for &spacing in &trials {
+        let model = Model::flat(vec![spacing]);
+        let scores = score_pairs(frame, &pairs, &model);
+        for (axis, map) in maps.iter_mut().enumerate() {
+            let mut members: Vec<Vec<&PairScore>> = vec![Vec::new(); map.len()];
+            for score in &scores {
+                let place = frame.place(score.midpoint)[axis] / frame.pitch;
+                members[(place.max(0.0) as usize).min(bins[axis] - 1)].push(score);
+            }
+            for (bin, members) in map.iter_mut().zip(&members) {
+                bin.values.push(correlation(members.iter().copied()));
+                bin.weight = bin.weight.max(texture(members));
+            }
+        }
+    }
+    (trials, maps)
+}
+
+/// How many pairs' worth of texture above the noise there is.
+fn texture(scores: &[&PairScore]) -> f64 {
+    let signal: f64 = scores.iter().map(|s| s.variances[0].max(0.0)).sum();
+    let noise: f64 = scores.iter().map(|s| s.noise).sum();
+    if signal > 0.0 { scores.len() as f64 * signal / (signal + noise) } else { 0.0 }
+}

@@ -1,0 +1,34 @@
+//! Plenalign aligns underwater plenoptic cameras: it drives a bench's two motor axes, grabs raw frames, measures the
+//! spacing of image points under adjacent microlenses, and moves the axes until that spacing says that the camera is in
+//! focus.
+//!
+//! Who may call whom, downwards only:
+//!
+//! ```text
+//!   cli   api            arguments and wires to requests; results to text, JSON, problem details
+//!     \   /
+//!    control             what to do next and doing it: the one place that commands motion
+//!    /     \
+//! device  imaging        drivers and traits; pixels to numbers with uncertainties
+//!    \     /
+//!    optics              the model, pure
+//!      |
+//!  units, raw            lengths with units; a raw frame's pixels
+//!
+//!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
+//!  config                read once, immutable afterwards
+//! ```
+//!
+//! Deliberately absent: `optics` and `imaging` know no I/O, clock or async; `sim` knows nothing of `imaging`; nothing
+//! below `api` knows a status code; nothing but `control` commands motion.
+
+pub mod api;
+pub mod cli;
+pub mod config;
+pub mod control;
+pub mod device;
+pub mod imaging;
+pub mod optics;
+pub mod raw;
+pub mod sim;
+pub mod units;

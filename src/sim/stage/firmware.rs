@@ -1,0 +1,500 @@
+//! The firmware itself: bytes in, bytes out, motors turned as time passes. No I/O and no clock of its own.
+//!
+//! ```text
+//!            $J=            end, 0x85, !
+//!   Idle ---------> Jog ------------------> Idle          0x18 in motion: ALARM:3, Alarm
+//!   Idle --G0/G1--> Run --end-> Idle, --!-> Hold --~-> Run
+//!   Idle, Alarm --$H--> Home --switch found--> Idle       not found: ALARM:9, Alarm; 0x18: ALARM:6, Alarm
+//!   Alarm --$X--> Idle
+//!   ALARM:1 (hard limit) and ALARM:2 (soft limit): deaf to everything but 0x18
+//! ```
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::gcode;
+use super::motion::{Block, Homing, HomingPhase, Motion};
+use super::settings::{FirmwareConfig, Settings};
+use crate::sim::plant::Plant;
+
+/// Blocks that the planner holds; a line that needs another waits.
+const PLANNER_BLOCKS: usize = 15;
+/// Bytes that the receive buffer holds; more are lost.
+const RECEIVE_BYTES: usize = 128;
+/// Longest line; a longer one is answered with an error.
+const LONGEST_LINE: usize = 80;
+/// Longest step of time taken at once, s: motors report to the plant at least this often.
+const TICK: f64 = 0.001;
+
+/// What the firmware is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum State {
+    Idle,
+    Jog,
+    Run,
+    Hold,
+    Alarm,
+    Home,
+    Sleep,
+}
+
+/// Grbl 1.1's behaviour over the axes of one controller.
+pub struct Firmware {
+    pub(super) config: FirmwareConfig,
+    plant: Arc<dyn Plant>,
+    pub(super) settings: Settings,
+    pub(super) state: State,
+    /// In a critical alarm nothing is answered until the reset; the line that caused it gets its `ok` then.
+    deaf: bool,
+    owed_ok: bool,
+    alarm_at_rest: Option<u8>,
+    /// Motor positions since power-up.
+    steps: [i64; 3],
+    /// Steps that a stalled motor did not follow.
+    lost: [i64; 3],
+    /// Whether a motor follows its steps.
+    stalled: [bool; 3],
+    limit_closed: [bool; 3],
+    /// Machine position less motor position.
+    origin: [i64; 3],
+    motion: Option<Motion>,
+    pub(super) queue: VecDeque<Block>,
+    homing: Option<Homing>,
+    line: Vec<u8>,
+    waiting: VecDeque<Vec<u8>>,
+    waiting_bytes: usize,
+    report_due: bool,
+    reports: u32,
+    pub(super) modal: gcode::Modal,
+    out: Vec<u8>,
+}
+
+impl Firmware {
+    /// A firmware just powered up: locked until homed, as Grbl is when homing is on.
+    #[must_use]
+    pub fn new(config: FirmwareConfig, plant: Arc<dyn Plant>) -> Self {
+        let settings = Settings::new(&config);
+        let mut firmware = Self {
+            config,
+            plant,
+            settings,
+            state: State::Alarm,
+            deaf: false,
+            owed_ok: false,
+            alarm_at_rest: None,
+            steps: [0; 3],
+            lost: [0; 3],
+            stalled: [false; 3],
+            limit_closed: [false; 3],
+            origin: [0; 3],
+            motion: None,
+            queue: VecDeque::new(),
+            homing: None,
+            line: Vec::new(),
+            waiting: VecDeque::new(),
+            waiting_bytes: 0,
+            report_due: false,
+            reports: 0,
+            modal: gcode::Modal::default(),
+            out: Vec::new(),
+        };
+        firmware.start();
+        firmware
+    }
+
+    /// What the firmware has to say since it was asked last.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.out)
+    }
+
+    /// Whether time makes a difference to it: whether anything moves.
+    #[must_use]
+    pub fn is_moving(&self) -> bool {
+        self.motion.is_some() || self.homing.is_some()
+    }
+
+    /// Makes a motor stand still whatever steps it is given, or follow them again.
+    pub fn stall(&mut self, axis: usize, stalled: bool) {
+        if let Some(slot) = self.stalled.get_mut(axis) {
+            *slot = stalled;
+        }
+    }
+
+    /// Takes a byte from the wire.
+    pub fn receive(&mut self, byte: u8) {
+        match byte {
+            0x18 => self.reset(),
+            // Deaf, it takes nothing else.
+            _ if self.deaf => {}
+            b'?' => self.report(),
+            b'!' => self.hold(),
+            b'~' => self.resume(),
+            0x85 => {
+                if self.state == State::Jog {
+                    self.decelerate();
+                }
+            }
+            // Doors, overrides and the rest of the real-time bytes: taken out of the stream.
+            0x80..=0xFF => {}
+            b'\r' | b'\n' => {
+                let line = std::mem::take(&mut self.line);
+                self.waiting_bytes += 1;
+                self.waiting.push_back(line);
+                self.work();
+            }
+            _ => {
+                if self.waiting_bytes + self.line.len() < RECEIVE_BYTES {
+                    self.line.push(byte);
+                }
+            }
+        }
+    }
+
+    /// Lets time pass, seconds.
+    pub fn advance(&mut self, seconds: f64) {
+        let mut left = seconds;
+        while left > 0.0 && self.is_moving() {
+            let dt = left.min(TICK);
+            left -= dt;
+            if self.homing.is_some() {
+                self.advance_homing(dt);
+            } else {
+                self.advance_motion(dt);
+            }
+        }
+    }
+
+    /// Machine position, mm.
+    pub(super) fn machine_mm(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.mm(i, self.steps[i] + self.origin[i]))
+    }
+
+    fn mm(&self, axis: usize, steps: i64) -> f64 {
+        steps as f64 / self.settings.of_axis(100, axis)
+    }
+
+    pub(super) fn say(&mut self, line: &str) {
+        self.out.extend_from_slice(line.as_bytes());
+        self.out.extend_from_slice(b"\r\n");
+    }
+
+    /// What is printed after power-up and after every reset.
+    fn start(&mut self) {
+        let banner = format!("\r\n{} ['$' for help]", self.config.version);
+        self.say(&banner);
+        if self.state == State::Alarm {
+            self.say("[MSG:'$H'|'$X' to unlock]");
+        }
+    }
+
+    fn reset(&mut self) {
+        if self.is_moving() {
+            let alarm = if self.homing.is_some() { 6 } else { 3 };
+            self.say(&format!("ALARM:{alarm}"));
+            self.state = State::Alarm;
+        } else if self.deaf {
+            if std::mem::take(&mut self.owed_ok) {
+                self.say("ok");
+            }
+            self.state = State::Alarm;
+        } else if self.state == State::Sleep {
+            // The motors were off: where the axes stand is not known.
+            self.state = State::Alarm;
+        } else if self.state != State::Alarm {
+            self.state = State::Idle;
+        }
+        self.deaf = false;
+        self.alarm_at_rest = None;
+        self.motion = None;
+        self.homing = None;
+        self.report_due = false;
+        self.queue.clear();
+        self.line.clear();
+        self.waiting.clear();
+        self.waiting_bytes = 0;
+        self.modal = gcode::Modal::default();
+        self.start();
+    }
+
+    fn hold(&mut self) {
+        match self.state {
+            State::Idle => self.state = State::Hold,
+            State::Run => {
+                self.state = State::Hold;
+                self.decelerate();
+            }
+            // A jog is cancelled by a hold, not held.
+            State::Jog => self.decelerate(),
+            State::Hold | State::Alarm | State::Home | State::Sleep => {}
+        }
+    }
+
+    fn resume(&mut self) {
+        if self.state == State::Hold && self.motion.is_none() {
+            self.state = State::Idle;
+            self.next_block(State::Run);
+        }
+        self.work();
+    }
+
+    fn decelerate(&mut self) {
+        if let Some(motion) = &mut self.motion {
+            motion.stopping = true;
+        }
+    }
+
+    /// Answers the lines that can be answered now.
+    fn work(&mut self) {
+        while !self.deaf && self.homing.is_none() && self.alarm_at_rest.is_none() {
+            let Some(line) = self.waiting.front() else { break };
+            let moves = !line.starts_with(b"$") || line.starts_with(b"$J");
+            if moves && self.queue.len() >= PLANNER_BLOCKS {
+                break;
+            }
+            let line = self.waiting.pop_front().unwrap_or_default();
+            self.waiting_bytes = self.waiting_bytes.saturating_sub(line.len() + 1);
+            let answer = if line.len() > LONGEST_LINE { Err(gcode::Refusal::Error(11)) } else { self.execute(&line) };
+            match answer {
+                Ok(gcode::Answer::Ok) => self.say("ok"),
+                // Answered at the end.
+                Ok(gcode::Answer::AtEnd) => {}
+                Err(gcode::Refusal::Error(number)) => self.say(&format!("error:{number}")),
+                Err(gcode::Refusal::SoftLimit) => {
+                    if self.motion.is_some() {
+                        self.decelerate();
+                        self.alarm_at_rest = Some(2);
+                    } else {
+                        self.alarm(2);
+                    }
+                    self.owed_ok = true;
+                }
+            }
+        }
+    }
+
+    /// A critical alarm: deaf until reset.
+    fn alarm(&mut self, number: u8) {
+        self.say(&format!("ALARM:{number}"));
+        self.say("[MSG:Reset to continue]");
+        self.state = State::Alarm;
+        self.deaf = true;
+        self.motion = None;
+        self.queue.clear();
+    }
+
+    /// Queues a line and starts it if nothing moves.
+    pub(super) fn plan(&mut self, target_mm: [f64; 3], speed: f64, as_state: State) {
+        let target = std::array::from_fn(|i| (target_mm[i] * self.settings.of_axis(100, i)).round() as i64);
+        self.queue.push_back(Block { target, speed });
+        if self.state == State::Idle {
+            self.next_block(as_state);
+        }
+    }
+
+    /// Where the last queued line ends, machine mm.
+    pub(super) fn planned_mm(&self) -> [f64; 3] {
+        match self.queue.back() {
+            Some(block) => std::array::from_fn(|i| self.mm(i, block.target[i])),
+            None => match &self.motion {
+                Some(motion) => motion.end_mm(),
+                None => self.machine_mm(),
+            },
+        }
+    }
+
+    fn next_block(&mut self, as_state: State) {
+        while let Some(block) = self.queue.pop_front() {
+            let to = std::array::from_fn(|i| self.mm(i, block.target[i]));
+            let speeds = std::array::from_fn(|i| self.settings.of_axis(110, i) / 60.0);
+            let accelerations = std::array::from_fn(|i| self.settings.of_axis(120, i));
+            self.motion = Motion::new(self.machine_mm(), to, block.speed, speeds, accelerations);
+            if self.motion.is_some() {
+                self.state = as_state;
+                return;
+            }
+        }
+        self.state = State::Idle;
+    }
+
+    fn advance_motion(&mut self, dt: f64) {
+        let Some(mut motion) = self.motion.take() else { return };
+        let at_rest = motion.advance(dt);
+        let position = motion.position_mm();
+        for (axis, mm) in position.into_iter().enumerate() {
+            let steps = (mm * self.settings.of_axis(100, axis)).round() as i64 - self.origin[axis];
+            self.turn(axis, steps);
+        }
+        if self.hits_a_limit() {
+            self.alarm(1);
+            return;
+        }
+        if !at_rest {
+            self.motion = Some(motion);
+            return;
+        }
+        if let Some(number) = self.alarm_at_rest.take() {
+            self.alarm(number);
+            return;
+        }
+        match (self.state, motion.stopping) {
+            (State::Jog, true) => {
+                self.queue.clear();
+                self.state = State::Idle;
+            }
+            (State::Hold, _) => {
+                // What is left of the line comes first when the hold ends.
+                let target = motion.end_mm();
+                let rest = std::array::from_fn(|i| (target[i] * self.settings.of_axis(100, i)).round() as i64);
+                self.queue.push_front(Block { target: rest, speed: motion.speed_asked() });
+            }
+            (state, _) => self.next_block(state),
+        }
+        self.work();
+    }
+
+    /// Brings a motor to a position, in steps since power-up.
+    fn turn(&mut self, axis: usize, steps: i64) {
+        let made = steps - self.steps[axis];
+        if made == 0 {
+            return;
+        }
+        self.steps[axis] = steps;
+        if self.stalled[axis] {
+            self.lost[axis] += made;
+        } else if let Some(fitted) = &self.config.axes[axis] {
+            let millimetres = (steps - self.lost[axis]) as f64 / fitted.steps_per_mm;
+            self.plant.motor_moved(axis, millimetres);
+        }
+    }
+
+    /// Whether a limit switch has just closed.
+    fn hits_a_limit(&mut self) -> bool {
+        let mut hit = false;
+        for axis in 0..3 {
+            if self.config.axes[axis].is_some() {
+                let closed = self.plant.limit_switch_closed(axis);
+                hit |= closed && !self.limit_closed[axis];
+                self.limit_closed[axis] = closed;
+            }
+        }
+        hit && self.settings.is_on(21)
+    }
+
+    /// Starts homing one axis, or all that are fitted.
+    pub(super) fn home(&mut self, axis: Option<usize>) {
+        let axes: Vec<usize> =
+            (0..3).filter(|&i| self.config.axes[i].is_some() && axis.is_none_or(|axis| axis == i)).collect();
+        self.homing = Some(Homing::new(axes.into_iter()));
+        self.state = State::Home;
+    }
+
+    fn homes_negative(&self, axis: usize) -> bool {
+        (self.settings.get(23) as u32) & (1 << axis) != 0
+    }
+
+    fn advance_homing(&mut self, dt: f64) {
+        let Some(mut homing) = self.homing.take() else { return };
+        let phase = homing.phase;
+        let pull_off = self.settings.get(27);
+        for axis in &mut homing.axes {
+            let index = axis.axis;
+            let rate = match phase {
+                HomingPhase::Locate => self.settings.get(24),
+                _ => self.settings.get(25),
+            };
+            let steps_per_mm = self.settings.of_axis(100, index);
+            axis.due += rate.min(self.settings.of_axis(110, index)) / 60.0 * steps_per_mm * dt;
+            // Grbl's bounds: 1.5 travels for the search, five pull-offs for the slow approach.
+            let longest_mm = match phase {
+                HomingPhase::Seek => 1.5 * self.settings.of_axis(130, index),
+                HomingPhase::Locate => 5.0 * pull_off,
+                HomingPhase::PullOff | HomingPhase::Settle => pull_off,
+            };
+            let longest = (longest_mm * steps_per_mm).round() as i64;
+            let towards = if self.homes_negative(index) { -1 } else { 1 };
+            let direction = if phase.approaches() { towards } else { -towards };
+            while !axis.done && axis.steps < axis.due as i64 {
+                if phase.approaches() && self.plant.home_switch_closed(index) {
+                    axis.done = true;
+                } else if axis.steps >= longest {
+                    if phase.approaches() {
+                        self.fail_homing(9);
+                        return;
+                    }
+                    axis.done = true;
+                } else {
+                    axis.steps += 1;
+                    self.turn(index, self.steps[index] + direction);
+                }
+            }
+        }
+        if homing.axes.iter().any(|axis| !axis.done) {
+            self.homing = Some(homing);
+            return;
+        }
+        if !phase.approaches() && homing.axes.iter().any(|axis| self.plant.home_switch_closed(axis.axis)) {
+            self.fail_homing(8);
+            return;
+        }
+        if let Some(next) = phase.next() {
+            homing.enter(next);
+            self.homing = Some(homing);
+            return;
+        }
+        for axis in &homing.axes {
+            let index = axis.axis;
+            // Machine space is negative: zero is the positive end of the travel.
+            let machine_mm = match self.homes_negative(index) {
+                true => -self.settings.of_axis(130, index) + pull_off,
+                false => -pull_off,
+            };
+            self.origin[index] = (machine_mm * self.settings.of_axis(100, index)).round() as i64 - self.steps[index];
+            self.limit_closed[index] = self.plant.limit_switch_closed(index);
+        }
+        self.state = State::Idle;
+        self.say("ok");
+        if std::mem::take(&mut self.report_due) {
+            self.report();
+        }
+        self.work();
+    }
+
+    fn fail_homing(&mut self, alarm: u8) {
+        self.say(&format!("ALARM:{alarm}"));
+        self.state = State::Alarm;
+        self.homing = None;
+        self.reset();
+    }
+
+    fn report(&mut self) {
+        if self.homing.is_some() {
+            // The homing loop answers nothing; the report comes after it.
+            self.report_due = true;
+            return;
+        }
+        let state = match self.state {
+            State::Idle => "Idle",
+            State::Jog => "Jog",
+            State::Run => "Run",
+            State::Hold if self.motion.is_some() => "Hold:1",
+            State::Hold => "Hold:0",
+            State::Alarm => "Alarm",
+            State::Home => "Home",
+            State::Sleep => "Sleep",
+        };
+        let [x, y, z] = self.machine_mm();
+        let position = if self.settings.get(10) as u32 & 1 != 0 { "MPos" } else { "WPos" };
+        let feed = self.motion.as_ref().map_or(0.0, |motion| motion.speed() * 60.0);
+        let mut report = format!("<{state}|{position}:{x:.3},{y:.3},{z:.3}|FS:{feed:.0},0");
+        // Grbl adds the offset to one report in ten at rest and one in thirty in motion, the overrides to the next.
+        let period = if self.is_moving() { 30 } else { 10 };
+        match self.reports % period {
+            0 => report.push_str("|WCO:0.000,0.000,0.000"),
+            1 => report.push_str("|Ov:100,100,100"),
+            _ => {}
+        }
+        self.reports = self.reports.wrapping_add(1);
+        report.push('>');
+        self.say(&report);
+    }
+}

@@ -1,0 +1,196 @@
+//! Motion along straight lines with finite acceleration, and the search for a home switch.
+
+/// A queued straight line, in machine steps.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Block {
+    /// Where it ends, machine steps.
+    pub target: [i64; 3],
+    /// Speed asked for, mm/s.
+    pub speed: f64,
+}
+
+/// A line under way: a trapezoid of speed over distance.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Motion {
+    from_mm: [f64; 3],
+    unit: [f64; 3],
+    length_mm: f64,
+    travelled_mm: f64,
+    speed: f64,
+    top_speed: f64,
+    acceleration: f64,
+    /// Whether it decelerates to rest wherever it is.
+    pub stopping: bool,
+}
+
+impl Motion {
+    /// From one point to another (mm), at the speed asked for (mm/s) as far as the axes' greatest speeds (mm/s) and
+    /// accelerations (mm/s²) allow; `None` where there is no distance.
+    pub(super) fn new(
+        from_mm: [f64; 3],
+        to_mm: [f64; 3],
+        speed: f64,
+        speeds: [f64; 3],
+        accelerations: [f64; 3],
+    ) -> Option<Self> {
+        let delta: [f64; 3] = std::array::from_fn(|i| to_mm[i] - from_mm[i]);
+        let length_mm = delta.iter().map(|d| d * d).sum::<f64>().sqrt();
+        if length_mm < 1e-9 {
+            return None;
+        }
+        let unit = delta.map(|d| d / length_mm);
+        let along = |limits: [f64; 3]| {
+            (0..3).filter(|&i| unit[i].abs() > 1e-9).map(|i| limits[i] / unit[i].abs()).fold(f64::INFINITY, f64::min)
+        };
+        Some(Self {
+            from_mm,
+            unit,
+            length_mm,
+            travelled_mm: 0.0,
+            speed: 0.0,
+            top_speed: speed.min(along(speeds)),
+            acceleration: along(accelerations),
+            stopping: false,
+        })
+    }
+
+    /// Goes on for `dt` seconds (at most a few milliseconds) and tells whether it has come to rest.
+    pub(super) fn advance(&mut self, dt: f64) -> bool {
+        let before = self.speed;
+        let left = self.length_mm - self.travelled_mm;
+        if self.stopping {
+            self.speed = (before - self.acceleration * dt).max(0.0);
+        } else {
+            // The last term is the speed from which the rest of the way suffices to stop.
+            let brake = (2.0 * self.acceleration * left).sqrt();
+            self.speed = (before + self.acceleration * dt).min(self.top_speed).min(brake);
+        }
+        let way = 0.5 * (before + self.speed) * dt;
+        // Half a micrometre is a fraction of a motor step: the end of the line.
+        if way >= left - 5e-4 {
+            self.travelled_mm = self.length_mm;
+            self.speed = 0.0;
+            return true;
+        }
+        self.travelled_mm += way;
+        self.stopping && self.speed == 0.0
+    }
+
+    /// Where it is now, mm.
+    pub(super) fn position_mm(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.from_mm[i] + self.unit[i] * self.travelled_mm)
+    }
+
+    /// Where it is to end, mm.
+    pub(super) fn end_mm(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.from_mm[i] + self.unit[i] * self.length_mm)
+    }
+
+    /// Greatest speed on the way, mm/s.
+    pub(super) const fn speed_asked(&self) -> f64 {
+        self.top_speed
+    }
+
+    /// Speed now, mm/s.
+    pub(super) const fn speed(&self) -> f64 {
+        self.speed
+    }
+}
+
+/// Where a homing cycle is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum HomingPhase {
+    /// Fast, until the switch closes.
+    Seek,
+    /// Off the switch.
+    PullOff,
+    /// Slow, until the switch closes again.
+    Locate,
+    /// Off the switch, to the home position.
+    Settle,
+}
+
+impl HomingPhase {
+    /// The phase after this one.
+    pub(super) const fn next(self) -> Option<Self> {
+        match self {
+            Self::Seek => Some(Self::PullOff),
+            Self::PullOff => Some(Self::Locate),
+            Self::Locate => Some(Self::Settle),
+            Self::Settle => None,
+        }
+    }
+
+    /// Whether it runs towards the switch.
+    pub(super) const fn approaches(self) -> bool {
+        matches!(self, Self::Seek | Self::Locate)
+    }
+}
+
+/// One axis in a homing cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct HomingAxis {
+    /// Axis number.
+    pub axis: usize,
+    /// Steps made in this phase.
+    pub steps: i64,
+    /// Steps due by the time passed in this phase, with their fraction.
+    pub due: f64,
+    /// Whether it has ended this phase.
+    pub done: bool,
+}
+
+/// A homing cycle: every axis goes through the phases together.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Homing {
+    /// Where the cycle is.
+    pub phase: HomingPhase,
+    /// Its axes.
+    pub axes: Vec<HomingAxis>,
+}
+
+impl Homing {
+    pub(super) fn new(axes: impl Iterator<Item = usize>) -> Self {
+        let axes = axes.map(|axis| HomingAxis { axis, steps: 0, due: 0.0, done: false }).collect();
+        Self { phase: HomingPhase::Seek, axes }
+    }
+
+    /// Enters a phase with every axis at its begin.
+    pub(super) fn enter(&mut self, phase: HomingPhase) {
+        self.phase = phase;
+        for axis in &mut self.axes {
+            (axis.steps, axis.due, axis.done) = (0, 0.0, false);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_takes_the_time_of_its_trapezoid_and_ends_at_its_end() {
+        let mut motion = Motion::new([0.0; 3], [10.0, 0.0, 0.0], 9.0, [5.0; 3], [20.0; 3]).unwrap();
+        let mut time: f64 = 0.0;
+        while !motion.advance(0.001) {
+            time += 0.001;
+            assert!(motion.speed() <= 5.0 + 1e-12);
+        }
+        // 10 mm at 5 mm/s, with 0.25 s more for speeding up and slowing down.
+        assert!((time - 2.25).abs() < 0.02, "{time}");
+        assert_eq!(motion.position_mm(), [10.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_stop_takes_its_distance() {
+        let mut motion = Motion::new([0.0; 3], [0.0, -10.0, 0.0], 5.0, [5.0; 3], [20.0; 3]).unwrap();
+        for _ in 0..1000 {
+            assert!(!motion.advance(0.001));
+        }
+        let at = motion.position_mm()[1];
+        motion.stopping = true;
+        while !motion.advance(0.001) {}
+        // v²/2a = 25/40 mm.
+        assert!((at - motion.position_mm()[1] - 0.625).abs() < 0.005);
+    }
+}

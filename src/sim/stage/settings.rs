@@ -1,0 +1,168 @@
+//! The twin's settings: what a firmware built and configured for the bench's axes would hold.
+
+use std::collections::BTreeMap;
+
+use crate::config::AxisConfig;
+
+/// One axis of the machine that the firmware is configured for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FirmwareAxis {
+    /// Motor steps a millimetre.
+    pub steps_per_mm: f64,
+    /// Greatest rate, mm/min.
+    pub max_rate_mm_per_min: f64,
+    /// Acceleration, mm/s².
+    pub acceleration_mm_per_s2: f64,
+    /// Travel from the home switch to the other end, mm.
+    pub travel_mm: f64,
+    /// Whether the home switch is at the firmware's negative end.
+    pub homes_negative: bool,
+}
+
+/// What the firmware was built with and configured for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FirmwareConfig {
+    /// Axes X, Y, Z; absent ones have no motor, no switch, and are not homed.
+    pub axes: [Option<FirmwareAxis>; 3],
+    /// Distance from the home switch after homing, mm.
+    pub pull_off_mm: f64,
+    /// Rate of the search for the switch, mm/min (and never faster than the axis goes).
+    pub seek_rate_mm_per_min: f64,
+    /// Rate of the slow approach to the switch, mm/min.
+    pub locate_rate_mm_per_min: f64,
+    /// Whether the firmware was built with single-axis homing, `$HX` (stock builds are not).
+    pub single_axis_homing: bool,
+    /// Whether the hard limit switches are wired and on.
+    pub hard_limits: bool,
+    /// What the firmware calls itself, e.g. `Grbl 1.1h`.
+    pub version: String,
+}
+
+/// Distance from the home switch after homing, mm: an axis's `home_position_mm` is this far off its switch.
+pub const PULL_OFF_MM: f64 = 2.0;
+
+/// Travel beyond the configured limit that the firmware's soft limits leave, mm.
+const SPARE_TRAVEL_MM: f64 = 1.0;
+
+impl FirmwareConfig {
+    /// A firmware that suits the bench's axes, each at the letter it is configured for.
+    #[must_use]
+    pub fn for_axes(focus: &AxisConfig, e: &AxisConfig) -> Self {
+        let fitted = |letter: &str| [focus, e].into_iter().find(|axis| axis.axis.eq_ignore_ascii_case(letter));
+        Self {
+            axes: ["X", "Y", "Z"].map(|letter| fitted(letter).map(FirmwareAxis::of)),
+            pull_off_mm: PULL_OFF_MM,
+            seek_rate_mm_per_min: 600.0,
+            locate_rate_mm_per_min: 30.0,
+            single_axis_homing: true,
+            hard_limits: true,
+            version: "Grbl 1.1h".to_owned(),
+        }
+    }
+}
+
+impl FirmwareAxis {
+    fn of(axis: &AxisConfig) -> Self {
+        let direction = if axis.reversed { -1.0 } else { 1.0 };
+        let far = match axis.home_side.sign() > 0.0 {
+            true => axis.home_position_mm - axis.low_limit_mm,
+            false => axis.high_limit_mm - axis.home_position_mm,
+        };
+        Self {
+            steps_per_mm: axis.steps_per_mm,
+            max_rate_mm_per_min: axis.speed_mm_per_s * 60.0,
+            acceleration_mm_per_s2: axis.acceleration_mm_per_s2,
+            travel_mm: far.max(0.0) + PULL_OFF_MM + SPARE_TRAVEL_MM,
+            homes_negative: axis.home_side.sign() * direction < 0.0,
+        }
+    }
+}
+
+/// The settings by number, as `$$` lists them.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Settings(BTreeMap<u16, f64>);
+
+impl Settings {
+    pub(super) fn new(config: &FirmwareConfig) -> Self {
+        let direction_mask = (0..3)
+            .filter(|&i| config.axes[i].as_ref().is_some_and(|axis| axis.homes_negative))
+            .map(|i| f64::from(1u8 << i))
+            .sum();
+        let mut values = BTreeMap::from([
+            (0, 10.0),
+            (1, 255.0),
+            (2, 0.0),
+            (3, 0.0),
+            (4, 0.0),
+            (5, 0.0),
+            (6, 0.0),
+            (10, 1.0),
+            (11, 0.010),
+            (12, 0.002),
+            (13, 0.0),
+            (20, 1.0),
+            (21, if config.hard_limits { 1.0 } else { 0.0 }),
+            (22, 1.0),
+            (23, direction_mask),
+            (24, config.locate_rate_mm_per_min),
+            (25, config.seek_rate_mm_per_min),
+            (26, 250.0),
+            (27, config.pull_off_mm),
+            (30, 1000.0),
+            (31, 0.0),
+            (32, 0.0),
+        ]);
+        for (number, axis) in (0u16..).zip(&config.axes) {
+            // Grbl's own defaults stand where no axis is fitted.
+            values.insert(100 + number, axis.as_ref().map_or(250.0, |axis| axis.steps_per_mm));
+            values.insert(110 + number, axis.as_ref().map_or(500.0, |axis| axis.max_rate_mm_per_min));
+            values.insert(120 + number, axis.as_ref().map_or(10.0, |axis| axis.acceleration_mm_per_s2));
+            values.insert(130 + number, axis.as_ref().map_or(200.0, |axis| axis.travel_mm));
+        }
+        Self(values)
+    }
+
+    pub(super) fn get(&self, number: u16) -> f64 {
+        self.0.get(&number).copied().unwrap_or(0.0)
+    }
+
+    pub(super) fn is_on(&self, number: u16) -> bool {
+        self.get(number) != 0.0
+    }
+
+    pub(super) fn of_axis(&self, group: u16, axis: usize) -> f64 {
+        self.get(group + axis as u16)
+    }
+
+    /// Writes a setting, or says which of Grbl's errors it is.
+    pub(super) fn set(&mut self, number: u16, value: f64) -> Result<(), u8> {
+        if value < 0.0 {
+            return Err(4);
+        }
+        if number == 20 && value != 0.0 && !self.is_on(22) {
+            return Err(10);
+        }
+        // A divisor of zero would stop the firmware's arithmetic.
+        if (100..133).contains(&number) && value == 0.0 {
+            return Err(4);
+        }
+        match self.0.get_mut(&number) {
+            Some(slot) => {
+                *slot = value;
+                if number == 22 && value == 0.0 {
+                    self.0.insert(20, 0.0);
+                }
+                Ok(())
+            }
+            None => Err(3),
+        }
+    }
+
+    /// The lines of `$$`.
+    pub(super) fn lines(&self) -> impl Iterator<Item = String> {
+        self.0.iter().map(|(&number, &value)| match number {
+            0..=6 | 10 | 13 | 20..=23 | 26 | 30..=32 => format!("${number}={value:.0}"),
+            _ => format!("${number}={value:.3}"),
+        })
+    }
+}

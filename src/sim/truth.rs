@@ -1,0 +1,417 @@
+//! The simulated truth that all twins share: where the carriages really are, what stands before the camera, and the
+//! optics as they are rather than as they are configured.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde_json::json;
+
+use super::plant::Plant;
+use super::stage::PULL_OFF_MM;
+use crate::config::{AxisConfig, Config, Side};
+use crate::device::{AxisName, Setup, SimulatedOperator};
+use crate::optics::{CameraDesign, MainLens};
+
+/// What stands before the lens, and what is around it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Surroundings {
+    /// A diffuser on the lens.
+    Diffuser,
+    /// Nothing but a far, dark room.
+    Nothing,
+    /// In air: three boards side by side; distances from M at the pose where they were put up, mm.
+    AirTripleBoard {
+        /// Nearest, middle, farthest.
+        distances_mm: [f64; 3],
+        /// True e at that moment, mm: the boards stand still while the camera moves.
+        placed_at_e_mm: f64,
+    },
+    /// Shell on, in water: a flat board at this distance from O, mm.
+    WaterBoard {
+        /// Distance in water, mm.
+        distance_mm: f64,
+    },
+}
+
+/// One axis's mechanics: screw, play, friction and the way the carriage really goes.
+#[derive(Debug, Clone)]
+struct Carriage {
+    /// True travel over the firmware's count.
+    scale: f64,
+    /// Lost motion on reversal, mm.
+    backlash: f64,
+    /// A pull shorter than this does not move the carriage, mm.
+    friction: f64,
+    /// Whether the coordinate runs against the screw, mirrored about home.
+    flipped: bool,
+    /// Position in screw direction, as if not flipped, mm.
+    position: f64,
+    /// The nut's push position: carriage position at which the screw's present turn would push it up.
+    screw: f64,
+    /// The firmware's count at the last call, mm.
+    count: f64,
+    /// True coordinate after a perfect homing, mm.
+    home: f64,
+    /// The end where the switch is.
+    home_side: Side,
+    /// Where the switch closes, in screw direction, mm.
+    switch: f64,
+    /// Where the far hard stop is, in screw direction, mm.
+    far_stop: f64,
+    /// Whether the firmware's positive direction is the coordinate's negative one.
+    reversed: bool,
+}
+
+impl Carriage {
+    fn new(axis: &AxisConfig, error: &AxisError, start: f64) -> Self {
+        let home = axis.home_position_mm + error.zero_offset_mm;
+        let sign = axis.home_side.sign();
+        let scale = 1.0 + error.scale;
+        let far = match axis.home_side {
+            Side::Low => axis.high_limit_mm + 1.0,
+            Side::High => axis.low_limit_mm - 1.0,
+        };
+        Self {
+            scale,
+            backlash: error.backlash_mm,
+            friction: error.friction_mm,
+            flipped: error.flipped,
+            position: start,
+            screw: start,
+            count: 0.0,
+            home,
+            home_side: axis.home_side,
+            // The reversal after the switch loses the play, which the switch's place makes up for.
+            switch: home + sign * (PULL_OFF_MM * scale - error.backlash_mm),
+            far_stop: far,
+            reversed: axis.reversed,
+        }
+    }
+
+    fn coordinate(&self) -> f64 {
+        if self.flipped { 2.0 * self.home - self.position } else { self.position }
+    }
+
+    fn turn_to(&mut self, count: f64) {
+        let direction = if self.reversed { -1.0 } else { 1.0 };
+        self.screw += direction * (count - self.count) * self.scale;
+        self.count = count;
+        // The nut has `backlash` of play below the screw's push position.
+        let pulled = self.position.clamp(self.screw - self.backlash, self.screw);
+        if (pulled - self.position).abs() >= self.friction {
+            self.position = pulled;
+        }
+    }
+
+    fn at_switch(&self) -> bool {
+        match self.home_side {
+            Side::Low => self.position <= self.switch,
+            Side::High => self.position >= self.switch,
+        }
+    }
+
+    fn at_far_stop(&self) -> bool {
+        match self.home_side {
+            Side::Low => self.position >= self.far_stop,
+            Side::High => self.position <= self.far_stop,
+        }
+    }
+
+    fn place(&mut self, coordinate: f64) {
+        self.position = if self.flipped { 2.0 * self.home - coordinate } else { coordinate };
+        self.screw = self.position;
+    }
+}
+
+struct AxisError {
+    scale: f64,
+    backlash_mm: f64,
+    friction_mm: f64,
+    flipped: bool,
+    zero_offset_mm: f64,
+}
+
+/// The state of the simulated world.
+#[derive(Debug)]
+struct World {
+    focus: Carriage,
+    e: Carriage,
+    surroundings: Surroundings,
+    shell_on: bool,
+    aperture_mm: f64,
+    least_e_with_shell_mm: f64,
+    touched_shell: bool,
+}
+
+/// A moment of the simulated world, for a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// True Δv: the focus axis's true coordinate, mm.
+    pub delta_v_mm: f64,
+    /// True d, mm.
+    pub lens_to_mla_mm: f64,
+    /// True e, mm.
+    pub e_mm: f64,
+    /// What stands before the lens.
+    pub surroundings: Surroundings,
+    /// Whether the shell is mounted.
+    pub shell_on: bool,
+    /// Aperture diameter, mm.
+    pub aperture_mm: f64,
+}
+
+/// The shared truth of one simulated bench.
+#[derive(Debug)]
+pub struct Truth {
+    design: CameraDesign,
+    config: Arc<Config>,
+    world: Mutex<World>,
+}
+
+impl Truth {
+    /// A bench as it is found: shell off, axes somewhere along their travel, the aperture at the air design's.
+    #[must_use]
+    pub fn new(config: &Arc<Config>) -> Arc<Self> {
+        let simulation = &config.bench.simulation;
+        let mut random = Pcg64::seed_from_u64(simulation.seed);
+        let focus = &config.bench.focus;
+        let e = &config.bench.e;
+        let design = config.design();
+        let focus_start = focus.home_position_mm + random.random_range(0.2..1.2);
+        let e_start = e.home_position_mm - random.random_range(1.0..5.0);
+        let focus_error = AxisError {
+            scale: simulation.focus_scale_error,
+            backlash_mm: simulation.focus_backlash_mm,
+            friction_mm: simulation.friction_step_mm,
+            flipped: simulation.focus_sign_flip,
+            zero_offset_mm: 0.0,
+        };
+        let e_error = AxisError {
+            scale: simulation.e_scale_error,
+            backlash_mm: simulation.e_backlash_mm,
+            friction_mm: simulation.friction_step_mm,
+            flipped: simulation.e_sign_flip,
+            zero_offset_mm: simulation.e_zero_offset_mm,
+        };
+        Arc::new(Self {
+            design,
+            config: Arc::clone(config),
+            world: Mutex::new(World {
+                focus: Carriage::new(focus, &focus_error, focus_start),
+                e: Carriage::new(e, &e_error, e_start),
+                surroundings: Surroundings::Nothing,
+                shell_on: false,
+                aperture_mm: design.aperture(0.0),
+                least_e_with_shell_mm: f64::INFINITY,
+                touched_shell: false,
+            }),
+        })
+    }
+
+    /// The configuration that the bench was made from.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The pose at this moment.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        let world = self.world();
+        let delta_v_mm = world.focus.coordinate();
+        Pose {
+            delta_v_mm,
+            lens_to_mla_mm: self.design.air_lens_to_mla()
+                + self.config.bench.simulation.lens_to_mla_error_mm
+                + delta_v_mm,
+            e_mm: world.e.coordinate(),
+            surroundings: world.surroundings,
+            shell_on: world.shell_on,
+            aperture_mm: world.aperture_mm,
+        }
+    }
+
+    /// The true image distance of what stands before the lens, less a, less the true d, mm: zero when it is in focus.
+    /// `None` where nothing stands there that could be.
+    fn focus_error_mm(&self, pose: &Pose) -> Option<f64> {
+        let lens = MainLens {
+            focal_length: self.design.main_lens.focal_length * (1.0 + self.config.bench.simulation.focal_length_error),
+        };
+        let equivalent = match pose.surroundings {
+            Surroundings::AirTripleBoard { distances_mm, placed_at_e_mm } => {
+                distances_mm[1] + pose.e_mm - placed_at_e_mm
+            }
+            Surroundings::WaterBoard { distance_mm } => self.design.shell.equivalent_distance(distance_mm, pose.e_mm),
+            Surroundings::Diffuser | Surroundings::Nothing => return None,
+        };
+        Some(lens.image_distance(equivalent) - self.design.mla.a() - pose.lens_to_mla_mm)
+    }
+
+    fn world(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The bench's axis of a number on the simulated controller.
+fn axis_of(index: usize) -> Option<AxisName> {
+    AxisName::ALL.get(index).copied()
+}
+
+impl World {
+    fn carriage(&mut self, axis: AxisName) -> &mut Carriage {
+        match axis {
+            AxisName::Focus => &mut self.focus,
+            AxisName::E => &mut self.e,
+        }
+    }
+
+    fn note_shell(&mut self, contact_e_mm: f64) {
+        if !self.shell_on {
+            return;
+        }
+        let e = self.e.coordinate();
+        self.least_e_with_shell_mm = self.least_e_with_shell_mm.min(e);
+        if e <= contact_e_mm {
+            // The shell holds the lens; the motor turns on against it.
+            self.touched_shell = true;
+            self.e.place(contact_e_mm);
+        }
+    }
+}
+
+impl Plant for Truth {
+    fn motor_moved(&self, axis: usize, position_mm: f64) {
+        let Some(axis) = axis_of(axis) else { return };
+        let contact = self.config.bench.simulation.contact_e_mm;
+        let mut world = self.world();
+        world.carriage(axis).turn_to(position_mm);
+        world.note_shell(contact);
+    }
+
+    fn home_switch_closed(&self, axis: usize) -> bool {
+        axis_of(axis).is_some_and(|axis| self.world().carriage(axis).at_switch())
+    }
+
+    fn limit_switch_closed(&self, axis: usize) -> bool {
+        axis_of(axis).is_some_and(|axis| {
+            let mut world = self.world();
+            let carriage = world.carriage(axis);
+            carriage.at_switch() || carriage.at_far_stop()
+        })
+    }
+}
+
+impl SimulatedOperator for Truth {
+    fn obey(&self, setup: &Setup) {
+        let simulation = &self.config.bench.simulation;
+        let error = simulation.board_placement_error_mm;
+        let mut world = self.world();
+        match *setup {
+            Setup::Diffuser => world.surroundings = Surroundings::Diffuser,
+            Setup::AirTripleBoard { distances_mm } => {
+                world.shell_on = false;
+                let placed_at_e_mm = world.e.coordinate();
+                world.surroundings =
+                    Surroundings::AirTripleBoard { distances_mm: distances_mm.map(|d| d + error), placed_at_e_mm };
+            }
+            Setup::WaterBoard { distance_mm } => {
+                world.shell_on = true;
+                world.surroundings = Surroundings::WaterBoard { distance_mm: distance_mm + error };
+                world.note_shell(simulation.contact_e_mm);
+            }
+            Setup::LeastE { distance_mm } => {
+                world.shell_on = true;
+                // Pushed by hand until the barrel touches: no collision.
+                world.e.place(simulation.contact_e_mm);
+                world.surroundings = Surroundings::WaterBoard { distance_mm: distance_mm + error };
+            }
+            Setup::ShellOff => {
+                world.shell_on = false;
+                world.surroundings = Surroundings::Nothing;
+            }
+            Setup::Aperture { diameter_mm, .. } => world.aperture_mm = diameter_mm,
+        }
+    }
+
+    fn confirms(&self) -> bool {
+        self.config.bench.simulation.operator_confirms
+    }
+
+    fn truth(&self) -> serde_json::Value {
+        let pose = self.pose();
+        let world = self.world();
+        json!({
+            "delta_v_mm": pose.delta_v_mm,
+            "lens_to_mla_mm": pose.lens_to_mla_mm,
+            "focus_error_mm": self.focus_error_mm(&pose),
+            "e_mm": pose.e_mm,
+            "least_e_with_shell_mm": world.least_e_with_shell_mm.is_finite().then_some(world.least_e_with_shell_mm),
+            "touched_shell": world.touched_shell,
+            "aperture_mm": pose.aperture_mm,
+            "shell_on": pose.shell_on,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bench(change: impl FnOnce(&mut Config)) -> Arc<Truth> {
+        let mut config = Config::default();
+        change(&mut config);
+        Truth::new(&Arc::new(config))
+    }
+
+    #[test]
+    fn scale_and_backlash_act_on_the_carriage() {
+        let truth = bench(|_| {});
+        let start = truth.pose().e_mm;
+        truth.motor_moved(1, 1.0);
+        let up = truth.pose().e_mm;
+        truth.motor_moved(1, 0.0);
+        let down = truth.pose().e_mm;
+        truth.motor_moved(1, -1.0);
+        let further = truth.pose().e_mm;
+        assert!((up - start - 1.05).abs() < 0.031, "the first way up may lose the play");
+        assert!((up - down - (1.05 - 0.03)).abs() < 1e-9);
+        assert!((down - further - 1.05).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_switch_closes_where_pulling_off_ends_at_home() {
+        let truth = bench(|config| config.bench.simulation.e_zero_offset_mm = 0.1);
+        let mut count = 0.0;
+        while !truth.home_switch_closed(1) {
+            count += 0.001;
+            truth.motor_moved(1, count);
+        }
+        truth.motor_moved(1, count - PULL_OFF_MM);
+        assert!((truth.pose().e_mm - 30.1).abs() < 0.06, "{}", truth.pose().e_mm);
+        assert!(!truth.home_switch_closed(1));
+    }
+
+    #[test]
+    fn a_flipped_axis_goes_the_other_way_and_friction_holds_short_moves() {
+        let flipped = bench(|config| config.bench.simulation.e_sign_flip = true);
+        let start = flipped.pose().e_mm;
+        flipped.motor_moved(1, 2.0);
+        assert!(flipped.pose().e_mm < start - 1.9);
+        let sticky = bench(|config| config.bench.simulation.friction_step_mm = 0.2);
+        let start = sticky.pose().delta_v_mm;
+        sticky.motor_moved(0, 0.1);
+        assert_eq!(sticky.pose().delta_v_mm, start);
+        sticky.motor_moved(0, 0.5);
+        assert!(sticky.pose().delta_v_mm > start + 0.4);
+    }
+
+    #[test]
+    fn the_shell_stops_the_lens_and_the_touch_is_remembered() {
+        let truth = bench(|_| {});
+        truth.obey(&Setup::WaterBoard { distance_mm: 800.0 });
+        truth.motor_moved(1, -60.0);
+        assert_eq!(truth.pose().e_mm, -0.5);
+        assert_eq!(truth.truth()["touched_shell"], true);
+    }
+}

@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# Every check, with each part's time: format, clippy, tests, docs, page.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+times=()
+part() {
+  local name=$1 start=$SECONDS
+  shift
+  echo "== $name"
+  if ! "$@"; then
+    echo "== $name FAILED after $((SECONDS - start)) s" >&2
+    exit 1
+  fi
+  times+=("$(printf '%6d s  %s' $((SECONDS - start)) "$name")")
+}
+
+page() { (cd web && npm run --silent check && npm test --silent); }
+browser() { (cd web && npm run --silent e2e); }
+docs() { RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --document-private-items; }
+
+part "set-up" deploy/setup.sh test
+part "format" cargo fmt --check
+part "page built" make --no-print-directory web
+part "page checked" page
+part "clippy" cargo clippy --quiet --all-targets -- -D warnings
+part "tests" cargo test --quiet
+part "docs" docs
+part "page in a browser" browser
+
+echo "== all checks passed in $SECONDS s"
+printf '%s\n' "${times[@]}"

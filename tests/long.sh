@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# The long counts: the reference bench aligned for many seeds, each result kept, so that a broken run goes on where it
+# ended.
+#
+#   tests/long.sh            seeds 1 to 20
+#   SEEDS=21-40 tests/long.sh
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+range=${SEEDS:-1-20}
+[[ $range =~ ^([0-9]+)-([0-9]+)$ ]] || { echo "long: SEEDS=$range is not a range such as 1-20" >&2; exit 2; }
+first=${BASH_REMATCH[1]} last=${BASH_REMATCH[2]}
+
+deploy/setup.sh test
+cargo build --release --quiet
+results=target/long
+mkdir -p "$results"
+for seed in $(seq "$first" "$last"); do
+  result=$results/align-$seed.json
+  if [[ ! -s $result ]]; then
+    PLENALIGN_STATE_DIR=$results target/release/plenalign align --seed "$seed" --json >"$result.part" 2>"$results/align-$seed.log" || true
+    mv "$result.part" "$result"
+  fi
+done
+
+python3 - "$results" "$first" "$last" <<'PYTHON'
+import json, sys
+folder, first, last = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+bad = 0
+print("seed outcome        Δv error air µm  focus error air µm  spacing error px  ± px    e truth mm  least e mm  moves")
+for seed in range(first, last + 1):
+    r = json.load(open(f"{folder}/align-{seed}.json"))
+    truth, air = r["truth"], r["truth"].get("air", {})
+    delta_v = 1000 * (air.get("delta_v_mm", float("nan")) - r["delta_v_air_target_mm"])
+    focus = 1000 * (air.get("focus_error_mm") or float("nan"))
+    spacing = (r["spacing_px"] or float("nan")) - r["spacing_target_px"]
+    good = (r["outcome"] == "converged" and abs(focus) < 10 and abs(spacing) < 0.03
+            and r["moves_air"] <= 4 and r["moves_shell"] <= 5 and not truth["touched_shell"])
+    bad += not good
+    print(f"{seed:4d} {r['outcome']:14s} {delta_v:15.2f} {focus:19.2f} {spacing:17.4f} {r['spacing_sigma_px'] or 0:7.4f}"
+          f" {truth['e_mm']:11.3f} {truth['least_e_with_shell_mm'] or float('nan'):11.3f}  {r['moves_air']}+{r['moves_shell']}"
+          f"{'' if good else '   NOT AS WANTED: ' + r['reason']}")
+total = last - first + 1
+print(f"{total - bad} passed, {bad} failed")
+sys.exit(1 if bad else 0)
+PYTHON

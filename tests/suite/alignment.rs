@@ -1,0 +1,105 @@
+//! Whole alignments on the simulated bench, judged by the simulated truth.
+
+use plenalign::config::{Config, LBoundSource, ShellStep};
+use plenalign::control::job::{JobSnapshot, JobState};
+
+use super::bench::{align, service, small_config};
+
+fn truth(job: &JobSnapshot) -> &serde_json::Value {
+    job.report.as_ref().unwrap().truth.as_ref().unwrap()
+}
+
+fn number(value: &serde_json::Value, key: &str) -> f64 {
+    value[key].as_f64().unwrap_or_else(|| panic!("{key} is no number in {value}"))
+}
+
+/// What an alignment of the reference bench has to keep, whatever its seed.
+fn judge(config: &Config, job: &JobSnapshot) {
+    let log: Vec<&str> = job.log.iter().map(|line| line.message.as_str()).collect();
+    let context = format!("{:?}: {:?}\n{}", job.state, job.reason, log.join("\n"));
+    assert_eq!(job.state, JobState::Converged, "{context}");
+    let report = job.report.as_ref().unwrap();
+    let (end, air) = (truth(job), &truth(job)["air"]);
+    assert!(number(air, "focus_error_mm").abs() < 0.010, "{air} {context}");
+    assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{context}");
+    let design = config.design();
+    let spacing = design.spacing_at(
+        design.shell.equivalent_distance(design.object_distance, number(end, "e_mm")),
+        number(end, "delta_v_mm"),
+    );
+    let true_error_px = spacing / config.pixel_pitch().millimetres() - report.spacing_target_px;
+    assert!(true_error_px.abs() < 0.03, "{true_error_px} px; {context}");
+    assert!(report.moves_air <= 4 && report.moves_shell <= 5, "{context}");
+    let wall = report.e_wall_mm - config.bench.e.zero_uncertainty_mm;
+    assert!(number(end, "least_e_with_shell_mm") >= wall, "{end}");
+    assert_eq!(end["touched_shell"], false);
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_reference_bench_converges() {
+    for seed in [1, 2] {
+        let config = small_config(seed);
+        let job = align(&service(config.clone()).await).await;
+        judge(&config, &job);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_axis_shorter_than_its_scale_never_passes_the_wall() {
+    let mut config = small_config(3);
+    config.bench.simulation.e_scale_error = -0.05;
+    config.bench.simulation.focus_scale_error = -0.05;
+    let job = align(&service(config.clone()).await).await;
+    judge(&config, &job);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_reversed_e_axis_is_named_after_the_probe() {
+    let mut config = small_config(4);
+    config.bench.simulation.e_sign_flip = true;
+    let job = align(&service(config).await).await;
+    assert_eq!(job.state, JobState::Failed);
+    let reason = job.reason.clone().unwrap();
+    assert!(reason.contains("wrong way") && reason.contains("e axis"), "{reason}");
+    // The probe is the only move that the e axis has made with the shell on.
+    assert!(number(truth(&job), "e_mm") > 29.0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_reversed_focus_axis_is_named_after_the_probe() {
+    let mut config = small_config(5);
+    config.bench.simulation.focus_sign_flip = true;
+    let job = align(&service(config).await).await;
+    assert_eq!(job.state, JobState::Failed);
+    let reason = job.reason.clone().unwrap();
+    assert!(reason.contains("focus axis") && reason.contains("wrong way"), "{reason}");
+    assert!(number(truth(&job), "delta_v_mm").abs() < 0.6, "nothing moves after the probe");
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_papers_plain_step_ends_at_the_wall() {
+    let mut config = small_config(6);
+    config.assembly.shell_step = ShellStep::TranslateE;
+    // A board that stands too near makes the criterion lie beyond the wall.
+    config.bench.simulation.board_placement_error_mm = -40.0;
+    let job = align(&service(config).await).await;
+    let report = job.report.unwrap();
+    assert_ne!(job.state, JobState::Converged, "{:?}", job.reason);
+    assert!(report.e_readback_mm.unwrap() >= report.e_wall_mm - 1e-3);
+}
+
+#[tokio::test(start_paused = true)]
+async fn l_bound_is_measured_before_the_air_step() {
+    let mut config = small_config(7);
+    config.assembly.l_bound = LBoundSource::Measure;
+    config.bench.simulation.contact_e_mm = 4.0;
+    let job = align(&service(config).await).await;
+    let report = job.report.clone().unwrap();
+    let log: Vec<&str> = job.log.iter().map(|line| line.message.as_str()).collect();
+    assert_eq!(job.state, JobState::Converged, "{:?}\n{}", job.reason, log.join("\n"));
+    let sigma = report.l_bound_sigma_mm.unwrap();
+    assert!((report.l_bound_mm - 4.0).abs() < 0.5 + 6.0 * sigma, "{} ± {sigma}", report.l_bound_mm);
+    assert!(report.l_bound_mm > 4.0, "the clearance keeps the lens off the shell");
+    assert_eq!(report.e_target_mm, report.l_bound_mm);
+    assert_eq!(truth(&job)["touched_shell"], false);
+}

@@ -1,0 +1,40 @@
+//! A whole simulated bench for a test: small sensor, simulated time.
+
+use std::sync::Arc;
+
+use plenalign::config::Config;
+use plenalign::control::events::Event;
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot};
+use plenalign::control::{Service, open_bench};
+use tokio::sync::broadcast::error::RecvError;
+
+/// The reference bench with a sensor small enough to render in a blink.
+pub(crate) fn small_config(seed: u64) -> Config {
+    let mut config = Config::default();
+    config.sensor.width_px = 560;
+    config.sensor.height_px = 560;
+    config.bench.simulation.seed = seed;
+    config.bench.simulation.rays = 16;
+    config
+}
+
+/// A service over the simulated bench of a configuration.
+pub(crate) async fn service(config: Config) -> Arc<Service> {
+    let config = Arc::new(config);
+    let bench = open_bench(&config).await.unwrap();
+    Service::start(config, "a test's configuration".to_owned(), bench)
+}
+
+/// Runs a joint alignment to its end.
+pub(crate) async fn align(service: &Arc<Service>) -> JobSnapshot {
+    let mut events = service.subscribe();
+    let id = service.create_job(JobRequest { kind: JobKind::JointAlignment }).unwrap().id;
+    loop {
+        match events.recv().await {
+            Ok(Event::Job { job }) if job.state.is_final() => break,
+            Ok(_) | Err(RecvError::Lagged(_)) => {}
+            Err(RecvError::Closed) => panic!("the service ended before its job"),
+        }
+    }
+    service.job(id).unwrap()
+}

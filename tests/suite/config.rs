@@ -1,0 +1,255 @@
+//! The configuration: the shipped files load, and everything wrong is refused with its key, its place and the reason.
+
+use std::path::Path;
+
+use plenalign::config::{BenchDriver, Config, ConfigError, ConfigOrigin, Position, Side};
+
+fn shipped(name: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(name)
+}
+
+/// The faults of a text as `line:column key: message`.
+fn faults(text: &str) -> Vec<String> {
+    let error = Config::from_toml(text, "test.toml").expect_err(text);
+    assert!(!error.to_string().contains('\n'), "an error is one line: {error}");
+    assert!(error.to_string().starts_with("test.toml: "), "{error}");
+    let line = |fault: &plenalign::config::Violation| {
+        let place = fault.position.map_or_else(|| "-".to_owned(), |p| format!("{}:{}", p.line, p.column));
+        format!("{place} {}: {}", fault.key, fault.message)
+    };
+    error.violations().iter().map(line).collect()
+}
+
+/// Asserts that a text has exactly one fault, of this key and with these words.
+#[track_caller]
+fn refused(text: &str, key: &str, words: &str) {
+    let faults = faults(text);
+    assert_eq!(faults.len(), 1, "{text}: {faults:?}");
+    assert!(faults[0].contains(&format!(" {key}: ")) && faults[0].contains(words), "{text}: {faults:?}");
+}
+
+#[test]
+fn the_shipped_file_is_the_preset() {
+    let (config, origin) = Config::open(Some(&shipped("plenalign.toml"))).unwrap();
+    assert_eq!(config, Config::default());
+    assert!(origin.describe(&config).ends_with("which holds the reference preset, inferred from Table 2"));
+    let (preset, origin) = Config::open(None).unwrap();
+    assert_eq!((&preset, &origin), (&Config::default(), &ConfigOrigin::Preset));
+    assert_eq!(origin.describe(&preset), "reference preset, inferred from Table 2");
+}
+
+#[test]
+fn the_shipped_file_shows_every_key() {
+    // Optional keys are shown commented out: uncommented, each must be known.
+    let text = std::fs::read_to_string(shipped("plenalign.toml")).unwrap();
+    let mut uncommented = 0;
+    let every: String = text
+        .lines()
+        .map(|line| match line.strip_prefix("# ") {
+            Some(key)
+                if key.split_once(" = ").is_some_and(|(name, _)| name.len() > 1 && !name.contains([' ', '"'])) =>
+            {
+                uncommented += 1;
+                format!("{key}\n")
+            }
+            Some(section) if section.starts_with("[bench.controllers.") => format!("{section}\n"),
+            _ => format!("{line}\n"),
+        })
+        .collect();
+    assert_eq!(uncommented, 9);
+    // Only the water, given twice over, is at fault then.
+    let faults = faults(&every);
+    assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
+    let written = toml::from_str::<toml::Table>(&every).unwrap();
+    let known = toml::Table::try_from(Config::default()).unwrap();
+    fn missing(known: &toml::Table, written: &toml::Table, path: &str, found: &mut Vec<String>) {
+        for (key, value) in known {
+            match (value, written.get(key)) {
+                (_, None) => found.push(format!("{path}{key}")),
+                (toml::Value::Table(known), Some(toml::Value::Table(written))) => {
+                    missing(known, written, &format!("{path}{key}."), found);
+                }
+                _ => {}
+            }
+        }
+    }
+    let mut found = Vec::new();
+    missing(&known, &written, "", &mut found);
+    assert_eq!(found, Vec::<String>::new());
+}
+
+#[test]
+fn the_hardware_example_loads() {
+    let config = Config::load(&shipped("examples/grbl.toml")).unwrap();
+    assert_eq!(config.bench.driver, BenchDriver::Hardware);
+    assert_eq!(config.bench.controllers["main"].baud, 115_200);
+    assert_eq!(config.notices(), Vec::<String>::new());
+    // Quan and Fry at 20 °C, fresh, 550 nm.
+    assert!((config.water.index() - 1.334_338_19).abs() < 5e-9, "{}", config.water.index());
+    assert_eq!(config.design().shell.n_water, config.water.index());
+}
+
+#[test]
+fn a_part_of_a_section_keeps_the_rest_of_the_preset() {
+    let config = Config::from_toml("[bench.e]\nbacklash_mm = 0.1\n[mla]\nfocal_length_mm = 1\n", "t").unwrap();
+    let mut expected = Config::default();
+    expected.bench.e.backlash_mm = 0.1;
+    expected.mla.focal_length_mm = 1.0;
+    assert_eq!(config, expected);
+    assert_eq!(config.bench.e.home_side, Side::High);
+    assert_eq!(Config::from_toml("", "empty").unwrap(), Config::default());
+}
+
+#[test]
+fn a_missing_or_broken_file_says_so() {
+    let error = Config::load(Path::new("/nonexistent/plenalign.toml")).unwrap_err();
+    assert!(matches!(error, ConfigError::Read { .. }) && error.to_string().contains("/nonexistent/plenalign.toml"));
+    let error = Config::from_toml("[mla]\npitch_mm = = 2\n", "t").unwrap_err();
+    let ConfigError::Syntax { position, .. } = error else { panic!("{error}") };
+    assert_eq!(position.line, 2);
+    let twice = Config::from_toml("[mla]\npitch_mm = 1\npitch_mm = 2\n", "t").unwrap_err();
+    assert!(matches!(twice, ConfigError::Syntax { position: Position { line: 3, .. }, .. }), "{twice}");
+}
+
+#[test]
+fn unknown_keys_are_all_named_with_their_place() {
+    let found = faults("[mla]\npitch_mm = 0.1\n  pich_mm = 0.2\n[sensr]\npixel_um = 3\n[bench.e]\nxyzzy = 1\n");
+    assert_eq!(found.len(), 3, "{found:?}");
+    assert_eq!(found[0], "3:3 mla.pich_mm: unknown key; did you mean mla.pitch_mm?");
+    assert!(found[1].starts_with("4:2 sensr: ") && found[1].ends_with("did you mean sensor?"), "{found:?}");
+    assert!(found[2].starts_with("7:1 bench.e.xyzzy: unknown key; known here: "), "{found:?}");
+}
+
+#[test]
+fn wrong_types_are_named_with_their_place() {
+    let found = faults("[mla]\npitch_mm = \"0.1\"\n");
+    assert_eq!(found, ["2:12 mla.pitch_mm: invalid type: string \"0.1\", expected a number"]);
+    assert_eq!(faults("[mla]\narray = \"round\"\n").len(), 1);
+    assert!(faults("[mla]\narray = \"round\"\n")[0].contains("mla.array: unknown variant `round`, expected `square`"));
+    assert!(faults("mla = 3\n")[0].starts_with("1:7 mla: "));
+    assert!(faults("[sensor]\nwidth_px = -1\n")[0].contains("sensor.width_px"));
+    assert!(faults("[bench.controllers.main]\nport = \"/dev/x\"\n")[0].contains("bench.controllers.main: missing"));
+}
+
+#[test]
+fn impossible_values_are_refused_with_the_reason() {
+    for (text, key, words) in [
+        ("[main_lens]\nfocal_length_mm = 0", "main_lens.focal_length_mm", "greater than 0"),
+        ("[main_lens]\nfocal_length_mm = nan", "main_lens.focal_length_mm", "finite"),
+        ("[main_lens]\nprincipal_from_mount_sigma_mm = 0.1", "main_lens.principal_from_mount_sigma_mm", "not given"),
+        ("[mla]\nangular_resolution = 1", "mla.angular_resolution", "Galilean"),
+        ("[mla]\nangular_resolution = 50", "mla.angular_resolution", "in front of the main lens"),
+        ("[mla]\nmode = \"keplerian\"\nangular_resolution = 0", "mla.angular_resolution", "greater than 0"),
+        ("[mla]\npitch_mm = -0.1", "mla.pitch_mm", "greater than 0"),
+        ("[sensor]\npixel_um = 0", "sensor.pixel_um", "greater than 0"),
+        ("[sensor]\nwidth_px = 0", "sensor.width_px", "at least 1"),
+        ("[sensor]\nwidth_px = 100000\nheight_px = 100000", "sensor.width_px", "largest frame"),
+        ("[shell]\ninner_radius_mm = 59", "shell.inner_radius_mm", "no thickness"),
+        ("[shell]\ninner_radius_mm = -1", "shell.inner_radius_mm", "greater than 0"),
+        ("[shell]\nrefractive_index = 0.9", "shell.refractive_index", "at least 1"),
+        ("[water]\nrefractive_index = 0.5", "water.refractive_index", "at least 1"),
+        ("[water]\nrefractive_index = 1.3\ntemperature_c = 20", "water.temperature_c", "one or the other"),
+        ("[water]\ntemperature_c = 20\nsalinity_permille = 0", "water.wavelength_nm", "is missing"),
+        (
+            "[water]\ntemperature_c = 31\nsalinity_permille = 0\nwavelength_nm = 500",
+            "water.temperature_c",
+            "0 to 30 °C",
+        ),
+        ("[object]\ndistance_mm = inf", "object.distance_mm", "finite"),
+        ("[object]\nair_distance_mm = 19", "object.air_distance_mm", "focal length"),
+        ("[assembly]\nl_bound_mm = 33", "assembly.l_bound_mm", "beyond the e axis's travel"),
+        ("[assembly]\nl_bound_mm = -4.95", "assembly.l_bound_mm", "e wall"),
+        ("[assembly]\ninitial_e_mm = 40", "assembly.initial_e_mm", "beyond the e axis's travel"),
+        ("[assembly]\ninitial_e_mm = -1", "assembly.initial_e_mm", "too near the shell"),
+        ("[assembly]\ne_tolerance_mm = 0", "assembly.e_tolerance_mm", "greater than 0"),
+        ("[assembly]\nblur_limit_px = 0", "assembly.blur_limit_px", "greater than 0"),
+        ("[assembly]\nclearance_mm = -0.5", "assembly.clearance_mm", "negative"),
+        ("[bench.focus]\nlow_limit_mm = 5", "bench.focus.low_limit_mm", "not less than"),
+        ("[bench.e]\nhome_position_mm = 33", "bench.e.home_position_mm", "outside the limits"),
+        ("[bench.e]\nspeed_mm_per_s = 0", "bench.e.speed_mm_per_s", "greater than 0"),
+        ("[bench.e]\nbacklash_mm = -0.1", "bench.e.backlash_mm", "negative"),
+        ("[bench.e]\nscale_uncertainty = 1", "bench.e.scale_uncertainty", "relative"),
+        ("[bench.camera]\nformat = \"RGB3\"", "bench.camera.format", "GREY or YUYV"),
+        ("[bench.camera]\nframe_rate_hz = 0", "bench.camera.frame_rate_hz", "greater than 0"),
+        ("[bench.simulation]\ne_scale_error = -1", "bench.simulation.e_scale_error", "relative"),
+        ("[bench.simulation]\nrays = 0", "bench.simulation.rays", "at least 1"),
+        ("[bench.simulation]\nmla_tilt_mrad = [0, nan]", "bench.simulation.mla_tilt_mrad", "finite"),
+        ("[bench.simulation]\narray_rotation_deg = -45", "bench.simulation.array_rotation_deg", "square array"),
+    ] {
+        refused(text, key, words);
+    }
+}
+
+#[test]
+fn hardware_needs_its_controllers() {
+    let found = faults("[bench]\ndriver = \"hardware\"\n");
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(found[0].contains("bench.focus.controller") && found[0].contains("[bench.controllers.main]"), "{found:?}");
+    let wired =
+        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/ttyACM0\"\n";
+    assert!(Config::from_toml(wired, "t").is_ok());
+    refused(&format!("{wired}[bench.e]\naxis = \"X\"\n"), "bench.e.axis", "focus axis's");
+    refused(&format!("{wired}[bench.e]\naxis = \"W\"\n"), "bench.e.axis", "X, Y or Z");
+}
+
+#[test]
+fn all_faults_are_told_at_once_in_the_order_of_the_file() {
+    let found = faults("[shell]\ninner_radius_mm = 60\n[mla]\npitch_mm = 0\nangular_resolution = 0.5\n");
+    assert_eq!(found.len(), 3, "{found:?}");
+    assert!(found[0].starts_with("2:19 shell.inner_radius_mm: 60 is not less than outer_radius_mm, 59"), "{found:?}");
+    assert!(
+        found[1].starts_with("4:12 mla.pitch_mm") && found[2].starts_with("5:22 mla.angular_resolution"),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn overrides_set_keys_with_the_same_checks() {
+    let mut config = Config::default();
+    config.set("bench.simulation.e_scale_error", "0.03").unwrap();
+    config.set("bench.simulation.mla_tilt_mrad", "[1, 0.5]").unwrap();
+    config.set("bench.simulation.texture", "guppy").unwrap();
+    config.set("mla.array", "\"hexagonal\"").unwrap();
+    config.set("bench.e.axis", "2").unwrap();
+    config.set("bench.simulation.seed", "7").unwrap();
+    let simulation = &config.bench.simulation;
+    assert_eq!((simulation.e_scale_error, simulation.mla_tilt_mrad, simulation.seed), (0.03, [1.0, 0.5], 7));
+    assert_eq!((config.mla.array.name(), config.bench.e.axis.as_str()), ("hexagonal", "2"));
+    config
+        .set_all([
+            ("water.refractive_index", ""),
+            ("water.temperature_c", "10"),
+            ("water.salinity_permille", "35"),
+            ("water.wavelength_nm", "532"),
+        ])
+        .unwrap();
+    assert!((config.water.index() - 1.342_395).abs() < 1e-6);
+
+    let before = config.clone();
+    for (key, value, words) in [
+        ("bench.simulation.e_scale_eror", "0.03", "did you mean bench.simulation.e_scale_error?"),
+        ("e_scale_error", "0.03", "did you mean bench.simulation.e_scale_error?"),
+        ("bench.e", "3", "section"),
+        ("mla.pitch_mm", "wide", "expected a number"),
+        ("mla.pitch_mm", "-1", "greater than 0"),
+        ("mla.pitch_mm", "1\nfocal_length_mm = 3", "expected a number"),
+        ("sensor.width_px", "1.5", "whole number"),
+        ("water.temperature_c", "99", "0 to 30 °C"),
+        ("mla..pitch_mm", "1", "unknown key"),
+        ("", "1", "unknown key"),
+    ] {
+        let error = config.set(key, value).unwrap_err();
+        assert!(error.to_string().contains(words), "{key}={value}: {error}");
+        assert!(!error.to_string().contains('\n'), "{error}");
+        assert_eq!(config, before, "{key}={value} changed something");
+    }
+}
+
+#[test]
+fn homing_towards_the_shell_is_allowed_and_said() {
+    let config = Config::from_toml("[bench.e]\nhome_side = \"low\"\nhome_position_mm = 0\n", "t").unwrap();
+    assert!(config.notices().iter().any(|notice| notice.contains("towards the shell")), "{:?}", config.notices());
+    assert_eq!(Config::default().notices(), Vec::<String>::new());
+    let far = Config::from_toml("[bench.focus]\nhigh_limit_mm = 2\n", "t").unwrap();
+    assert!(far.notices()[0].contains("Δv = 2.205 mm"), "{:?}", far.notices());
+}

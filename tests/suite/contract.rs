@@ -1,0 +1,93 @@
+//! The contract in `proto/` and the code say the same. `UPDATE=1` rewrites what is written by code.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Compares a committed file with what the code makes of it now, or rewrites it.
+fn assert_current(path: &str, now: &str) {
+    let file = root().join(path);
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&file, now).unwrap();
+    }
+    let committed = std::fs::read_to_string(&file).unwrap_or_default();
+    assert!(committed == now, "{path} is not what the code makes of it; run `UPDATE=1 cargo test contract`");
+}
+
+#[test]
+fn openapi_json_is_current() {
+    assert_current("proto/openapi.json", plenalign::api::openapi_json());
+}
+
+#[test]
+fn rust_messages_are_current() {
+    let out = tempfile::tempdir().unwrap();
+    let proto = root().join("proto");
+    let mut config = prost_build::Config::new();
+    config.out_dir(out.path()).bytes([".plenalign.v1.Frame.jpeg"]);
+    let files = protox::compile([proto.join("plenalign/v1/frame.proto")], [proto]).unwrap();
+    config.compile_fds(files).unwrap();
+    assert_current("src/api/proto.rs", &std::fs::read_to_string(out.path().join("plenalign.v1.rs")).unwrap());
+}
+
+/// Values of `type` that the variants of a message have in the OpenAPI document.
+fn types_in_code(name: &str) -> BTreeSet<String> {
+    let contract: serde_json::Value = serde_json::from_str(plenalign::api::openapi_json()).unwrap();
+    let variants = contract["components"]["schemas"][name]["oneOf"].as_array().expect("a tagged enum").clone();
+    let found: BTreeSet<_> =
+        variants.iter().filter_map(|v| v["properties"]["type"]["enum"][0].as_str()).map(str::to_owned).collect();
+    assert_eq!(found.len(), variants.len(), "a variant of {name} without a type");
+    found
+}
+
+/// Names of the messages below a channel's operation in `asyncapi.yaml`: `# text` lines carry `const:`.
+fn types_in_asyncapi(direction: &str) -> BTreeSet<String> {
+    let text = std::fs::read_to_string(root().join("proto/asyncapi.yaml")).unwrap();
+    let section = text.split("x-direction: ").skip(1).filter(|part| part.starts_with(direction));
+    section.filter_map(|part| part.split("const: ").nth(1)?.split_whitespace().next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn asyncapi_names_every_message_and_no_other() {
+    assert_eq!(types_in_asyncapi("server"), types_in_code("ServerMessage"));
+    assert_eq!(types_in_asyncapi("viewer"), types_in_code("ViewerMessage"));
+}
+
+/// Every operation has a name of its own, and every failure is said to be a problem.
+#[test]
+fn every_failure_in_the_contract_is_a_problem() {
+    let contract: serde_json::Value = serde_json::from_str(plenalign::api::openapi_json()).unwrap();
+    let (mut failures, mut names) = (0, BTreeSet::new());
+    for (path, item) in contract["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let name = operation["operationId"].as_str().expect("a name for generated clients");
+            assert!(names.insert(name.to_owned()), "{name} is there twice");
+            for (status, response) in operation["responses"].as_object().unwrap() {
+                if status.starts_with(['4', '5']) {
+                    failures += 1;
+                    let content = response["content"].as_object().unwrap();
+                    assert_eq!(content.keys().collect::<Vec<_>>(), ["application/problem+json"], "{method} {path}");
+                }
+            }
+        }
+    }
+    assert!(failures > 20, "only {failures} failures are documented");
+}
+
+#[test]
+fn references_of_asyncapi_lead_somewhere() {
+    let text = std::fs::read_to_string(root().join("proto/asyncapi.yaml")).unwrap();
+    let contract: serde_json::Value = serde_json::from_str(plenalign::api::openapi_json()).unwrap();
+    let mut found = 0;
+    for reference in text.split("openapi.json#").skip(1) {
+        let pointer = reference.split(['\'', '"']).next().unwrap();
+        assert!(contract.pointer(pointer).is_some(), "openapi.json has no {pointer}");
+        found += 1;
+    }
+    assert!(found >= 6);
+    let proto: PathBuf = root().join("proto/plenalign/v1/frame.proto");
+    assert!(text.contains("plenalign/v1/frame.proto") && proto.exists());
+}

@@ -1,0 +1,65 @@
+//! The whole daemon on a port of its own, for a test to talk to.
+
+use std::sync::Arc;
+
+use plenalign::api::Api;
+use plenalign::config::{Config, ConfigOrigin};
+use plenalign::control::Service;
+use plenalign::device::Bench;
+use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};
+use serde_json::Value;
+
+pub(crate) struct Daemon {
+    pub(crate) address: std::net::SocketAddr,
+    pub(crate) api: Api,
+    pub(crate) client: Client,
+}
+
+impl Daemon {
+    pub(crate) async fn start(bench: Bench) -> Self {
+        let mut config = Config::default();
+        // What counts as stale, and so how long a request waits for a frame: short, for the test's sake.
+        config.bench.camera.timeout_ms = 300;
+        Self::start_with(config, bench).await
+    }
+
+    pub(crate) async fn start_with(config: Config, bench: Bench) -> Self {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let api = Api::new(
+            Service::start(Arc::new(config), "a test's configuration".to_owned(), bench),
+            address,
+            ConfigOrigin::Preset,
+        );
+        let server = axum::serve(listener, api.router()).with_graceful_shutdown(api.closing().cancelled_owned());
+        tokio::spawn(server.into_future());
+        let client = Client::builder().no_proxy().build().unwrap();
+        Self { address, api, client }
+    }
+
+    pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
+        self.client.request(method, format!("http://{}{path}", self.address))
+    }
+
+    pub(crate) async fn get(&self, path: &str) -> Response {
+        self.request(Method::GET, path).send().await.unwrap()
+    }
+
+    pub(crate) async fn post(&self, path: &str, body: &Value) -> Response {
+        self.request(Method::POST, path).json(body).send().await.unwrap()
+    }
+}
+
+/// Reads an answer as a problem of this kind and status.
+pub(crate) async fn problem(response: Response, status: u16, kind: &str) -> Value {
+    let found = response.status();
+    let content_type = response.headers()["content-type"].to_str().unwrap().to_owned();
+    let text = response.text().await.unwrap();
+    assert_eq!(found, StatusCode::from_u16(status).unwrap(), "{text}");
+    assert_eq!(content_type, "application/problem+json", "{text}");
+    let problem: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(problem["type"], format!("urn:plenalign:problem:{kind}"), "{text}");
+    assert_eq!(problem["status"], status);
+    assert!(problem["detail"].as_str().is_some_and(|detail| !detail.is_empty()), "{text}");
+    problem
+}

@@ -1,0 +1,146 @@
+//! A bench of stand-ins for tests of the wire: axes that stand where they are told, a camera fed by the test.
+
+use std::sync::{Arc, Mutex};
+
+use async_trait::async_trait;
+use plenalign::device::{
+    AxisName, AxisPose, Bench, CameraState, DeviceError, Frame, FrameSource, Stage, StageInfo, StageState, StopDelivery,
+};
+use plenalign::raw::RawImage;
+use plenalign::units::Millimetres;
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+/// An axis that is where it was told to go at once.
+pub(crate) struct StillStage {
+    axis: AxisName,
+    state: watch::Sender<StageState>,
+    /// What a stop comes to.
+    pub(crate) delivery: Mutex<StopDelivery>,
+}
+
+impl StillStage {
+    fn new(axis: AxisName) -> Self {
+        let (state, _) = watch::channel(StageState {
+            connected: true,
+            homed: true,
+            position: Millimetres(if axis == AxisName::E { 30.0 } else { 0.0 }),
+            moving: false,
+            at_rest_since: Some(Instant::now()),
+            fault: None,
+        });
+        Self { axis, state, delivery: Mutex::new(StopDelivery::Confirmed) }
+    }
+}
+
+#[async_trait]
+impl Stage for StillStage {
+    fn info(&self) -> StageInfo {
+        StageInfo {
+            axis: self.axis,
+            driver: "still".into(),
+            identity: "stand-in".into(),
+            location: "test".into(),
+            disagreements: vec![],
+        }
+    }
+
+    fn state(&self) -> watch::Receiver<StageState> {
+        self.state.subscribe()
+    }
+
+    async fn read_state(&self) -> Result<StageState, DeviceError> {
+        Ok(self.state.borrow().clone())
+    }
+
+    async fn home(&self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn release(&self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn move_to(&self, target: Millimetres) -> Result<Millimetres, DeviceError> {
+        self.state.send_modify(|state| state.position = target);
+        Ok(target)
+    }
+
+    async fn stop(&self) -> StopDelivery {
+        *self.delivery.lock().unwrap()
+    }
+}
+
+/// A camera that shows what the test gives it.
+pub(crate) struct FedCamera {
+    state: watch::Sender<CameraState>,
+    live: watch::Sender<Option<Arc<Frame>>>,
+}
+
+impl FedCamera {
+    /// How many watch the live picture.
+    pub(crate) fn viewers(&self) -> usize {
+        self.live.receiver_count()
+    }
+
+    /// Takes a grey frame of 64 x 48.
+    pub(crate) fn take(&self, seq: u64) {
+        let pose = |mm| AxisPose { position: Some(Millimetres(mm)), settled: true };
+        let now = Instant::now();
+        let frame = Frame {
+            image: Arc::new(RawImage::from_u8(64, 48, vec![seq as u8; 64 * 48])),
+            seq,
+            exposed_from: now - std::time::Duration::from_millis(10),
+            exposed_to: now,
+            exposure_assumed: true,
+            captured_at: jiff::Timestamp::now(),
+            focus: pose(0.25),
+            e: AxisPose { position: None, settled: true },
+            preview: true,
+            simulated: false,
+        };
+        self.live.send_replace(Some(Arc::new(frame)));
+    }
+}
+
+#[async_trait]
+impl FrameSource for FedCamera {
+    fn state(&self) -> watch::Receiver<CameraState> {
+        self.state.subscribe()
+    }
+
+    fn live(&self) -> watch::Receiver<Option<Arc<Frame>>> {
+        self.live.subscribe()
+    }
+
+    fn newest(&self) -> Option<Arc<Frame>> {
+        self.live.borrow().clone()
+    }
+
+    async fn frame(&self, _: Instant) -> Result<Arc<Frame>, DeviceError> {
+        Err(DeviceError::Disconnected { device: "camera".into(), reason: "a stand-in".into() })
+    }
+}
+
+/// The stand-ins, for a test to hold on to.
+pub(crate) struct Fakes {
+    pub(crate) e: Arc<StillStage>,
+    pub(crate) camera: Arc<FedCamera>,
+    pub(crate) bench: Bench,
+}
+
+pub(crate) fn fakes() -> Fakes {
+    let state = CameraState {
+        driver: "fed".into(),
+        identity: "stand-in".into(),
+        online: true,
+        fault: None,
+        frames_lost: 0,
+        size: None,
+    };
+    let camera = Arc::new(FedCamera { state: watch::channel(state).0, live: watch::channel(None).0 });
+    let e = Arc::new(StillStage::new(AxisName::E));
+    let focus = Arc::new(StillStage::new(AxisName::Focus));
+    let bench = Bench { focus, e: e.clone(), camera: camera.clone(), simulated: None };
+    Fakes { e, camera, bench }
+}

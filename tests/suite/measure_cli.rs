@@ -1,0 +1,111 @@
+//! `plenalign measure` and `plenalign calibrate` as a user runs them.
+
+// Helpers of tests may panic as tests do.
+#![allow(clippy::unwrap_used)]
+
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn plenalign(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_plenalign"))
+        .args(arguments)
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/referee"))
+        .output()
+        .unwrap()
+}
+
+fn json(arguments: &[&str]) -> Value {
+    let output = plenalign(arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn measure_prints_one_object() {
+    let arguments = ["measure", "air_charuco.png", "--white", "air_charuco_white.png", "--json"];
+    let report = json(&arguments);
+    let number = |path: &str| report.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}"));
+    assert_eq!(report["grid"]["array"], "square");
+    assert!((number("/grid/pitch_px") - 29.4926).abs() < 0.002);
+    assert!((number("/grid/rotation_deg") - 0.25).abs() < 0.005);
+    assert!(number("/grid/micro_images") > 800.0 && number("/grid/residual_px") >= 0.0);
+    assert!(report["grid"]["centre_px"].as_array().is_some_and(|c| c.len() == 2));
+    assert!((number("/spacing/on_axis_px") - 19.6121).abs() < 0.01);
+    for key in ["on_axis_sigma_px", "tilt_x_px", "tilt_y_px", "curvature_px", "pairs"] {
+        number(&format!("/spacing/{key}"));
+    }
+    assert!((number("/target_px") - 19.725).abs() < 0.001);
+    assert_eq!(report["in_focus"], true);
+    assert!(report["object_distance_mm"].is_null() && report["object_distance_reason"].is_string());
+    // 900 px, not the configured 1160: reported, not refused.
+    assert!(report["warnings"].to_string().contains("900x900"));
+    let air = json(&[&arguments[..], &["--delta-v", "0", "--air"]].concat());
+    let distance = air["object_distance_mm"].as_f64().unwrap();
+    assert!((distance - 820.0).abs() < 2.0, "{distance}");
+    assert!(air["object_distance_reason"].is_null());
+}
+
+#[test]
+fn measure_gives_the_distance_in_water() {
+    let report = json(&[
+        "measure",
+        "water_clarity_e30.png",
+        "--white",
+        "water_clarity_e30_white.png",
+        "--delta-v",
+        "1.744839625",
+        "--e",
+        "30",
+        "--json",
+    ]);
+    let distance = report["object_distance_mm"].as_f64().unwrap();
+    assert!((distance - 800.0).abs() < 5.0, "{distance}");
+}
+
+#[test]
+fn calibrate_prints_one_object() {
+    let report = json(&[
+        "calibrate",
+        "triple_air.png",
+        "--white",
+        "triple_air_white.png",
+        "--levels",
+        "159.174586,167.174586,175.174586",
+        "--json",
+    ]);
+    for key in ["d_mm", "d_sigma_mm", "b_mm", "b_sigma_mm"] {
+        assert!(report[key].as_f64().is_some_and(|v| v > 0.0), "{key}");
+    }
+    let v = report["image_distance_mm"].as_f64().unwrap();
+    assert!((v - 22.722_820_5).abs() < 0.003, "{v}");
+    let levels = report["levels"].as_array().unwrap();
+    assert_eq!(levels.len(), 3);
+    assert!((levels[0]["spacing_px"].as_f64().unwrap() - 20.8767).abs() < 0.05);
+    assert!(levels[0]["sigma_px"].is_number() && levels[0]["distance_mm"].is_number());
+}
+
+#[test]
+fn text_is_for_people() {
+    let output = plenalign(&["measure", "air_charuco.png", "--white", "air_charuco_white.png"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && text.contains("spacing") && text.contains("in focus"), "{text}");
+}
+
+#[test]
+fn mistakes_get_one_line_on_standard_error() {
+    for (arguments, part) in [
+        (&["measure", "missing.png"][..], "missing.png"),
+        (&["measure", "truth.json"], "truth.json"),
+        (&["measure", "air_square_white.png", "--white", "air_square_white.png"], "air_square_white.png"),
+        (&["measure", "air_square.png", "--delta-v", "NaN"], "--delta-v"),
+        (&["calibrate", "triple_air.png", "--levels", "700"], "at least 2"),
+        (&["calibrate", "triple_air.png", "--levels", "700,700,800"], "700"),
+        (&["calibrate", "triple_air.png", "--levels", "15,700,800"], "15 mm"),
+    ] {
+        let output = plenalign(arguments);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success() && output.stdout.is_empty(), "{arguments:?}");
+        assert!(error.trim_end().lines().count() == 1 && error.contains(part), "{arguments:?}: {error}");
+    }
+}

@@ -1,0 +1,22 @@
+//! The suite, a module for each subject; `bench`, `daemon` and `fakes` are what they share.
+
+mod alignment;
+mod api;
+mod bench;
+mod calibration;
+mod config;
+mod contract;
+mod daemon;
+mod daemon_signals;
+mod design_cli;
+mod fakes;
+mod grbl;
+mod grid;
+mod measure_cli;
+mod optics;
+mod renderer;
+mod spacing;
+mod structure;
+mod view;
+mod vignetting;
+mod websocket;

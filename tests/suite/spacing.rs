@@ -1,0 +1,133 @@
+//! The spacing estimator against frames of exact-ray renderers: the referee's and the simulated bench's own.
+
+// Helpers of tests may panic as tests do.
+#![allow(clippy::unwrap_used)]
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use plenalign::config::{Config, Texture};
+use plenalign::imaging::measurement::{FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frame};
+use plenalign::imaging::spacing::SpacingError;
+use plenalign::raw::{self, RawImage};
+use plenalign::sim::exposure::{Noise, expose};
+use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
+use plenalign::sim::scene::{Board, Scene, texel_for};
+use plenalign::sim::texture::TextureMap;
+use serde_json::Value;
+
+const PIXEL_MM: f64 = 0.00345;
+
+fn referee(name: &str) -> RawImage {
+    raw::read(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/referee/{name}.png"))).unwrap()
+}
+
+fn truth(name: &str) -> Value {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/referee/truth.json");
+    let all: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    all["frames"][name].clone()
+}
+
+fn options() -> FrameOptions {
+    FrameOptions::new(0.1 / PIXEL_MM)
+}
+
+fn check_referee(name: &str, with_white: bool, bound: f64) {
+    let white = with_white.then(|| WhiteModel::new(&referee(&format!("{name}_white"))).unwrap());
+    let measured = measure_frame(&referee(name), white.as_ref(), &options()).unwrap();
+    let error = measured.spacing.on_axis_px - truth(name)["spacing_on_axis_px"].as_f64().unwrap();
+    assert!(error.abs() < bound, "{name}: off by {error:+.4} px, {:?}", measured.spacing);
+    let sigma = measured.spacing.sigma_px;
+    assert!(sigma > 1e-4 && sigma < 0.01, "{name}: {:?}", measured.spacing);
+    assert!(measured.spacing.sigma_random_px <= sigma);
+}
+
+#[test]
+fn referee_frames_in_air_measure_to_a_hundredth_of_a_pixel() {
+    for name in ["air_square", "air_charuco"] {
+        check_referee(name, true, 0.01);
+    }
+}
+
+#[test]
+fn referee_frames_in_water_measure_to_the_window_of_the_exact_spacing() {
+    // Averaged over the masks the exact spacing exceeds the paraxial one by about 0.02 px at e = 3.
+    check_referee("water_clarity_e30", true, 0.02);
+    check_referee("water_hexagonal", true, 0.03);
+}
+
+#[test]
+fn referee_frames_measure_without_a_white_frame() {
+    check_referee("air_square", false, 0.02);
+    check_referee("water_clarity_e30", false, 0.02);
+}
+
+/// A frame of the reference camera, and its white frame at another Δv.
+fn rendered(delta_v: f64, e: Option<f64>, texture: Texture, size: usize, noise: f64) -> (RawImage, RawImage, f64) {
+    let design = Config::default().design();
+    let (medium, distance) = match e {
+        Some(e) => (Medium::Water { shell: design.shell, e, decentre: [0.0; 2] }, 800.0),
+        None => (Medium::Air, 167.174_586),
+    };
+    let mut camera = CameraTruth::from_design(&design, delta_v, medium, PIXEL_MM, size, size);
+    camera.rotation = (-0.7f64).to_radians();
+    camera.offset = [4.1, -8.3];
+    let rays = RenderOptions { rays: 16, seed: 2 };
+    let noise = Noise { read_noise_levels: noise, ..Noise::default() };
+    let map = Arc::new(TextureMap::generate(texture, texel_for(&design, medium, distance, PIXEL_MM), 9));
+    let white = expose(&render(&camera, &Scene::Diffuser, rays), size, size, &noise, 3);
+    let raw = expose(&render(&camera, &Scene::Board(Board::new(distance, map)), rays), size, size, &noise, 4);
+    let equivalent = e.map_or(distance, |e| design.shell.equivalent_distance(distance, e));
+    (raw, white, design.spacing_at(equivalent, delta_v) / PIXEL_MM)
+}
+
+fn measured(raw: &RawImage, white: &RawImage) -> Result<FrameMeasurement, MeasurementError> {
+    measure_frame(raw, Some(&WhiteModel::new(white).unwrap()), &options())
+}
+
+#[test]
+fn the_search_captures_blurred_frames_where_the_loops_start() {
+    // The air step's start (25.97 px, blurred by 6 px) and the shell step's (12.68 px, blurred by 7 px).
+    for (delta_v, e, bound) in [(0.0, None, 0.05), (2.205, Some(30.0), 0.2)] {
+        for texture in [Texture::Charuco, Texture::Natural] {
+            let (raw, white, expected) = rendered(delta_v, e, texture, 600, 2.0);
+            let error = measured(&raw, &white).unwrap().spacing.on_axis_px - expected;
+            assert!(error.abs() < bound, "{texture:?} at Δv = {delta_v}: off by {error:+.4} of {expected:.3} px");
+        }
+    }
+}
+
+#[test]
+fn small_and_noisy_frames_in_focus_measure() {
+    for noise in [2.0, 8.0] {
+        let (raw, white, expected) = rendered(2.205, None, Texture::Natural, 400, noise);
+        let spacing = measured(&raw, &white).unwrap().spacing;
+        let error = spacing.on_axis_px - expected;
+        assert!(error.abs() < 0.02, "noise {noise}: off by {error:+.4} px, {spacing:?}");
+    }
+}
+
+#[test]
+fn frames_without_an_answer_are_refused() {
+    let (raw, white, _) = rendered(2.205, None, Texture::Natural, 400, 2.0);
+    // A white frame has micro-images but nothing on them.
+    let blank = measured(&white, &white).unwrap_err();
+    assert!(
+        matches!(&blank, MeasurementError::Spacing(SpacingError::NoTexture { .. } | SpacingError::NoMatch { .. })),
+        "{blank}"
+    );
+    // Far too bright: clipped.
+    let burnt: Vec<u8> = raw.to_view().iter().map(|v| v.saturating_mul(6)).collect();
+    let burnt = measured(&RawImage::from_u8(400, 400, burnt), &white).unwrap_err();
+    assert!(
+        matches!(&burnt, MeasurementError::Grid(_) | MeasurementError::Spacing(SpacingError::Saturated { .. })),
+        "{burnt}"
+    );
+    // Another size than the white frame's.
+    let cropped = RawImage::from_u8(400, 300, raw.to_view()[..400 * 300].to_vec());
+    assert!(measured(&cropped, &white).is_err());
+    let mut other = options();
+    other.array = Some(plenalign::optics::ArrayKind::Hexagonal);
+    let wrong = measure_frame(&raw, Some(&WhiteModel::new(&white).unwrap()), &other).unwrap_err();
+    assert!(matches!(wrong, MeasurementError::OtherArray { .. }), "{wrong}");
+}

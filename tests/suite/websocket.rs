@@ -1,0 +1,223 @@
+//! The WebSocket: the snapshot, changes in order, pictures, and its end.
+
+use std::time::Duration;
+
+use futures_util::{SinkExt, StreamExt};
+use plenalign::api::proto;
+use prost::Message as _;
+use reqwest::Method;
+use serde_json::{Value, json};
+use tokio::net::TcpStream;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
+
+use super::daemon::{Daemon, problem};
+use super::fakes::{FedCamera, fakes};
+
+type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
+
+async fn open(daemon: &Daemon) -> Socket {
+    connect_async(format!("ws://{}/api/v1/ws", daemon.address)).await.unwrap().0
+}
+
+async fn next(socket: &mut Socket) -> Message {
+    let wait = async {
+        loop {
+            match socket.next().await.expect("the socket is open").unwrap() {
+                Message::Ping(_) | Message::Pong(_) => {}
+                message => return message,
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(5), wait).await.expect("a message within 5 s")
+}
+
+/// The next text message that is not a sign of life.
+async fn next_text(socket: &mut Socket) -> Value {
+    loop {
+        if let Message::Text(text) = next(socket).await {
+            let value: Value = serde_json::from_str(&text).unwrap();
+            if value["type"] != "tick" {
+                return value;
+            }
+        }
+    }
+}
+
+async fn next_picture(socket: &mut Socket) -> proto::Frame {
+    loop {
+        if let Message::Binary(bytes) = next(socket).await {
+            return proto::Frame::decode(bytes).unwrap();
+        }
+    }
+}
+
+async fn say(socket: &mut Socket, value: Value) {
+    socket.send(Message::text(value.to_string())).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_snapshot_comes_first_and_then_changes_without_a_gap() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let mut one = open(&daemon).await;
+    let snapshot = next_text(&mut one).await;
+    assert_eq!(snapshot["type"], "snapshot");
+    let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
+    assert_eq!(snapshot["bench"]["axes"], bench["axes"]);
+    let health: Value = daemon.get("/healthz").await.json().await.unwrap();
+    assert_eq!(snapshot["boot_id"], health["boot_id"]);
+
+    let mut seq = snapshot["seq"].as_u64().unwrap();
+    for latched in [true, false, true] {
+        let method = if latched { Method::POST } else { Method::DELETE };
+        daemon.request(method, "/api/v1/stop").send().await.unwrap();
+        loop {
+            let change = next_text(&mut one).await;
+            assert_eq!(change["seq"].as_u64().unwrap(), seq + 1, "{change}");
+            seq += 1;
+            if change["type"] == "bench" && change["bench"]["stop"]["latched"] == latched {
+                break;
+            }
+        }
+    }
+    // Who comes later starts where the others are.
+    let mut two = open(&daemon).await;
+    assert!(next_text(&mut two).await["seq"].as_u64().unwrap() >= seq);
+}
+
+#[tokio::test]
+async fn pictures_come_to_who_asks_and_carry_where_they_were_taken() {
+    let fakes = fakes();
+    let daemon = Daemon::start(fakes.bench).await;
+    let mut socket = open(&daemon).await;
+    next_text(&mut socket).await;
+    fakes.camera.take(3);
+    say(&mut socket, json!({ "type": "pictures", "on": true, "reduce": 2 })).await;
+    let picture = next_picture(&mut socket).await;
+    assert_eq!((picture.seq, picture.width_px, picture.height_px, picture.reduce), (3, 64, 48, 2));
+    assert_eq!((picture.focus_mm, picture.e_mm), (Some(0.25), None));
+    assert!(picture.settled && picture.preview && picture.exposure_assumed && !picture.simulated);
+    assert_eq!((picture.exposure_us / 1000, picture.frames_skipped), (10, 0));
+    assert!(picture.age_ms >= 0.0 && picture.age_ms < 5000.0);
+    let age = jiff::Timestamp::now().as_microsecond() - picture.captured_unix_us;
+    assert!((0..5_000_000).contains(&age), "{age} µs");
+    let jpeg = image::load_from_memory(&picture.jpeg).unwrap();
+    assert_eq!((jpeg.width(), jpeg.height()), (32, 24));
+}
+
+async fn feed(camera: &FedCamera, seqs: std::ops::Range<u64>) {
+    for seq in seqs {
+        camera.take(seq);
+        tokio::time::sleep(Duration::from_millis(4)).await;
+    }
+}
+
+#[tokio::test]
+async fn a_slow_viewer_is_sent_the_newest_frame_and_holds_nobody_up() {
+    let fakes = fakes();
+    let daemon = Daemon::start(fakes.bench).await;
+    let (mut slow, mut quick) = (open(&daemon).await, open(&daemon).await);
+    say(&mut slow, json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "window": 1 })).await;
+    say(&mut quick, json!({ "type": "pictures", "on": true, "max_rate_hz": 60 })).await;
+    fakes.camera.take(0);
+    assert_eq!(next_picture(&mut slow).await.seq, 0);
+    assert_eq!(next_picture(&mut quick).await.seq, 0);
+
+    let quick_seqs = tokio::spawn(async move {
+        let mut seqs = vec![];
+        while seqs.last() != Some(&100) {
+            seqs.push(next_picture(&mut quick).await.seq);
+        }
+        seqs
+    });
+    feed(&fakes.camera, 1..100).await;
+    // The quick viewer's rate lets it be sent the last one only some time after the one before.
+    tokio::time::sleep(Duration::from_millis(60)).await;
+    fakes.camera.take(100);
+    let seqs = quick_seqs.await.unwrap();
+    assert!(seqs.len() > 10, "{seqs:?}");
+    assert!(seqs.is_sorted(), "{seqs:?}");
+
+    // Nothing is sent beyond the window; once it opens, the newest frame is, and what was not sent is counted.
+    say(&mut slow, json!({ "type": "seen", "seq": 0 })).await;
+    let picture = next_picture(&mut slow).await;
+    assert_eq!((picture.seq, picture.frames_skipped), (100, 99));
+}
+
+#[tokio::test]
+async fn the_camera_is_watched_only_while_somebody_asks_for_pictures() {
+    let fakes = fakes();
+    let camera = fakes.camera.clone();
+    let daemon = Daemon::start(fakes.bench).await;
+    let mut socket = open(&daemon).await;
+    next_text(&mut socket).await;
+    assert_eq!(camera.viewers(), 0);
+    for (on, viewers) in [(true, 1), (true, 1), (false, 0), (true, 1)] {
+        say(&mut socket, json!({ "type": "pictures", "on": on })).await;
+        // An answer to something else says that the message before has been taken.
+        say(&mut socket, json!({ "type": "nonsense" })).await;
+        assert_eq!(next_text(&mut socket).await["type"], "problem");
+        assert_eq!(camera.viewers(), viewers);
+    }
+    socket.close(None).await.unwrap();
+    for _ in 0..50 {
+        if camera.viewers() == 0 {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    panic!("a viewer that left is still watching");
+}
+
+#[tokio::test]
+async fn a_message_that_cannot_be_used_is_answered_and_the_rest_goes_on() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let mut socket = open(&daemon).await;
+    next_text(&mut socket).await;
+    let cases = [
+        ("{", 400, None),
+        ("{\"type\":\"dance\"}", 422, Some("type")),
+        ("{\"type\":\"pictures\",\"on\":true,\"reduce\":3}", 422, Some("reduce")),
+        ("{\"type\":\"pictures\",\"on\":true,\"max_rate_hz\":1000}", 422, Some("max_rate_hz")),
+        ("{\"type\":\"pictures\",\"on\":true,\"window\":99}", 422, Some("window")),
+    ];
+    for (text, status, field) in cases {
+        socket.send(Message::text(text)).await.unwrap();
+        let answer = next_text(&mut socket).await;
+        assert_eq!((&answer["type"], &answer["problem"]["status"]), (&json!("problem"), &json!(status)), "{text}");
+        if let Some(field) = field.filter(|field| *field != "type") {
+            assert_eq!(answer["problem"]["field"], field);
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_page_of_another_origin_gets_no_socket() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let mut request = format!("ws://{}/api/v1/ws", daemon.address).into_client_request().unwrap();
+    request.headers_mut().insert("origin", "http://evil.example".parse().unwrap());
+    match connect_async(request).await {
+        Err(Error::Http(response)) => assert_eq!(response.status(), 403),
+        other => panic!("{other:?}"),
+    }
+    let mut request = format!("ws://{}/api/v1/ws", daemon.address).into_client_request().unwrap();
+    request.headers_mut().insert("origin", format!("http://{}", daemon.address).parse().unwrap());
+    connect_async(request).await.unwrap();
+    problem(daemon.get("/api/v1/ws").await, 426, "upgrade-required").await;
+}
+
+#[tokio::test]
+async fn closing_tells_every_viewer_and_comes_to_an_end() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let (mut one, mut two) = (open(&daemon).await, open(&daemon).await);
+    next_text(&mut one).await;
+    next_text(&mut two).await;
+    tokio::time::timeout(Duration::from_secs(3), daemon.api.close()).await.expect("closing is bounded");
+    for socket in [&mut one, &mut two] {
+        match next(socket).await {
+            Message::Close(Some(frame)) => assert_eq!(u16::from(frame.code), 1001),
+            other => panic!("{other:?}"),
+        }
+    }
+}

@@ -1,0 +1,22 @@
+// Numbers as the page shows them: a fixed number of digits, a true minus sign.
+
+export function fixed(value: number, digits: number): string {
+  const text = value.toFixed(digits);
+  return text.startsWith("-") ? (Number(text) === 0 ? text.slice(1) : `−${text.slice(1)}`) : text;
+}
+
+export function signed(value: number, digits: number): string {
+  const text = fixed(value, digits);
+  return text.startsWith("−") || Number(text) === 0 ? text : `+${text}`;
+}
+
+/** A value with its standard uncertainty, in one unit. */
+export function withSigma(
+  value: number | null | undefined,
+  sigma: number | null | undefined,
+  digits: number,
+): string | null {
+  if (value === null || value === undefined) return null;
+  const text = fixed(value, digits);
+  return sigma === null || sigma === undefined ? text : `${text} ± ${fixed(sigma, digits)}`;
+}

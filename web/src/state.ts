@@ -1,0 +1,165 @@
+// The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
+
+import type { Bench, Job, JobState, Measurement, PictureFacts, Problem, ServerMessage } from "./wire";
+
+export type Link = "connecting" | "open" | "lost";
+
+export interface State {
+  link: Link;
+  bootId: string | null;
+  seq: number;
+  version: string | null;
+  bench: Bench | null;
+  /** Newest last. */
+  jobs: Job[];
+  measurement: Measurement | null;
+  /** This page's clock when the measurement came, ms. */
+  measurementAt: number | null;
+  picture: PictureFacts | null;
+  /** This page's clock when the picture came, ms. */
+  pictureAt: number | null;
+  /** This page's clock when anything came, ms. */
+  heardAt: number | null;
+  /** The newest thing that went wrong, for the operator to read and dismiss. */
+  problem: Problem | null;
+}
+
+export const initial: State = {
+  link: "connecting",
+  bootId: null,
+  seq: 0,
+  version: null,
+  bench: null,
+  jobs: [],
+  measurement: null,
+  measurementAt: null,
+  picture: null,
+  pictureAt: null,
+  heardAt: null,
+  problem: null,
+};
+
+/** Older than this, a picture does not show how things are, ms. */
+export const STALE_MS = 2000;
+/** Older than this, a measurement says how old it is: a frame takes a second or two to be taken and measured, ms. */
+export const OLD_MEASUREMENT_MS = 5000;
+/** Ticks come every 2 s: after this silence the connection counts as lost, ms. */
+export const SILENCE_MS = 6000;
+
+/** The state after a message. */
+export function receive(state: State, message: ServerMessage, now: number): State {
+  const heard = { ...state, heardAt: now, link: "open" as const };
+  // Another start of the daemon: nothing of the old one holds.
+  if (state.bootId !== null && message.boot_id !== state.bootId && message.type !== "snapshot") return heard;
+  const seq = Math.max(message.seq, message.type === "snapshot" ? 0 : state.seq);
+  switch (message.type) {
+    case "snapshot":
+      return {
+        ...heard,
+        seq,
+        bootId: message.boot_id,
+        version: message.version,
+        bench: message.bench,
+        jobs: message.jobs,
+        measurement: message.measurement ?? null,
+        measurementAt: message.measurement
+          ? Math.min(now, Date.parse(message.measurement.captured_at))
+          : null,
+        ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null }),
+      };
+    case "bench":
+      return { ...heard, seq, bench: message.bench };
+    case "job":
+      return { ...heard, seq, jobs: withJob(state.jobs, message.job) };
+    case "measurement":
+      return { ...heard, seq, measurement: message.measurement, measurementAt: now };
+    case "tick":
+      return { ...heard, seq };
+    case "problem":
+      return { ...heard, seq, problem: message.problem };
+  }
+}
+
+/** The jobs with one replaced, if what came is newer, or added. */
+function withJob(jobs: Job[], job: Job): Job[] {
+  const at = jobs.findIndex((other) => other.id === job.id);
+  if (at < 0) return [...jobs, job];
+  const old = jobs[at];
+  if (old && old.generation > job.generation) return jobs;
+  return jobs.map((other, index) => (index === at ? job : other));
+}
+
+export function receivePicture(state: State, picture: PictureFacts, now: number): State {
+  return { ...state, heardAt: now, picture, pictureAt: now };
+}
+
+/** Age of the picture shown, ms. */
+export function pictureAge(state: State, now: number): number | null {
+  return state.picture && state.pictureAt !== null ? state.picture.ageMs + (now - state.pictureAt) : null;
+}
+
+/** Age of the measurement shown, ms. */
+export function measurementAge(state: State, now: number): number | null {
+  return state.measurement && state.measurementAt !== null ? now - state.measurementAt : null;
+}
+
+export type PictureState = "none" | "fresh" | "stale";
+
+export function pictureState(state: State, now: number): PictureState {
+  const age = pictureAge(state, now);
+  if (age === null) return "none";
+  return state.link === "open" && age <= STALE_MS ? "fresh" : "stale";
+}
+
+export function isFinal(state: JobState): boolean {
+  return state === "converged" || state === "not_converged" || state === "cancelled" || state === "failed";
+}
+
+/** The job under way, or else the newest. */
+export function currentJob(state: State): Job | null {
+  const held = state.jobs.find((job) => job.id === state.bench?.job);
+  return held ?? state.jobs[state.jobs.length - 1] ?? null;
+}
+
+export interface Reading {
+  spacingPx: number;
+  sigmaPx: number;
+  targetPx: number;
+  differencePx: number;
+  /** Which way Δv or e has to go: a larger one makes the spacing smaller. */
+  direction: "larger" | "smaller" | "there";
+  inFocus: boolean;
+}
+
+/** The newest spacing against its target. */
+export function reading(measurement: Measurement | null): Reading | null {
+  if (!measurement) return null;
+  const spacingPx = measurement.spacing.spacing_px;
+  const sigmaPx = measurement.spacing.spacing_sigma_px;
+  const targetPx = measurement.spacing_target_px;
+  const differencePx = spacingPx - targetPx;
+  const direction = Math.abs(differencePx) <= 2 * sigmaPx ? "there" : differencePx > 0 ? "larger" : "smaller";
+  return { spacingPx, sigmaPx, targetPx, differencePx, direction, inFocus: measurement.in_focus };
+}
+
+export interface Scale {
+  low: number;
+  high: number;
+  /** The e wall, where the axis has one. */
+  wall: number | null;
+}
+
+/** The stretch an axis's scale shows: its travel, and a little beyond the wall so that the wall is seen. */
+export function axisScale(bench: Bench, axis: Bench["axes"][number]): Scale {
+  const wall = axis.axis === "e" ? bench.e_wall_mm : null;
+  const low = Math.min(axis.low_limit_mm, wall ?? axis.low_limit_mm, axis.position_mm ?? Infinity);
+  const high = Math.max(axis.high_limit_mm, axis.position_mm ?? -Infinity);
+  const margin = (high - low) * 0.06;
+  return { low: low - margin, high: high + margin, wall };
+}
+
+/** A position on a scale, 0 to 1. */
+export function along(scale: Scale, position: number): number {
+  const share = (position - scale.low) / (scale.high - scale.low);
+  return Math.min(1, Math.max(0, share));
+}

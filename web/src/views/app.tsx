@@ -1,0 +1,97 @@
+import { useEffect } from "preact/hooks";
+import * as api from "../api";
+import type { State } from "../state";
+import { strings } from "../strings";
+import type { Problem } from "../wire";
+import { Axes } from "./axes";
+import { Iterations, JobCard } from "./job";
+import { LivePicture } from "./picture";
+import { Spacing } from "./spacing";
+
+/** Carries a request out and shows its problem if it has one. */
+export type Act = (request: Promise<api.Result<unknown>>) => Promise<void>;
+
+interface Props {
+  state: State;
+  now: number;
+  update: (change: Partial<State>) => void;
+}
+
+export function App({ state, now, update }: Props) {
+  const act: Act = async (request) => {
+    const result = await request;
+    update({ problem: result.ok ? null : result.problem });
+  };
+  const simulated = state.bench?.simulated ?? false;
+  useEffect(() => {
+    document.title = simulated ? strings.simulatedTitle : strings.title;
+  }, [simulated]);
+  return (
+    <>
+      <header>
+        {simulated && (
+          <p class="simulated" role="note">
+            <b>{strings.simulated}</b> <span>{strings.simulatedMore}</span>
+          </p>
+        )}
+        <div class="bar">
+          <h1>{strings.title}</h1>
+          <p class="design">{state.bench?.design_origin}</p>
+          <Stop state={state} update={update} act={act} />
+        </div>
+        {state.link !== "open" && (
+          <p class="link" role="status" data-link={state.link}>
+            {state.link === "lost" ? strings.lost : strings.connecting}
+          </p>
+        )}
+        {state.problem && <ProblemLine problem={state.problem} dismiss={() => update({ problem: null })} />}
+      </header>
+      <main data-link={state.link}>
+        <LivePicture state={state} now={now} />
+        <div class="side">
+          <Spacing state={state} now={now} />
+          <Axes state={state} act={act} />
+        </div>
+        <JobCard state={state} act={act} />
+        <Iterations state={state} />
+      </main>
+    </>
+  );
+}
+
+function Stop({ state, update, act }: Omit<Props, "now"> & { act: Act }) {
+  const stop = async () => {
+    const result = await api.stopAll();
+    if (!result.ok) return update({ problem: result.problem });
+    const { focus, e } = result.value;
+    const detail = strings.stopSent(strings.delivery[focus], strings.delivery[e]);
+    return update({ problem: { type: "about:blank", title: strings.stopped, status: 200, detail } });
+  };
+  const latched = state.bench?.stop.latched ?? false;
+  return (
+    <div class="stop">
+      {latched && (
+        <p role="alert">
+          <b>{strings.stopped}.</b> <span>{strings.stoppedMore}</span>{" "}
+          <button id="reset" onClick={() => void act(api.resetStop())}>
+            {strings.resetStop}
+          </button>
+        </p>
+      )}
+      <button id="stop" title={strings.stopMore} onClick={() => void stop()}>
+        {strings.stop}
+      </button>
+    </div>
+  );
+}
+
+function ProblemLine({ problem, dismiss }: { problem: Problem; dismiss: () => void }) {
+  return (
+    <p class="problem" role="alert">
+      <span>
+        <b>{problem.title}.</b> {problem.detail}
+      </span>
+      <button onClick={dismiss}>{strings.dismiss}</button>
+    </p>
+  );
+}

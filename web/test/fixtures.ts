@@ -1,0 +1,94 @@
+import type { Bench, Job, Measurement, PictureFacts, ServerMessage } from "../src/wire";
+
+export const boot = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
+
+export const bench: Bench = {
+  simulated: true,
+  design_origin: "reference preset",
+  axes: [
+    {
+      axis: "focus",
+      driver: "grbl",
+      identity: "",
+      location: "simulated",
+      connected: true,
+      homed: true,
+      position_mm: 1.5,
+      moving: false,
+      low_limit_mm: -2,
+      high_limit_mm: 5,
+      disagreements: [],
+    },
+    {
+      axis: "e",
+      driver: "grbl",
+      identity: "",
+      location: "simulated",
+      connected: true,
+      homed: true,
+      position_mm: 30,
+      moving: false,
+      low_limit_mm: -0.1,
+      high_limit_mm: 32,
+      disagreements: [],
+    },
+  ],
+  camera: { driver: "simulated", identity: "", online: true, frames_lost: 0 },
+  shell: "unknown",
+  stop: { latched: false },
+  e_wall_mm: -0.1,
+};
+
+export function job(id: string, generation: number, state: Job["state"] = "running"): Job {
+  return {
+    href: `/api/v1/jobs/${id}`,
+    id,
+    kind: "joint_alignment",
+    state,
+    stage: "air",
+    simulated: true,
+    generation,
+    created_at: "2026-01-01T00:00:00Z",
+    progress: { step: 1, of: 10, doing: "moving" },
+    iterations: [],
+    log: [],
+  };
+}
+
+export function measurement(spacing_px: number, spacing_sigma_px: number): Measurement {
+  return {
+    frame_seq: 1,
+    captured_at: "2026-01-01T00:00:00Z",
+    settled: true,
+    spacing: {
+      spacing_px,
+      spacing_sigma_px,
+      tilt_x_px: 0,
+      tilt_y_px: 0,
+      curvature_px: 0,
+      pairs: 9,
+      frames: 1,
+    },
+    spacing_target_px: 19.725,
+    in_focus: true,
+    micro_image_pitch_px: 29.4,
+  };
+}
+
+export const picture: PictureFacts = {
+  seq: 7,
+  capturedAt: new Date(0),
+  ageMs: 100,
+  focusMm: 0,
+  eMm: 30,
+  settled: true,
+  preview: true,
+  simulated: true,
+  framesSkipped: 0,
+  widthPx: 1160,
+  heightPx: 1160,
+};
+
+export function snapshot(seq: number, jobs: Job[] = [], boot_id = boot): ServerMessage {
+  return { type: "snapshot", seq, boot_id, version: "0.1.0", bench, jobs };
+}

@@ -1,0 +1,131 @@
+import { describe, expect, it } from "vitest";
+import { fixed, signed, withSigma } from "../src/format";
+import {
+  along,
+  axisScale,
+  currentJob,
+  initial,
+  measurementAge,
+  pictureAge,
+  pictureState,
+  reading,
+  receive,
+  receivePicture,
+  STALE_MS,
+  type State,
+} from "../src/state";
+import type { ServerMessage } from "../src/wire";
+import { bench, boot, job, measurement, picture, snapshot } from "./fixtures";
+
+const open = (): State => receive(initial, snapshot(5, [job("a", 1)]), 1000);
+
+describe("measurementAge", () => {
+  it("counts from when a measurement came, or from when it was taken if a snapshot brings it", () => {
+    expect(measurementAge(open(), 9000)).toBeNull();
+    const message = {
+      type: "measurement",
+      seq: 6,
+      boot_id: boot,
+      measurement: measurement(20, 0.01),
+    } as const;
+    const came = receive(open(), message, 5000);
+    expect(measurementAge(came, 9000)).toBe(4000);
+    const taken = { ...message.measurement, captured_at: "1970-01-01T00:00:02Z" };
+    const reloaded = receive(initial, { ...snapshot(1), measurement: taken } as ServerMessage, 9000);
+    expect(measurementAge(reloaded, 9000)).toBe(7000);
+  });
+});
+
+describe("receive", () => {
+  it("takes a snapshot whole and opens the link", () => {
+    const state = open();
+    expect(state).toMatchObject({ link: "open", seq: 5, bootId: boot, bench, heardAt: 1000 });
+    expect(state.jobs.map((it) => it.id)).toEqual(["a"]);
+  });
+
+  it("replaces a job by a newer one, adds a new one, and keeps out an older one", () => {
+    let state = receive(open(), { type: "job", seq: 6, boot_id: boot, job: job("a", 3, "converged") }, 0);
+    state = receive(state, { type: "job", seq: 7, boot_id: boot, job: job("a", 2) }, 0);
+    state = receive(state, { type: "job", seq: 8, boot_id: boot, job: job("b", 1) }, 0);
+    expect(state.jobs.map((it) => [it.id, it.state])).toEqual([
+      ["a", "converged"],
+      ["b", "running"],
+    ]);
+    expect(state.seq).toBe(8);
+  });
+
+  it("forgets the picture of another start of the daemon, and takes no change before its snapshot", () => {
+    const seen = receivePicture(open(), picture, 2000);
+    const stray = receive(
+      seen,
+      { type: "bench", seq: 1, boot_id: "other", bench: { ...bench, simulated: false } },
+      0,
+    );
+    expect(stray.bench).toBe(seen.bench);
+    const fresh = receive(seen, snapshot(1, [], "other"), 3000);
+    expect(fresh).toMatchObject({ bootId: "other", seq: 1, picture: null, jobs: [] });
+    expect(receive(seen, snapshot(9), 3000).picture).toBe(picture);
+  });
+
+  it("shows a problem that the daemon has with a message", () => {
+    const problem = { type: "urn:plenalign:problem:invalid", title: "t", status: 422, detail: "d" };
+    expect(receive(open(), { type: "problem", seq: 5, boot_id: boot, problem }, 0).problem).toEqual(problem);
+  });
+});
+
+describe("the picture", () => {
+  it("ages from what the daemon said and from when it came", () => {
+    const state = receivePicture(open(), picture, 2000);
+    expect(pictureAge(state, 2050)).toBe(150);
+    expect(pictureState(state, 2000 + STALE_MS - 100)).toBe("fresh");
+    expect(pictureState(state, 2001 + STALE_MS - 100)).toBe("stale");
+  });
+
+  it("is stale at once when the link is lost, and none before the first", () => {
+    expect(pictureState(open(), 1000)).toBe("none");
+    const state: State = { ...receivePicture(open(), picture, 2000), link: "lost" };
+    expect(pictureState(state, 2000)).toBe("stale");
+  });
+});
+
+describe("reading", () => {
+  it("says which way to go: a larger Δv or e makes the spacing smaller", () => {
+    expect(reading(measurement(19.8, 0.002))?.direction).toBe("larger");
+    expect(reading(measurement(19.7, 0.002))?.direction).toBe("smaller");
+    expect(reading(measurement(19.726, 0.002))?.direction).toBe("there");
+    expect(reading(measurement(19.726, 0.002))?.differencePx).toBeCloseTo(0.001, 9);
+    expect(reading(null)).toBeNull();
+  });
+});
+
+describe("currentJob", () => {
+  it("is the one under way, or else the newest", () => {
+    const state = receive(open(), { type: "job", seq: 6, boot_id: boot, job: job("b", 1) }, 0);
+    expect(currentJob(state)?.id).toBe("b");
+    expect(currentJob({ ...state, bench: { ...bench, job: "a" } })?.id).toBe("a");
+    expect(currentJob(initial)).toBeNull();
+  });
+});
+
+describe("axisScale", () => {
+  it("holds the travel, the wall and a position beyond it", () => {
+    const e = bench.axes[1]!;
+    const scale = axisScale(bench, e);
+    expect(scale.wall).toBe(-0.1);
+    expect(along(scale, -0.1)).toBeGreaterThan(0);
+    expect(along(scale, e.high_limit_mm)).toBeLessThan(1);
+    expect(axisScale(bench, bench.axes[0]!).wall).toBeNull();
+    expect(axisScale(bench, { ...e, position_mm: -3 }).low).toBeLessThan(-3);
+  });
+});
+
+describe("numbers", () => {
+  it("have a true minus sign and no minus zero", () => {
+    expect(fixed(-1.25, 1)).toBe("−1.3");
+    expect(fixed(-0.00001, 3)).toBe("0.000");
+    expect(signed(0.5, 2)).toBe("+0.50");
+    expect(signed(0, 2)).toBe("0.00");
+    expect(withSigma(2.2041, 0.0004, 4)).toBe("2.2041 ± 0.0004");
+    expect(withSigma(null, 1, 2)).toBeNull();
+  });
+});

@@ -1,0 +1,28 @@
+import { defineConfig } from "vitest/config";
+
+declare const process: { env: Record<string, string | undefined> };
+
+// The daemon that `npm run dev` shows: its Host and Origin checks see a page of its own.
+const daemon = process.env["PLENALIGN"] ?? "http://127.0.0.1:8080";
+
+export default defineConfig({
+  oxc: { jsx: { runtime: "automatic", importSource: "preact" } },
+  build: {
+    target: "es2022",
+    // Plain names: the daemon answers with an ETag, and embeds files by name.
+    rollupOptions: {
+      output: {
+        entryFileNames: "assets/[name].js",
+        chunkFileNames: "assets/[name].js",
+        assetFileNames: "assets/[name][extname]",
+      },
+    },
+  },
+  server: {
+    proxy: {
+      "/api": { target: daemon, changeOrigin: true, ws: true, headers: { origin: daemon } },
+      "/healthz": daemon,
+    },
+  },
+  test: { include: ["test/**/*.test.ts"], environment: "node" },
+});
