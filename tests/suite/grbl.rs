@@ -204,6 +204,26 @@ async fn a_stop_cancels_the_moves_that_wait_and_works_at_rest() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_motion_commanded_during_a_stop_begins_after_it() {
+    let rig = rig_with(|_| {}).await;
+    // A stop at rest takes some status reports and a reset: the reset must not hit what is commanded on the way.
+    for delay_ms in [0, 20, 90, 150, 250, 400] {
+        let home = async {
+            sleep(Duration::from_millis(delay_ms)).await;
+            rig.e.home().await
+        };
+        let (delivery, homed) = tokio::join!(rig.focus.stop(), home);
+        assert_eq!(delivery, StopDelivery::Confirmed);
+        assert_eq!(homed, Ok(()), "homing commanded {delay_ms} ms after the stop");
+        let (_, reached) = tokio::join!(rig.focus.stop(), async {
+            sleep(Duration::from_millis(delay_ms)).await;
+            rig.e.move_to(Millimetres(30.0)).await
+        });
+        assert!(reached.is_ok(), "a move commanded {delay_ms} ms after the stop: {reached:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_stop_while_homing_resets_and_the_position_stays_unknown() {
     let rig = rig_with(|_| {}).await;
     let homing = tokio::spawn({

@@ -1,0 +1,225 @@
+//! What a controller says: its status reports, alarms and restarts, and what they tell about the axes.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use tokio::sync::{Notify, mpsc, watch};
+use tokio::time::Instant;
+
+use super::super::grbl::{self, Alarm, Mode};
+use super::{ANSWER, Controller, POLL_MOVING, Reading, locked};
+use crate::device::port::{LineKind, Notice};
+use crate::device::{DeviceError, StageState};
+use crate::units::Millimetres;
+
+/// Time between status requests at rest: Grbl's interface document asks for 5 Hz at most as a rule.
+const POLL_AT_REST: Duration = Duration::from_millis(200);
+/// Silence after which the controller counts as lost.
+const SILENCE: Duration = Duration::from_millis(1500);
+
+/// Takes what the controller says by itself, until the port closes or every stage is dropped.
+pub(super) async fn listen(
+    controller: Weak<Controller>,
+    mut notices: mpsc::Receiver<Notice>,
+    mut closed: watch::Receiver<Option<String>>,
+) {
+    while let Some(notice) = notices.recv().await {
+        let Some(controller) = controller.upgrade() else { return };
+        controller.take_notice(&notice);
+    }
+    let reason = match closed.wait_for(Option::is_some).await {
+        Ok(reason) => reason.clone(),
+        Err(_) => None,
+    };
+    if let Some(controller) = controller.upgrade() {
+        let reason = reason.unwrap_or_else(|| "the port is closed".to_owned());
+        tracing::warn!(controller = %controller.name, reason = %reason, "a stage controller is lost");
+        controller.forget_positions();
+        controller.set_states(|state| {
+            state.connected = false;
+            state.moving = false;
+            state.at_rest_since = None;
+            state.fault = Some(reason.clone());
+        });
+    }
+}
+
+/// Asks for the status again and again, until the port closes or every stage is dropped.
+pub(super) async fn poll(weak: Weak<Controller>, poll_now: Arc<Notify>) {
+    loop {
+        let asked = Instant::now();
+        let period = {
+            let Some(controller) = weak.upgrade() else { return };
+            if controller.port.closed().borrow().is_some() {
+                return;
+            }
+            // In homing and after a critical alarm nothing is answered.
+            let mute =
+                controller.homing.load(Ordering::SeqCst) || controller.alarm.borrow().is_some_and(Alarm::needs_reset);
+            if !mute {
+                // A full queue means that the device takes no bytes: the silence will tell.
+                let _ = controller.port.urgent(&[grbl::STATUS], false);
+                controller.note_silence();
+            }
+            if controller.watched.load(Ordering::SeqCst) > 0 { POLL_MOVING } else { POLL_AT_REST }
+        };
+        tokio::select! {
+            () = tokio::time::sleep_until(asked + period) => {}
+            () = poll_now.notified() => tokio::time::sleep_until(asked + POLL_MOVING).await,
+        }
+    }
+}
+
+/// Asks for readings at the faster rate while it lives.
+pub(super) struct Watching<'a>(&'a Controller);
+
+impl Drop for Watching<'_> {
+    fn drop(&mut self) {
+        self.0.watched.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+impl Controller {
+    pub(super) fn watching(&self) -> Watching<'_> {
+        self.watched.fetch_add(1, Ordering::SeqCst);
+        self.poll_now.notify_one();
+        Watching(self)
+    }
+
+    pub(super) fn set_states(&self, change: impl Fn(&mut StageState)) {
+        for axis in &self.axes {
+            axis.state.send_modify(&change);
+        }
+    }
+
+    pub(super) fn forget_positions(&self) {
+        for axis in &self.axes {
+            *locked(&axis.home) = None;
+            axis.state.send_modify(|state| state.homed = false);
+        }
+    }
+
+    pub(super) fn take_notice(&self, notice: &Notice) {
+        match notice.kind {
+            LineKind::Started => {
+                if !self.restart_is_ours.swap(false, Ordering::SeqCst) && self.alarm.borrow().is_none() {
+                    tracing::warn!(controller = %self.name, "a stage controller has restarted by itself");
+                    self.forget_positions();
+                }
+                self.alarm.send_replace(None);
+                self.restarts.send_modify(|count| *count += 1);
+            }
+            LineKind::Halted => {
+                let alarm = Alarm::from_line(&notice.line).unwrap_or(Alarm(0));
+                tracing::warn!(controller = %self.name, alarm = %alarm, "a stage controller is in alarm");
+                self.forget_positions();
+                self.set_states(|state| {
+                    state.moving = false;
+                    state.fault = Some(alarm.to_string());
+                });
+                self.alarm.send_replace(Some(alarm));
+            }
+            _ => {
+                if let Some(status) = grbl::status(&notice.line) {
+                    self.take_status(&status, notice.line_number);
+                }
+            }
+        }
+    }
+
+    pub(super) fn take_status(&self, status: &grbl::Status, line_number: u64) {
+        let mut offset = locked(&self.work_offset);
+        *offset = status.work_offset.or(*offset);
+        let machine = status.machine.or_else(|| {
+            let (work, offset) = (status.work?, (*offset)?);
+            Some(std::array::from_fn(|i| work[i] + offset[i]))
+        });
+        drop(offset);
+        let Some(machine) = machine else { return };
+        let now = Instant::now();
+        for axis in &self.axes {
+            let home = *locked(&axis.home);
+            let at = machine[axis.setup.letter.index()];
+            let position = Millimetres(axis.setup.coordinate(at, home.unwrap_or(at)));
+            axis.state.send_modify(|state| {
+                let moved = state.position != position;
+                state.connected = true;
+                state.position = position;
+                state.moving = !status.mode.at_rest();
+                if state.moving {
+                    state.at_rest_since = None;
+                } else if moved || state.at_rest_since.is_none() {
+                    state.at_rest_since = Some(now);
+                }
+                match status.mode {
+                    Mode::Alarm if state.fault.is_none() => {
+                        state.fault = Some("the controller is locked until it is homed".to_owned());
+                    }
+                    Mode::Alarm => {}
+                    Mode::Sleep => state.fault = Some("the controller is asleep; stop to wake it".to_owned()),
+                    Mode::Door => state.fault = Some("the controller's safety door is open".to_owned()),
+                    Mode::Hold(_) => state.fault = Some("the controller is held; stop to release it".to_owned()),
+                    _ => state.fault = None,
+                }
+            });
+        }
+        self.readings.send_replace(Some(Reading { mode: status.mode, machine, line_number, at: now }));
+    }
+
+    pub(super) fn note_silence(&self) {
+        let silent = self.readings.borrow().as_ref().is_some_and(|reading| reading.at.elapsed() > SILENCE);
+        if silent && self.axes.iter().any(|axis| axis.state.borrow().connected) {
+            self.set_states(|state| {
+                state.connected = false;
+                state.at_rest_since = None;
+                state.fault = Some("the controller does not answer".to_owned());
+            });
+        }
+    }
+
+    pub(super) fn latest_line(&self) -> u64 {
+        self.readings.borrow().as_ref().map_or(0, |reading| reading.line_number)
+    }
+
+    pub(super) fn closed_error(&self) -> Option<DeviceError> {
+        let reason = self.port.closed().borrow().clone()?;
+        Some(DeviceError::Disconnected { device: self.name.clone(), reason })
+    }
+
+    pub(super) fn timeout(&self, what: &str, allowed: Duration) -> DeviceError {
+        DeviceError::Timeout { device: self.name.clone(), what: what.to_owned(), allowed }
+    }
+
+    /// A reading later than a line.
+    pub(super) async fn fresh_reading(&self, after_line: u64) -> Result<Reading, DeviceError> {
+        let mut readings = self.readings.subscribe();
+        let mut closed = self.port.closed();
+        self.poll_now.notify_one();
+        tokio::select! {
+            reading = readings.wait_for(|r| r.as_ref().is_some_and(|r| r.line_number > after_line)) => {
+                let reading = reading.ok().and_then(|reading| reading.clone());
+                reading.ok_or_else(|| self.timeout("report its status", ANSWER))
+            }
+            _ = closed.wait_for(Option::is_some) => {
+                Err(self.closed_error().unwrap_or_else(|| self.timeout("report its status", ANSWER)))
+            }
+            () = tokio::time::sleep(ANSWER) => Err(self.timeout("report its status", ANSWER)),
+        }
+    }
+
+    /// Waits until two readings one after another, both later than a line, say rest at the same place.
+    pub(super) async fn rest(&self, mut after_line: u64) -> Result<Reading, DeviceError> {
+        let mut last: Option<Reading> = None;
+        loop {
+            let reading = self.fresh_reading(after_line).await?;
+            after_line = reading.line_number;
+            // Locked but at rest: the alarm itself is reported by whoever asked for the motion.
+            let resting = reading.mode.at_rest();
+            if resting && last.as_ref().is_some_and(|last| last.machine == reading.machine) {
+                return Ok(reading);
+            }
+            last = resting.then_some(reading);
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Stopping a controller at once, out of band, and proving that it rests.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use super::super::grbl::{self, Alarm, Mode};
+use super::{Controller, Reading, START_UP};
+use crate::device::{DeviceError, StopDelivery};
+
+/// Time beyond its own deceleration that an axis may take to stop before the controller is reset under it.
+const STOP_SPARE: Duration = Duration::from_millis(200);
+
+/// Counts a stop as under way while it lives.
+pub(super) struct UnderWay(Arc<Controller>);
+
+impl UnderWay {
+    pub(super) fn new(controller: &Arc<Controller>) -> Self {
+        controller.stops_under_way.send_modify(|count| *count += 1);
+        Self(Arc::clone(controller))
+    }
+}
+
+impl Drop for UnderWay {
+    fn drop(&mut self) {
+        self.0.stops_under_way.send_modify(|count| *count -= 1);
+    }
+}
+
+impl Controller {
+    /// Waits until no stop is under way: its reset would end a motion that began meanwhile, homing in an alarm.
+    pub(super) async fn no_stop_under_way(&self) {
+        // The sender lives as long as the controller.
+        let _ = self.stops_under_way.subscribe().wait_for(|&count| count == 0).await;
+    }
+
+    /// Resets the controller and waits for its start; tells whether that came.
+    pub(super) async fn restart(&self) -> bool {
+        let mut restarts = self.restarts.subscribe();
+        let before = *restarts.borrow_and_update();
+        self.restart_is_ours.store(true, Ordering::SeqCst);
+        if self.port.urgent(&[grbl::RESET], true).is_err() {
+            return false;
+        }
+        matches!(tokio::time::timeout(START_UP, restarts.wait_for(|&count| count > before)).await, Ok(Ok(_)))
+    }
+
+    /// Stops what moves and what waits to move.
+    pub(super) async fn stop(&self) -> StopDelivery {
+        self.outdate_commands();
+        self.bring_to_rest().await
+    }
+
+    /// Whatever was commanded before no longer begins.
+    pub(super) fn outdate_commands(&self) {
+        self.port.cancel_requests();
+        let generation = self.port.generation();
+        self.stops.send_modify(|count| *count = (*count).max(generation));
+    }
+
+    pub(super) async fn bring_to_rest(&self) -> StopDelivery {
+        let blind = self.homing.load(Ordering::SeqCst) || self.alarm.borrow().is_some_and(Alarm::needs_reset);
+        // In homing, and after a critical alarm, a reset is all that the controller obeys.
+        let bytes: &[u8] = if blind { &[] } else { &[grbl::JOG_CANCEL, grbl::HOLD] };
+        if !blind {
+            match self.port.urgent(bytes, false) {
+                Err(_) => return StopDelivery::Undeliverable,
+                Ok(written) => {
+                    if tokio::time::timeout(STOP_SPARE, written).await.is_err() {
+                        return StopDelivery::Undeliverable;
+                    }
+                }
+            }
+        }
+        let after_line = self.latest_line();
+        let _watching = self.watching();
+        let _stopping = self.stopping.lock().await;
+        let deceleration = self.axes.iter().map(|axis| self.dynamics(axis)).map(|(v, a)| v / a).fold(0.0, f64::max);
+        let allowed = STOP_SPARE + Duration::from_secs_f64(deceleration.min(5.0));
+        let rested = if blind {
+            None
+        } else {
+            tokio::time::timeout(allowed, self.rest_or_hold(after_line)).await.ok().and_then(Result::ok)
+        };
+        match rested {
+            Some(before) => {
+                // The reset throws away what a held line has left, and releases the hold. At rest no step is lost.
+                if self.restart().await
+                    && let Ok(after) = self.fresh_reading(self.latest_line()).await
+                    && after.machine != before.machine
+                {
+                    self.forget_positions();
+                }
+                StopDelivery::Confirmed
+            }
+            None => {
+                self.forget_positions();
+                let restarted = self.restart().await;
+                self.forget_positions();
+                if restarted { StopDelivery::Confirmed } else { self.undelivered() }
+            }
+        }
+    }
+
+    pub(super) fn undelivered(&self) -> StopDelivery {
+        match self.port.closed().borrow().is_some() {
+            true => StopDelivery::Undeliverable,
+            false => StopDelivery::Sent,
+        }
+    }
+
+    /// A reading that proves rest after a stop: a hold that is complete, or rest twice.
+    pub(super) async fn rest_or_hold(&self, mut after_line: u64) -> Result<Reading, DeviceError> {
+        let mut last: Option<Reading> = None;
+        loop {
+            let reading = self.fresh_reading(after_line).await?;
+            after_line = reading.line_number;
+            let resting = reading.mode.at_rest();
+            let same = last.as_ref().is_some_and(|last| last.machine == reading.machine);
+            if reading.mode == Mode::Hold(true) || (resting && same) {
+                return Ok(reading);
+            }
+            last = resting.then_some(reading);
+        }
+    }
+}
