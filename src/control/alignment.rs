@@ -9,10 +9,11 @@ use super::calibrated::CalibratedCamera;
 use super::context::{JobContext, JobEnd};
 use super::events::ShellState;
 use super::eye::{Eye, Seen};
-use super::job::{Iteration, IterationKind, Stage};
+use super::job::{IterationKind, Stage};
 use super::motion::Motion;
 use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
-use crate::config::{Config, LBoundSource, ShellStep};
+use super::sight::HoldB;
+use crate::config::{Config, LBoundSource};
 use crate::device::{AxisName, Setup};
 use crate::optics::{CameraDesign, Solution};
 use crate::units::Millimetres;
@@ -26,7 +27,7 @@ const APERTURE_WITHIN_MM: f64 = 0.5;
 /// Standard relative uncertainty of the configured b while it is held.
 const B_RELATIVE_SIGMA: f64 = 0.002;
 /// Frames combined in a verifying measurement.
-const VERIFY_FRAMES: u32 = 2;
+pub(super) const VERIFY_FRAMES: u32 = 2;
 /// Measurements of a loop before it is cut off, whatever its decisions.
 const MAX_MEASUREMENTS: u32 = 60;
 /// Steps of a joint alignment, for the progress bar.
@@ -138,7 +139,7 @@ impl Alignment<'_> {
         }
     }
 
-    async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
+    pub(super) async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
         let levels = [middle_mm - LEVEL_STEP_MM, middle_mm, middle_mm + LEVEL_STEP_MM];
         let instruction = format!(
             "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
@@ -155,58 +156,6 @@ impl Alignment<'_> {
     fn board_sigma_mm(&self, distance_mm: f64) -> f64 {
         let magnification = self.design.main_lens.focal_length / (distance_mm - self.design.main_lens.focal_length);
         self.config.main_lens.principal_from_mount_sigma_mm.unwrap_or(0.0) * magnification * magnification
-    }
-
-    /// l_bound by Eqs. 9–12: d and b in air, then the spacing with the lens pushed by hand to the least e.
-    async fn measure_l_bound(&mut self) -> Result<(), JobEnd> {
-        self.context.stage(Stage::LBound);
-        let solution = self.design.joint(self.config.assembly.l_bound_mm);
-        let levels = self.place_triple_board(solution.equivalent_distance).await?;
-        self.context.doing("l_bound: calibrating d and b in air");
-        self.observe_air(&levels, &solution, VERIFY_FRAMES).await?;
-        let Some(camera) = self.findings.camera else {
-            return Err(JobEnd::failed("l_bound needs the calibration in air"));
-        };
-        self.context.unless_cancelled(self.motion.release(AxisName::E)).await?;
-        let distance_mm = self.config.object.distance_mm;
-        let instruction = format!(
-            "The e axis's motor is off. Mount the shell, fill the tank, put the flat board {distance_mm:.1} mm from the shell's outer vertex, and push the camera by hand as near to the shell as the lens's barrel allows."
-        );
-        self.motion.set_shell(ShellState::On);
-        let value = Some(format!("{distance_mm:.1} mm"));
-        self.context.ask("least_e_by_hand", instruction, value, Setup::LeastE { distance_mm }).await?;
-        self.context.doing("l_bound: measuring the spacing");
-        let seen = self.context.unless_cancelled(self.eye.spacing(VERIFY_FRAMES)).await?;
-        let least_e = camera.e_mm(seen.spacing.spacing_px, 0.0);
-        let sigma = camera.e_sigma_mm(least_e, 0.0, seen.spacing.spacing_sigma_px);
-        if !least_e.is_finite() || !sigma.is_finite() {
-            return Err(JobEnd::failed(format!(
-                "a spacing of {:.3} px gives no l_bound: shell, water or board are not what is configured",
-                seen.spacing.spacing_px
-            )));
-        }
-        let clearance = self.config.assembly.clearance_mm.max(3.0 * sigma);
-        self.motion.set_l_bound_mm(least_e + clearance);
-        self.findings.l_bound_sigma_mm = Some(sigma);
-        let note = format!(
-            "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by only {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
-            camera.slope_e(least_e, 0.0).abs(),
-            least_e + clearance
-        );
-        self.context.log(note.clone());
-        self.findings.notes.push(note);
-        let instruction = "Take the shell off and the tank away; the e axis is homed again.".to_owned();
-        self.context.ask("shell_off", instruction, None, Setup::ShellOff).await?;
-        self.motion.set_shell(ShellState::Off);
-        self.context.doing("homing after the move by hand");
-        for axis in AxisName::ALL {
-            // A controller that can switch off all of its motors only has lost the other axis, too.
-            if !self.context.unless_cancelled(self.motion.read_state(axis)).await?.homed {
-                self.context.unless_cancelled(self.motion.home(axis)).await?;
-            }
-        }
-        self.findings.delta_v_air = None;
-        Ok(())
     }
 
     async fn air(&mut self, solution: &Solution) -> Result<[f64; 3], JobEnd> {
@@ -271,7 +220,7 @@ impl Alignment<'_> {
         Err(JobEnd::failed("the air loop did not end; this is a defect of the program"))
     }
 
-    async fn observe_air(
+    pub(super) async fn observe_air(
         &mut self,
         levels: &[f64; 3],
         solution: &Solution,
@@ -282,14 +231,13 @@ impl Alignment<'_> {
         // Before the first measurement the axis's own reading is the best guess.
         let guess = if self.findings.delta_v_air.is_some() { expected } else { reading };
         let far = (guess - solution.delta_v).abs() > HOLD_B_BEYOND_MM;
-        let held = B_RELATIVE_SIGMA * self.design.mla.b();
-        let mut triple = self.context.unless_cancelled(self.eye.calibrate(levels, far.then_some(held), frames)).await?;
-        let delta_v_of = |sum: f64| sum - self.design.air_image_distance();
-        let near = (delta_v_of(triple.camera.image_distance_mm) - solution.delta_v).abs() <= HOLD_B_BEYOND_MM;
-        if far && near {
-            triple = self.context.unless_cancelled(self.eye.calibrate(levels, None, frames)).await?;
-        }
-        let delta_v_mm = delta_v_of(triple.camera.image_distance_mm);
+        let hold_b = far.then(|| HoldB {
+            sigma_mm: B_RELATIVE_SIGMA * self.design.mla.b(),
+            beyond_mm: HOLD_B_BEYOND_MM,
+            image_distance_mm: solution.image_distance,
+        });
+        let triple = self.context.unless_cancelled(self.eye.calibrate(levels, hold_b, frames)).await?;
+        let delta_v_mm = triple.camera.image_distance_mm - self.design.air_image_distance();
         self.findings.camera = Some(CalibratedCamera {
             design: self.design,
             lens_to_mla_mm: triple.camera.lens_to_mla_mm,
@@ -306,54 +254,6 @@ impl Alignment<'_> {
             repeatability_mm: triple.camera.repeatability_mm,
         };
         Ok((observation, seen))
-    }
-
-    fn record_air(
-        &self,
-        kind: IterationKind,
-        seen: &Seen,
-        here: AirObservation,
-        predicted: Option<f64>,
-        decision: &AirDecision,
-    ) {
-        let decision = match decision {
-            AirDecision::Probe { to_mm } => format!("probe: focus axis to {to_mm:.4} mm"),
-            AirDecision::Move { to_mm } => format!("move the focus axis to {to_mm:.4} mm"),
-            AirDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
-            AirDecision::Verify => "within tolerance: measure again to verify".to_owned(),
-            AirDecision::Done => "within tolerance, verified".to_owned(),
-            AirDecision::NotConverged { why } => format!("not converged: {why}"),
-            AirDecision::Fault(fault) => fault.to_string(),
-        };
-        self.context.record(Iteration {
-            delta_v_mm: Some(here.delta_v_mm),
-            delta_v_sigma_mm: Some(here.sigma_mm),
-            e_estimate_mm: None,
-            e_estimate_sigma_mm: None,
-            spacing_predicted_px: predicted,
-            ..self.iteration(Stage::Air, kind, AxisName::Focus, seen, decision)
-        });
-    }
-
-    fn iteration(&self, stage: Stage, kind: IterationKind, axis: AxisName, seen: &Seen, decision: String) -> Iteration {
-        let moved = matches!(kind, IterationKind::Probe | IterationKind::Move);
-        Iteration {
-            number: 0,
-            stage,
-            kind,
-            axis: moved.then_some(axis),
-            focus_mm: seen.focus_mm,
-            e_mm: seen.e_mm,
-            delta_v_mm: None,
-            delta_v_sigma_mm: None,
-            e_estimate_mm: None,
-            e_estimate_sigma_mm: None,
-            spacing: seen.spacing.clone(),
-            spacing_predicted_px: None,
-            spacing_target_px: self.eye.target_px(),
-            decision,
-            at: jiff::Timestamp::now(),
-        }
     }
 
     /// Takes e to where the shell is to be mounted, with the shell off: a probe first, and the picture of the boards in
@@ -385,14 +285,11 @@ impl Alignment<'_> {
             self.context.doing(format!("air: e axis to {to:.3} mm, where the shell is mounted"));
             self.context.unless_cancelled(self.motion.go(AxisName::E, Millimetres(to))).await?;
             let after = self.context.unless_cancelled(self.eye.calibrate(levels, None, 1)).await?.middle;
-            let distance = |seen: &Seen| camera.air_distance_mm(seen.spacing.spacing_px);
-            let slope = |seen: &Seen| {
-                let step = 0.01;
-                (camera.air_distance_mm(seen.spacing.spacing_px + step) - distance(seen)).abs() / step
-            };
-            let sigma = (before.spacing.spacing_sigma_px * slope(&before))
-                .hypot(after.spacing.spacing_sigma_px * slope(&after));
-            let measured = distance(&after) - distance(&before);
+            let [here, there] = [&before, &after].map(|seen| {
+                let (distance, slope) = camera.air_distance_mm(seen.spacing.spacing_px);
+                (distance, slope.abs() * seen.spacing.spacing_sigma_px)
+            });
+            let (measured, sigma) = (there.0 - here.0, here.1.hypot(there.1));
             if let Some(fault) = check_move("e", to - from, measured, sigma, self.config.bench.e.backlash_mm) {
                 return Err(JobEnd::failed(fault.to_string()));
             }
@@ -506,52 +403,5 @@ impl Alignment<'_> {
         self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
         self.context.unless_cancelled(self.motion.go(AxisName::E, Millimetres(to_mm))).await?;
         Ok(())
-    }
-
-    fn keep_shell(&mut self, shell: &ShellLoop, seen: &Seen, e_reading_mm: f64, trim_mm: f64) {
-        let findings = &mut self.findings;
-        findings.moves_shell = shell.moves();
-        findings.e = Some(shell.model().predict(e_reading_mm));
-        findings.e_scale = Some(shell.model().scale().0);
-        findings.trim_mm = trim_mm;
-        findings.seen = Some(seen.clone());
-        let how = match (self.config.assembly.shell_step, shell.trimmed()) {
-            (_, true) => {
-                format!("e held at its optimum, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
-            }
-            (ShellStep::HoldETrim, false) => "e moved to its optimum; no trim of Δv was needed".to_owned(),
-            (_, false) => "e translated until the spacing met Eq. 16".to_owned(),
-        };
-        findings.shell_step_done = Some(how);
-    }
-
-    fn record_shell(
-        &self,
-        kind: IterationKind,
-        moved: AxisName,
-        seen: &Seen,
-        predicted: Option<f64>,
-        decision: &ShellDecision,
-    ) {
-        let decision = match decision {
-            ShellDecision::ProbeE { to_mm } => format!("probe: e axis to {to_mm:.3} mm"),
-            ShellDecision::MoveE { to_mm, .. } => format!("move the e axis to {to_mm:.3} mm"),
-            ShellDecision::Trim { by_mm, .. } => format!("hold e, trim Δv by {:+.1} µm", by_mm * 1000.0),
-            ShellDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
-            ShellDecision::Verify => "the criterion is met: measure again to verify".to_owned(),
-            ShellDecision::Done => "the criterion is met, verified".to_owned(),
-            ShellDecision::NotConverged { why } => format!("not converged: {why}"),
-            ShellDecision::Fault(fault) => fault.to_string(),
-        };
-        let (e, e_sigma) = self.findings.e.unzip();
-        let delta_v = self.findings.delta_v_air.map(|(delta_v, sigma)| (delta_v + self.findings.trim_mm, sigma));
-        self.context.record(Iteration {
-            delta_v_mm: delta_v.map(|(value, _)| value),
-            delta_v_sigma_mm: delta_v.map(|(_, sigma)| sigma),
-            e_estimate_mm: e,
-            e_estimate_sigma_mm: e_sigma,
-            spacing_predicted_px: predicted,
-            ..self.iteration(Stage::Shell, kind, moved, seen, decision)
-        });
     }
 }

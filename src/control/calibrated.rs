@@ -18,51 +18,62 @@ pub struct CalibratedCamera {
 }
 
 impl CalibratedCamera {
+    /// a (mm, signed) of the board in water, with the lens at e (mm) and the MLA moved by `trim` (mm) since the air
+    /// step.
+    fn a_mm(&self, e: f64, trim: f64) -> f64 {
+        let equivalent = self.design.shell.equivalent_distance(self.design.object_distance, e);
+        self.design.main_lens.image_distance(equivalent) - self.lens_to_mla_mm - trim
+    }
+
+    /// Image distance (mm) of whatever has this spacing (px), with the MLA moved by `trim` (mm).
+    fn image_distance_mm(&self, spacing_px: f64, trim: f64) -> f64 {
+        let a = mla::a_from_spacing(self.design.mla.pitch, spacing_px * self.pixel_mm, self.mla_to_sensor_mm);
+        a + self.lens_to_mla_mm + trim
+    }
+
     /// The spacing (px) of the board in water with the lens at e (mm) and the MLA moved by `trim` (mm) since the air
     /// step.
     #[must_use]
     pub fn spacing_px(&self, e: f64, trim: f64) -> f64 {
-        let equivalent = self.design.shell.equivalent_distance(self.design.object_distance, e);
-        let a = self.design.main_lens.image_distance(equivalent) - self.lens_to_mla_mm - trim;
-        mla::spacing(self.design.mla.pitch, a, self.mla_to_sensor_mm) / self.pixel_mm
+        mla::spacing(self.design.mla.pitch, self.a_mm(e, trim), self.mla_to_sensor_mm) / self.pixel_mm
     }
 
     /// The e (mm) at which the board in water has this spacing (px).
     #[must_use]
     pub fn e_mm(&self, spacing_px: f64, trim: f64) -> f64 {
-        let a = mla::a_from_spacing(self.design.mla.pitch, spacing_px * self.pixel_mm, self.mla_to_sensor_mm);
-        let equivalent = self.design.main_lens.object_distance(a + self.lens_to_mla_mm + trim);
+        let equivalent = self.design.main_lens.object_distance(self.image_distance_mm(spacing_px, trim));
         self.design.shell.e_from_equivalent(equivalent, self.design.object_distance)
     }
 
-    /// The distance (mm) from the lens of a board in air that has this spacing (px).
+    /// The distance (mm) from the lens of a board in air that has this spacing (px), and how it changes with the
+    /// spacing (mm/px).
     #[must_use]
-    pub fn air_distance_mm(&self, spacing_px: f64) -> f64 {
-        let a = mla::a_from_spacing(self.design.mla.pitch, spacing_px * self.pixel_mm, self.mla_to_sensor_mm);
-        self.design.main_lens.object_distance(a + self.lens_to_mla_mm)
+    pub fn air_distance_mm(&self, spacing_px: f64) -> (f64, f64) {
+        let v = self.image_distance_mm(spacing_px, 0.0);
+        let distance = self.design.main_lens.object_distance(v);
+        // From Gauss, dL/dv = −(L / v)².
+        let slope = -(distance / v).powi(2) / self.slope_a(v - self.lens_to_mla_mm);
+        (distance, slope)
     }
 
-    /// The trim (mm) at which the board in water, with the lens at e (mm), has this spacing (px): "re-optimise Δv with e
-    /// fixed".
-    #[must_use]
-    pub fn trim_mm(&self, e: f64, spacing_px: f64) -> f64 {
-        let a = mla::a_from_spacing(self.design.mla.pitch, spacing_px * self.pixel_mm, self.mla_to_sensor_mm);
-        let equivalent = self.design.shell.equivalent_distance(self.design.object_distance, e);
-        self.design.main_lens.image_distance(equivalent) - a - self.lens_to_mla_mm
+    /// dl/da at a signed a (mm), px/mm: D b / a².
+    fn slope_a(&self, a: f64) -> f64 {
+        self.design.mla.pitch * self.mla_to_sensor_mm / (a * a) / self.pixel_mm
     }
 
-    /// dl/de at e and trim, px/mm.
+    /// dl/de at e and trim (mm), px/mm.
     #[must_use]
     pub fn slope_e(&self, e: f64, trim: f64) -> f64 {
-        const STEP_MM: f64 = 1e-3;
-        (self.spacing_px(e + STEP_MM, trim) - self.spacing_px(e - STEP_MM, trim)) / (2.0 * STEP_MM)
+        let equivalent = self.design.shell.equivalent_distance(self.design.object_distance, e);
+        let v = self.design.main_lens.image_distance(equivalent);
+        // The equivalent distance grows with e one for one, and from Gauss dv/dL = −(v / L)².
+        -self.slope_a(self.a_mm(e, trim)) * (v / equivalent).powi(2)
     }
 
-    /// dl/dΔv at e and trim, px/mm.
+    /// dl/dΔv at e and trim (mm), px/mm: the MLA moves towards the image.
     #[must_use]
     pub fn slope_delta_v(&self, e: f64, trim: f64) -> f64 {
-        const STEP_MM: f64 = 1e-5;
-        (self.spacing_px(e, trim + STEP_MM) - self.spacing_px(e, trim - STEP_MM)) / (2.0 * STEP_MM)
+        -self.slope_a(self.a_mm(e, trim))
     }
 
     /// Standard uncertainty (mm) of the e that a spacing (px, with its sigma) gives: the spacing's and Δv's share.
@@ -102,12 +113,19 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn inverses_invert() {
+    fn inverses_invert_and_slopes_are_the_differences() {
         let camera = preset();
+        let h = 1e-4;
         for (e, trim) in [(0.0, 0.0), (12.0, 0.01), (30.0, -0.02)] {
             let spacing = camera.spacing_px(e, trim);
             assert!((camera.e_mm(spacing, trim) - e).abs() < 1e-9);
-            assert!((camera.trim_mm(e, spacing) - trim).abs() < 1e-12);
+            let by_e = (camera.spacing_px(e + h, trim) - camera.spacing_px(e - h, trim)) / (2.0 * h);
+            assert!((camera.slope_e(e, trim) / by_e - 1.0).abs() < 1e-6);
+            let by_trim = (camera.spacing_px(e, trim + h) - camera.spacing_px(e, trim - h)) / (2.0 * h);
+            assert!((camera.slope_delta_v(e, trim) / by_trim - 1.0).abs() < 1e-5);
+            let (near, far) = (camera.air_distance_mm(spacing - h), camera.air_distance_mm(spacing + h));
+            let by_spacing = (far.0 - near.0) / (2.0 * h);
+            assert!((camera.air_distance_mm(spacing).1 / by_spacing - 1.0).abs() < 1e-5);
         }
     }
 }

@@ -10,7 +10,7 @@ use super::context::JobEnd;
 use super::events::MeasurementView;
 use super::job::SpacingReading;
 use super::motion::Motion;
-use super::sight::{self, Sight, Triple};
+use super::sight::{self, HoldB, Sight, Triple};
 use crate::config::Config;
 use crate::device::{AxisPose, Bench, DeviceError, Frame};
 use crate::optics::CameraDesign;
@@ -146,26 +146,26 @@ impl Eye {
         let frames = self.frames(count).await?;
         let measured = frames.clone();
         let seen = blocking(move || {
-            let images: Vec<_> = measured.iter().map(|frame| RawImage::clone(&frame.image)).collect();
+            let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
             sight.spacing(&images)
         })
         .await?;
         Ok(self.seen(&frames, seen))
     }
 
-    /// Measures a triple-level board over so many frames; `hold_b_sigma_mm` holds b at its configured value.
+    /// Measures a triple-level board over so many frames, far from focus with b held.
     pub(super) async fn calibrate(
         &self,
         levels_mm: &[f64; 3],
-        hold_b_sigma_mm: Option<f64>,
+        hold_b: Option<HoldB>,
         count: u32,
     ) -> Result<SeenTriple, JobEnd> {
         let sight = self.need_sight()?;
         let frames = self.frames(count).await?;
         let (measured, levels_mm) = (frames.clone(), *levels_mm);
         let (camera, middle) = blocking(move || {
-            let images: Vec<_> = measured.iter().map(|frame| RawImage::clone(&frame.image)).collect();
-            sight.triple(&images, &levels_mm, hold_b_sigma_mm)
+            let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
+            sight.triple(&images, &levels_mm, hold_b)
         })
         .await?;
         Ok(SeenTriple { camera, middle: self.seen(&frames, middle) })
@@ -204,7 +204,7 @@ impl Eye {
         let frame =
             tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
         let image = Arc::clone(&frame.image);
-        let seen = tokio::task::spawn_blocking(move || sight.spacing(std::slice::from_ref(&image))).await.ok()?.ok()?;
+        let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image])).await.ok()?.ok()?;
         Some(self.view(&frame, &seen))
     }
 }

@@ -27,6 +27,17 @@ pub(super) struct Triple {
     pub(super) repeatability_mm: Option<f64>,
 }
 
+/// How b is held while Δv is far from where it is wanted: the boards then cannot tell it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct HoldB {
+    /// Standard uncertainty of the configured b, mm.
+    pub(super) sigma_mm: f64,
+    /// Nearer to the wanted d + N b than this, b is told from the boards after all, mm.
+    pub(super) beyond_mm: f64,
+    /// The d + N b wanted, mm.
+    pub(super) image_distance_mm: f64,
+}
+
 /// What was read from frames of one pose.
 #[derive(Debug, Clone)]
 pub(super) struct Measured {
@@ -106,8 +117,9 @@ impl Sight {
     ///
     /// # Errors
     /// Why there is no number to be had, in words.
-    pub(super) fn spacing(&self, images: &[RawImage]) -> Result<Measured, String> {
-        let seen = measure_frames(images, Some(&self.white), &self.options()).map_err(|error| error.to_string())?;
+    pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, String> {
+        let seen = measure_frames(images.iter().copied(), Some(&self.white), &self.options())
+            .map_err(|error| error.to_string())?;
         let eog = images.last().and_then(|image| {
             let profile = Some(&self.white.vignetting);
             let view = view::central_view(image, &seen.grid, profile, seen.spacing.on_axis_px).ok()?;
@@ -125,14 +137,26 @@ impl Sight {
         Ok(Measured { spacing, micro_image_pitch_px: seen.grid.pitch_px(), eog })
     }
 
-    /// Calibrates the camera from several frames of a triple-level board; a b is held where its uncertainty (mm) is
-    /// given. The reading is that of the middle level.
+    /// Calibrates the camera from several frames of a triple-level board, far from focus with b held. The reading is
+    /// that of the middle level.
     ///
     /// # Errors
     /// Why there is no calibration to be had, in words.
     pub(super) fn triple(
         &self,
-        images: &[RawImage],
+        images: &[&RawImage],
+        levels_mm: &[f64; 3],
+        hold_b: Option<HoldB>,
+    ) -> Result<(Triple, Measured), String> {
+        let Some(hold) = hold_b else { return self.calibrated(images, levels_mm, None) };
+        let held = self.calibrated(images, levels_mm, Some(hold.sigma_mm))?;
+        let near = (held.0.image_distance_mm - hold.image_distance_mm).abs() <= hold.beyond_mm;
+        if near { self.calibrated(images, levels_mm, None) } else { Ok(held) }
+    }
+
+    fn calibrated(
+        &self,
+        images: &[&RawImage],
         levels_mm: &[f64; 3],
         hold_b_sigma_mm: Option<f64>,
     ) -> Result<(Triple, Measured), String> {
@@ -183,12 +207,10 @@ impl Sight {
         };
         Ok((camera, Measured { spacing, micro_image_pitch_px: first.grid.pitch_px(), eog: None }))
     }
-}
 
-impl Sight {
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
     /// enough to come nearer.
-    fn blurred_triple(&self, images: &[RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), String> {
+    fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), String> {
         let measured = self.spacing(images)?;
         let (pitch, b) = (self.design.mla.pitch, self.design.mla.b());
         let a = a_from_spacing(pitch, measured.spacing.spacing_px * self.pixel_mm, b);

@@ -132,19 +132,19 @@ pub fn measure_frame(
     white: Option<&WhiteModel>,
     options: &FrameOptions,
 ) -> Result<FrameMeasurement, MeasurementError> {
-    measure_frames(std::slice::from_ref(raw), white, options)
+    measure_frames([raw], white, options)
 }
 
 /// Measures several frames of one pose together; grid and fit of the vignetting are those of the first.
 ///
 /// # Errors
 /// [`MeasurementError`] says which part failed and why.
-pub fn measure_frames(
-    raws: &[RawImage],
+pub fn measure_frames<'a>(
+    raws: impl IntoIterator<Item = &'a RawImage>,
     white: Option<&WhiteModel>,
     options: &FrameOptions,
 ) -> Result<FrameMeasurement, MeasurementError> {
-    let prepared = raws.iter().map(|raw| prepare_frame(raw, white, options)).collect::<Result<Vec<_>, _>>()?;
+    let prepared = raws.into_iter().map(|raw| prepare_frame(raw, white, options)).collect::<Result<Vec<_>, _>>()?;
     let Some(first) = prepared.first() else { return Err(MeasurementError::NoFrame) };
     let (grid, vignetting_fit) = (first.grid.clone(), first.vignetting_fit);
     let frames: Vec<SpacingFrame> = prepared.into_iter().map(|p| p.frame).collect();

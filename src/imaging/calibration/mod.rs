@@ -14,7 +14,7 @@ pub use regions::{Bin, Strips, find_strips};
 use super::grid::Grid;
 use super::measurement::{FrameOptions, MeasurementError, WhiteModel, prepare_frame};
 use super::spacing::{SpacingError, measure_regions};
-use crate::optics::{CameraDesign, MainLens};
+use crate::optics::MainLens;
 use crate::raw::RawImage;
 
 /// Correlation of neighbours below which a strip is no board.
@@ -155,26 +155,6 @@ impl ConjugateLine {
         let n = signed_resolution;
         let [[dd, db], [_, bb]] = self.covariance;
         (self.d_mm + n * self.b_mm, (dd + 2.0 * n * db + n * n * bb).max(0.0).sqrt())
-    }
-
-    /// l_bound (Eqs. 9–12), mm, and its standard uncertainty (mm): from the spacing (px, with its σ) of a board at
-    /// `object_distance` (mm from O) in the water, taken with the lens at its least e and Δv as calibrated.
-    #[must_use]
-    pub fn l_bound(
-        &self,
-        design: &CameraDesign,
-        pixel_mm: f64,
-        (spacing_px, sigma_px): (f64, f64),
-        object_distance: f64,
-    ) -> (f64, f64) {
-        let pitch_px = design.mla.pitch / pixel_mm;
-        let n = pitch_px / (pitch_px - spacing_px);
-        let (v, sigma_calibration) = self.image_distance(n);
-        let sigma_n = n * n / pitch_px * sigma_px;
-        let sigma_v = sigma_calibration.hypot(self.b_mm * sigma_n);
-        let equivalent = design.main_lens.object_distance(v);
-        // Gauss: dL/dv = −(L / v)².
-        (design.shell.e_from_equivalent(equivalent, object_distance), sigma_v * (equivalent / v).powi(2))
     }
 }
 
