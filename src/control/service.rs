@@ -304,8 +304,10 @@ impl Service {
 
     /// Stops both axes at once, in every state, and latches. A job under way ends as cancelled.
     pub async fn stop(&self) -> StopReport {
+        // The job of now: stopping takes a while, in which the stop may be reset and another job begin.
+        let job = self.current();
         let report = self.motion.stop().await;
-        if let Some(job) = self.current() {
+        if let Some(job) = job {
             job.cancel("stopped");
         }
         self.publish_bench();

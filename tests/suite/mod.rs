@@ -16,6 +16,7 @@ mod measure_cli;
 mod optics;
 mod renderer;
 mod spacing;
+mod stop;
 mod structure;
 mod view;
 mod vignetting;

@@ -1,0 +1,51 @@
+//! The stop against jobs that come and go around it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::control::job::{JobKind, JobRequest, JobState};
+use plenalign::device::StopDelivery;
+use tokio::time::sleep;
+
+use super::bench::{service, small_config};
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_ends_the_job_of_its_moment_and_no_later_one() {
+    let mut config = small_config(1);
+    config.bench.simulation.operator_confirms = false;
+    let service = service(config).await;
+    let begin = || service.create_job(JobRequest { kind: JobKind::JointAlignment }).unwrap().id;
+    let stop = || {
+        let service = Arc::clone(&service);
+        tokio::spawn(async move { service.stop().await })
+    };
+    let latched = async || {
+        while !service.bench_view().stop.latched {
+            sleep(Duration::from_millis(1)).await;
+        }
+    };
+
+    let first = begin();
+    sleep(Duration::from_millis(500)).await;
+    let stopped = stop().await.unwrap();
+    assert_eq!((stopped.focus, stopped.e), (StopDelivery::Confirmed, StopDelivery::Confirmed));
+    while !service.job(first).unwrap().state.is_final() {
+        sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(service.job(first).unwrap().state, JobState::Cancelled);
+    service.reset_stop();
+
+    // Stopping takes a while; here the stop is reset, and a job begun, before it is over.
+    let stopping = stop();
+    latched().await;
+    service.reset_stop();
+    let second = begin();
+    assert!(!stopping.is_finished());
+    stopping.await.unwrap();
+    while matches!(service.job(second).unwrap().state, JobState::Pending | JobState::Running) {
+        sleep(Duration::from_millis(10)).await;
+    }
+    let job = service.job(second).unwrap();
+    assert_eq!(job.state, JobState::WaitingForOperator, "{:?}", job.reason);
+    service.shut_down().await;
+}
