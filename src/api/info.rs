@@ -8,7 +8,6 @@ use axum::response::IntoResponse;
 use super::App;
 use super::error::{Problem, Result};
 use super::types::{ConfigView, Health};
-use crate::config::ConfigOrigin;
 use crate::control::design::DesignView;
 use crate::control::events::MeasurementView;
 
@@ -28,10 +27,7 @@ pub(super) async fn measurement(State(app): State<App>) -> Result<Json<Measureme
 /// The configuration in force, and where it came from.
 #[utoipa::path(get, path = "/api/v1/config", operation_id = "get_config", tag = "bench", responses((status = 200, body = ConfigView)))]
 pub(super) async fn config(State(app): State<App>) -> Result<Json<ConfigView>> {
-    let file = match app.origin.as_ref() {
-        ConfigOrigin::File(path) => Some(path.display().to_string()),
-        ConfigOrigin::Preset => None,
-    };
+    let file = app.origin.file().map(|path| path.display().to_string());
     let origin = app.origin.describe(app.service.config());
     let config = serde_json::to_value(app.service.config().as_ref()).map_err(|error| {
         tracing::error!(%error, "the configuration cannot be written as JSON");

@@ -19,20 +19,20 @@ use crate::control::{Service, open_bench};
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Align through the daemon at this address, e.g. http://127.0.0.1:8080, instead of in process.
-    #[arg(long, value_name = "URL", conflicts_with_all = ["seed", "set"])]
+    #[arg(long, value_name = "URL", conflicts_with = "seed")]
     server: Option<String>,
     /// Seed of the simulated bench's noise and textures.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Set a key of the configuration for this run, e.g. `bench.simulation.e_scale_error=0.03`; may be repeated.
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    if args.server.is_some() && context.given {
+        anyhow::bail!("with --server the daemon's own configuration is in force: leave --config and --set away");
+    }
     let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
     let job = runtime.block_on(async {
         match &args.server {
@@ -52,14 +52,6 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
 }
 
 async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnapshot> {
-    let mut assignments = Vec::new();
-    for assignment in &args.set {
-        let (key, value) = assignment
-            .split_once('=')
-            .with_context(|| format!("--set {assignment}: expected KEY=VALUE, e.g. assembly.initial_e_mm=25"))?;
-        assignments.push((key.trim(), value.trim()));
-    }
-    context.config.set_all(assignments)?;
     if let Some(seed) = args.seed {
         context.config.bench.simulation.seed = seed;
         context.config.validate()?;

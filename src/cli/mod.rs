@@ -18,6 +18,7 @@ mod serve;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 
 use crate::config::{Config, ConfigOrigin};
@@ -29,6 +30,9 @@ struct Cli {
     /// Configuration file; without it the reference preset stands.
     #[arg(long, global = true, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Set a key of the configuration for this run, e.g. `assembly.initial_e_mm=25`; may be repeated.
+    #[arg(long, global = true, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     #[command(subcommand)]
     command: Command,
 }
@@ -57,6 +61,8 @@ struct Context {
     config: Config,
     /// Where it came from.
     origin: ConfigOrigin,
+    /// Whether the command line names a file or sets a key.
+    given: bool,
 }
 
 /// Runs the program with the process's arguments.
@@ -76,8 +82,18 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     // Logs go to standard error, and only warnings unless RUST_LOG asks for more.
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
-    let (config, origin) = Config::open(cli.config.as_deref())?;
-    let context = Context { config, origin };
+    let (read, origin) = Config::open(cli.config.as_deref())?;
+    let mut assignments = Vec::new();
+    for assignment in &cli.set {
+        let (key, value) = assignment
+            .split_once('=')
+            .with_context(|| format!("--set {assignment}: expected KEY=VALUE, e.g. assembly.initial_e_mm=25"))?;
+        assignments.push((key.trim(), value.trim()));
+    }
+    let mut config = read.clone();
+    config.set_all(assignments)?;
+    let origin = origin.overridden(&read, &config);
+    let context = Context { config, origin, given: cli.config.is_some() || !cli.set.is_empty() };
     match cli.command {
         Command::Serve(args) => serve::run(context, args),
         Command::Align(args) => align::run(context, args),

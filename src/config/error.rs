@@ -51,7 +51,7 @@ impl fmt::Display for Violation {
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("cannot read the configuration {path}: {source}", path = path.display())]
+    #[error("cannot read the configuration {path}", path = path.display())]
     Read {
         /// The file.
         path: PathBuf,

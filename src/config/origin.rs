@@ -1,6 +1,6 @@
 //! Where a configuration came from.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{Config, PRESET_ORIGIN};
 
@@ -11,27 +11,46 @@ pub enum ConfigOrigin {
     Preset,
     /// A file.
     File(PathBuf),
+    /// Another, with keys of the camera set otherwise on the command line.
+    Overridden(Box<Self>),
 }
 
 impl ConfigOrigin {
+    /// The origin of a configuration that was `before` and of which keys have been set one by one to give `after`.
+    #[must_use]
+    pub fn overridden(self, before: &Config, after: &Config) -> Self {
+        let same = before.design() == after.design() && before.sensor == after.sensor;
+        if same { self } else { Self::Overridden(Box::new(self)) }
+    }
+
+    /// The file, where there is one.
+    #[must_use]
+    pub fn file(&self) -> Option<&Path> {
+        match self {
+            Self::Preset => None,
+            Self::File(path) => Some(path),
+            Self::Overridden(origin) => origin.file(),
+        }
+    }
+
     /// The origin alone: the preset's name or the file's.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
             Self::Preset => PRESET_ORIGIN.to_owned(),
             Self::File(path) => path.display().to_string(),
+            Self::Overridden(origin) => format!("{}, with overrides", origin.name()),
         }
     }
 
-    /// Where the design's numbers come from, to be shown with them. Judged by the numbers themselves: a file that holds
-    /// the preset's camera says so, and a preset with overrides of its camera no longer passes for it.
+    /// Where the design's numbers come from, to be shown with them. A file that holds the preset's camera says so.
     #[must_use]
     pub fn describe(&self, config: &Config) -> String {
-        match (self, config.has_preset_camera()) {
-            (Self::Preset, true) => PRESET_ORIGIN.to_owned(),
-            (Self::Preset, false) => format!("{PRESET_ORIGIN}, with overrides"),
-            (Self::File(path), true) => format!("{}, which holds the {PRESET_ORIGIN}", path.display()),
-            (Self::File(path), false) => path.display().to_string(),
+        match self {
+            Self::File(path) if config.has_preset_camera() => {
+                format!("{}, which holds the {PRESET_ORIGIN}", path.display())
+            }
+            _ => self.name(),
         }
     }
 }
@@ -57,6 +76,10 @@ mod tests {
         assert!(file.describe(&config).contains("inferred from Table 2"));
         config.main_lens.focal_length_mm = 25.0;
         assert_eq!(file.describe(&config), "bench.toml");
-        assert!(ConfigOrigin::Preset.describe(&config).ends_with("with overrides"));
+        let overridden = ConfigOrigin::Preset.overridden(&Config::default(), &config);
+        assert_eq!(overridden.describe(&config), "reference preset, inferred from Table 2, with overrides");
+        config = Config::default();
+        config.bench.simulation.seed = 9;
+        assert_eq!(ConfigOrigin::Preset.overridden(&Config::default(), &config), ConfigOrigin::Preset);
     }
 }

@@ -1,4 +1,4 @@
-//! `key=value` overrides of a configuration, as `align --set` takes them.
+//! `key=value` overrides of a configuration, as `--set` takes them.
 
 use toml::{Table, Value};
 
@@ -7,7 +7,7 @@ use super::schema::{lookup, schema, unknown_message};
 use super::{Config, ConfigError, Violation};
 
 /// Named in errors as the origin of an override.
-const ORIGIN: &str = "override";
+const ORIGIN: &str = "--set";
 
 impl Config {
     /// Sets one key, dotted from the root, to a value written as in TOML; a word that is no TOML value is taken as a

@@ -10,7 +10,7 @@ use super::{RawImage, Samples};
 #[derive(Debug, thiserror::Error)]
 pub enum RawFileError {
     /// The file is missing, cannot be opened, or the disk refuses.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("cannot read or write {path}", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
@@ -18,7 +18,7 @@ pub enum RawFileError {
         source: std::io::Error,
     },
     /// The file is not a picture of a kind this program reads, or is damaged.
-    #[error("{path}: not a readable PNG, TIFF or PGM picture: {source}", path = path.display())]
+    #[error("{path}: not a readable PNG, TIFF or PGM picture", path = path.display())]
     Decode {
         /// The file.
         path: PathBuf,
