@@ -31,6 +31,8 @@ pub struct AxisView {
     pub high_limit_mm: f64,
     /// Why it cannot move now.
     pub fault: Option<String>,
+    /// Why the last move or homing by hand did not end as commanded; absent once another is commanded.
+    pub failure: Option<String>,
     /// What differs between controller and configuration.
     pub disagreements: Vec<String>,
 }

@@ -1,5 +1,6 @@
 //! What callers hold: the bench with its motion rules, the one job, and what happens.
 
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -39,6 +40,8 @@ pub struct Service {
     events: broadcast::Sender<Event>,
     jobs: Mutex<Vec<Arc<Job>>>,
     measurement: Mutex<Option<MeasurementView>>,
+    /// Why the last command by hand of an axis did not end as commanded.
+    failures: Mutex<HashMap<AxisName, String>>,
     closing: AtomicBool,
     /// Shared with everybody who watches the live picture's spacing.
     onlookers: Arc<()>,
@@ -62,6 +65,7 @@ impl Service {
             events,
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
+            failures: Mutex::default(),
             closing: AtomicBool::new(false),
             onlookers: Arc::default(),
             tasks: CancellationToken::new(),
@@ -145,8 +149,22 @@ impl Service {
             low_limit_mm,
             high_limit_mm,
             fault: state.fault,
+            failure: self.failures().get(&axis).cloned(),
             disagreements: info.disagreements,
         }
+    }
+
+    fn failures(&self) -> MutexGuard<'_, HashMap<AxisName, String>> {
+        self.failures.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Keeps how a command by hand ended.
+    fn ended_by_hand(&self, axis: AxisName, ended: Result<(), ServiceError>) {
+        if let Err(error) = ended {
+            tracing::warn!(%axis, %error, "a command by hand did not end as commanded");
+            self.failures().insert(axis, error.to_string());
+        }
+        self.publish_bench();
     }
 
     /// The newest measurement of the live picture or of a job.
@@ -205,6 +223,7 @@ impl Service {
         }
         jobs.push(Arc::clone(&job));
         drop(jobs);
+        self.failures().clear();
         let service = Arc::clone(self);
         tokio::spawn(async move { service.run(context).await });
         Ok(job.snapshot())
@@ -264,12 +283,11 @@ impl Service {
     pub fn move_axis(self: &Arc<Self>, axis: AxisName, target: Millimetres) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check(axis, target)?;
+        self.failures().remove(&axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
-            if let Err(error) = service.motion.go_claimed(claim, target).await {
-                tracing::warn!(%axis, %error, "a move by hand did not end as commanded");
-            }
-            service.publish_bench();
+            let ended = service.motion.go_claimed(claim, target).await;
+            service.ended_by_hand(axis, ended.map(drop));
         });
         Ok(self.bench_view())
     }
@@ -281,12 +299,11 @@ impl Service {
     pub fn home_axis(self: &Arc<Self>, axis: AxisName) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check_home(axis)?;
+        self.failures().remove(&axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
-            if let Err(error) = service.motion.home_claimed(claim).await {
-                tracing::warn!(%axis, %error, "homing did not end well");
-            }
-            service.publish_bench();
+            let ended = service.motion.home_claimed(claim).await;
+            service.ended_by_hand(axis, ended);
         });
         Ok(self.bench_view())
     }

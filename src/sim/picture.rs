@@ -81,7 +81,12 @@ impl Picture {
     fn scene(&self, pose: &Pose) -> Scene {
         match pose.surroundings {
             Surroundings::Diffuser => Scene::Diffuser,
-            Surroundings::Nothing => Scene::Dark,
+            Surroundings::AirBoard { placed_at_e_mm } => {
+                let distance = self.config.object.air_distance_mm;
+                let texture = self.texture(Medium::Air, distance);
+                let board = Board::new(distance + pose.e_mm - placed_at_e_mm, texture);
+                Scene::Board(Board { tilt: self.board_tilt(), ..board })
+            }
             Surroundings::AirTripleBoard { distances_mm, placed_at_e_mm } => {
                 // The boards stand still while e moves the camera.
                 let distances = distances_mm.map(|distance| distance + pose.e_mm - placed_at_e_mm);

@@ -18,8 +18,11 @@ use crate::optics::{CameraDesign, MainLens};
 pub enum Surroundings {
     /// A diffuser on the lens.
     Diffuser,
-    /// Nothing but a far, dark room.
-    Nothing,
+    /// In air: a flat board at the distance that the camera was focused on before it was made ready for water.
+    AirBoard {
+        /// True e when it was put up, mm: the board stands still while the camera moves.
+        placed_at_e_mm: f64,
+    },
     /// In air: three boards side by side; distances from M at the pose where they were put up, mm.
     AirTripleBoard {
         /// Nearest, middle, farthest.
@@ -200,7 +203,7 @@ impl Truth {
             world: Mutex::new(World {
                 focus: Carriage::new(focus, &focus_error, focus_start),
                 e: Carriage::new(e, &e_error, e_start),
-                surroundings: Surroundings::Nothing,
+                surroundings: Surroundings::AirBoard { placed_at_e_mm: e_start },
                 shell_on: false,
                 aperture_mm: design.aperture(0.0),
                 least_e_with_shell_mm: f64::INFINITY,
@@ -243,7 +246,10 @@ impl Truth {
                 distances_mm[1] + pose.e_mm - placed_at_e_mm
             }
             Surroundings::WaterBoard { distance_mm } => self.design.shell.equivalent_distance(distance_mm, pose.e_mm),
-            Surroundings::Diffuser | Surroundings::Nothing => return None,
+            Surroundings::AirBoard { placed_at_e_mm } => {
+                self.config.object.air_distance_mm + pose.e_mm - placed_at_e_mm
+            }
+            Surroundings::Diffuser => return None,
         };
         Some(lens.image_distance(equivalent) - self.design.mla.a() - pose.lens_to_mla_mm)
     }
@@ -328,7 +334,8 @@ impl SimulatedOperator for Truth {
             }
             Setup::ShellOff => {
                 world.shell_on = false;
-                world.surroundings = Surroundings::Nothing;
+                let placed_at_e_mm = world.e.coordinate();
+                world.surroundings = Surroundings::AirBoard { placed_at_e_mm };
             }
             Setup::Aperture { diameter_mm, .. } => world.aperture_mm = diameter_mm,
         }

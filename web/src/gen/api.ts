@@ -346,6 +346,8 @@ export interface components {
       disagreements: string[];
       /** @description Driver's name. */
       driver: string;
+      /** @description Why the last move or homing by hand did not end as commanded; absent once another is commanded. */
+      failure?: string | null;
       /** @description Why it cannot move now. */
       fault?: string | null;
       /**

@@ -65,6 +65,7 @@ function AxisRow({ bench, axis }: { bench: Bench; axis: Axis }) {
         {axis.connected && !axis.homed && !axis.fault && <span class="tag bad">{strings.notHomed}</span>}
         {axis.moving && <span class="tag">{strings.moving}</span>}
         {axis.fault && <span class="tag bad">{axis.fault}</span>}
+        {axis.failure && axis.failure !== axis.fault && <span class="tag bad">{axis.failure}</span>}
         {axis.disagreements.map((text) => (
           <span key={text} class="tag bad">
             {text}
