@@ -15,6 +15,7 @@ use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
 use super::sight::HoldB;
 use crate::config::{Config, LBoundSource};
 use crate::device::{AxisName, Setup};
+use crate::imaging::spacing::capture_range;
 use crate::optics::{CameraDesign, Solution};
 use crate::units::Millimetres;
 
@@ -139,7 +140,7 @@ impl Alignment<'_> {
         }
     }
 
-    pub(super) async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
+    async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
         let levels = [middle_mm - LEVEL_STEP_MM, middle_mm, middle_mm + LEVEL_STEP_MM];
         let instruction = format!(
             "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
@@ -152,14 +153,39 @@ impl Alignment<'_> {
         Ok(levels)
     }
 
+    /// Puts the triple-level board where it is measured at a reading (mm) of the focus axis: where the solution has it,
+    /// or, while that is out of the range of focus, left where it is or put where the lens is focused.
+    async fn boards_in_range(
+        &mut self,
+        present: Option<[f64; 3]>,
+        reading_mm: f64,
+        solution: &Solution,
+    ) -> Result<[f64; 3], JobEnd> {
+        let measurable = |distance_mm: f64| {
+            let relative = self.design.spacing_at(distance_mm, reading_mm) / self.design.mla.pitch;
+            let [low, high] = capture_range(self.design.mla.mode);
+            (low..=high).contains(&relative)
+        };
+        let place_mm = if measurable(solution.equivalent_distance) {
+            solution.equivalent_distance
+        } else if let Some(levels) = present.filter(|levels| measurable(levels[1])) {
+            levels[1]
+        } else {
+            self.design.main_lens.object_distance(self.design.air_image_distance() + reading_mm)
+        };
+        match present.filter(|levels| levels[1] == place_mm) {
+            Some(levels) => Ok(levels),
+            None => self.place_triple_board(place_mm).await,
+        }
+    }
+
     /// σ(v) that the boards' distance from the principal plane is uncertain by, mm.
     fn board_sigma_mm(&self, distance_mm: f64) -> f64 {
         let magnification = self.design.main_lens.focal_length / (distance_mm - self.design.main_lens.focal_length);
         self.config.main_lens.principal_from_mount_sigma_mm.unwrap_or(0.0) * magnification * magnification
     }
 
-    async fn air(&mut self, solution: &Solution) -> Result<[f64; 3], JobEnd> {
-        let levels = self.place_triple_board(solution.equivalent_distance).await?;
+    pub(super) async fn air(&mut self, solution: &Solution) -> Result<[f64; 3], JobEnd> {
         let axis = &self.config.bench.focus;
         let mut air = AirLoop::new(AirGoal {
             delta_v_mm: solution.delta_v,
@@ -172,9 +198,13 @@ impl Alignment<'_> {
             systematic_sigma_mm: self.board_sigma_mm(solution.equivalent_distance),
         });
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
-        let mut aperture_set = false;
+        let (mut aperture_set, moves_before) = (false, self.findings.moves_air);
+        let mut boards = None;
         for _ in 0..MAX_MEASUREMENTS {
-            let near = (self.motion.position_mm(AxisName::Focus)? - solution.delta_v).abs() <= APERTURE_WITHIN_MM;
+            let reading_mm = self.motion.position_mm(AxisName::Focus)?;
+            let levels = self.boards_in_range(boards, reading_mm, solution).await?;
+            boards = Some(levels);
+            let near = (reading_mm - solution.delta_v).abs() <= APERTURE_WITHIN_MM;
             if near && !aperture_set {
                 // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
                 self.set_aperture(solution, &levels).await?;
@@ -184,10 +214,12 @@ impl Alignment<'_> {
             let (observation, seen) = self.observe_air(&levels, solution, frames).await?;
             let decision = air.next(observation);
             let here = air.here().unwrap_or(observation);
-            self.findings.moves_air = air.moves();
+            self.findings.moves_air = moves_before + air.moves();
             self.findings.delta_v_air = Some((here.delta_v_mm, here.sigma_mm));
             self.findings.focus_scale = air.model().map(|model| model.scale().0);
-            self.record_air(kind, &seen, here, predicted, &decision);
+            let predicted_px =
+                predicted.map(|delta_v| self.design.spacing_at(levels[1], delta_v) / self.eye.pixel_mm());
+            self.record_air(kind, &seen, here, predicted_px, &decision);
             frames = 1;
             match decision {
                 AirDecision::Probe { to_mm } | AirDecision::Move { to_mm } => {
@@ -196,10 +228,7 @@ impl Alignment<'_> {
                     } else {
                         IterationKind::Move
                     };
-                    predicted = air.model().map(|model| {
-                        let delta_v = model.predict(to_mm).0;
-                        self.design.spacing_at(levels[1], delta_v) / self.eye.pixel_mm()
-                    });
+                    predicted = air.model().map(|model| model.predict(to_mm).0);
                     self.context.doing(format!("air: focus axis to {to_mm:.4} mm"));
                     self.context.unless_cancelled(self.motion.go(AxisName::Focus, Millimetres(to_mm))).await?;
                 }
@@ -220,7 +249,7 @@ impl Alignment<'_> {
         Err(JobEnd::failed("the air loop did not end; this is a defect of the program"))
     }
 
-    pub(super) async fn observe_air(
+    async fn observe_air(
         &mut self,
         levels: &[f64; 3],
         solution: &Solution,

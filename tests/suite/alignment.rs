@@ -2,6 +2,7 @@
 
 use plenalign::config::{Config, LBoundSource, ShellStep};
 use plenalign::control::job::{JobSnapshot, JobState};
+use plenalign::optics::MlaMode;
 
 use super::bench::{align, service, small_config};
 
@@ -42,6 +43,18 @@ async fn the_reference_bench_converges() {
         let job = align(&service(config.clone()).await).await;
         judge(&config, &job);
     }
+}
+
+/// In Keplerian mode the board of the solution is out of the range of focus at the Δv of the air design: the job has it
+/// put where the lens is focused first.
+#[tokio::test(start_paused = true)]
+async fn a_keplerian_array_converges() {
+    let mut config = small_config(3);
+    config.mla.mode = MlaMode::Keplerian;
+    let job = align(&service(config.clone()).await).await;
+    judge(&config, &job);
+    let asked = job.log.iter().filter(|line| line.message.contains("put the triple-level board")).count();
+    assert_eq!(asked, 2, "{:?}", job.log);
 }
 
 #[tokio::test(start_paused = true)]
@@ -98,7 +111,8 @@ async fn l_bound_is_measured_before_the_air_step() {
     let log: Vec<&str> = job.log.iter().map(|line| line.message.as_str()).collect();
     assert_eq!(job.state, JobState::Converged, "{:?}\n{}", job.reason, log.join("\n"));
     let sigma = report.l_bound_sigma_mm.unwrap();
-    assert!((report.l_bound_mm - 4.0).abs() < 0.5 + 6.0 * sigma, "{} ± {sigma}", report.l_bound_mm);
+    // Near the Δv in question it is good to some hundredths of a millimetre; 0.5 mm of it is clearance.
+    assert!((report.l_bound_mm - 4.5).abs() < 0.2 && sigma < 0.2, "{} ± {sigma}", report.l_bound_mm);
     assert!(report.l_bound_mm > 4.0, "the clearance keeps the lens off the shell");
     assert_eq!(report.e_target_mm, report.l_bound_mm);
     assert_eq!(truth(&job)["touched_shell"], false);

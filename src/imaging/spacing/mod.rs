@@ -20,7 +20,7 @@ use nalgebra::DVector;
 use serde::Serialize;
 
 pub use frame::{MASK_FRACTION, MicroImage, Pair, SpacingFrame};
-pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, correlation_map};
+pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
 use crate::optics::MlaMode;
 use solve::{Model, Normal, Outcome, iterate};

@@ -24,12 +24,20 @@ pub(super) struct Candidate {
     pub(super) correlation: f64,
 }
 
+/// The range in which a spacing is found without a starting value, in MLA pitches.
+#[must_use]
+pub const fn capture_range(mode: MlaMode) -> [f64; 2] {
+    match mode {
+        MlaMode::Galilean => GALILEAN_RANGE,
+        MlaMode::Keplerian => KEPLERIAN_RANGE,
+    }
+}
+
 /// The spacings to be tried for an MLA pitch (px), by rising spacing.
 pub(super) fn trial_spacings(mla_pitch: f64, mode: Option<MlaMode>) -> Vec<Vec<f64>> {
-    let ranges: &[[f64; 2]] = match mode {
-        Some(MlaMode::Galilean) => &[GALILEAN_RANGE],
-        Some(MlaMode::Keplerian) => &[KEPLERIAN_RANGE],
-        None => &[GALILEAN_RANGE, KEPLERIAN_RANGE],
+    let ranges = match mode {
+        Some(mode) => vec![capture_range(mode)],
+        None => vec![GALILEAN_RANGE, KEPLERIAN_RANGE],
     };
     // Half a pixel finds the sharpest texture; large micro-images have none that sharp.
     let step = (mla_pitch / 60.0).max(0.5);
