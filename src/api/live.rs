@@ -239,7 +239,8 @@ impl Viewer {
         if let Some(last) = watching.last_seq.replace(frame.seq) {
             watching.skipped += frame.seq.saturating_sub(last + 1);
         }
-        watching.next_at = Instant::now() + watching.interval;
+        // Counted from when it was due: frames that come at the viewer's own rate, a little late, are all sent.
+        watching.next_at = (watching.next_at + watching.interval).max(Instant::now());
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }

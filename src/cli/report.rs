@@ -141,6 +141,15 @@ fn rows(report: &Report) -> Vec<(&'static str, String)> {
                 _ => format!("not measured  target {:.4} px", report.spacing_target_px),
             },
         ),
+        ("in focus", {
+            let targets = report.spacing_targets;
+            format!(
+                "{:.4} px near the axis (Eq. 16), {} for the chief rays, {} in the estimator's window",
+                targets.paraxial_px,
+                pixels(targets.chief_ray_px),
+                pixels(targets.window_px)
+            )
+        }),
         ("moves", format!("{} in air, {} with the shell", report.moves_air, report.moves_shell)),
         ("shell step", report.shell_step_done.clone()),
         ("readbacks", {
@@ -186,6 +195,10 @@ fn interval(interval: Option<Interval>, digits: usize) -> String {
     let Some(interval) = interval else { return "none is that sharp".to_owned() };
     let end = |end: Option<f64>| end.map_or_else(|| "∞".to_owned(), |end| format!("{end:.digits$} mm"));
     format!("{} to {}", end(interval.low_mm), end(interval.high_mm))
+}
+
+fn pixels(value: Option<f64>) -> String {
+    value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.4} px"))
 }
 
 #[cfg(test)]

@@ -24,6 +24,17 @@ pub enum ShellStep {
     HoldETrim,
 }
 
+/// Which spacing counts as in focus behind the shell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpacingTarget {
+    /// Eq. 16, which holds for rays near the axis.
+    Paraxial,
+    /// What the estimator measures when Eq. 16 holds near the axis: exact rays through the shell, averaged over the
+    /// estimator's window.
+    Exact,
+}
+
 /// `[assembly]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -44,6 +55,8 @@ pub struct AssemblyConfig {
     pub blur_limit_px: f64,
     /// What the shell step may change.
     pub shell_step: ShellStep,
+    /// Which spacing the shell step aims at.
+    pub spacing_target: SpacingTarget,
 }
 
 impl Default for AssemblyConfig {
@@ -57,6 +70,7 @@ impl Default for AssemblyConfig {
             e_tolerance_mm: 0.1,
             blur_limit_px: 1.0,
             shell_step: ShellStep::TranslateEThenTrim,
+            spacing_target: SpacingTarget::Paraxial,
         }
     }
 }

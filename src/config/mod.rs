@@ -20,7 +20,7 @@ mod simulation;
 
 use serde::{Deserialize, Serialize};
 
-pub use assembly::{AssemblyConfig, LBoundSource, ShellStep};
+pub use assembly::{AssemblyConfig, LBoundSource, ShellStep, SpacingTarget};
 pub use bench::{
     AxisConfig, BenchConfig, BenchDriver, CameraConfig, CameraDriver, ControllerConfig, ControllerDriver, Side,
 };

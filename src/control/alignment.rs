@@ -13,7 +13,7 @@ use super::job::{IterationKind, Stage};
 use super::motion::Motion;
 use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
 use super::sight::HoldB;
-use crate::config::{Config, LBoundSource};
+use crate::config::{Config, LBoundSource, SpacingTarget};
 use crate::device::{AxisName, Setup};
 use crate::imaging::spacing::capture_range;
 use crate::optics::{CameraDesign, Solution};
@@ -91,6 +91,7 @@ impl Alignment<'_> {
         let solution = self.design.joint(self.motion.l_bound_mm());
         self.findings.solution = Some(solution);
         self.context.stage(Stage::Air);
+        self.eye.aim_at(self.eye.paraxial_target_px());
         let levels = self.air(&solution).await?;
         self.park_e(&levels).await?;
         self.context.stage(Stage::Shell);
@@ -273,6 +274,7 @@ impl Alignment<'_> {
             mla_to_sensor_mm: triple.camera.mla_to_sensor_mm,
             image_distance_sigma_mm: triple.camera.image_distance_sigma_mm,
             pixel_mm: self.eye.pixel_mm(),
+            window_px: Some(triple.middle.window_px),
         });
         let seen = triple.middle;
         self.findings.seen = Some(seen.clone());
@@ -364,6 +366,9 @@ impl Alignment<'_> {
         // From here on the shell counts as on, whatever becomes of the confirmation.
         self.motion.set_shell(ShellState::On);
         self.context.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+        if self.config.assembly.spacing_target == SpacingTarget::Exact {
+            self.eye.aim_at(self.eye.paraxial_target_px() + camera.excess_px(solution.e, 0.0));
+        }
         let axis = &self.config.bench.e;
         let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);
         let mut shell = ShellLoop::new(

@@ -1,6 +1,10 @@
 //! The camera as the air step left it: calibrated d and b instead of the design's, seen through the shell.
 
+use crate::optics::exact::ExactView;
 use crate::optics::{CameraDesign, mla};
+
+/// Rounds of the fixed point from spacing to e: the shell's aberrations change by a thousandth of what e does.
+const E_ROUNDS: usize = 3;
 
 /// A camera whose d and b were measured in air, behind its shell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +19,9 @@ pub struct CalibratedCamera {
     pub image_distance_sigma_mm: f64,
     /// Side of a pixel, mm.
     pub pixel_mm: f64,
+    /// Radius of the masks that the estimator compares pairs with, px: through the shell the spacing depends on it.
+    /// `None` leaves the shell's aberrations out.
+    pub window_px: Option<f64>,
 }
 
 impl CalibratedCamera {
@@ -31,18 +38,43 @@ impl CalibratedCamera {
         a + self.lens_to_mla_mm + trim
     }
 
-    /// The spacing (px) of the board in water with the lens at e (mm) and the MLA moved by `trim` (mm) since the air
-    /// step.
+    /// The spacing (px) that the estimator measures of the board in water with the lens at e (mm) and the MLA moved by
+    /// `trim` (mm) since the air step.
     #[must_use]
     pub fn spacing_px(&self, e: f64, trim: f64) -> f64 {
-        mla::spacing(self.design.mla.pitch, self.a_mm(e, trim), self.mla_to_sensor_mm) / self.pixel_mm
+        let paraxial = mla::spacing(self.design.mla.pitch, self.a_mm(e, trim), self.mla_to_sensor_mm);
+        paraxial / self.pixel_mm + self.excess_px(e, trim)
     }
 
-    /// The e (mm) at which the board in water has this spacing (px).
+    /// By how much the spacing that the estimator measures at e and trim (mm) exceeds the paraxial one, px: the shell's
+    /// aberrations, averaged over the estimator's window.
+    #[must_use]
+    pub fn excess_px(&self, e: f64, trim: f64) -> f64 {
+        let Some(window_px) = self.window_px else { return 0.0 };
+        let view = ExactView {
+            lens_to_mla: self.lens_to_mla_mm + trim,
+            b: self.mla_to_sensor_mm,
+            ..self.design.exact_in_water(0.0, e)
+        };
+        // A pose from which no light comes has no picture either.
+        view.excess(window_px * self.pixel_mm).unwrap_or(0.0) / self.pixel_mm
+    }
+
+    /// The e (mm) at which the estimator measures this spacing (px) of the board in water.
     #[must_use]
     pub fn e_mm(&self, spacing_px: f64, trim: f64) -> f64 {
-        let equivalent = self.design.main_lens.object_distance(self.image_distance_mm(spacing_px, trim));
-        self.design.shell.e_from_equivalent(equivalent, self.design.object_distance)
+        let paraxial = |spacing_px| {
+            let equivalent = self.design.main_lens.object_distance(self.image_distance_mm(spacing_px, trim));
+            self.design.shell.e_from_equivalent(equivalent, self.design.object_distance)
+        };
+        let mut e = paraxial(spacing_px);
+        for _ in 0..E_ROUNDS {
+            if !e.is_finite() {
+                break;
+            }
+            e = paraxial(spacing_px - self.excess_px(e, trim));
+        }
+        e
     }
 
     /// The distance (mm) from the lens of a board in air that has this spacing (px), and how it changes with the
@@ -99,6 +131,19 @@ pub(super) mod tests {
             mla_to_sensor_mm: design.mla.b(),
             image_distance_sigma_mm: 0.0005,
             pixel_mm: config.pixel_pitch().millimetres(),
+            window_px: None,
+        }
+    }
+
+    #[test]
+    fn the_window_sees_the_shells_aberrations() {
+        let camera = CalibratedCamera { window_px: Some(9.0), ..preset() };
+        // What optics.md has for a disc of 9 px at e = 0 is 0.017 px; the overlap of two discs is smaller.
+        let excess = camera.excess_px(0.0, 0.0);
+        assert!(excess > 0.005 && excess < 0.017, "{excess}");
+        for e in [-0.1, 0.0, 5.0, 30.0] {
+            let back = camera.e_mm(camera.spacing_px(e, 0.0), 0.0);
+            assert!((back - e).abs() < 1e-5, "{e}: {back}");
         }
     }
 

@@ -255,7 +255,7 @@ impl JobContext {
     ) -> Result<(), JobEnd> {
         let number = self.steps_asked.fetch_add(1, Ordering::SeqCst) + 1;
         let step = OperatorStep { number, name: name.to_owned(), instruction: instruction.clone(), value };
-        self.doing(format!("operator: {name}"));
+        self.doing(format!("waiting for the operator: {}", name.replace('_', " ")));
         self.log(format!("operator step {number}: {instruction}"));
         let confirms = self.operator.as_ref().is_some_and(|operator| operator.confirms());
         if !confirms {

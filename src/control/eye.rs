@@ -33,6 +33,8 @@ pub(super) struct Seen {
     pub(super) e_mm: Option<f64>,
     /// Energy of gradient of the central view, mean per pixel, of a single board.
     pub(super) eog: Option<f64>,
+    /// Radius of the masks that pairs were compared with, px.
+    pub(super) window_px: f64,
 }
 
 /// A triple-level board seen.
@@ -52,13 +54,24 @@ pub(super) struct Eye {
     motion: Arc<Motion>,
     sight: Mutex<Option<Arc<Sight>>>,
     measured: watch::Sender<Option<MeasurementView>>,
+    /// The spacing wanted, px.
+    target_px: Mutex<f64>,
 }
 
 impl Eye {
     /// An eye that has seen no white frame yet.
     pub(super) fn new(config: Arc<Config>, bench: Bench, motion: Arc<Motion>) -> Self {
-        let design = config.design();
-        Self { config, design, bench, motion, sight: Mutex::new(None), measured: watch::Sender::new(None) }
+        let eye = Self {
+            design: config.design(),
+            config,
+            bench,
+            motion,
+            sight: Mutex::new(None),
+            measured: watch::Sender::new(None),
+            target_px: Mutex::new(0.0),
+        };
+        eye.aim_at(eye.paraxial_target_px());
+        eye
     }
 
     /// What the jobs measured last.
@@ -72,8 +85,18 @@ impl Eye {
     }
 
     /// Eq. 16's spacing, px.
-    pub(super) fn target_px(&self) -> f64 {
+    pub(super) fn paraxial_target_px(&self) -> f64 {
         self.design.mla.target_spacing() / self.pixel_mm()
+    }
+
+    /// The spacing wanted now, px: what every measurement is compared with.
+    pub(super) fn target_px(&self) -> f64 {
+        *self.target_px.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Sets the spacing wanted, px.
+    pub(super) fn aim_at(&self, target_px: f64) {
+        *self.target_px.lock().unwrap_or_else(PoisonError::into_inner) = target_px;
     }
 
     fn sight(&self) -> Option<Arc<Sight>> {
@@ -179,7 +202,7 @@ impl Eye {
         if let Some(frame) = last {
             self.measured.send_replace(Some(self.view(frame, &seen)));
         }
-        Seen { spacing: seen.spacing, focus_mm, e_mm, eog: seen.eog }
+        Seen { spacing: seen.spacing, focus_mm, e_mm, eog: seen.eog, window_px: seen.window_px }
     }
 
     fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {

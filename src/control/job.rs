@@ -228,6 +228,17 @@ pub struct Interval {
     pub high_mm: Option<f64>,
 }
 
+/// The spacing of the board in focus behind the shell, at the e aimed for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SpacingTargets {
+    /// Eq. 16, which holds for rays near the axis, px.
+    pub paraxial_px: f64,
+    /// The one pair of chief rays astride the axis, exactly traced, px.
+    pub chief_ray_px: Option<f64>,
+    /// Exact rays averaged over the estimator's window, px; `null` before the first measurement.
+    pub window_px: Option<f64>,
+}
+
 /// What an alignment came to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Report {
@@ -267,8 +278,10 @@ pub struct Report {
     pub spacing_px: Option<f64>,
     /// Its standard uncertainty, px.
     pub spacing_sigma_px: Option<f64>,
-    /// Spacing wanted (Eq. 16), px.
+    /// Spacing wanted, px: one of `spacing_targets`.
     pub spacing_target_px: f64,
+    /// What "in focus" is called by rays near the axis and by exact ones.
+    pub spacing_targets: SpacingTargets,
     /// Moves in the air step.
     pub moves_air: u32,
     /// Moves in the shell step.

@@ -3,7 +3,7 @@
 use super::alignment::Findings;
 use super::context::JobContext;
 use super::eye::Eye;
-use super::job::{Interval, JobState, Report};
+use super::job::{Interval, JobState, Report, SpacingTargets};
 use super::motion::Motion;
 use crate::config::Config;
 use crate::device::AxisName;
@@ -90,6 +90,14 @@ pub(super) fn report(
         spacing_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_px),
         spacing_sigma_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_sigma_px),
         spacing_target_px: eye.target_px(),
+        spacing_targets: SpacingTargets {
+            paraxial_px: eye.paraxial_target_px(),
+            chief_ray_px: design
+                .exact_in_water(solution.delta_v, solution.e)
+                .chief_pair_spacing()
+                .map(|spacing| spacing / eye.pixel_mm()),
+            window_px: findings.camera.map(|camera| eye.paraxial_target_px() + camera.excess_px(solution.e, 0.0)),
+        },
         moves_air: findings.moves_air,
         moves_shell: findings.moves_shell,
         fov_water_deg: design.fov_in_water(2.0 * half_width_mm, delta_v, e).map(f64::to_degrees),

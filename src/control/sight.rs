@@ -45,6 +45,8 @@ pub(super) struct Measured {
     pub(super) spacing: SpacingReading,
     /// Pitch of the micro-images, px.
     pub(super) micro_image_pitch_px: f64,
+    /// Radius of the masks that pairs were compared with, px.
+    pub(super) window_px: f64,
     /// Energy of gradient of the central view, mean per pixel.
     pub(super) eog: Option<f64>,
 }
@@ -134,7 +136,7 @@ impl Sight {
             pairs: seen.spacing.pairs as u32,
             frames: images.len() as u32,
         };
-        Ok(Measured { spacing, micro_image_pitch_px: seen.grid.pitch_px(), eog })
+        Ok(Measured { spacing, micro_image_pitch_px: seen.grid.pitch_px(), window_px: seen.spacing.window_px, eog })
     }
 
     /// Calibrates the camera from several frames of a triple-level board, far from focus with b held. The reading is
@@ -205,7 +207,8 @@ impl Sight {
             pairs: 0,
             frames: images.len() as u32,
         };
-        Ok((camera, Measured { spacing, micro_image_pitch_px: first.grid.pitch_px(), eog: None }))
+        let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
+        Ok((camera, Measured { spacing, micro_image_pitch_px, window_px, eog: None }))
     }
 
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is

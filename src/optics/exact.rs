@@ -99,7 +99,39 @@ pub fn disc_window(radius: f64) -> Vec<WindowPoint> {
     window
 }
 
+/// The window of a pair along x whose masks are discs of `radius` about the micro-images' centres, laid over each other
+/// with the second moved by `shift` (both mm on the sensor): what both see, in equal weights. Empty where they do not
+/// overlap.
+#[must_use]
+pub fn overlap_window(radius: f64, shift: f64) -> Vec<WindowPoint> {
+    let half_shift = shift.abs() / 2.0;
+    if half_shift >= radius {
+        return Vec::new();
+    }
+    let height = (radius * radius - half_shift * half_shift).sqrt();
+    // Both ways from the middle, so that the window is symmetric.
+    let nodes: Vec<(f64, f64)> = RADIAL_NODES.iter().flat_map(|&(x, w)| [(-x, w), (x, w)]).collect();
+    let mut window = Vec::with_capacity(nodes.len() * nodes.len());
+    for &(up, weight_up) in &nodes {
+        let y = up * height;
+        let width = (radius * radius - y * y).sqrt() - half_shift;
+        for &(along, weight_along) in &nodes {
+            window.push(WindowPoint { offset: [along * width, y], weight: weight_up * weight_along * width });
+        }
+    }
+    window
+}
+
 impl ExactView {
+    /// By how much the spacing on axis that an estimator measures with masks of `radius` exceeds the paraxial spacing,
+    /// mm on the sensor. `None` where a ray of the window brings no light.
+    #[must_use]
+    pub fn excess(&self, radius: f64) -> Option<f64> {
+        let paraxial = self.paraxial_spacing();
+        let micro_image = super::mla::micro_image_pitch(self.mla_pitch, self.lens_to_mla, self.b);
+        self.windowed_spacing(&overlap_window(radius, paraxial - micro_image)).map(|spacing| spacing - paraxial)
+    }
+
     /// The ray that a sensor point sees through the centre of a microlens, as it leaves the main lens for the object.
     #[must_use]
     pub fn ray(&self, sensor: [f64; 2], microlens: [f64; 2]) -> Ray {
@@ -270,6 +302,26 @@ mod tests {
         let window = disc_window(0.03);
         let difference = water.windowed_spacing(&window).unwrap() / air.windowed_spacing(&window).unwrap() - 1.0;
         assert!(difference.abs() < 1e-10, "{difference}");
+    }
+
+    #[test]
+    fn the_overlap_window_is_a_mean_over_both_discs() {
+        let whole = overlap_window(2.0, 0.0);
+        let total: f64 = whole.iter().map(|p| p.weight).sum();
+        assert!((total - std::f64::consts::TAU).abs() < 0.02, "half the area: {total}");
+        let square: f64 = whole.iter().map(|p| p.weight * (p.offset[0].powi(2) + p.offset[1].powi(2))).sum();
+        assert!((square / total - 2.0).abs() < 0.02, "{}", square / total);
+        for point in overlap_window(2.0, 1.5) {
+            let [x, y] = point.offset;
+            assert!((x.abs() + 0.75).hypot(y) <= 2.0 && point.weight > 0.0);
+        }
+        assert!(overlap_window(2.0, 4.5).is_empty());
+        // In focus the overlap is smaller than the disc, and so is the excess.
+        let camera = reference_camera();
+        let view = camera.exact_in_water(camera.joint(0.0).delta_v, 0.0);
+        let disc = view.windowed_spacing(&disc_window(11.5 * PIXEL)).unwrap() - view.paraxial_spacing();
+        let overlap = view.excess(11.5 * PIXEL).unwrap();
+        assert!(overlap > 0.5 * disc && overlap < disc, "{} of {} px", overlap / PIXEL, disc / PIXEL);
     }
 
     #[test]

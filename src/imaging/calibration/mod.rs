@@ -115,6 +115,8 @@ pub struct Calibration {
     pub line: ConjugateLine,
     /// Tilt x, tilt y (px per half frame width) and curvature (px per half width squared) at the mean spacing.
     pub field_px: [f64; 3],
+    /// Radius of the masks that pairs were compared with, px.
+    pub window_px: f64,
     /// The micro-images of the frame.
     pub grid: Grid,
 }
@@ -201,7 +203,7 @@ pub fn calibrate(
         regions.covariance[(order[i], order[j])].max(if i == j { random } else { f64::NEG_INFINITY })
     });
     let line = fit_line(&distances, &spacings, &covariance, options)?;
-    Ok(Calibration { line, field_px: regions.field_px, grid })
+    Ok(Calibration { line, field_px: regions.field_px, window_px: regions.window_px, grid })
 }
 
 fn checked(distances_mm: &[f64], options: &CalibrationOptions) -> Result<Vec<f64>, CalibrationError> {

@@ -152,6 +152,9 @@ pub struct Spacing {
     pub curvature_px: f64,
     /// Covariance of l_0, t_x, t_y, k (px²), from the scatter between field blocks. Zero for terms held.
     pub covariance: [[f64; 4]; 4],
+    /// Radius of the masks about the micro-images' centres, px: the spacing is a mean over what two of them share, which
+    /// matters where it depends on the place within the micro-image (through a shell).
+    pub window_px: f64,
     /// Pairs of neighbouring micro-images that were compared.
     pub pairs: usize,
     /// Correlation of neighbours at this spacing, noise taken out: 1 where they show the same thing.
@@ -173,6 +176,8 @@ pub struct RegionSpacings {
     pub field_px: [f64; 3],
     /// Covariance (px²) of the spacings, then of the field terms where they were free; from the scatter between blocks.
     pub covariance: nalgebra::DMatrix<f64>,
+    /// Radius of the masks about the micro-images' centres, px.
+    pub window_px: f64,
     /// Pairs compared in each region.
     pub pairs: Vec<usize>,
     /// Correlation of neighbours, noise taken out.
@@ -211,6 +216,7 @@ pub fn measure_spacing(frames: &[SpacingFrame], options: &SpacingOptions) -> Res
         tilt_y_px: regions.field_px[1],
         curvature_px: regions.field_px[2],
         covariance,
+        window_px: regions.window_px,
         pairs: regions.pairs[0],
         correlation: regions.correlation,
         residual_ratio: regions.residual_ratio,
@@ -263,6 +269,7 @@ pub fn measure_regions(
         sigmas_random_px,
         field_px: model.field,
         covariance: normal.scatter(&inverse),
+        window_px: frames.first().map_or(0.0, |frame| model.radius(frame)),
         pairs: normal.region_pairs.clone(),
         correlation: normal.correlation,
         residual_ratio: normal.residual,

@@ -40,7 +40,8 @@ impl Model {
         Self { scales, spacings, field: [0.0; FIELD_TERMS], field_free: false, mask: MASK_FRACTION, noise_scale: 1.0 }
     }
 
-    fn radius(&self, frame: &SpacingFrame) -> f64 {
+    /// Radius of the masks in a frame, px.
+    pub(super) fn radius(&self, frame: &SpacingFrame) -> f64 {
         self.mask * frame.pitch / 2.0
     }
 

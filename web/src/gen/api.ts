@@ -968,9 +968,11 @@ export interface components {
       spacing_sigma_px?: number | null;
       /**
        * Format: double
-       * @description Spacing wanted (Eq. 16), px.
+       * @description Spacing wanted, px: one of `spacing_targets`.
        */
       spacing_target_px: number;
+      /** @description What "in focus" is called by rays near the axis and by exact ones. */
+      spacing_targets: components["schemas"]["SpacingTargets"];
       /** @description The same as an angle between lens and MLA if nothing else were tilted, degrees. */
       tilt_deg?: number[] | null;
       /** @description Tilt along x and y at the end, px per half frame width. */
@@ -1194,6 +1196,24 @@ export interface components {
        * @description Tilt along y, px per half frame width.
        */
       tilt_y_px: number;
+    };
+    /** @description The spacing of the board in focus behind the shell, at the e aimed for. */
+    SpacingTargets: {
+      /**
+       * Format: double
+       * @description The one pair of chief rays astride the axis, exactly traced, px.
+       */
+      chief_ray_px?: number | null;
+      /**
+       * Format: double
+       * @description Eq. 16, which holds for rays near the axis, px.
+       */
+      paraxial_px: number;
+      /**
+       * Format: double
+       * @description Exact rays averaged over the estimator's window, px; `null` before the first measurement.
+       */
+      window_px?: number | null;
     };
     /**
      * @description What part of an alignment a job is in.

@@ -91,6 +91,15 @@ function Table({ job }: { job: Job }) {
 }
 
 /** A readback in mm. */
+/** A position with its unit, or that it is unknown. */
+function place(position: number | null | undefined): string {
+  return typeof position === "number" ? `${fixed(position, 3)} mm` : strings.unknown;
+}
+
+function pixels(spacing: number | null | undefined): string {
+  return typeof spacing === "number" ? `${fixed(spacing, 4)} px` : strings.unknown;
+}
+
 function readback(position: number | null | undefined): string {
   return position === null || position === undefined ? "—" : fixed(position, 3);
 }
@@ -173,8 +182,16 @@ function Result({ report }: { report: Report }) {
     ],
     [strings.rows.depth, between(report.depth_of_field, 0, strings.notSharp)],
     [strings.rows.tolerance, between(report.e_tolerance, 2, strings.noTolerance)],
-    [strings.rows.axes, strings.axesAt(readback(report.focus_readback_mm), readback(report.e_readback_mm))],
+    [strings.rows.axes, strings.axesAt(place(report.focus_readback_mm), place(report.e_readback_mm))],
     [strings.rows.moves, strings.movesOf(report.moves_air, report.moves_shell)],
+    [
+      strings.rows.targets,
+      strings.targets(
+        fixed(report.spacing_targets.paraxial_px, 4),
+        pixels(report.spacing_targets.chief_ray_px),
+        pixels(report.spacing_targets.window_px),
+      ),
+    ],
     [strings.rows.step, report.shell_step_done],
     [strings.rows.design, report.design_origin],
   ];
