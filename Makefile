@@ -28,7 +28,7 @@ web: web/dist/index.html
 
 web/dist/index.html: $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
 	@echo "building the page"
-	@cd web && npm ci --silent --no-audit --no-fund && npm run --silent build
+	@cd web && npm ci --loglevel=error --no-audit --no-fund && npm run --silent build
 	@touch $@
 
 fmt:
