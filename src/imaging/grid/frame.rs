@@ -52,7 +52,9 @@ impl LogFrame {
         let spread = levels.bright - levels.dark;
         // The blank frame first: where every pixel is the same, every pixel is at the maximum.
         let blank = spread < SPREAD_LEAST * levels.noise.max(0.3);
-        if levels.share_at_maximum > SATURATED_SHARE && (!blank || levels.maximum == image.white_level()) {
+        // A plateau below full scale is a clipped one only where noise would have broken it up otherwise.
+        let clipped = is_full_scale(levels.maximum) || (!blank && levels.noise > 0.0);
+        if levels.share_at_maximum > SATURATED_SHARE && clipped {
             return Err(GridError::Saturated {
                 percent: 100.0 * levels.share_at_maximum,
                 level: levels.maximum,
@@ -118,6 +120,11 @@ impl Levels {
             share_at_maximum,
         }
     }
+}
+
+/// Whether a level is the greatest of a converter of 8 to 16 bits.
+fn is_full_scale(level: u16) -> bool {
+    level >= 255 && (u32::from(level) + 1).is_power_of_two()
 }
 
 fn quantile(values: &mut [u16], q: f64) -> f64 {

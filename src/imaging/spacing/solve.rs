@@ -16,6 +16,12 @@ pub(super) const FIELD_TERMS: usize = 3;
 /// Field blocks along each side of a frame, for the scatter between regions.
 const BLOCKS: usize = 6;
 
+/// What interpolation, vignetting and the pixels' own area leave of a content's energy where two micro-images do show the
+/// same: no sign of a mismatch.
+const MODEL_SHARE: f64 = 0.002;
+/// Standard deviation of a grey level's rounding: no frame has less noise.
+const QUANTISATION: f64 = 0.288_675;
+
 /// Unknowns: a spacing for each region, then (where they are free) tilt x, tilt y and curvature.
 #[derive(Debug, Clone)]
 pub(super) struct Model {
@@ -46,7 +52,7 @@ impl Model {
     }
 
     fn noise(&self, frame: &SpacingFrame) -> f64 {
-        frame.noise * self.noise_scale
+        (frame.noise * self.noise_scale).max(QUANTISATION)
     }
 
     pub(super) fn unknowns(&self) -> usize {
@@ -91,6 +97,8 @@ pub(super) struct PairScore {
     information: f64,
     /// Mean squared residual in units of the noise's.
     residual: f64,
+    /// The same in units of what noise and the model's limits leave: 1 and less where the two match.
+    misfit: f64,
     /// Noise-free covariance and variances of the contents, for the correlation.
     pub(super) covariance: f64,
     pub(super) variances: [f64; 2],
@@ -108,6 +116,7 @@ struct Order {
     score: f64,
     information: f64,
     residual: f64,
+    misfit: f64,
     /// Gain of the slope's orthogonalisation and the factor that keeps pure noise from counting.
     projection: f64,
     trust: f64,
@@ -119,11 +128,13 @@ fn order(sums: &PairSums, noise: f64, slope_noise: f64) -> Order {
     let (aa, bb) = (clean(sums.aa), clean(sums.bb));
     let gain = (aa / bb).sqrt().clamp(0.25, 4.0);
     let projection = sums.ta / aa;
+    let left = (sums.aa - 2.0 * gain * sums.ab + gain * gain * sums.bb).max(0.0);
     let trust = (1.0 - share * slope_noise / sums.tt.max(1e-12)).clamp(0.0, 1.0);
     Order {
         score: trust * ((sums.ta - projection * sums.aa) - gain * (sums.tb - projection * sums.ab)),
         information: trust * gain * (sums.td - projection * sums.ad),
-        residual: (sums.aa - 2.0 * gain * sums.ab + gain * gain * sums.bb).max(0.0) / (2.0 * share).max(1e-9),
+        residual: left / (2.0 * share).max(1e-9),
+        misfit: left / (2.0 * share + MODEL_SHARE * (sums.aa + gain * gain * sums.bb)).max(1e-9),
         projection,
         trust,
     }
@@ -160,6 +171,7 @@ fn score_pair(frame: &SpacingFrame, pair: Pair, model: &Model, patch: &mut Patch
         result.score += order.score;
         result.information += order.information;
         result.residual += 0.5 * order.residual;
+        result.misfit += 0.5 * order.misfit;
         result.covariance += sums.ab;
         result.variances[0] += sums.aa - share;
         result.variances[1] += sums.bb - share;
@@ -186,15 +198,15 @@ pub(super) fn correlation<'a>(scores: impl IntoIterator<Item = &'a PairScore>) -
 
 /// Weights of pairs by how well they match: pairs that see an edge in depth, a bubble or a reflection count little.
 fn pair_weights(scores: &[PairScore]) -> Vec<f64> {
-    let mut residuals: Vec<f64> = scores.iter().map(|s| s.residual).collect();
-    if residuals.is_empty() {
+    let mut misfits: Vec<f64> = scores.iter().map(|s| s.misfit).collect();
+    if misfits.is_empty() {
         return Vec::new();
     }
-    let middle = residuals.len() / 2;
-    let (_, median, _) = residuals.select_nth_unstable_by(middle, f64::total_cmp);
+    let middle = misfits.len() / 2;
+    let (_, median, _) = misfits.select_nth_unstable_by(middle, f64::total_cmp);
     // Four times what is usual is where doubt begins.
     let usual = 4.0 * median.max(1.0);
-    scores.iter().map(|s| 1.0 / (1.0 + (s.residual / usual).powi(2))).collect()
+    scores.iter().map(|s| 1.0 / (1.0 + (s.misfit / usual).powi(2))).collect()
 }
 
 /// The normal equation of all pairs of all frames, at one state of the model.
