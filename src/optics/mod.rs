@@ -47,7 +47,7 @@ pub mod trace;
 pub mod water;
 
 pub use design::{CameraDesign, Solution};
-pub use exact::{ExactView, WindowPoint, disc_window, overlap_window};
+pub use exact::{ExactView, WindowPoint, disc_window, overlap_window, through_whole_lens};
 pub use field_of_view::{EBounds, SensorExtent};
 pub use main_lens::MainLens;
 pub use mla::{ArrayKind, Mla, MlaMode};
