@@ -68,6 +68,8 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let line = &calibration.line;
     let (image_distance_mm, image_distance_sigma_mm) = line.image_distance(design.mla.signed_resolution());
     let spacing = line.levels.first().map_or(0.0, |l| l.spacing_px);
+    let mut warnings = disagreements(config, &raw, &calibration.grid, spacing);
+    warnings.extend(doubts(line, design.mla.b()));
     let report = Report {
         d_mm: line.d_mm,
         d_sigma_mm: line.d_sigma_mm(),
@@ -76,7 +78,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
         image_distance_mm,
         image_distance_sigma_mm,
         levels: levels(line),
-        warnings: disagreements(config, &raw, &calibration.grid, spacing),
+        warnings,
     };
     if args.json {
         println!("{}", serde_json::to_string(&report)?);
@@ -84,6 +86,29 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
         print(&report);
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What makes it doubtful that these boards stood at the distances given.
+fn doubts(line: &ConjugateLine, configured_b_mm: f64) -> Vec<String> {
+    /// Standard deviations beyond which a difference is no chance.
+    const TELLING: f64 = 4.0;
+    let mut found = Vec::new();
+    let per_degree = line.chi_squared / line.degrees_of_freedom.max(1) as f64;
+    if line.degrees_of_freedom > 0 && per_degree > TELLING * TELLING {
+        found.push(format!(
+            "the boards do not lie on one line: what is left is {:.0} times the spacings' uncertainty; are the --levels \
+             the boards' distances?",
+            per_degree.sqrt()
+        ));
+    }
+    if (line.b_mm - configured_b_mm).abs() > TELLING * line.b_sigma_mm().max(0.005 * configured_b_mm) {
+        found.push(format!(
+            "b = {:.4} mm is not the configured {configured_b_mm:.4} mm: check --levels, main_lens.focal_length_mm and \
+             the [mla] section",
+            line.b_mm
+        ));
+    }
+    found
 }
 
 fn levels(line: &ConjugateLine) -> Vec<LevelReport> {

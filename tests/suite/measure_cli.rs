@@ -64,6 +64,36 @@ fn measure_gives_the_distance_in_water() {
 }
 
 #[test]
+fn calibrate_doubts_distances_that_the_boards_did_not_have() {
+    let arguments = ["calibrate", "triple_air.png", "--white", "triple_air_white.png", "--json", "--levels"];
+    let warnings = |levels: &str| -> String {
+        let report = json(&[&arguments[..], &[levels]].concat());
+        report["warnings"].as_array().unwrap().iter().map(Value::to_string).collect()
+    };
+    let wrong = warnings("700,800,900");
+    assert!(wrong.contains("do not lie on one line") && wrong.contains("b = 0.15"), "{wrong}");
+    let right = warnings("159.174586,167.174586,175.174586");
+    assert!(!right.contains("--levels"), "{right}");
+}
+
+#[test]
+fn a_set_key_is_checked_as_in_a_file_and_an_error_is_said_once() {
+    for (arguments, said) in [
+        (&["design", "--set", "mla.pitch_m=1"][..], "mla.pitch_m: unknown key"),
+        (&["design", "--set", "mla.pitch_mm"], "expected KEY=VALUE"),
+        (&["--config", "none.toml", "design"], "No such file or directory"),
+        (&["measure", "none.png"], "No such file or directory"),
+    ] {
+        let output = plenalign(arguments);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success() && error.matches(said).count() == 1, "{arguments:?}: {error}");
+        assert_eq!(error.lines().count(), 1, "{error}");
+    }
+    let report = json(&["design", "--json", "--set", "object.distance_mm=900", "--set", "mla.mode=keplerian"]);
+    assert_eq!(report["origin"], "reference preset, inferred from Table 2, with overrides");
+}
+
+#[test]
 fn calibrate_prints_one_object() {
     let report = json(&[
         "calibrate",
