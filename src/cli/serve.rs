@@ -36,6 +36,9 @@ pub(super) struct Args {
     /// Use the simulated bench, whatever the configuration says.
     #[arg(long)]
     simulated: bool,
+    /// Print one JSON object instead of text once it serves: `address`, `simulated`.
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
@@ -53,7 +56,7 @@ async fn serve(mut context: Context, args: Args) -> anyhow::Result<ExitCode> {
     // Signals are taken from here on, so that none in the next lines ends the program with a bench half open.
     let mut signals = Signals::new()?;
     let mut server = Server::start(context, &args.listen).await?;
-    say_address(server.address, server.simulated);
+    say_address(server.address, server.simulated, args.json);
     tokio::select! {
         () = signals.next() => {}
         ended = &mut server.task => {
@@ -147,9 +150,14 @@ async fn listen(address: &str) -> anyhow::Result<TcpListener> {
     }
 }
 
-fn say_address(address: SocketAddr, simulated: bool) {
-    let bench = if simulated { "SIMULATED bench" } else { "bench" };
-    println!("plenalign: {bench} at http://{address}/");
+fn say_address(address: SocketAddr, simulated: bool, json: bool) {
+    let url = format!("http://{address}/");
+    if json {
+        println!("{}", serde_json::json!({ "address": url, "simulated": simulated }));
+    } else {
+        let bench = if simulated { "SIMULATED bench" } else { "bench" };
+        println!("plenalign: {bench} at {url}");
+    }
     let _ = std::io::stdout().flush();
     tracing::info!(%address, simulated, "serving");
     if !address.ip().is_loopback() {

@@ -30,7 +30,7 @@ fn serve(state: &TempDir, listen: &str) -> Command {
     std::fs::write(&config, "[bench.simulation]\nrays = 4\n").unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_plenalign"));
     command
-        .args(["serve", "--simulated", "--listen", listen, "--config"])
+        .args(["serve", "--simulated", "--json", "--listen", listen, "--config"])
         .arg(config)
         .env("PLENALIGN_STATE_DIR", state.path())
         .env("RUST_LOG", "info")
@@ -52,8 +52,9 @@ impl Program {
         });
         let mut said = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut said).unwrap();
-        let address = said.split("http://").nth(1).unwrap_or_else(|| panic!("{said}")).trim_end_matches("/\n");
-        assert!(said.contains("SIMULATED"), "{said}");
+        let said: Value = serde_json::from_str(&said).unwrap_or_else(|_| panic!("{said}"));
+        assert_eq!(said["simulated"], true);
+        let address = said["address"].as_str().unwrap().trim_start_matches("http://").trim_end_matches('/');
         Self { address: address.to_owned(), child, state, log: Some(log) }
     }
 
