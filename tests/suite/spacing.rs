@@ -107,6 +107,24 @@ fn small_and_noisy_frames_in_focus_measure() {
     }
 }
 
+/// On a board that repeats itself within a micro-image several spacings match alike: no number comes of it.
+#[test]
+fn a_board_that_repeats_itself_is_refused() {
+    let design = Config::default().design();
+    let distance = 167.174_586;
+    let texel = texel_for(&design, Medium::Air, distance, PIXEL_MM);
+    // Squares of 8 texels, 4 pixels of a micro-image: the pattern comes again every 8 pixels.
+    let values: Vec<f32> =
+        (0..128 * 128).map(|k| if (k % 128 / 8 + k / 128 / 8) % 2 == 0 { 0.2 } else { 0.8 }).collect();
+    let map = Arc::new(TextureMap::from_values(&values, texel));
+    let camera = CameraTruth::from_design(&design, 2.205, Medium::Air, PIXEL_MM, 400, 400);
+    let rays = RenderOptions { rays: 16, seed: 2 };
+    let white = expose(&render(&camera, &Scene::Diffuser, rays), 400, 400, &Noise::default(), 3);
+    let raw = expose(&render(&camera, &Scene::Board(Board::new(distance, map)), rays), 400, 400, &Noise::default(), 4);
+    let refused = measured(&raw, &white).unwrap_err();
+    assert!(matches!(refused, MeasurementError::Spacing(SpacingError::Ambiguous { .. })), "{refused}");
+}
+
 #[test]
 fn frames_without_an_answer_are_refused() {
     let (raw, white, _) = rendered(2.205, None, Texture::Natural, 400, 2.0);

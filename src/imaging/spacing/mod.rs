@@ -36,6 +36,11 @@ const USUAL_RESIDUAL: f64 = 0.8;
 /// Correlation of neighbours below which they do not show the same thing.
 const LEAST_CORRELATION: f64 = 0.6;
 
+/// Candidates of the search nearer than this are the same, px.
+const SAME_PX: f64 = 1.0;
+/// Correlation by which a match must be better than any other.
+const RIVAL_MARGIN: f64 = 0.02;
+
 /// Why a spacing could not be measured.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SpacingError {
@@ -289,9 +294,15 @@ fn start(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<f64, Spaci
         return Ok(start);
     }
     let candidates = search::search(frames, pitch, options.mode);
-    match candidates.first() {
-        Some(best) if best.correlation >= LEAST_CORRELATION => Ok(best.spacing),
-        best => Err(no_match(options, best.map_or(0.0, |b| b.correlation))),
+    let Some(best) = candidates.first() else { return Err(no_match(options, 0.0)) };
+    if best.correlation < LEAST_CORRELATION {
+        return Err(no_match(options, best.correlation));
+    }
+    // What decorrelates the best match, noise apart, is interpolation and blur: another one hardly worse is as good.
+    let rivals = 1.0 - 1.5 * (1.0 - best.correlation) - RIVAL_MARGIN;
+    match candidates.iter().find(|c| (c.spacing - best.spacing).abs() > SAME_PX && c.correlation > rivals) {
+        Some(rival) => Err(SpacingError::Ambiguous { first_px: best.spacing, second_px: rival.spacing }),
+        None => Ok(best.spacing),
     }
 }
 
