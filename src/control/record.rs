@@ -69,7 +69,7 @@ impl Alignment<'_> {
                 format!("e held at its optimum, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
             }
             (ShellStep::HoldETrim, false) => "e moved to its optimum; no trim of Δv was needed".to_owned(),
-            (_, false) => "e translated until the spacing met Eq. 16".to_owned(),
+            (_, false) => "e translated until the spacing met its target".to_owned(),
         };
         findings.shell_step_done = Some(how);
     }
