@@ -19,8 +19,7 @@ impl ConfigOrigin {
     /// The origin of a configuration that was `before` and of which keys have been set one by one to give `after`.
     #[must_use]
     pub fn overridden(self, before: &Config, after: &Config) -> Self {
-        let same = before.design() == after.design() && before.sensor == after.sensor;
-        if same { self } else { Self::Overridden(Box::new(self)) }
+        if after.has_camera_of(before) { self } else { Self::Overridden(Box::new(self)) }
     }
 
     /// The file, where there is one.
@@ -59,8 +58,11 @@ impl Config {
     /// Whether the camera, the shell, the water and the object distances are those of the reference preset.
     #[must_use]
     pub fn has_preset_camera(&self) -> bool {
-        let preset = Self::default();
-        self.design() == preset.design() && self.sensor == preset.sensor
+        self.has_camera_of(&Self::default())
+    }
+
+    fn has_camera_of(&self, other: &Self) -> bool {
+        self.design() == other.design() && self.sensor == other.sensor
     }
 }
 

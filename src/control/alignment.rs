@@ -367,7 +367,7 @@ impl Alignment<'_> {
         self.motion.set_shell(ShellState::On);
         self.context.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
         if self.config.assembly.spacing_target == SpacingTarget::Exact {
-            self.eye.aim_at(self.eye.paraxial_target_px() + camera.excess_px(solution.e, 0.0));
+            self.eye.aim_at(camera.exact_target_px(solution.e));
         }
         let axis = &self.config.bench.e;
         let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);

@@ -60,6 +60,12 @@ impl CalibratedCamera {
         view.excess(window_px * self.pixel_mm).unwrap_or(0.0) / self.pixel_mm
     }
 
+    /// The spacing (px) that the estimator measures at e (mm) when Eq. 16 holds for rays near the axis.
+    #[must_use]
+    pub fn exact_target_px(&self, e: f64) -> f64 {
+        self.design.mla.target_spacing() / self.pixel_mm + self.excess_px(e, 0.0)
+    }
+
     /// The e (mm) at which the estimator measures this spacing (px) of the board in water.
     #[must_use]
     pub fn e_mm(&self, spacing_px: f64, trim: f64) -> f64 {

@@ -96,7 +96,7 @@ pub(super) fn report(
                 .exact_in_water(solution.delta_v, solution.e)
                 .chief_pair_spacing()
                 .map(|spacing| spacing / eye.pixel_mm()),
-            window_px: findings.camera.map(|camera| eye.paraxial_target_px() + camera.excess_px(solution.e, 0.0)),
+            window_px: findings.camera.map(|camera| camera.exact_target_px(solution.e)),
         },
         moves_air: findings.moves_air,
         moves_shell: findings.moves_shell,

@@ -106,13 +106,19 @@ impl CameraDesign {
 pub fn disc_window(radius: f64) -> Vec<WindowPoint> {
     let mut window = Vec::with_capacity(RADIAL_NODES.len() * ANGLES);
     for (square, weight) in RADIAL_NODES {
-        for step in 0..ANGLES {
-            let (sin, cos) = (std::f64::consts::TAU * step as f64 / ANGLES as f64).sin_cos();
-            let r = radius * square.sqrt();
-            window.push(WindowPoint { offset: [r * cos, r * sin], lens: [0.0; 2], weight });
+        for offset in circle(radius * square.sqrt(), ANGLES) {
+            window.push(WindowPoint { offset, lens: [0.0; 2], weight });
         }
     }
     window
+}
+
+/// So many points around a circle of `radius`, evenly.
+fn circle(radius: f64, count: usize) -> impl Iterator<Item = [f64; 2]> {
+    (0..count).map(move |step| {
+        let (sin, cos) = (std::f64::consts::TAU * step as f64 / count as f64).sin_cos();
+        [radius * cos, radius * sin]
+    })
 }
 
 /// The window of a pair along x whose masks are discs of `radius` about the micro-images' centres, laid over each other
@@ -143,10 +149,8 @@ pub fn through_whole_lens(window: &[WindowPoint], radius: f64) -> Vec<WindowPoin
     let mut rays = Vec::with_capacity(window.len() * LENS_SQUARES.len() * LENS_ANGLES);
     for point in window {
         for square in LENS_SQUARES {
-            for step in 0..LENS_ANGLES {
-                let (sin, cos) = (std::f64::consts::TAU * step as f64 / LENS_ANGLES as f64).sin_cos();
-                let r = radius * square.sqrt();
-                rays.push(WindowPoint { lens: [r * cos, r * sin], ..*point });
+            for lens in circle(radius * square.sqrt(), LENS_ANGLES) {
+                rays.push(WindowPoint { lens, ..*point });
             }
         }
     }

@@ -90,7 +90,6 @@ function Table({ job }: { job: Job }) {
   );
 }
 
-/** A readback in mm. */
 /** A position with its unit, or that it is unknown. */
 function place(position: number | null | undefined): string {
   return typeof position === "number" ? `${fixed(position, 3)} mm` : strings.unknown;
@@ -100,6 +99,7 @@ function pixels(spacing: number | null | undefined): string {
   return typeof spacing === "number" ? `${fixed(spacing, 4)} px` : strings.unknown;
 }
 
+/** A readback in mm. */
 function readback(position: number | null | undefined): string {
   return position === null || position === undefined ? "—" : fixed(position, 3);
 }

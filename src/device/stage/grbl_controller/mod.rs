@@ -187,8 +187,7 @@ impl Stage for GrblStage {
         let (axis, generation) = (self.axis().setup.axis, controller.port.generation());
         let released = tokio::spawn(async move {
             let _operation = controller.operation.lock().await;
-            controller.no_stop_under_way().await;
-            controller.ready(axis, generation)?;
+            controller.ready(axis, generation).await?;
             controller.forget_positions();
             let answer = controller.port.request(grbl::SLEEP, ANSWER, generation).await;
             answer.map_err(|error| device_error(&controller.name, "switch its motors off", error))?;

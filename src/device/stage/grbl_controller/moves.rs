@@ -23,8 +23,9 @@ impl Controller {
         (config.speed_mm_per_s.min(rate).max(1e-6), config.acceleration_mm_per_s2.min(acceleration).max(1e-6))
     }
 
-    /// What keeps an operation from starting.
-    pub(super) fn ready(&self, axis: AxisName, generation: u64) -> Result<(), DeviceError> {
+    /// Waits until no stop is under way, and tells what keeps an operation from starting.
+    pub(super) async fn ready(&self, axis: AxisName, generation: u64) -> Result<(), DeviceError> {
+        self.no_stop_under_way().await;
         if let Some(error) = self.closed_error() {
             return Err(error);
         }
@@ -43,8 +44,7 @@ impl Controller {
         let axis = &self.axes[index];
         let name = axis.setup.axis;
         let _operation = self.operation.lock().await;
-        self.no_stop_under_way().await;
-        self.ready(name, generation)?;
+        self.ready(name, generation).await?;
         if !target.value().is_finite() {
             return Err(DeviceError::Refused { device: self.name.clone(), reason: format!("{target} is no position") });
         }
@@ -110,14 +110,14 @@ impl Controller {
     }
 
     /// Returns once a stop has outdated a generation.
-    pub(super) async fn stop_after(&self, generation: u64) {
+    async fn stop_after(&self, generation: u64) {
         if self.stops.subscribe().wait_for(|&count| count > generation).await.is_err() {
             std::future::pending::<()>().await;
         }
     }
 
     /// Waits for the end of the stop that ended an operation.
-    pub(super) async fn stopped<T>(&self, axis: AxisName) -> Result<T, DeviceError> {
+    async fn stopped<T>(&self, axis: AxisName) -> Result<T, DeviceError> {
         let _stopping = self.stopping.lock().await;
         Err(DeviceError::Stopped { axis })
     }
@@ -125,8 +125,7 @@ impl Controller {
     pub(super) async fn home(&self, index: usize, generation: u64) -> Result<(), DeviceError> {
         let name = self.axes[index].setup.axis;
         let _operation = self.operation.lock().await;
-        self.no_stop_under_way().await;
-        self.ready(name, generation)?;
+        self.ready(name, generation).await?;
         let locked_up = self.alarm.borrow().is_some_and(Alarm::needs_reset);
         let held = self.readings.borrow().as_ref().is_some_and(|r| matches!(r.mode, Mode::Hold(_) | Mode::Sleep));
         if (locked_up || held) && !self.restart().await {
@@ -185,7 +184,7 @@ impl Controller {
     }
 
     /// Longest time that homing can take by the controller's own settings.
-    pub(super) fn homing_time(&self) -> Duration {
+    fn homing_time(&self) -> Duration {
         let setting = |number, otherwise| self.settings.get(number).filter(|v| *v > 0.0).unwrap_or(otherwise);
         let (locate, seek, pull_off) = (setting(24, 25.0) / 60.0, setting(25, 500.0) / 60.0, setting(27, 1.0));
         let longest = Letter::ALL

@@ -87,7 +87,7 @@ impl Controller {
         Watching(self)
     }
 
-    pub(super) fn set_states(&self, change: impl Fn(&mut StageState)) {
+    fn set_states(&self, change: impl Fn(&mut StageState)) {
         for axis in &self.axes {
             axis.state.send_modify(&change);
         }
@@ -100,7 +100,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn take_notice(&self, notice: &Notice) {
+    fn take_notice(&self, notice: &Notice) {
         match notice.kind {
             LineKind::Started => {
                 if !self.restart_is_ours.swap(false, Ordering::SeqCst) && self.alarm.borrow().is_none() {
@@ -128,7 +128,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn take_status(&self, status: &grbl::Status, line_number: u64) {
+    fn take_status(&self, status: &grbl::Status, line_number: u64) {
         let mut offset = locked(&self.work_offset);
         *offset = status.work_offset.or(*offset);
         let machine = status.machine.or_else(|| {
@@ -167,7 +167,7 @@ impl Controller {
         self.readings.send_replace(Some(Reading { mode: status.mode, machine, line_number, at: now }));
     }
 
-    pub(super) fn note_silence(&self) {
+    fn note_silence(&self) {
         let silent = self.readings.borrow().as_ref().is_some_and(|reading| reading.at.elapsed() > SILENCE);
         if silent && self.axes.iter().any(|axis| axis.state.borrow().connected) {
             self.set_states(|state| {
@@ -209,14 +209,24 @@ impl Controller {
     }
 
     /// Waits until two readings one after another, both later than a line, say rest at the same place.
-    pub(super) async fn rest(&self, mut after_line: u64) -> Result<Reading, DeviceError> {
+    pub(super) async fn rest(&self, after_line: u64) -> Result<Reading, DeviceError> {
+        self.rest_or_proof(after_line, |_| false).await
+    }
+
+    /// The same for the end of a stop, which a hold that is complete proves at once.
+    pub(super) async fn rest_or_hold(&self, after_line: u64) -> Result<Reading, DeviceError> {
+        self.rest_or_proof(after_line, |mode| mode == Mode::Hold(true)).await
+    }
+
+    async fn rest_or_proof(&self, mut after_line: u64, proof: impl Fn(Mode) -> bool) -> Result<Reading, DeviceError> {
         let mut last: Option<Reading> = None;
         loop {
             let reading = self.fresh_reading(after_line).await?;
             after_line = reading.line_number;
             // Locked but at rest: the alarm itself is reported by whoever asked for the motion.
             let resting = reading.mode.at_rest();
-            if resting && last.as_ref().is_some_and(|last| last.machine == reading.machine) {
+            let same = last.as_ref().is_some_and(|last| last.machine == reading.machine);
+            if proof(reading.mode) || (resting && same) {
                 return Ok(reading);
             }
             last = resting.then_some(reading);

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use super::super::grbl::{self, Alarm, Mode};
-use super::{Controller, Reading, START_UP};
-use crate::device::{DeviceError, StopDelivery};
+use super::super::grbl::{self, Alarm};
+use super::{Controller, START_UP};
+use crate::device::StopDelivery;
 
 /// Time beyond its own deceleration that an axis may take to stop before the controller is reset under it.
 const STOP_SPARE: Duration = Duration::from_millis(200);
@@ -102,25 +102,10 @@ impl Controller {
         }
     }
 
-    pub(super) fn undelivered(&self) -> StopDelivery {
+    fn undelivered(&self) -> StopDelivery {
         match self.port.closed().borrow().is_some() {
             true => StopDelivery::Undeliverable,
             false => StopDelivery::Sent,
-        }
-    }
-
-    /// A reading that proves rest after a stop: a hold that is complete, or rest twice.
-    pub(super) async fn rest_or_hold(&self, mut after_line: u64) -> Result<Reading, DeviceError> {
-        let mut last: Option<Reading> = None;
-        loop {
-            let reading = self.fresh_reading(after_line).await?;
-            after_line = reading.line_number;
-            let resting = reading.mode.at_rest();
-            let same = last.as_ref().is_some_and(|last| last.machine == reading.machine);
-            if reading.mode == Mode::Hold(true) || (resting && same) {
-                return Ok(reading);
-            }
-            last = resting.then_some(reading);
         }
     }
 }
