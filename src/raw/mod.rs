@@ -3,11 +3,15 @@
 //!
 //! Frame coordinates: pixel centres at integers, x right, y down, (0, 0) the centre of the first pixel.
 
+mod cfa;
+mod depth;
 mod file;
 
+pub use cfa::{CfaPattern, Channel};
 pub use file::{RawFileError, read, write};
 
-/// A monochrome raw frame, row by row from the top.
+/// A raw frame of one sample a pixel, row by row from the top: monochrome, or a mosaic whose [`CfaPattern`] is known to
+/// whoever configured the camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RawImage {
     width: usize,
