@@ -234,6 +234,9 @@ impl Config {
         faults.require(d > 0.0, "mla.angular_resolution", || {
             format!("puts the MLA {:.3} mm in front of the main lens: a must be less than v", -d)
         });
+        if d > 0.0 {
+            self.check_simulated_optics(&design, faults);
+        }
         for (key, e) in [
             ("assembly.initial_e_mm", self.assembly.initial_e_mm),
             ("assembly.l_bound_mm", CameraDesign::fov_optimal_e(self.assembly.l_bound_mm)),

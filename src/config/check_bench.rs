@@ -1,7 +1,7 @@
 //! Physical sense of `[bench]`.
 
 use super::check::Faults;
-use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig, ControllerDriver, SimulationConfig};
+use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig, ControllerDriver};
 
 /// Pixel formats that the V4L2 camera understands.
 const FORMATS: [&str; 2] = ["GREY", "YUYV"];
@@ -92,32 +92,5 @@ impl CameraConfig {
         });
         faults.positive("bench.camera.frame_rate_hz", self.frame_rate_hz);
         faults.require(self.timeout_ms > 0, "bench.camera.timeout_ms", || "must be at least 1".to_owned());
-    }
-}
-
-impl SimulationConfig {
-    fn check(&self, faults: &mut Faults) {
-        let key = |name: &str| format!("bench.simulation.{name}");
-        for (name, error) in [
-            ("focal_length_error", self.focal_length_error),
-            ("focus_scale_error", self.focus_scale_error),
-            ("e_scale_error", self.e_scale_error),
-        ] {
-            faults.require(error > -1.0, key(name), || {
-                format!("{error} would leave nothing: it is relative, 0.05 for 5 %, and greater than -1")
-            });
-        }
-        for (name, value) in [
-            ("focus_backlash_mm", self.focus_backlash_mm),
-            ("e_backlash_mm", self.e_backlash_mm),
-            ("friction_step_mm", self.friction_step_mm),
-            ("read_noise_levels", self.read_noise_levels),
-            ("electrons_per_level", self.electrons_per_level),
-        ] {
-            faults.not_negative(key(name), value);
-        }
-        faults.require(self.rays > 0, key("rays"), || "must be at least 1".to_owned());
-        faults.require(self.preview_rays > 0, key("preview_rays"), || "must be at least 1".to_owned());
-        faults.positive(key("preview_rate_hz"), self.preview_rate_hz);
     }
 }

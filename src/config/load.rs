@@ -98,9 +98,11 @@ pub(super) fn type_message(error: &toml::de::Error) -> String {
     for (rust, plain) in [
         ("expected f64", "expected a number"),
         ("expected u32", "expected a whole number from 0 up"),
+        ("expected u8", "expected a whole number from 0 to 255"),
         ("expected u64", "expected a whole number from 0 up"),
         ("expected a boolean", "expected true or false"),
         ("expected an array of length 2", "expected two numbers, as in [0.0, 0.0]"),
+        ("expected an array of length 3", "expected three numbers, as in [0.0, 0.0, 0.0]"),
         ("floating point", "number"),
     ] {
         message = message.replace(rust, plain);

@@ -11,7 +11,9 @@ mod bench;
 mod camera;
 mod check;
 mod check_bench;
+mod check_simulation;
 mod error;
+mod flaws;
 mod load;
 mod origin;
 mod overrides;
@@ -26,6 +28,7 @@ pub use bench::{
 };
 pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellConfig, WaterConfig};
 pub use error::{ConfigError, Position, Violation};
+pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
 pub use origin::ConfigOrigin;
 pub use simulation::{SimulationConfig, Texture};
 

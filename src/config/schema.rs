@@ -7,6 +7,7 @@ use toml::de::DeTable;
 use toml::{Table, Value};
 
 use super::{Config, ControllerConfig, ControllerDriver, Position, Violation, WaterConfig};
+use crate::raw::CfaPattern;
 
 /// Stands for any name of a controller.
 const ANY_NAME: &str = "NAME";
@@ -27,6 +28,7 @@ pub(super) fn schema() -> Table {
         wavelength_nm: Some(0.0),
     };
     full.bench.simulation.array_rotation_deg = Some(0.0);
+    full.bench.simulation.mosaic.pattern = Some(CfaPattern::Rggb);
     let controller = ControllerConfig { driver: ControllerDriver::Grbl, port: PathBuf::new(), baud: 0 };
     full.bench.controllers = BTreeMap::from([(ANY_NAME.to_owned(), controller)]);
     Table::try_from(full).unwrap_or_default()

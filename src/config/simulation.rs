@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
+
 /// What is on the simulated boards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -62,18 +64,38 @@ pub struct SimulationConfig {
     /// Rotation of the array, from +x towards +y, degrees; absent: drawn from the seed within ±1°.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub array_rotation_deg: Option<f64>,
+    /// Brown's k1 of the main lens: a chief ray's slope on the image side is its slope t in air on the object side times
+    /// 1 + k1 t² (an OpenCV k1: slopes are heights over the focal length). Positive is pincushion, negative barrel. It
+    /// moves and stretches what is seen, not the white frame's grid.
+    pub distortion_k1: f64,
+    /// Aberration of the exit pupil: how far its centre moves along the axis, towards the board, for the field whose slope
+    /// on the object side is 0.1, mm; it grows with the slope's square. It moves the micro-images of the outer field:
+    /// positive towards the axis.
+    pub exit_pupil_walk_mm: f64,
     /// Whether microlenses let neighbours' light through (an array without baffles).
     pub cross_talk: bool,
     /// Read noise, grey levels of an 8-bit frame, standard deviation.
     pub read_noise_levels: f64,
     /// Photon noise: electrons that make a grey level of an 8-bit frame; 0 for none.
     pub electrons_per_level: f64,
+    /// Depth of a frame, 8 to 16 bits; white stays at the same share of the range.
+    pub bits: u8,
     /// Rays a pixel of a measured frame.
     pub rays: u32,
     /// Rays a pixel of the live preview.
     pub preview_rays: u32,
     /// Frames a second of the live preview.
     pub preview_rate_hz: f64,
+    /// How the microlenses differ from each other.
+    pub microlenses: MicrolensesConfig,
+    /// Dust on the sensor or its cover glass.
+    pub dust: DustConfig,
+    /// Bubbles before the camera.
+    pub bubbles: BubblesConfig,
+    /// What moves while the shutter is open.
+    pub motion: MotionConfig,
+    /// The sensor's colour filters and the board's colours.
+    pub mosaic: MosaicConfig,
 }
 
 impl Default for SimulationConfig {
@@ -99,12 +121,20 @@ impl Default for SimulationConfig {
             board_placement_error_mm: 0.0,
             board_tilt_mrad: [0.0, 0.0],
             array_rotation_deg: None,
+            distortion_k1: 0.0,
+            exit_pupil_walk_mm: 0.0,
             cross_talk: false,
             read_noise_levels: 2.0,
             electrons_per_level: 0.0,
+            bits: 8,
             rays: 64,
             preview_rays: 4,
             preview_rate_hz: 15.0,
+            microlenses: MicrolensesConfig::default(),
+            dust: DustConfig::default(),
+            bubbles: BubblesConfig::default(),
+            motion: MotionConfig::default(),
+            mosaic: MosaicConfig::default(),
         }
     }
 }

@@ -56,7 +56,7 @@ fn the_shipped_file_shows_every_key() {
             _ => format!("{line}\n"),
         })
         .collect();
-    assert_eq!(uncommented, 9);
+    assert_eq!(uncommented, 10);
     // Only the water, given twice over, is at fault then.
     let faults = faults(&every);
     assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
@@ -175,9 +175,46 @@ fn impossible_values_are_refused_with_the_reason() {
         ("[bench.simulation]\nrays = 0", "bench.simulation.rays", "at least 1"),
         ("[bench.simulation]\nmla_tilt_mrad = [0, nan]", "bench.simulation.mla_tilt_mrad", "finite"),
         ("[bench.simulation]\narray_rotation_deg = -45", "bench.simulation.array_rotation_deg", "square array"),
+        ("[bench.simulation]\nbits = 7", "bench.simulation.bits", "8 to 16 bits"),
+        ("[bench.simulation]\ndistortion_k1 = -2.5", "bench.simulation.distortion_k1", "at most ±2.1"),
+        ("[bench.simulation]\nexit_pupil_walk_mm = 1.5", "bench.simulation.exit_pupil_walk_mm", "at most ±0.9"),
     ] {
         refused(text, key, words);
     }
+}
+
+#[test]
+fn flaws_that_cannot_be_are_refused_with_the_reason() {
+    for (section, line, key, words) in [
+        ("microlenses", "focal_factors = [1.0, 0.9, 1.1]", "focal_factors", "has 3: a square array has 2 types"),
+        ("microlenses", "focal_factors = [1.0, 0.0]", "focal_factors", "greater than 0"),
+        ("microlenses", "dead_share = 1.1", "dead_share", "share from 0 to 1"),
+        ("microlenses", "dead_share = 0.6\ndirty_share = 0.5", "dirty_share", "more than all"),
+        ("microlenses", "dirty_transmission = [0.9, 0.3]", "dirty_transmission", "in this order"),
+        ("dust", "specks = 30000", "specks", "20000 handled"),
+        ("dust", "opacity = [0.5, 1.5]", "opacity", "from 0 to 1"),
+        ("dust", "height_um = 341", "height_um", "340 µm apart"),
+        ("bubbles", "radius_mm = [0, 1]", "radius_mm", "greater than 0"),
+        ("bubbles", "distance_mm = [0.5, 100]", "distance_mm", "beyond the greatest radius"),
+        ("bubbles", "highlight = -1", "highlight", "negative"),
+        ("motion", "steps = 0", "steps", "from 1 to 256"),
+        ("motion", "e_um = 5", "steps", "2 or more"),
+        ("motion", "steps = 2\ndelta_v_um = 5001", "delta_v_um", "at most ±5000"),
+        ("motion", "board_um = [nan, 0]", "board_um", "finite"),
+        ("mosaic", "sensitivities = [0.5, 0, 0.5]", "sensitivities", "greater than 0"),
+        ("mosaic", "colour = 2", "colour", "share from 0 to 1"),
+    ] {
+        let key = format!("bench.simulation.{section}.{key}");
+        refused(&format!("[bench.simulation.{section}]\n{line}"), &key, words);
+    }
+    let mut config = Config::default();
+    config.set("bench.simulation.mosaic.pattern", "gbrg").unwrap();
+    config.set("mla.array", "hexagonal").unwrap();
+    config.set("bench.simulation.microlenses.focal_factors", "[1.0, 0.9, 1.1]").unwrap();
+    let error = config.set("bench.simulation.mosaic.pattern", "rgbg").unwrap_err().to_string();
+    assert!(error.contains("rggb") && error.contains("gbrg"), "{error}");
+    let error = config.set("bench.simulation.mosaic.sensitivities", "[1, 2]").unwrap_err().to_string();
+    assert!(error.contains("three numbers"), "{error}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("raw", &[]),
     ("optics", &["units"]),
     ("imaging", &["optics", "units", "raw"]),
-    ("config", &["optics", "units"]),
+    ("config", &["optics", "units", "raw"]),
     ("device", &["optics", "units", "raw", "config"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
     ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim"]),
