@@ -13,9 +13,10 @@ use super::Context;
 use crate::config::{Config, Texture};
 use crate::raw;
 use crate::sim::exposure::{Noise, expose};
+use crate::sim::flaws::Flaws;
 use crate::sim::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use crate::sim::scene::{Board, Scene, TripleBoard, texel_for};
-use crate::sim::texture::TextureMap;
+use crate::sim::shutter::{Shutter, configured_texture};
 
 /// What is on the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -44,7 +45,8 @@ impl From<TextureName> for Texture {
 /// Arguments of `plenalign render`.
 ///
 /// The configured optics count as the true ones; of `[bench.simulation]` come the array's rotation, tilts, decentre,
-/// cross-talk, texture, noise, seed and rays.
+/// the lens's aberrations, cross-talk, texture, noise, depth, seed and rays, and its sections: microlenses, dust, bubbles,
+/// motion and mosaic.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// File to write: .png, .tiff or .pgm.
@@ -110,17 +112,14 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let start = Instant::now();
     let scene = scene(&context.config, &args, &setting);
     let renderer = Renderer::new(RenderOptions { rays: setting.rays, seed: setting.seed });
-    let irradiance = renderer.render(&setting.camera, &scene);
-    let noise = Noise {
-        read_noise_levels: simulation.read_noise_levels,
-        electrons_per_level: simulation.electrons_per_level,
-        ..Noise::default()
-    };
-    let frame = expose(&irradiance, setting.camera.width, setting.camera.height, &noise, setting.seed);
+    let flaws = Flaws::seeded(&context.config, setting.e.is_some(), setting.seed);
+    let irradiance = Shutter::configured(simulation).collect(&renderer, &setting.camera, &scene, &flaws);
+    let (width, height) = (setting.camera.width, setting.camera.height);
+    let frame = expose(&irradiance, width, height, &Noise::from(simulation), setting.seed);
     let seconds = start.elapsed().as_secs_f64();
     raw::write(&args.out, &frame).context("the frame could not be written")?;
     if args.json {
-        println!("{}", report(&args, &setting, seconds));
+        println!("{}", report(&context.config, &args, &setting, seconds));
     } else {
         let medium = setting.e.map_or("in air".to_owned(), |e| format!("in water, e = {e} mm"));
         println!(
@@ -194,7 +193,7 @@ fn scene(config: &Config, args: &Args, setting: &Setting) -> Scene {
         return Scene::Diffuser;
     }
     let tilt = config.bench.simulation.board_tilt_mrad.map(|tilt| tilt / 1000.0);
-    let texture = Arc::new(TextureMap::generate(setting.texture, setting.texel, setting.seed));
+    let texture = Arc::new(configured_texture(&config.bench.simulation, setting.texture, setting.texel, setting.seed));
     if let [distance] = setting.distances[..] {
         return Scene::Board(Board { tilt, ..Board::new(distance, texture) });
     }
@@ -203,7 +202,7 @@ fn scene(config: &Config, args: &Args, setting: &Setting) -> Scene {
     Scene::TripleBoard(triple)
 }
 
-fn report(args: &Args, setting: &Setting, seconds: f64) -> serde_json::Value {
+fn report(config: &Config, args: &Args, setting: &Setting, seconds: f64) -> serde_json::Value {
     let camera = &setting.camera;
     json!({
         "out": args.out,
@@ -220,6 +219,8 @@ fn report(args: &Args, setting: &Setting, seconds: f64) -> serde_json::Value {
         "array": camera.array.name(),
         "rotation_deg": camera.rotation.to_degrees(),
         "offset_px": camera.offset,
+        "bits": config.bench.simulation.bits,
+        "cfa": config.bench.simulation.mosaic.pattern,
         "lens_to_mla_mm": camera.lens_to_mla,
         "mla_to_sensor_mm": camera.mla_to_sensor,
         "seed": setting.seed,

@@ -105,12 +105,14 @@ impl Shared {
         let focus = Self::axis_pose(&self.focus, self.config.bench.focus.settle_ms, exposed_from);
         let e = Self::axis_pose(&self.e, self.config.bench.e.settle_ms, exposed_from);
         tokio::time::sleep(EXPOSURE).await;
-        let still = self.truth.pose() == pose;
+        let end = self.truth.pose();
+        let still = end == pose;
         let seq = self.seq.fetch_add(1, Ordering::SeqCst) + 1;
         let picture = Arc::clone(&self.picture);
-        let image = tokio::task::spawn_blocking(move || picture.take(&pose, rays, seq)).await.map_err(|error| {
-            DeviceError::Disconnected { device: "the simulated camera".to_owned(), reason: error.to_string() }
-        })?;
+        let image =
+            tokio::task::spawn_blocking(move || picture.take(&pose, &end, rays, seq)).await.map_err(|error| {
+                DeviceError::Disconnected { device: "the simulated camera".to_owned(), reason: error.to_string() }
+            })?;
         Ok(Arc::new(Frame {
             image: Arc::new(image),
             seq,

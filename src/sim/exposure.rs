@@ -7,6 +7,7 @@ use rand_distr::Poisson;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
+use crate::config::SimulationConfig;
 use crate::raw::RawImage;
 
 /// Grey level, of the 255 of an 8-bit frame, of an irradiance of 1 at a gain of 1.
@@ -28,6 +29,17 @@ pub struct Noise {
 impl Default for Noise {
     fn default() -> Self {
         Self { read_noise_levels: 2.0, electrons_per_level: 0.0, bits: 8, exposure_gain: 1.0 }
+    }
+}
+
+impl From<&SimulationConfig> for Noise {
+    fn from(simulation: &SimulationConfig) -> Self {
+        Self {
+            read_noise_levels: simulation.read_noise_levels,
+            electrons_per_level: simulation.electrons_per_level,
+            bits: simulation.bits,
+            ..Self::default()
+        }
     }
 }
 
@@ -203,6 +215,17 @@ mod tests {
             assert!((mean / expected - 1.0).abs() < 0.004, "{mean} for {expected}");
             let spread = expected * deeper / electrons + 1.0 / 12.0;
             assert!((variance / spread - 1.0).abs() < 0.03, "{variance} for {spread}");
+        }
+    }
+
+    #[test]
+    fn deeper_frames_have_their_own_white_level() {
+        let noise = Noise { read_noise_levels: 0.0, ..Noise::default() };
+        for (bits, white) in [(10, 1023u16), (12, 4095)] {
+            let raw = expose(&[0.0, 0.5, 1.0, 2.0], 2, 2, &Noise { bits, ..noise }, 0);
+            assert_eq!((raw.bits(), raw.white_level()), (bits, white));
+            let level = |irradiance: f64| (irradiance * 220.0 / 255.0 * f64::from(white)).round() as u16;
+            assert_eq!(raw.samples(), &Samples::U16(vec![0, level(0.5), level(1.0), white]));
         }
     }
 

@@ -5,10 +5,12 @@
 pub mod bench;
 pub mod camera;
 pub mod exposure;
+pub mod flaws;
 mod picture;
 pub mod plant;
 pub mod renderer;
 pub mod scene;
+pub mod shutter;
 pub mod stage;
 pub mod texture;
 pub mod truth;

@@ -4,8 +4,10 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::exposure::{Noise, expose};
+use super::flaws::Flaws;
 use super::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use super::scene::{Board, Scene, TripleBoard, texel_for};
+use super::shutter::{Displacement, Shutter, configured_texture};
 use super::texture::TextureMap;
 use super::truth::{Pose, Surroundings};
 use crate::config::Config;
@@ -28,22 +30,28 @@ impl Picture {
         let simulation = &config.bench.simulation;
         Self {
             design: config.design(),
-            noise: Noise {
-                read_noise_levels: simulation.read_noise_levels,
-                electrons_per_level: simulation.electrons_per_level,
-                ..Noise::default()
-            },
+            noise: Noise::from(simulation),
             config: config.clone(),
             renderers: Mutex::new(HashMap::new()),
             textures: Mutex::new(HashMap::new()),
         }
     }
 
-    /// Takes a picture of a moment of the simulated world. `seq` makes its noise its own.
-    pub(super) fn take(&self, pose: &Pose, rays: u32, seq: u64) -> RawImage {
-        let camera = self.camera(pose);
-        let seed = self.config.bench.simulation.seed;
-        let irradiance = self.renderer(rays, seed).render(&camera, &self.scene(pose));
+    /// Takes a picture of the simulated world while it goes from one pose to another. `seq` makes its noise its own.
+    ///
+    /// Where the configuration samples an exposure at one moment only, that is the first.
+    pub(super) fn take(&self, from: &Pose, to: &Pose, rays: u32, seq: u64) -> RawImage {
+        let camera = self.camera(from);
+        let simulation = &self.config.bench.simulation;
+        let seed = simulation.seed;
+        let travel = Displacement {
+            delta_v: to.delta_v_mm - from.delta_v_mm,
+            e: to.e_mm - from.e_mm,
+            ..Displacement::default()
+        };
+        let shutter = Shutter::configured(simulation).with_travel(travel);
+        let flaws = Flaws::seeded(&self.config, from.shell_on, seed);
+        let irradiance = shutter.collect(&self.renderer(rays, seed), &camera, &self.scene(from), &flaws);
         expose(&irradiance, camera.width, camera.height, &self.noise, seed.rotate_left(32) ^ seq)
     }
 
@@ -120,7 +128,37 @@ impl Picture {
         let mut textures = self.textures.lock().unwrap_or_else(PoisonError::into_inner);
         let made = textures
             .entry((texel * NANOMETRES) as u64)
-            .or_insert_with(|| Arc::new(TextureMap::generate(simulation.texture, texel, simulation.seed)));
+            .or_insert_with(|| Arc::new(configured_texture(simulation, simulation.texture, texel, simulation.seed)));
         Arc::clone(made)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::truth::Truth;
+
+    #[test]
+    fn the_axes_travel_during_a_frame_blurs_it_where_configured() {
+        let mut config = Config::default();
+        (config.sensor.width_px, config.sensor.height_px) = (120, 90);
+        let simulation = &mut config.bench.simulation;
+        (simulation.read_noise_levels, simulation.bits) = (0.0, 12);
+        let from = Truth::new(&Arc::new(config.clone())).pose();
+        let to = Pose { delta_v_mm: from.delta_v_mm + 0.04, lens_to_mla_mm: from.lens_to_mla_mm + 0.04, ..from };
+        let part = |share: f64| {
+            let way = 0.04 * share;
+            Pose { delta_v_mm: from.delta_v_mm + way, lens_to_mla_mm: from.lens_to_mla_mm + way, ..from }
+        };
+        let sharp = Picture::new(&config);
+        let take = |picture: &Picture, from: &Pose, to: &Pose| picture.take(from, to, 8, 1).to_f32();
+        assert_eq!(take(&sharp, &from, &to), take(&sharp, &from, &from));
+        config.bench.simulation.motion.steps = 2;
+        let blurred = take(&Picture::new(&config), &from, &to);
+        assert_ne!(blurred, take(&sharp, &from, &from));
+        let (one, other) = (take(&sharp, &part(0.25), &from), take(&sharp, &part(0.75), &from));
+        for ((blurred, one), other) in blurred.iter().zip(&one).zip(&other) {
+            assert!((blurred - 0.5 * (one + other)).abs() <= 1.01, "{blurred} for {one} and {other}");
+        }
     }
 }

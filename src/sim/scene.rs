@@ -90,6 +90,43 @@ pub enum Scene {
     TripleBoard(TripleBoard),
 }
 
+impl Scene {
+    fn boards_mut(&mut self) -> impl Iterator<Item = (&mut Board, Option<&mut [f64; 2]>)> {
+        let (one, several) = match self {
+            Self::Diffuser | Self::Dark => (None, None),
+            Self::Board(board) => (Some((board, None)), None),
+            Self::TripleBoard(triple) => (None, Some(&mut triple.strips)),
+        };
+        one.into_iter().chain(several.into_iter().flatten().map(|strip| (&mut strip.board, Some(&mut strip.range))))
+    }
+
+    /// The scene with its boards moved along their own x and y by `across` and away from the camera by `further`, mm.
+    #[must_use]
+    pub fn moved(&self, across: [f64; 2], further: f64) -> Self {
+        let mut scene = self.clone();
+        for (board, range) in scene.boards_mut() {
+            board.distance += further;
+            for (origin, across) in board.texture_origin.iter_mut().zip(across) {
+                *origin -= across;
+            }
+            if let Some(range) = range {
+                *range = range.map(|edge| edge + across[0]);
+            }
+        }
+        scene
+    }
+
+    /// Distance of the nearest board, mm, as in [`Board`]; `None` where there is none.
+    #[must_use]
+    pub fn nearest_board(&self) -> Option<f64> {
+        match self {
+            Self::Diffuser | Self::Dark => None,
+            Self::Board(board) => Some(board.distance),
+            Self::TripleBoard(triple) => triple.strips.iter().map(|strip| strip.board.distance).reduce(f64::min),
+        }
+    }
+}
+
 /// The side of a texel, mm, that shows a texture's finest detail at the scale of a micro-image's pixels: half of what a
 /// pixel covers on a board at `distance` (mm, as in [`Board`]) when the camera is focused on it. `pixel` in mm.
 #[must_use]

@@ -310,6 +310,54 @@ fn the_command_writes_a_frame_and_says_what_it_is() {
 }
 
 #[test]
+fn the_command_renders_every_flaw_that_is_configured() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = ["--set", "sensor.width_px=300", "--set", "sensor.height_px=200", "--rays", "4", "--json"];
+    let simulation = |key: &str| format!("bench.simulation.{key}");
+    let render = |name: &str, white: bool, keys: &[&str]| {
+        let file = folder.path().join(name);
+        let mut arguments = vec!["--out".to_owned(), file.to_str().unwrap().to_owned()];
+        arguments.extend(small.map(str::to_owned));
+        arguments.extend(white.then(|| "--white".to_owned()));
+        arguments.extend(keys.iter().flat_map(|key| ["--set".to_owned(), simulation(key)]));
+        let output = run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(output.status.success(), "{output:?}");
+        (raw::read(&file).unwrap(), serde_json::from_slice::<Value>(&output.stdout).unwrap())
+    };
+    for (white, flaws) in [
+        // What is seen on a board only, and what a white frame shows.
+        (false, vec!["distortion_k1=-1.5", "bubbles.count=30", "motion.steps=3 motion.board_um=[200.0,0.0]"]),
+        (
+            true,
+            vec![
+                "exit_pupil_walk_mm=0.5",
+                "microlenses.focal_factors=[1.0,0.9]",
+                "microlenses.dead_share=0.2",
+                "microlenses.dirty_share=0.3",
+                "dust.specks=40 dust.height_um=50",
+                "mosaic.pattern=rggb",
+            ],
+        ),
+    ] {
+        let (plain, report) = render("plain.png", white, &["read_noise_levels=0"]);
+        assert_eq!((plain.bits(), &report["cfa"]), (8, &Value::Null));
+        let mut frames = vec![plain];
+        for flaw in flaws {
+            let keys: Vec<&str> = ["read_noise_levels=0"].into_iter().chain(flaw.split(' ')).collect();
+            let (frame, _) = render("flawed.png", white, &keys);
+            assert!(!frames.contains(&frame), "{flaw} changed nothing");
+            frames.push(frame);
+        }
+    }
+    for name in ["deep.png", "deep.tiff", "deep.pgm"] {
+        let (deep, report) = render(name, true, &["bits=12", "mosaic.pattern=grbg"]);
+        assert_eq!((deep.white_level(), &report["bits"], &report["cfa"]), (4095, &12.into(), &"grbg".into()));
+        let brightest = deep.to_f32().into_iter().fold(0.0, f32::max);
+        assert!((3500.0..3900.0).contains(&brightest), "{name}: {brightest}");
+    }
+}
+
+#[test]
 fn the_command_refuses_what_cannot_be() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("frame.png");

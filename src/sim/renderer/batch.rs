@@ -2,8 +2,10 @@
 
 use std::ops::Range;
 
+use super::bubbles::Bubbles;
 use super::rays::{Path, Plane, Ray};
 use super::sampling::Pattern;
+use super::unit::UnevenRow;
 use crate::sim::texture::Level;
 
 /// Rays in a batch: few enough that all arrays stay in the first-level cache.
@@ -35,6 +37,8 @@ pub(super) struct Batch {
     open: Lane,
     board: [Lane; 2],
     value: Lane,
+    /// What dust and microlenses leave of each ray; kept only by cameras that have such.
+    weight: Lane,
 }
 
 impl Batch {
@@ -55,12 +59,19 @@ impl Batch {
             open: ZERO,
             board: [ZERO; 2],
             value: ZERO,
+            weight: ZERO,
         }
     }
 
     #[inline(always)]
     pub(super) fn is_full(&self) -> bool {
         self.count == SIZE
+    }
+
+    /// How many rays there are.
+    #[inline(always)]
+    pub(super) fn len(&self) -> usize {
+        self.count
     }
 
     #[inline(always)]
@@ -117,21 +128,36 @@ impl Batch {
         fit
     }
 
+    /// Passes the rays from the lane `from` on through dust and the microlenses as they are.
+    pub(super) fn dim(&mut self, from: usize, row: &mut UnevenRow<'_>) {
+        for i in from..self.count {
+            let passed = row.pass(at(&self.p, i), at(&self.u, i), at(&self.c, i));
+            self.weight[i] = passed.weight;
+            self.p[0][i] = passed.p[0];
+            self.p[1][i] = passed.p[1];
+        }
+    }
+
+    /// Takes from every ray's value what [`Self::dim`] found.
+    pub(super) fn apply_weights(&mut self) {
+        for (value, weight) in self.value.iter_mut().zip(&self.weight).take(self.count) {
+            *value *= weight;
+        }
+    }
+
     /// Finds what every ray sees.
     #[inline(always)]
-    pub(super) fn trace(&mut self, path: &Path<f32>, diffuse: bool, layers: &[Layer<'_>]) {
+    pub(super) fn trace(&mut self, path: &Path<f32>, diffuse: bool, layers: &[Layer<'_>], bubbles: Option<&Bubbles>) {
         // Whole vectors: the lanes past the end hold old rays, whose values nobody collects.
         let n = self.count.next_multiple_of(16).min(SIZE);
-        if diffuse {
-            for i in 0..n {
-                let open = path.passes(at(&self.p, i), at(&self.u, i), at(&self.c, i));
-                self.value[i] = if open { 1.0 } else { 0.0 };
+        match &path.aberrations {
+            None => self.leave(n, diffuse, |p, u, c| path.through_ideal_lens(p, u, c)),
+            Some(aberrations) => {
+                self.leave(n, diffuse, |p, u, c| path.through_aberrated_lens(aberrations, p, u, c));
             }
-            return;
         }
-        for i in 0..n {
-            let ray = path.through_lens(at(&self.p, i), at(&self.u, i), at(&self.c, i));
-            self.keep(i, &ray);
+        if diffuse {
+            return;
         }
         if let Some(spheres) = &path.spheres {
             for i in 0..n {
@@ -140,8 +166,31 @@ impl Batch {
             }
         }
         self.value[..n].fill(0.0);
+        if let Some(bubbles) = bubbles {
+            for i in 0..self.count {
+                let (ray, light) = bubbles.pass(self.ray(i));
+                self.keep(i, &ray);
+                self.value[i] = light;
+            }
+        }
         for layer in layers {
             self.look(n, layer);
+        }
+    }
+
+    /// Lets the rays leave the main lens; before a diffuser that is all they do.
+    #[inline(always)]
+    fn leave(&mut self, n: usize, diffuse: bool, through: impl Fn([f32; 2], [f32; 2], [f32; 2]) -> Ray<f32>) {
+        if diffuse {
+            for i in 0..n {
+                let open = through(at(&self.p, i), at(&self.u, i), at(&self.c, i)).open;
+                self.value[i] = if open { 1.0 } else { 0.0 };
+            }
+            return;
+        }
+        for i in 0..n {
+            let ray = through(at(&self.p, i), at(&self.u, i), at(&self.c, i));
+            self.keep(i, &ray);
         }
     }
 

@@ -59,6 +59,17 @@ pub struct CameraTruth {
     pub mla_tilt: [f64; 2],
     /// Tilt of the main lens: its +x and +y sides go towards the board by these slopes.
     pub lens_tilt: [f64; 2],
+    /// Brown's k1 of the main lens: a chief ray's slope t on the object side leaves it as t (1 + k1 t²) on the image side.
+    /// The law is one between directions before the lens and directions that an ideal lens would have had there, so that
+    /// far objects stay sharp; near ones get the astigmatism that comes with it.
+    pub distortion_k1: f64,
+    /// How far the exit pupil's centre moves from M along the lens's axis, towards the board, for the field of slope 0.1
+    /// on the object side (before distortion), mm; it grows with the slope's square (spherical aberration of the pupil).
+    /// The stop's edge moves with its centre. Positive brings the outer micro-images nearer to the axis.
+    pub pupil_walk: f64,
+    /// Focal lengths of the types of microlenses over `mla_focal_length`: two types chequered in a square array, three in
+    /// a hexagonal one ([`Self::microlens_type`]).
+    pub focal_factors: [f64; 3],
     /// Whether a pixel sees through the microlens of its own micro-image only.
     pub baffled: bool,
     /// What is before the main lens.
@@ -92,14 +103,17 @@ impl CameraTruth {
             aperture: design.aperture(delta_v),
             mla_tilt: [0.0, 0.0],
             lens_tilt: [0.0, 0.0],
+            distortion_k1: 0.0,
+            pupil_walk: 0.0,
+            focal_factors: [1.0; 3],
             baffled: true,
             medium,
         }
     }
 
     /// Takes over how the simulated array lies and how the parts sit: the array's rotation (configured, or drawn from
-    /// `seed` within ±1°) and offset (drawn from `seed` within half a pitch), the tilts, the shell's decentre, and
-    /// whether microlenses let neighbours' light through.
+    /// `seed` within ±1°) and offset (drawn from `seed` within half a pitch), the tilts, the shell's decentre, the main
+    /// lens's aberrations, the microlenses' types, and whether they let neighbours' light through.
     pub fn take_simulation(&mut self, simulation: &SimulationConfig, seed: u64) {
         let mut random = Pcg64::seed_from_u64(seed ^ 0xa77a_11e5_0f5e_7000);
         let drawn: f64 = random.random_range(-1.0..1.0);
@@ -108,6 +122,11 @@ impl CameraTruth {
         self.offset = [random.random_range(-0.5..0.5) * pitch, random.random_range(-0.5..0.5) * pitch];
         self.mla_tilt = simulation.mla_tilt_mrad.map(|tilt| tilt / 1000.0);
         self.lens_tilt = simulation.lens_tilt_mrad.map(|tilt| tilt / 1000.0);
+        self.distortion_k1 = simulation.distortion_k1;
+        self.pupil_walk = simulation.exit_pupil_walk_mm;
+        for (factor, configured) in self.focal_factors.iter_mut().zip(&simulation.microlenses.focal_factors) {
+            *factor = *configured;
+        }
         self.baffled = !simulation.cross_talk;
         if let Medium::Water { decentre, .. } = &mut self.medium {
             *decentre = simulation.shell_decentre_mm;
@@ -130,6 +149,23 @@ impl CameraTruth {
             place[0] / self.pixel + (self.width as f64 - 1.0) / 2.0,
             place[1] / self.pixel + (self.height as f64 - 1.0) / 2.0,
         ]
+    }
+
+    /// The type, 0 to 2, of the microlens with these lattice indices; (0, 0) is the one at `offset`. Chequered in a square
+    /// array, types 0 and 1; in a hexagonal one three types of which no two alike are neighbours.
+    #[must_use]
+    pub const fn microlens_type(&self, index: [i32; 2]) -> usize {
+        let [i, j] = index;
+        match self.array {
+            ArrayKind::Square => (i.wrapping_add(j)).rem_euclid(2) as usize,
+            ArrayKind::Hexagonal => (i.wrapping_sub(j)).rem_euclid(3) as usize,
+        }
+    }
+
+    /// f_MLA of a type of microlens, mm.
+    #[must_use]
+    pub const fn microlens_focal_length(&self, kind: usize) -> f64 {
+        self.mla_focal_length * self.focal_factors[kind]
     }
 
     /// Half of the frame's width as a slope at M: the inner field's edge.

@@ -50,11 +50,11 @@ impl Real for f64 {
     }
 }
 
-type Vector<T> = [T; 3];
+pub(super) type Vector<T> = [T; 3];
 type Matrix<T> = [Vector<T>; 3];
 
 #[inline(always)]
-fn dot<T: Real>(a: Vector<T>, b: Vector<T>) -> T {
+pub(super) fn dot<T: Real>(a: Vector<T>, b: Vector<T>) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
@@ -130,6 +130,8 @@ pub(super) struct Path<T> {
     mla_in_lens: Vector<T>,
     world_from_lens: Matrix<T>,
     pub(super) spheres: Option<Spheres<T>>,
+    /// The main lens's aberrations; most cameras are traced without.
+    pub(super) aberrations: Option<Aberrations<T>>,
     /// M in the unit's frame: where chief rays go.
     principal_in_unit: Vector<T>,
     mla_to_sensor: T,
@@ -157,6 +159,10 @@ impl<T: Real> Path<T> {
         };
         let principal = apply(&transpose(&world_from_unit), [-mla[0], -mla[1], -mla[2]]);
         let chief_share = camera.mla_to_sensor / (camera.mla_to_sensor + principal[2]);
+        let aberrations = (camera.distortion_k1 != 0.0 || camera.pupil_walk != 0.0).then(|| Aberrations {
+            distortion: T::of(camera.distortion_k1),
+            walk: T::of(camera.pupil_walk / WALK_SLOPE.powi(2)),
+        });
         Self {
             b_inverse: T::of(1.0 / camera.mla_to_sensor),
             mla_power: T::of(1.0 / camera.mla_focal_length),
@@ -166,30 +172,94 @@ impl<T: Real> Path<T> {
             mla_in_lens: vector(apply(&lens_from_world, mla)),
             world_from_lens: matrix(&world_from_lens),
             spheres,
+            aberrations,
             principal_in_unit: vector(principal),
             mla_to_sensor: T::of(camera.mla_to_sensor),
             chief_share: T::of(chief_share),
         }
     }
 
-    /// Where the ray from `p` on the sensor to M crosses the array's plane, mm.
+    /// Where the chief ray from `p` on the sensor, to the centre of the exit pupil that it sees, crosses the array's plane,
+    /// mm.
     #[inline(always)]
     pub(super) fn chief_on_mla(&self, p: [T; 2]) -> [T; 2] {
+        if let Some(aberrations) = &self.aberrations {
+            let m = self.pupil_seen_from([p[0], p[1], -self.mla_to_sensor], aberrations);
+            let share = self.mla_to_sensor / (self.mla_to_sensor + m[2]);
+            return [p[0] + (m[0] - p[0]) * share, p[1] + (m[1] - p[1]) * share];
+        }
         let m = self.principal_in_unit;
         [p[0] + (m[0] - p[0]) * self.chief_share, p[1] + (m[1] - p[1]) * self.chief_share]
     }
 
-    /// The inverse: where the ray from M through `c` on the array meets the sensor, mm.
+    /// The inverse: where the chief ray through `c` on the array meets the sensor, mm.
     pub(super) fn chief_on_sensor(&self, c: [T; 2]) -> [T; 2] {
-        let m = self.principal_in_unit;
+        let m = match &self.aberrations {
+            Some(aberrations) => self.pupil_seen_from([c[0], c[1], T::of(0.0)], aberrations),
+            None => self.principal_in_unit,
+        };
         let share = self.mla_to_sensor / m[2];
         [c[0] - (m[0] - c[0]) * share, c[1] - (m[1] - c[1]) * share]
     }
 
+    /// Centre of the exit pupil as a chief ray from a place in the unit sees it, in the unit's frame.
+    fn pupil_seen_from(&self, place: Vector<T>, aberrations: &Aberrations<T>) -> Vector<T> {
+        // The lens's axis in the unit's frame: the matrix is a rotation.
+        let axis = self.lens_from_unit[2];
+        let mut m = self.principal_in_unit;
+        let mut walk = T::of(0.0);
+        // The configuration keeps each round's error below a fifth of the last one's.
+        for _ in 0..16 {
+            let along = apply(&self.lens_from_unit, [m[0] - place[0], m[1] - place[1], m[2] - place[2]]);
+            let s = [along[0] / along[2], along[1] / along[2]];
+            // Where it crosses the lens's plane, before the pupil's centre, the lens bends it back a little.
+            let field = T::of(1.0) + walk * self.lens_power;
+            walk = aberrations.walk * field * field * (s[0] * s[0] + s[1] * s[1]);
+            let from = self.principal_in_unit;
+            m = [from[0] + walk * axis[0], from[1] + walk * axis[1], from[2] + walk * axis[2]];
+        }
+        m
+    }
+
     /// The ray after the main lens, in the world's frame. `p` and `u` are relative to the microlens's centre `c`, so
-    /// that short lengths keep their digits.
+    /// that short lengths keep their digits. Without the lens's aberrations: see [`Self::through_aberrated_lens`].
     #[inline(always)]
+    pub(super) fn through_ideal_lens(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> Ray<T> {
+        let (m, s) = self.at_lens(p, u, c);
+        let open = m[0] * m[0] + m[1] * m[1] <= self.aperture_squared;
+        self.leave_lens(m, [s[0] - m[0] * self.lens_power, s[1] - m[1] * self.lens_power], open)
+    }
+
+    /// As [`Self::through_ideal_lens`], with the lens's aberrations.
+    #[inline(always)]
+    pub(super) fn through_aberrated_lens(
+        &self,
+        aberrations: &Aberrations<T>,
+        p: [T; 2],
+        u: [T; 2],
+        c: [T; 2],
+    ) -> Ray<T> {
+        let (m, s) = self.at_lens(p, u, c);
+        let ideal = [s[0] - m[0] * self.lens_power, s[1] - m[1] * self.lens_power];
+        // All rays of a field, which is one direction on the object side, see the stop in one place.
+        let walk = aberrations.walk * (ideal[0] * ideal[0] + ideal[1] * ideal[1]);
+        let stop = [m[0] + s[0] * walk, m[1] + s[1] * walk];
+        let open = stop[0] * stop[0] + stop[1] * stop[1] <= self.aperture_squared;
+        let (share, bent) = aberrations.undistorted(ideal);
+        self.leave_lens(m, [ideal[0] * share, ideal[1] * share], open & bent)
+    }
+
+    /// As [`Self::through_ideal_lens`], with the lens's aberrations where it has any.
     pub(super) fn through_lens(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> Ray<T> {
+        match &self.aberrations {
+            Some(aberrations) => self.through_aberrated_lens(aberrations, p, u, c),
+            None => self.through_ideal_lens(p, u, c),
+        }
+    }
+
+    /// Where the ray meets the main lens's plane, and its slope there, in the lens's frame.
+    #[inline(always)]
+    fn at_lens(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> ([T; 2], [T; 2]) {
         // s = (u − p)/b − (u − c)/f_MLA with everything from c.
         let slope = |k: usize| (u[k] - p[k]) * self.b_inverse - u[k] * self.mla_power;
         let zero = T::of(0.0);
@@ -199,16 +269,43 @@ impl<T: Real> Path<T> {
         let from = [place[0] + self.mla_in_lens[0], place[1] + self.mla_in_lens[1], place[2] + self.mla_in_lens[2]];
         let unit = one / along[2];
         let s = [along[0] * unit, along[1] * unit];
-        let m = [from[0] - from[2] * s[0], from[1] - from[2] * s[1]];
-        let open = m[0] * m[0] + m[1] * m[1] <= self.aperture_squared;
-        let bent = [s[0] - m[0] * self.lens_power, s[1] - m[1] * self.lens_power, one];
-        Ray { from: apply(&self.world_from_lens, [m[0], m[1], zero]), along: apply(&self.world_from_lens, bent), open }
+        ([from[0] - from[2] * s[0], from[1] - from[2] * s[1]], s)
     }
 
-    /// Whether the ray passes the aperture.
     #[inline(always)]
-    pub(super) fn passes(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> bool {
-        self.through_lens(p, u, c).open
+    fn leave_lens(&self, m: [T; 2], slope: [T; 2], open: bool) -> Ray<T> {
+        let from = apply(&self.world_from_lens, [m[0], m[1], T::of(0.0)]);
+        Ray { from, along: apply(&self.world_from_lens, [slope[0], slope[1], T::of(1.0)]), open }
+    }
+}
+
+/// Slope of the field for which [`CameraTruth::pupil_walk`] is given.
+const WALK_SLOPE: f64 = 0.1;
+
+/// What keeps the main lens from being ideal.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Aberrations<T> {
+    /// Brown's k1.
+    distortion: T,
+    /// How far the exit pupil is from M for a field of slope 1, mm.
+    walk: T,
+}
+
+impl<T: Real> Aberrations<T> {
+    /// The share of its ideal slope that a ray has on the object side: the solution λ of λ (1 + k1 (λ s)²) = 1. False
+    /// beyond where a barrel's law turns back.
+    #[inline(always)]
+    fn undistorted(&self, ideal: [T; 2]) -> (T, bool) {
+        let one = T::of(1.0);
+        let (two, three) = (T::of(2.0), T::of(3.0));
+        let a = self.distortion * (ideal[0] * ideal[0] + ideal[1] * ideal[1]);
+        // Newton: with |a| below 0.1 its fourth round is exact in double precision.
+        let mut share = one;
+        for _ in 0..5 {
+            let square = a * share * share;
+            share = (one + two * square * share) / (one + three * square);
+        }
+        (share, a > T::of(-4.0 / 27.0))
     }
 }
 
@@ -240,9 +337,9 @@ fn cross<T: Real>(from: Vector<T>, along: Vector<T>, radius: T, inverse: T) -> (
     (to, [to[0] * inverse, to[1] * inverse, to[2] * inverse])
 }
 
-/// Snell's law for unit vectors: t = η i + (√(1 − η² (1 − cos²)) − η cos) n. False when totally reflected.
+/// Snell's law for unit vectors, the normal on the side the ray goes to: t = η i + (√(1 − η² (1 − cos²)) − η cos) n. False when totally reflected.
 #[inline(always)]
-fn snell<T: Real>(along: Vector<T>, normal: Vector<T>, ratio: T) -> (Vector<T>, bool) {
+pub(super) fn snell<T: Real>(along: Vector<T>, normal: Vector<T>, ratio: T) -> (Vector<T>, bool) {
     let one = T::of(1.0);
     let cos = dot(along, normal);
     let square = one - ratio * ratio * (one - cos * cos);

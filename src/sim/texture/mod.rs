@@ -1,13 +1,17 @@
-//! What is on the boards: periodic grey textures made by code, band-limited at every scale.
+//! What is on the boards: periodic textures made by code, band-limited at every scale. They are grey; a sensor with
+//! colour filters sees patches of colour on them.
 
 mod charuco;
 mod fish;
 mod natural;
 mod noise;
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use crate::config::Texture;
+use crate::raw::Channel;
 
 /// Texels along a side: over two and a half times the field at the default scale, so that strips differ.
 pub const SIDE: usize = 1024;
@@ -17,6 +21,8 @@ pub const SIDE: usize = 1024;
 pub struct TextureMap {
     texel: f64,
     levels: Vec<Level>,
+    /// What red, green and blue pixels see, where that is not the grey.
+    channels: Option<Arc<[TextureMap; 3]>>,
 }
 
 /// One level: a square of texels whose side is a power of two.
@@ -36,13 +42,24 @@ impl TextureMap {
     /// micro-image's pixels.
     #[must_use]
     pub fn generate(kind: Texture, texel: f64, seed: u64) -> Self {
-        let values = match kind {
-            Texture::Charuco => charuco::generate(SIDE, seed),
-            Texture::Natural => natural::generate(SIDE, seed),
-            Texture::Guppy => fish::guppy(SIDE, seed),
-            Texture::Oscar => fish::oscar(SIDE, seed),
+        Self::from_values(&values(kind, seed), texel)
+    }
+
+    /// As [`Self::generate`], with colours: in each channel the reflectance is the grey one times a factor from
+    /// 1 − `colour` to 1 (0 to 1; 0 leaves all grey), whose smooth patches, a sixteenth of the period across and more, each
+    /// channel has for itself.
+    #[must_use]
+    pub fn generate_coloured(kind: Texture, texel: f64, seed: u64, colour: f64) -> Self {
+        let grey = values(kind, seed);
+        let channel = |channel: Channel| {
+            let seed = seed ^ 0xc010_0000_0000_0000 ^ (channel.index() as u64 + 1);
+            let patches = noise::field(SIDE, seed, |x, y| if x.hypot(y) <= 8.0 { 1.0 } else { 0.0 });
+            let share = |patch: f32| 1.0 - colour as f32 * (0.5 + 0.5 * patch.tanh());
+            let tinted: Vec<f32> = grey.iter().zip(&patches).map(|(grey, &patch)| grey * share(patch)).collect();
+            Self::from_values(&tinted, texel)
         };
-        Self::from_values(&values, texel)
+        let channels = (colour > 0.0).then(|| Arc::new(Channel::ALL.map(channel)));
+        Self { channels, ..Self::from_values(&grey, texel) }
     }
 
     /// A texture from its texels, row by row: the square of a power of two of them, reflectances from 0 to 1.
@@ -61,7 +78,16 @@ impl TextureMap {
             finer = halved(&finer, size);
             levels.push(Level::new(&finer, size, texel * (side / size) as f64));
         }
-        Self { texel, levels }
+        Self { texel, levels, channels: None }
+    }
+
+    /// What a channel's pixels see of it, with the same texels; `None` for monochrome ones.
+    #[must_use]
+    pub fn in_channel(&self, channel: Option<Channel>) -> &Self {
+        match (&self.channels, channel) {
+            (Some(channels), Some(channel)) => &channels[channel.index()],
+            _ => self,
+        }
     }
 
     /// Side of a texel, mm.
@@ -80,6 +106,16 @@ impl TextureMap {
     #[must_use]
     pub fn level(&self, level: usize) -> &Level {
         &self.levels[level.min(self.levels.len() - 1)]
+    }
+}
+
+/// The texels of a texture by its name.
+fn values(kind: Texture, seed: u64) -> Vec<f32> {
+    match kind {
+        Texture::Charuco => charuco::generate(SIDE, seed),
+        Texture::Natural => natural::generate(SIDE, seed),
+        Texture::Guppy => fish::guppy(SIDE, seed),
+        Texture::Oscar => fish::oscar(SIDE, seed),
     }
 }
 
@@ -175,6 +211,32 @@ mod tests {
         assert!((at(finest, 2.0 - 40.0, 2.0 + 400.0) - 0.45).abs() < 1e-6);
         assert!((at(map.level(7), 0.3, 0.9) - 0.45).abs() < 3e-3);
         assert!(at(finest, f32::NAN, f32::INFINITY).is_finite());
+    }
+
+    #[test]
+    fn channels_are_the_grey_texture_in_patches_of_their_own_colour() {
+        let map = TextureMap::generate_coloured(Texture::Natural, 1.0, 5, 0.4);
+        let grey = TextureMap::generate(Texture::Natural, 1.0, 5);
+        assert_eq!(map.in_channel(None).levels[0].quads, grey.levels[0].quads);
+        let bytes = |map: &TextureMap| map.levels[0].quads.iter().map(|q| f64::from(q & 255)).collect::<Vec<f64>>();
+        let of_grey = bytes(&grey);
+        let ratios = Channel::ALL.map(|channel| {
+            let tinted = bytes(map.in_channel(Some(channel)));
+            tinted.iter().zip(&of_grey).map(|(t, g)| t / g.max(1.0)).collect::<Vec<f64>>()
+        });
+        // Neighbouring bright texels have nearly one ratio: the colour is smooth, the detail the grey's.
+        for (ratio, &grey) in ratios.iter().flat_map(|channel| channel.iter().zip(&of_grey)) {
+            assert!(grey < 60.0 || (0.58..=1.01).contains(ratio), "{ratio}");
+        }
+        let bright: Vec<usize> =
+            (0..SIDE * SIDE - 1).filter(|&k| of_grey[k] > 100.0 && of_grey[k + 1] > 100.0).collect();
+        let steps = bright.iter().map(|&k| (ratios[0][k + 1] - ratios[0][k]).abs()).sum::<f64>() / bright.len() as f64;
+        let spread =
+            |a: &[f64], b: &[f64]| bright.iter().map(|&k| (a[k] - b[k]).powi(2)).sum::<f64>() / bright.len() as f64;
+        assert!(steps < 0.01, "{steps}");
+        assert!(spread(&ratios[0], &ratios[1]) > 0.005 && spread(&ratios[1], &ratios[2]) > 0.005);
+        let plain = TextureMap::generate_coloured(Texture::Natural, 1.0, 5, 0.0);
+        assert_eq!(plain.in_channel(Some(Channel::Blue)).levels[0].quads, grey.levels[0].quads);
     }
 
     #[test]
