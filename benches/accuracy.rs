@@ -103,7 +103,7 @@ fn main() -> ExitCode {
         }
     }
     println!("errors in thousandths of a pixel; covered: |error| < 2 sigma");
-    println!("case                            frames  refused    bias     rms   sigma  random  covered");
+    println!("case                            frames  refused    bias     rms   sigma  random   bound  covered");
     for case in cases().iter().filter(|case| case.name.contains(&wanted)) {
         let results: Vec<_> = seeds.clone().map(|seed| measured(case, seed)).collect();
         let good: Vec<_> = results.iter().flatten().collect();
@@ -113,9 +113,10 @@ fn main() -> ExitCode {
         let rms = mean(&|(_, error)| error * error).sqrt();
         let sigma = mean(&|(spacing, _)| spacing.sigma_px);
         let random = mean(&|(spacing, _)| spacing.sigma_random_px);
+        let bound = mean(&|(spacing, _)| spacing.sigma_bound_px);
         let covered = mean(&|(spacing, error)| f64::from(u8::from(error.abs() < 2.0 * spacing.sigma_px)));
         println!(
-            "{:30}  {:6}  {:7}  {:6.2}  {:6.2}  {:6.2}  {:6.2}  {:5.1} %",
+            "{:30}  {:6}  {:7}  {:6.2}  {:6.2}  {:6.2}  {:6.2}  {:6.2}  {:5.1} %",
             case.name,
             good.len(),
             results.len() - good.len(),
@@ -123,6 +124,7 @@ fn main() -> ExitCode {
             1e3 * rms,
             1e3 * sigma,
             1e3 * random,
+            1e3 * bound,
             100.0 * covered
         );
         if let Some(Err(reason)) = results.iter().find(|result| result.is_err()) {

@@ -1,6 +1,7 @@
 //! The suite, a module for each subject; `bench`, `daemon` and `fakes` are what they share.
 
 mod alignment;
+mod analytic;
 mod api;
 mod bench;
 mod calibration;

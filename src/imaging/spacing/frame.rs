@@ -5,8 +5,10 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 
 use super::SpacingError;
+use super::model::Place;
 use crate::imaging::grid::Grid;
 use crate::imaging::interpolation::spline_coefficients;
+use crate::optics::ArrayKind;
 use crate::raw::RawImage;
 
 /// Share of the micro-image's radius that is used: beyond it vignetting falls steeply and neighbours leak in.
@@ -38,7 +40,7 @@ pub struct MicroImage {
 }
 
 /// Two neighbouring micro-images, by their places in [`SpacingFrame::micro_images`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Pair {
     /// The first micro-image.
     pub first: usize,
@@ -75,8 +77,12 @@ pub struct SpacingFrame {
     pub(super) pitch: f64,
     /// Standard deviation of the raw frame's noise, grey levels.
     pub(super) noise: f64,
-    /// How many lattice directions there are: two or three.
-    pub(super) directions: usize,
+    /// Arrangement of the array.
+    pub(super) array: ArrayKind,
+    /// The lattice's basis, px.
+    pub(super) basis: [[f64; 2]; 2],
+    /// Cosine and sine of twice the angle from the first lattice direction to each.
+    turns: [[f64; 2]; 3],
 }
 
 impl SpacingFrame {
@@ -115,7 +121,6 @@ impl SpacingFrame {
         let coefficients = spline_coefficients(&values, width);
         let (slopes, slope_noise) = slopes(&values, width, slope_sigma);
         let whole = whole_fraction(vignetting, width, &micro_images, pitch);
-        let directions = grid.neighbour_steps().len();
         Ok(Self {
             width,
             height,
@@ -130,7 +135,9 @@ impl SpacingFrame {
             whole,
             pitch,
             noise,
-            directions,
+            array: grid.array,
+            basis: grid.basis,
+            turns: turns(grid),
         })
     }
 
@@ -170,16 +177,30 @@ impl SpacingFrame {
     }
 
     /// The position (px) that has these field coordinates.
-    pub(super) fn place(&self, field: [f64; 2]) -> [f64; 2] {
+    pub(super) fn position(&self, field: [f64; 2]) -> [f64; 2] {
         let half = self.width as f64 / 2.0;
         [field[0] * half + (self.width as f64 - 1.0) / 2.0, field[1] * half + (self.height as f64 - 1.0) / 2.0]
     }
 
-    /// Midpoint of a pair in field coordinates.
-    pub(super) fn midpoint(&self, pair: Pair) -> [f64; 2] {
+    /// Where, and along which direction, a pair measures.
+    pub(super) fn place_of(&self, pair: Pair) -> Place {
         let (a, b) = (self.micro_images[pair.first].centre, self.micro_images[pair.second].centre);
-        self.field([f64::midpoint(a[0], b[0]), f64::midpoint(a[1], b[1])])
+        let at = self.field([f64::midpoint(a[0], b[0]), f64::midpoint(a[1], b[1])]);
+        Place { at, turn: self.turns[pair.direction] }
     }
+}
+
+/// Cosine and sine of twice the angle from the first lattice direction to each.
+fn turns(grid: &Grid) -> [[f64; 2]; 3] {
+    let [a, b] = grid.basis;
+    let mut turns = [[1.0, 0.0]; 3];
+    for (turn, [i, j]) in turns.iter_mut().zip(grid.neighbour_steps()) {
+        let (i, j) = (f64::from(*i), f64::from(*j));
+        let step = [i * a[0] + j * b[0], i * a[1] + j * b[1]];
+        let angle = (a[0] * step[1] - a[1] * step[0]).atan2(a[0] * step[0] + a[1] * step[1]);
+        *turn = [(2.0 * angle).cos(), (2.0 * angle).sin()];
+    }
+    turns
 }
 
 /// Micro-images at least `margin` px from the frame's outermost pixel centres, and the pairs of neighbours among them.

@@ -8,11 +8,19 @@
 //!      |<--- micro-image pitch --->|                   so within the micro-image it moves by l − pitch
 //! ```
 //!
-//! In the field the spacing is l(x, y) = l_0 + t_x x + t_y y + k (x² + y²), x and y from the frame's centre in units of
-//! half its width; a pair counts at its midpoint. l_0, the value on the axis, is what Eqs. 9 and 16 mean.
+//! In the field the spacing is l(x, y, φ) = l_0 + t_x x + t_y y + k (x² + y²) + ½ s cos 2φ + ½ h sin 2φ, x and y from the
+//! frame's centre in units of half its width, φ the pair's direction from the array's rows; a pair counts at its
+//! midpoint. l_0, the value on the axis and the mean over directions, is what Eqs. 9 and 16 mean. s is by how much rows
+//! and columns differ, h the same for the diagonals: with l_0 they make the symmetric 2×2 matrix that turns a step on the
+//! array into one between image points, which then also lie across the pair by −½ s sin 2φ + ½ h cos 2φ.
 
+mod bound;
 mod frame;
+mod map;
+mod model;
+mod noise;
 mod patch;
+mod score;
 mod search;
 mod solve;
 
@@ -20,10 +28,12 @@ use nalgebra::DVector;
 use serde::Serialize;
 
 pub use frame::{MASK_FRACTION, MicroImage, Pair, SpacingFrame};
+pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
-use crate::optics::MlaMode;
-use solve::{Model, Normal, Outcome, iterate};
+use crate::optics::{ArrayKind, MlaMode};
+use model::{FIELD_TERMS, Model, TERMS};
+use solve::{Normal, Outcome, iterate};
 
 /// Fewer pairs than this leave nothing to tell scatter from.
 pub const LEAST_PAIRS: usize = 24;
@@ -149,14 +159,21 @@ pub struct Spacing {
     pub sigma_px: f64,
     /// Its standard uncertainty from pixel noise alone, px.
     pub sigma_random_px: f64,
+    /// The Cramér–Rao bound, px: no unbiased estimator's `sigma_random_px` is less for the pixels within the masks,
+    /// texture, every micro-image's gain and offset, and the field terms being unknown too.
+    pub sigma_bound_px: f64,
     /// t_x: rise of the spacing along x, px per half frame width.
     pub tilt_x_px: f64,
     /// t_y: rise of the spacing along y (down), px per half frame width.
     pub tilt_y_px: f64,
     /// k: rise of the spacing with the squared distance from the axis, px per half frame width squared.
     pub curvature_px: f64,
-    /// Covariance of l_0, t_x, t_y, k (px²), from the scatter between field blocks. Zero for terms held.
-    pub covariance: [[f64; 4]; 4],
+    /// s: spacing along the array's rows (its first lattice direction) less that along its columns, px.
+    pub row_column_px: f64,
+    /// h: the same for the directions 45° further, px.
+    pub diagonal_px: f64,
+    /// Covariance of l_0, t_x, t_y, k, s, h (px²), from the scatter between field blocks. Zero for terms held.
+    pub covariance: [[f64; 1 + TERMS]; 1 + TERMS],
     /// Radius of the masks about the micro-images' centres, px: the spacing is a mean over what two of them share, which
     /// matters where it depends on the place within the micro-image (through a shell).
     pub window_px: f64,
@@ -179,7 +196,7 @@ pub struct RegionSpacings {
     pub sigmas_random_px: Vec<f64>,
     /// Tilt x, tilt y (px per half frame width), curvature (px per half width squared), before a region's scale.
     pub field_px: [f64; 3],
-    /// Covariance (px²) of the spacings, then of the field terms where they were free; from the scatter between blocks.
+    /// Covariance (px²) of the spacings, then of the terms that were free; from the scatter between blocks.
     pub covariance: nalgebra::DMatrix<f64>,
     /// Radius of the masks about the micro-images' centres, px.
     pub window_px: f64,
@@ -196,37 +213,58 @@ pub struct RegionSpacings {
 /// # Errors
 /// [`SpacingError`] says why there is no number to be had.
 pub fn measure_spacing(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<Spacing, SpacingError> {
+    measure(frames, options).map(|(spacing, _)| spacing)
+}
+
+/// Measures as [`measure_spacing`], and says what every micro-image makes of it.
+///
+/// # Errors
+/// [`SpacingError`] says why there is no number to be had.
+pub fn measure_spacing_map(
+    frames: &[SpacingFrame],
+    options: &SpacingOptions,
+) -> Result<(Spacing, SpacingMap), SpacingError> {
+    measure(frames, options).map(|(spacing, model)| (spacing, map::map(frames, &model)))
+}
+
+fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing, Model), SpacingError> {
     let from = start(frames, options)?;
-    let regions = match measure_regions(frames, &[from], &[1.0], options) {
+    let (regions, model) = match fit(frames, &[from], &[1.0], options) {
         // The expected value was too far off: look for the spacing as if nothing had been known.
         Err(SpacingError::NoMatch { .. } | SpacingError::NoTexture { .. }) if options.start_px.is_some() => {
             let options = SpacingOptions { start_px: None, ..*options };
-            measure_regions(frames, &[start(frames, &options)?], &[1.0], &options)?
+            fit(frames, &[start(frames, &options)?], &[1.0], &options)?
         }
-        regions => regions?,
+        fitted => fitted?,
     };
-    let mut covariance = [[0.0; 4]; 4];
-    for (i, row) in covariance.iter_mut().enumerate().take(regions.covariance.nrows()) {
-        for (j, value) in row.iter_mut().enumerate().take(regions.covariance.ncols()) {
-            *value = regions.covariance[(i, j)];
+    let mut covariance = [[0.0; 1 + TERMS]; 1 + TERMS];
+    let places: Vec<usize> = std::iter::once(0).chain(model.free.iter().map(|term| 1 + term)).collect();
+    for (i, &row) in places.iter().enumerate() {
+        for (j, &column) in places.iter().enumerate() {
+            covariance[row][column] = regions.covariance[(i, j)];
         }
     }
     let sigma_random_px = regions.sigmas_random_px[0];
-    Ok(Spacing {
+    let sigma_bound_px = bound::bound(frames, &model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
+    let spacing = Spacing {
         on_axis_px: regions.spacings_px[0],
         // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
         sigma_px: covariance[0][0].sqrt().max(sigma_random_px),
         sigma_random_px,
+        sigma_bound_px,
         tilt_x_px: regions.field_px[0],
         tilt_y_px: regions.field_px[1],
         curvature_px: regions.field_px[2],
+        row_column_px: model.terms[FIELD_TERMS],
+        diagonal_px: model.terms[FIELD_TERMS + 1],
         covariance,
         window_px: regions.window_px,
         pairs: regions.pairs[0],
         correlation: regions.correlation,
         residual_ratio: regions.residual_ratio,
         noise_grey_levels: frames[0].noise,
-    })
+    };
+    Ok((spacing, model))
 }
 
 /// Measures the spacings of regions (see [`SpacingFrame::assign_regions`]) that share tilt and curvature; `starts` are
@@ -240,11 +278,19 @@ pub fn measure_regions(
     scales: &[f64],
     options: &SpacingOptions,
 ) -> Result<RegionSpacings, SpacingError> {
-    let mut model = Model {
-        scales: scales.to_vec(),
-        field: options.field_held.unwrap_or_default(),
-        ..Model::flat(starts.to_vec())
-    };
+    fit(frames, starts, scales, options).map(|(regions, _)| regions)
+}
+
+fn fit(
+    frames: &[SpacingFrame],
+    starts: &[f64],
+    scales: &[f64],
+    options: &SpacingOptions,
+) -> Result<(RegionSpacings, Model), SpacingError> {
+    let mut model = Model { scales: scales.to_vec(), ..Model::flat(starts.to_vec()) };
+    if let Some(held) = options.field_held {
+        model.terms[..FIELD_TERMS].copy_from_slice(&held);
+    }
     let reach = 0.15 * options.mla_pitch_px;
     let noise = frames.first().map_or(0.0, |f| f.noise);
     let (mut outcome, mut normal) = iterate(frames, None, &mut model, reach, 0.05, 10);
@@ -253,7 +299,11 @@ pub fn measure_regions(
         return Err(SpacingError::TooFewMicroImages { pairs: scarce, needed: LEAST_PAIRS });
     }
     if outcome == Outcome::Converged {
-        model.field_free = options.field_held.is_none();
+        // Before all terms are unknown: rows and columns apart cannot be told by one direction.
+        if normal.correlation >= LEAST_CORRELATION {
+            check_texture(&normal, noise).and_then(|()| check_directions(&normal, frames))?;
+        }
+        model.free_terms(options.field_held.is_some());
         model.mask = mask(frames, &model.spacings, options);
         // Texture that the noise estimate took for noise is what matching pairs do not leave as residual.
         model.noise_scale = (normal.residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt();
@@ -264,21 +314,23 @@ pub fn measure_regions(
     if outcome == Outcome::Lost || normal.correlation < LEAST_CORRELATION {
         return Err(no_match(options, normal.correlation));
     }
-    check_texture(&normal, frames, noise)?;
+    check_texture(&normal, noise)?;
     let regions = starts.len();
     let sigmas_random_px = (0..regions)
-        .map(|r| solve::noise_variance(frames, &model, &DVector::from(inverse.column(r).clone_owned())).sqrt())
+        .map(|r| noise::noise_variance(frames, &model, &DVector::from(inverse.column(r).clone_owned())).sqrt())
         .collect();
-    Ok(RegionSpacings {
+    let [tilt_x, tilt_y, curvature, ..] = model.terms;
+    let spacings = RegionSpacings {
         spacings_px: model.spacings.clone(),
         sigmas_random_px,
-        field_px: model.field,
+        field_px: [tilt_x, tilt_y, curvature],
         covariance: normal.scatter(&inverse),
         window_px: frames.first().map_or(0.0, |frame| model.radius(frame)),
         pairs: normal.region_pairs.clone(),
         correlation: normal.correlation,
         residual_ratio: normal.residual,
-    })
+    };
+    Ok((spacings, model))
 }
 
 /// Where to start iterating: the caller's value where neighbours match there, else what a search finds.
@@ -330,14 +382,15 @@ fn no_match(options: &SpacingOptions, correlation: f64) -> SpacingError {
     SpacingError::NoMatch { from_px, to_px, correlation }
 }
 
-fn check_texture(normal: &Normal, frames: &[SpacingFrame], noise: f64) -> Result<(), SpacingError> {
-    if normal.texture_significance() < 4.0 {
-        return Err(SpacingError::NoTexture { noise });
-    }
-    let directions = frames.first().map_or(2, |f| f.directions);
+fn check_texture(normal: &Normal, noise: f64) -> Result<(), SpacingError> {
+    if normal.texture_significance() < 4.0 { Err(SpacingError::NoTexture { noise }) } else { Ok(()) }
+}
+
+/// Refuses a texture that tells the spacing along one direction of the array only.
+fn check_directions(normal: &Normal, frames: &[SpacingFrame]) -> Result<(), SpacingError> {
     let total: f64 = normal.by_direction.iter().sum();
     // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
-    if directions == 2 {
+    if frames.iter().all(|f| f.array == ArrayKind::Square) {
         for (direction, along_rows) in [(1, true), (0, false)] {
             if normal.by_direction[direction] < 0.01 * total {
                 return Err(SpacingError::OneDirection { along_rows });

@@ -5,10 +5,29 @@ use crate::imaging::interpolation::{slope_weights, weights};
 
 /// Pixels that are handled together.
 const LANES: usize = 8;
-/// How many sums [`PairSums`] needs.
-const SUMS: usize = 15;
+/// Reference, neighbour, the reference's slopes, the neighbour's slopes.
+const PLANES: usize = 6;
+/// Planes whose products are summed, in the order of [`PairSums`].
+const PRODUCTS: [(usize, usize); 15] = [
+    (0, 0),
+    (0, 1),
+    (1, 1),
+    (2, 0),
+    (3, 0),
+    (2, 1),
+    (3, 1),
+    (2, 2),
+    (3, 3),
+    (2, 4),
+    (2, 5),
+    (3, 4),
+    (3, 5),
+    (0, 4),
+    (0, 5),
+];
 
-/// Where the two masks of a pair overlap, pixel by pixel: reference, slope, warped neighbour, its slope, weight.
+/// Where the two masks of a pair overlap, pixel by pixel: reference, warped neighbour, the slopes of both along the pair
+/// and across it (90° further from +x towards +y), weight.
 #[derive(Debug, Default)]
 pub(super) struct Patch {
     /// First pixel of the patch in the frame.
@@ -18,9 +37,9 @@ pub(super) struct Patch {
     /// `columns` rounded up to whole lanes.
     pub(super) stride: usize,
     pub(super) reference: Vec<f32>,
-    pub(super) slope: Vec<f32>,
+    pub(super) slope: [Vec<f32>; 2],
     warped: Vec<f32>,
-    warped_slope: Vec<f32>,
+    warped_slope: [Vec<f32>; 2],
     pub(super) weight: Vec<f32>,
     mask: Vec<f32>,
     across: Vec<f32>,
@@ -36,35 +55,37 @@ pub(super) struct PairSums {
     pub(super) aa: f64,
     pub(super) ab: f64,
     pub(super) bb: f64,
-    /// The reference's slope with reference, neighbour, itself, and the neighbour's slope.
-    pub(super) ta: f64,
-    pub(super) tb: f64,
-    pub(super) tt: f64,
-    pub(super) td: f64,
-    /// Reference with the neighbour's slope.
-    pub(super) ad: f64,
-    /// Weighted mean of the slope, and of the reference about the micro-image's mean.
-    pub(super) slope_mean: f64,
+    /// The reference's slopes along and across with the reference, with the neighbour, and each with itself.
+    pub(super) ta: [f64; 2],
+    pub(super) tb: [f64; 2],
+    pub(super) tt: [f64; 2],
+    /// Each of the reference's slopes with each of the neighbour's.
+    pub(super) td: [[f64; 2]; 2],
+    /// Reference with the neighbour's slopes.
+    pub(super) ad: [f64; 2],
+    /// Weighted mean of the slopes, and of the reference about the micro-image's mean.
+    pub(super) slope_mean: [f64; 2],
     pub(super) reference_mean: f64,
 }
 
 impl Patch {
-    /// Compares micro-image `a` with its neighbour `b` at the spacing `spacing` (px). The pixel x of the reference is
-    /// met by x + spacing · u in the neighbour, u the unit vector from a to b: the image points of one object point are
-    /// a spacing apart. Masks have this `radius` (px); `None` where they hardly overlap.
+    /// Compares micro-image `a` with its neighbour `b`. The pixel x of the reference is met by x + s u + t n in the
+    /// neighbour, (s, t) the `spacing` along and across the pair (px), u the unit vector from a to b and n the one 90°
+    /// further: the image points of one object point are that far apart. Masks have this `radius` (px); `None` where
+    /// they hardly overlap.
     pub(super) fn compare(
         &mut self,
         frame: &SpacingFrame,
         a: usize,
         b: usize,
-        spacing: f64,
+        spacing: [f64; 2],
         radius: f64,
     ) -> Option<PairSums> {
         let (a, b) = (&frame.micro_images[a], &frame.micro_images[b]);
         let step = [b.centre[0] - a.centre[0], b.centre[1] - a.centre[1]];
         let length = step[0].hypot(step[1]);
         let unit = [step[0] / length, step[1] / length];
-        let shift = [spacing * unit[0], spacing * unit[1]];
+        let shift = [spacing[0] * unit[0] - spacing[1] * unit[1], spacing[0] * unit[1] + spacing[1] * unit[0]];
         // The neighbour's centre as it appears in the reference's coordinates.
         let other = [b.centre[0] - shift[0], b.centre[1] - shift[1]];
         // Masks end over one pixel.
@@ -82,11 +103,15 @@ impl Patch {
         self.rows = (last(1) - top) as usize + 1;
         self.stride = self.columns.next_multiple_of(LANES);
         let size = self.stride * self.rows;
+        let [along, across] = &mut self.slope;
+        let [warped_along, warped_across] = &mut self.warped_slope;
         for buffer in [
             &mut self.reference,
-            &mut self.slope,
+            along,
+            across,
             &mut self.warped,
-            &mut self.warped_slope,
+            warped_along,
+            warped_across,
             &mut self.weight,
             &mut self.mask,
         ] {
@@ -123,7 +148,7 @@ impl Patch {
         }
     }
 
-    /// The neighbour and its slope along the pair, from the spline.
+    /// The neighbour and its slopes along and across the pair, from the spline.
     fn warp(&mut self, frame: &SpacingFrame, whole: [isize; 2], fraction: [f32; 2], unit: [f64; 2], mean: f32) {
         let (wx, sx) = (weights(fraction[0]), slope_weights(fraction[0]));
         let (wy, sy) = (weights(fraction[1]), slope_weights(fraction[1]));
@@ -155,19 +180,22 @@ impl Patch {
             let v: [&[f32]; 4] = std::array::from_fn(|k| &self.across[line(&self.across, k)]);
             let d: [&[f32]; 4] = std::array::from_fn(|k| &self.across_slope[line(&self.across_slope, k)]);
             let values = &mut self.warped[row * stride..(row + 1) * stride];
-            let slopes = &mut self.warped_slope[row * stride..(row + 1) * stride];
+            let [along, across] = &mut self.warped_slope;
+            let along = &mut along[row * stride..(row + 1) * stride];
+            let across = &mut across[row * stride..(row + 1) * stride];
             let (v0, v1, v2, v3) = (&v[0][..stride], &v[1][..stride], &v[2][..stride], &v[3][..stride]);
             let (d0, d1, d2, d3) = (&d[0][..stride], &d[1][..stride], &d[2][..stride], &d[3][..stride]);
             for k in 0..stride {
                 values[k] = wy[0] * v0[k] + wy[1] * v1[k] + wy[2] * v2[k] + wy[3] * v3[k] - mean;
                 let along_x = wy[0] * d0[k] + wy[1] * d1[k] + wy[2] * d2[k] + wy[3] * d3[k];
                 let along_y = sy[0] * v0[k] + sy[1] * v1[k] + sy[2] * v2[k] + sy[3] * v3[k];
-                slopes[k] = ux * along_x + uy * along_y;
+                along[k] = ux * along_x + uy * along_y;
+                across[k] = ux * along_y - uy * along_x;
             }
         }
     }
 
-    /// The reference, not interpolated, and its slope along the pair.
+    /// The reference, not interpolated, and its slopes along and across the pair.
     fn refer(&mut self, frame: &SpacingFrame, unit: [f64; 2], mean: f32) {
         let (ux, uy) = (unit[0] as f32, unit[1] as f32);
         let n = self.columns;
@@ -176,69 +204,74 @@ impl Patch {
             let values = &frame.values[here..here + n];
             let (along_x, along_y) = (&frame.slopes[0][here..here + n], &frame.slopes[1][here..here + n]);
             let reference = &mut self.reference[row * self.stride..][..n];
-            let slope = &mut self.slope[row * self.stride..][..n];
+            let [along, across] = &mut self.slope;
+            let along = &mut along[row * self.stride..][..n];
+            let across = &mut across[row * self.stride..][..n];
             for k in 0..n {
                 reference[k] = values[k] - mean;
-                slope[k] = ux * along_x[k] + uy * along_y[k];
+                along[k] = ux * along_x[k] + uy * along_y[k];
+                across[k] = ux * along_y[k] - uy * along_x[k];
             }
         }
     }
 
     fn sums(&self) -> Option<PairSums> {
-        let mut lanes = [[0.0f32; LANES]; SUMS];
-        let mut totals = [0.0f64; SUMS];
-        for row in 0..self.rows {
-            let range = row * self.stride..(row + 1) * self.stride;
-            let chunks = self.reference[range.clone()]
-                .as_chunks::<LANES>()
-                .0
-                .iter()
-                .zip(self.slope[range.clone()].as_chunks::<LANES>().0)
-                .zip(self.warped[range.clone()].as_chunks::<LANES>().0)
-                .zip(self.warped_slope[range.clone()].as_chunks::<LANES>().0)
-                .zip(self.weight[range.clone()].as_chunks::<LANES>().0)
-                .zip(self.mask[range].as_chunks::<LANES>().0);
-            for (((((a, t), b), d), w), m) in chunks {
+        let ([t0, t1], [d0, d1]) = (&self.slope, &self.warped_slope);
+        let planes: [&[f32]; PLANES] = [&self.reference, &self.warped, t0, t1, d0, d1];
+        let mut pixels = [0.0f32; LANES];
+        let mut weights = [0.0f32; LANES];
+        let mut first = [[0.0f32; LANES]; PLANES];
+        let mut second = [[0.0f32; LANES]; PRODUCTS.len()];
+        // Whole rows of lanes follow each other: the planes are one run of lanes.
+        let lanes = self.stride * self.rows / LANES;
+        let at = |plane: &[f32], n: usize| -> [f32; LANES] {
+            let mut lane = [0.0; LANES];
+            lane.copy_from_slice(&plane[n * LANES..(n + 1) * LANES]);
+            lane
+        };
+        for n in 0..lanes {
+            let (m, w) = (at(&self.mask, n), at(&self.weight, n));
+            let values = planes.map(|plane| at(plane, n));
+            let weighted = values.map(|value| -> [f32; LANES] { std::array::from_fn(|k| w[k] * value[k]) });
+            for k in 0..LANES {
+                pixels[k] += m[k];
+                weights[k] += w[k];
+            }
+            for (sum, value) in first.iter_mut().zip(&weighted) {
                 for k in 0..LANES {
-                    let (a, t, b, d, w) = (a[k], t[k], b[k], d[k], w[k]);
-                    let (wa, wb, wt) = (w * a, w * b, w * t);
-                    lanes[0][k] += m[k];
-                    lanes[1][k] += w;
-                    lanes[2][k] += wa;
-                    lanes[3][k] += wb;
-                    lanes[4][k] += wt;
-                    lanes[5][k] += w * d;
-                    lanes[6][k] += wa * a;
-                    lanes[7][k] += wa * b;
-                    lanes[8][k] += wb * b;
-                    lanes[9][k] += wt * a;
-                    lanes[10][k] += wt * b;
-                    lanes[11][k] += wt * t;
-                    lanes[12][k] += wt * d;
-                    lanes[13][k] += wa * d;
+                    sum[k] += value[k];
+                }
+            }
+            for (sum, (p, q)) in second.iter_mut().zip(PRODUCTS) {
+                for k in 0..LANES {
+                    sum[k] += weighted[p][k] * values[q][k];
                 }
             }
         }
-        for (total, lane) in totals.iter_mut().zip(lanes) {
-            *total = lane.iter().map(|&v| f64::from(v)).sum();
-        }
-        let [pixels, w, a, b, t, d, aa, ab, bb, ta, tb, tt, td, ad, _] = totals;
+        let total = |lane: [f32; LANES]| lane.iter().map(|&v| f64::from(v)).sum::<f64>();
+        let (pixels, w) = (total(pixels), total(weights));
         // A dozen pixels are fewer than the unknowns of a pair can be told from.
         if pixels < 12.0 || w <= 1e-3 {
             return None;
         }
+        let first = first.map(total);
+        let mut second = second.map(total);
+        for (sum, (p, q)) in second.iter_mut().zip(PRODUCTS) {
+            *sum -= first[p] * first[q] / w;
+        }
+        let [aa, ab, bb, ta0, ta1, tb0, tb1, tt0, tt1, td00, td01, td10, td11, ad0, ad1] = second;
         Some(PairSums {
             pixels,
-            aa: aa - a * a / w,
-            ab: ab - a * b / w,
-            bb: bb - b * b / w,
-            ta: ta - t * a / w,
-            tb: tb - t * b / w,
-            tt: tt - t * t / w,
-            td: td - t * d / w,
-            ad: ad - a * d / w,
-            slope_mean: t / w,
-            reference_mean: a / w,
+            aa,
+            ab,
+            bb,
+            ta: [ta0, ta1],
+            tb: [tb0, tb1],
+            tt: [tt0, tt1],
+            td: [[td00, td01], [td10, td11]],
+            ad: [ad0, ad1],
+            slope_mean: [first[2] / w, first[3] / w],
+            reference_mean: first[0] / w,
         })
     }
 }

@@ -2,7 +2,9 @@
 
 use super::SpacingOptions;
 use super::frame::{Pair, SpacingFrame};
-use super::solve::{Model, Outcome, PairScore, correlation, iterate, score_pairs};
+use super::model::Model;
+use super::score::{PairScore, correlation, score_pairs};
+use super::solve::{Outcome, iterate};
 use crate::imaging::calibration::Bin;
 use crate::optics::MlaMode;
 
@@ -127,7 +129,7 @@ pub fn correlation_map(frame: &SpacingFrame, options: &SpacingOptions) -> (Vec<f
         for (axis, map) in maps.iter_mut().enumerate() {
             let mut members: Vec<Vec<&PairScore>> = vec![Vec::new(); map.len()];
             for score in &scores {
-                let place = frame.place(score.midpoint)[axis] / frame.pitch;
+                let place = frame.position(score.place.at)[axis] / frame.pitch;
                 members[(place.max(0.0) as usize).min(bins[axis] - 1)].push(score);
             }
             for (bin, members) in map.iter_mut().zip(&members) {

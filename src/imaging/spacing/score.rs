@@ -1,0 +1,154 @@
+//! What one pair of micro-images says, both orders taken together.
+//!
+//! Matching is inverse-compositional: the slope comes from the un-interpolated reference, so the fixed point does not
+//! depend on how interpolation treats noise. A pair's score is Σ w T (A − g B − h), T the reference's slope along the
+//! pair made orthogonal to the pair's gain and offset; its derivative with respect to the spacing is taken against the
+//! *neighbour's* slope, whose noise is independent of the reference's: gradient energy without the noise's share.
+
+use rayon::prelude::*;
+
+use super::frame::{Pair, SpacingFrame};
+use super::model::{Model, Place};
+use super::patch::{PairSums, Patch};
+
+/// Field blocks along each side of a frame, for the scatter between regions.
+pub(super) const BLOCKS: usize = 6;
+
+/// What interpolation, vignetting and the pixels' own area leave of a content's energy where two micro-images do show
+/// the same: no sign of a mismatch.
+const MODEL_SHARE: f64 = 0.002;
+
+/// What one pair says, both orders taken together.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct PairScore {
+    /// Sums of the two orders' scores, along the pair and across it.
+    pub(super) score: [f64; 2],
+    /// Sums of their derivatives by a shift along and across: the information about the spacing.
+    pub(super) information: [[f64; 2]; 2],
+    /// Variance that pixel noise alone gives the score along the pair.
+    pub(super) score_variance: f64,
+    /// Mean squared residual in units of the noise's.
+    pub(super) residual: f64,
+    /// The same in units of what noise and the model's limits leave: 1 and less where the two match.
+    pub(super) misfit: f64,
+    /// Noise-free covariance and variances of the contents, for the correlation.
+    pub(super) covariance: f64,
+    pub(super) variances: [f64; 2],
+    /// The noise's share that was taken out of each.
+    pub(super) noise: f64,
+    /// Which of the frame's pairs.
+    pub(super) pair: Pair,
+    /// Which region, where in the field, and along which direction.
+    pub(super) region: usize,
+    pub(super) place: Place,
+    pub(super) block: usize,
+}
+
+/// The score of one order of a pair.
+pub(super) struct Order {
+    score: [f64; 2],
+    information: [[f64; 2]; 2],
+    /// Sum of the weighted, squared slopes that the score along the pair is made of.
+    energy: f64,
+    residual: f64,
+    misfit: f64,
+    /// Gains of the slopes' orthogonalisation and the factors that keep pure noise from counting.
+    pub(super) projection: [f64; 2],
+    pub(super) trust: [f64; 2],
+}
+
+pub(super) fn order(sums: &PairSums, noise: f64, slope_noise: f64) -> Order {
+    let share = noise * noise * sums.pixels;
+    let clean = |moment: f64| (moment - share).max(0.25 * moment).max(1e-9);
+    let (aa, bb) = (clean(sums.aa), clean(sums.bb));
+    let gain = (aa / bb).sqrt().clamp(0.25, 4.0);
+    let left = (sums.aa - 2.0 * gain * sums.ab + gain * gain * sums.bb).max(0.0);
+    let projection = sums.ta.map(|ta| ta / aa);
+    let trust = sums.tt.map(|tt| (1.0 - share * slope_noise / tt.max(1e-12)).clamp(0.0, 1.0));
+    let score =
+        |k: usize| trust[k] * ((sums.ta[k] - projection[k] * sums.aa) - gain * (sums.tb[k] - projection[k] * sums.ab));
+    let information = |k: usize, l: usize| trust[k] * gain * (sums.td[k][l] - projection[k] * sums.ad[l]);
+    Order {
+        score: [score(0), score(1)],
+        information: [[information(0, 0), information(0, 1)], [information(1, 0), information(1, 1)]],
+        energy: trust[0] * trust[0] * (sums.tt[0] - projection[0] * sums.ta[0]).max(0.0),
+        residual: left / (2.0 * share).max(1e-9),
+        misfit: left / (2.0 * share + MODEL_SHARE * (sums.aa + gain * gain * sums.bb)).max(1e-9),
+        projection,
+        trust,
+    }
+}
+
+/// Compares the given pairs of a frame at the spacings of the model.
+pub(super) fn score_pairs(frame: &SpacingFrame, pairs: &[Pair], model: &Model) -> Vec<PairScore> {
+    pairs
+        .par_chunks(32)
+        .flat_map_iter(|chunk| {
+            let mut patch = Patch::default();
+            chunk.iter().filter_map(move |&pair| score_pair(frame, pair, model, &mut patch)).collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// The region that both micro-images of a pair belong to.
+fn region(frame: &SpacingFrame, pair: Pair) -> Option<usize> {
+    let (a, b) = (frame.micro_images[pair.first].region, frame.micro_images[pair.second].region);
+    a.filter(|_| a == b)
+}
+
+fn score_pair(frame: &SpacingFrame, pair: Pair, model: &Model, patch: &mut Patch) -> Option<PairScore> {
+    let region = region(frame, pair)?;
+    let place = frame.place_of(pair);
+    let spacing = model.spacing(region, &place);
+    let mut result = PairScore { pair, region, place, block: block(place.at), ..Default::default() };
+    for (a, b) in [(pair.first, pair.second), (pair.second, pair.first)] {
+        let sums = patch.compare(frame, a, b, spacing, model.radius(frame))?;
+        let noise = model.noise(frame);
+        let order = order(&sums, noise, frame.slope_noise);
+        let share = noise * noise * sums.pixels;
+        for k in 0..2 {
+            result.score[k] += order.score[k];
+            for l in 0..2 {
+                result.information[k][l] += order.information[k][l];
+            }
+        }
+        // Both orders see the same noise: their scores add, not their variances.
+        result.score_variance += 4.0 * noise * noise * order.energy;
+        result.residual += 0.5 * order.residual;
+        result.misfit += 0.5 * order.misfit;
+        result.covariance += sums.ab;
+        result.variances[0] += sums.aa - share;
+        result.variances[1] += sums.bb - share;
+        result.noise += share;
+    }
+    Some(result)
+}
+
+fn block([x, y]: [f64; 2]) -> usize {
+    let place = |v: f64| (((v + 1.0) / 2.0 * BLOCKS as f64).max(0.0) as usize).min(BLOCKS - 1);
+    place(y) * BLOCKS + place(x)
+}
+
+/// Correlation of the contents over all pairs, the noise's share of the variances taken out.
+pub(super) fn correlation<'a>(scores: impl IntoIterator<Item = &'a PairScore>) -> f64 {
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for score in scores {
+        ab += score.covariance;
+        aa += score.variances[0];
+        bb += score.variances[1];
+    }
+    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
+}
+
+/// Weights of pairs by how well they match: pairs that see an edge in depth, a bubble or a reflection count little.
+pub(super) fn pair_weights(scores: &[PairScore]) -> Vec<f64> {
+    let mut misfits: Vec<f64> = scores.iter().map(|s| s.misfit).collect();
+    if misfits.is_empty() {
+        return Vec::new();
+    }
+    let middle = misfits.len() / 2;
+    let (_, median, _) = misfits.select_nth_unstable_by(middle, f64::total_cmp);
+    // Four times what is usual is where doubt begins.
+    let usual = 4.0 * median.max(1.0);
+    scores.iter().map(|s| 1.0 / (1.0 + (s.misfit / usual).powi(2))).collect()
+}
