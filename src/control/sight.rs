@@ -96,6 +96,8 @@ impl Sight {
             spacing: SpacingOptions { mode: Some(self.design.mla.mode), ..SpacingOptions::new(pitch_px) },
             array: Some(self.design.mla.array),
             white_at_this_setting: false,
+            mosaic: None,
+            map: false,
         }
     }
 

@@ -10,6 +10,8 @@ pub mod clarity;
 pub mod grid;
 pub mod interpolation;
 pub mod measurement;
+pub mod mosaic;
+pub mod overlay;
 pub mod spacing;
 pub mod view;
 pub mod vignetting;

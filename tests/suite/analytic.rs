@@ -12,13 +12,15 @@ use plenalign::imaging::spacing::{
     measure_spacing_map,
 };
 use plenalign::optics::ArrayKind;
-use plenalign::raw::RawImage;
+use plenalign::raw::{CfaPattern, Channel, RawImage};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
 const SIDE: usize = 420;
 const PITCH: f64 = 29.5;
+/// Spacing in focus, px.
+const IN_FOCUS: f64 = 19.7;
 const NOISE: f64 = 2.0;
 /// Standard deviation of the texture, grey levels.
 const CONTRAST: f64 = 25.0;
@@ -99,8 +101,9 @@ fn draw(scene: &Scene, seed: u64) -> (Vec<f64>, Vec<f32>) {
         let (u, v) = (dx * cos + dy * sin, dy * cos - dx * sin);
         let (cu, cv) = (lens.x * cos + lens.y * sin, lens.y * cos - lens.x * sin);
         let (ou, ov) = ((c * u - b * v) / determinant, (a * v - b * u) / determinant);
-        // The texture's waves are given in px of the micro-image: the object plane is that much larger.
-        (128.0 + waves.at((cu + ou) * a, (cv + ov) * c)) * share(dx.hypot(dy))
+        // The texture's waves are given in px of a micro-image in focus: the object plane is that much larger.
+        let scale = 1.0 - IN_FOCUS / PITCH;
+        (128.0 + waves.at((cu + ou) * scale, (cv + ov) * scale)) * share(dx.hypot(dy))
     };
     let shares = (0..SIDE * SIDE)
         .map(|k| {
@@ -143,7 +146,7 @@ fn rows_and_columns_may_have_spacings_of_their_own() {
 fn the_bound_is_what_theory_has_for_this_texture() {
     // Robinson and Milanfar's bound for one shift, with the texture itself unknown: a point is seen by all microlenses
     // within R/k of it, so that what tells is its place less the mean over its views.
-    let found = measured(&Scene::plain(19.7), 3, 4).unwrap();
+    let found = measured(&Scene::plain(IN_FOCUS), 3, 4).unwrap();
     let k = 1.0 - 19.7 / PITCH;
     let radius = found.window_px;
     let lenses = (SIDE as f64 / PITCH - 1.5).powi(2);
@@ -160,7 +163,7 @@ fn the_bound_is_what_theory_has_for_this_texture() {
 #[test]
 fn the_scatter_over_noise_is_what_the_frame_says_and_near_the_bound() {
     const SEEDS: u64 = 24;
-    let scene = Scene::plain(19.7);
+    let scene = Scene::plain(IN_FOCUS);
     let (levels, shares) = draw(&scene, 5);
     let results: Vec<Spacing> = (0..SEEDS)
         .map(|seed| {
@@ -182,7 +185,7 @@ fn the_scatter_over_noise_is_what_the_frame_says_and_near_the_bound() {
 
 #[test]
 fn the_map_finds_the_micro_images_that_show_something_else() {
-    let scene = Scene::plain(19.7);
+    let scene = Scene::plain(IN_FOCUS);
     let (mut levels, shares) = draw(&scene, 6);
     let (other, _) = draw(&scene, 77);
     let grid = grid(scene.array);
@@ -208,8 +211,52 @@ fn the_map_finds_the_micro_images_that_show_something_else() {
 }
 
 #[test]
+fn a_mosaic_is_measured_in_green() {
+    let scene = Scene::plain(IN_FOCUS);
+    let ((levels, shares), (other, _)) = (draw(&scene, 11), draw(&scene, 12));
+    for pattern in CfaPattern::ALL {
+        // Red and blue see another texture, weaker.
+        let mosaic: Vec<f64> = (0..SIDE * SIDE)
+            .map(|k| match pattern.channel(k % SIDE, k / SIDE) {
+                Channel::Green => levels[k],
+                Channel::Red => 0.5 * other[k],
+                Channel::Blue => 0.35 * (levels[k] + other[k]),
+            })
+            .collect();
+        let raw = exposed(&mosaic, 3);
+        let frame = SpacingFrame::of(&raw, Some(pattern), &shares, &grid(scene.array), SLOPE_SIGMA_PX).unwrap();
+        let found = measure_spacing(&[frame], &SpacingOptions::new(PITCH / 1.0175)).unwrap();
+        assert!((found.on_axis_px - 19.7).abs() < 3.0 * found.sigma_px, "{pattern:?}: {found:?}");
+        assert!(found.sigma_px < 0.01 && found.sigma_random_px > found.sigma_bound_px, "{found:?}");
+        assert!((found.noise_grey_levels / NOISE - 1.0).abs() < 0.5, "{found:?}");
+    }
+}
+
+#[test]
+fn a_spacing_that_changed_during_the_exposure_is_refused() {
+    const MOMENTS: usize = 9;
+    let smeared = |change: f64| {
+        let mut mean = vec![0.0; SIDE * SIDE];
+        for k in 0..MOMENTS {
+            let share = (k as f64 + 0.5) / MOMENTS as f64 - 0.5;
+            let (levels, _) = draw(&Scene::plain(IN_FOCUS + share * change), 13);
+            mean.iter_mut().zip(levels).for_each(|(m, v)| *m += v / MOMENTS as f64);
+        }
+        let (_, shares) = draw(&Scene::plain(IN_FOCUS), 13);
+        let frame = SpacingFrame::new(&exposed(&mean, 1), &shares, &grid(ArrayKind::Square), SLOPE_SIGMA_PX).unwrap();
+        measure_spacing(&[frame], &SpacingOptions::new(PITCH / 1.0175))
+    };
+    match smeared(2.0) {
+        Err(SpacingError::Moved { change_px }) => assert!((change_px - 2.0).abs() < 0.5, "{change_px}"),
+        other => panic!("{other:?}"),
+    }
+    let still = smeared(0.2).unwrap();
+    assert!((still.on_axis_px - 19.7).abs() < 3.0 * still.sigma_px, "{still:?}");
+}
+
+#[test]
 fn texture_in_one_direction_only_is_refused() {
-    let stripes = Scene { direction: Some(ROTATION), ..Scene::plain(19.7) };
+    let stripes = Scene { direction: Some(ROTATION), ..Scene::plain(IN_FOCUS) };
     let refused = measured(&stripes, 8, 9).unwrap_err();
     assert_eq!(refused, SpacingError::OneDirection { along_rows: true });
 }

@@ -148,4 +148,8 @@ fn frames_without_an_answer_are_refused() {
     other.array = Some(plenalign::optics::ArrayKind::Hexagonal);
     let wrong = measure_frame(&raw, Some(&WhiteModel::new(&white).unwrap()), &other).unwrap_err();
     assert!(matches!(wrong, MeasurementError::OtherArray { .. }), "{wrong}");
+    let mut other = FrameOptions::new(1.2 * 0.1 / PIXEL_MM);
+    other.array = Some(plenalign::optics::ArrayKind::Square);
+    let wrong = measure_frame(&raw, Some(&WhiteModel::new(&white).unwrap()), &other).unwrap_err();
+    assert!(matches!(wrong, MeasurementError::OtherPitch { .. }), "{wrong}");
 }

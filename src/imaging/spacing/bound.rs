@@ -118,7 +118,7 @@ impl<'a> Views<'a> {
         disc_rows(micro_image.centre, self.radius, frame.width, |start, count| {
             for pixel in start..start + count {
                 let precision = f64::from(frame.precision[pixel]);
-                if precision <= 0.0 {
+                if precision <= 0.0 || !frame.is_reference(pixel % frame.width, pixel / frame.width) {
                     continue;
                 }
                 let r = [

@@ -8,8 +8,9 @@ use super::SpacingError;
 use super::model::Place;
 use crate::imaging::grid::Grid;
 use crate::imaging::interpolation::spline_coefficients;
+use crate::imaging::mosaic::green;
 use crate::optics::ArrayKind;
-use crate::raw::RawImage;
+use crate::raw::{CfaPattern, Channel, RawImage};
 
 /// Share of the micro-image's radius that is used: beyond it vignetting falls steeply and neighbours leak in.
 pub const MASK_FRACTION: f64 = 0.8;
@@ -77,6 +78,8 @@ pub struct SpacingFrame {
     pub(super) pitch: f64,
     /// Standard deviation of the raw frame's noise, grey levels.
     pub(super) noise: f64,
+    /// The mosaic of the sensor, of which only green pixels are a reference.
+    pub(super) mosaic: Option<CfaPattern>,
     /// Arrangement of the array.
     pub(super) array: ArrayKind,
     /// The lattice's basis, px.
@@ -86,13 +89,28 @@ pub struct SpacingFrame {
 }
 
 impl SpacingFrame {
-    /// Prepares a frame. `vignetting` has one value for each pixel: the share of light that reaches it, relative to a
+    /// Prepares a monochrome frame. `vignetting` has one value for each pixel: the share of light that reaches it, relative to a
     /// micro-image's centre. `slope_sigma` is the smoothing (px) of the slopes that matching is done with.
     ///
     /// # Errors
     /// [`SpacingError`] when the grid or the vignetting belong to another frame size, when there are too few
     /// micro-images, or when the frame is saturated or dark.
     pub fn new(raw: &RawImage, vignetting: &[f32], grid: &Grid, slope_sigma: f64) -> Result<Self, SpacingError> {
+        Self::of(raw, None, vignetting, grid, slope_sigma)
+    }
+
+    /// Prepares a frame of a sensor with a Bayer mosaic where one is given, as [`SpacingFrame::new`] does; the spacing is
+    /// that of green.
+    ///
+    /// # Errors
+    /// As [`SpacingFrame::new`].
+    pub fn of(
+        raw: &RawImage,
+        mosaic: Option<CfaPattern>,
+        vignetting: &[f32],
+        grid: &Grid,
+        slope_sigma: f64,
+    ) -> Result<Self, SpacingError> {
         let (width, height) = (raw.width(), raw.height());
         if grid.frame_size != [width, height] || vignetting.len() != width * height {
             return Err(SpacingError::WrongSize { frame: [width, height], grid: grid.frame_size });
@@ -104,7 +122,7 @@ impl SpacingFrame {
         if pairs.len() < needed {
             return Err(SpacingError::TooFewMicroImages { pairs: pairs.len(), needed });
         }
-        let samples = raw.to_f32();
+        let samples = mosaic.map_or_else(|| raw.to_f32(), |pattern| green(raw, pattern));
         let white = f32::from(raw.white_level());
         check_exposure(&samples, width, &micro_images, radius, white)?;
         let (values, precision): (Vec<f32>, Vec<f32>) = samples
@@ -116,7 +134,7 @@ impl SpacingFrame {
                 (sample / share, if sample >= white { 0.0 } else { share * share })
             })
             .unzip();
-        let noise = noise_level(&samples, width, &micro_images, radius);
+        let noise = noise_level(&samples, width, mosaic, &micro_images, radius);
         describe(&mut micro_images, &values, &precision, width, radius, noise);
         let coefficients = spline_coefficients(&values, width);
         let (slopes, slope_noise) = slopes(&values, width, slope_sigma);
@@ -135,6 +153,7 @@ impl SpacingFrame {
             whole,
             pitch,
             noise,
+            mosaic,
             array: grid.array,
             basis: grid.basis,
             turns: turns(grid),
@@ -180,6 +199,18 @@ impl SpacingFrame {
     pub(super) fn position(&self, field: [f64; 2]) -> [f64; 2] {
         let half = self.width as f64 / 2.0;
         [field[0] * half + (self.width as f64 - 1.0) / 2.0, field[1] * half + (self.height as f64 - 1.0) / 2.0]
+    }
+
+    /// The region that both micro-images of a pair belong to.
+    pub(super) fn region_of(&self, pair: Pair) -> Option<usize> {
+        let (a, b) = (self.micro_images[pair.first].region, self.micro_images[pair.second].region);
+        a.filter(|_| a == b)
+    }
+
+    /// Whether the sensor measured the pixel at column `x`, row `y`, in the colour that is compared.
+    #[inline]
+    pub(super) fn is_reference(&self, x: usize, y: usize) -> bool {
+        self.mosaic.is_none_or(|pattern| pattern.channel(x, y) == Channel::Green)
     }
 
     /// Where, and along which direction, a pair measures.
@@ -295,18 +326,28 @@ fn whole_fraction(vignetting: &[f32], width: usize, micro_images: &[MicroImage],
 
 /// Standard deviation of the noise: the lower quartile over micro-images of what a filter blind to planes and saddles
 /// leaves. The lower quartile belongs to micro-images without sharp texture.
-fn noise_level(samples: &[f32], width: usize, micro_images: &[MicroImage], radius: f64) -> f64 {
+///
+/// In a mosaic the filter is spread so that it meets pixels of one colour.
+fn noise_level(
+    samples: &[f32],
+    width: usize,
+    mosaic: Option<CfaPattern>,
+    micro_images: &[MicroImage],
+    radius: f64,
+) -> f64 {
+    let apart = if mosaic.is_some() { 2 } else { 1 };
+    let counts = |k: usize| mosaic.is_none_or(|pattern| pattern.channel(k % width, k / width) == Channel::Green);
     let mut variances: Vec<f64> = micro_images
         .par_iter()
         .map(|m| {
             let (mut sum, mut count) = (0.0f64, 0usize);
             disc_rows(m.centre, 0.85 * radius, width, |start, n| {
-                for k in start..start + n {
-                    let line = |k: usize| samples[k - 1] - 2.0 * samples[k] + samples[k + 1];
-                    let response = line(k - width) - 2.0 * line(k) + line(k + width);
+                for k in (start..start + n).filter(|&k| counts(k)) {
+                    let line = |k: usize| samples[k - apart] - 2.0 * samples[k] + samples[k + apart];
+                    let response = line(k - apart * width) - 2.0 * line(k) + line(k + apart * width);
                     sum += f64::from(response * response);
+                    count += 1;
                 }
-                count += n;
             });
             // 36 is the sum of squares of the filter (1 −2 1) × (1 −2 1).
             sum / 36.0 / count.max(1) as f64

@@ -22,6 +22,7 @@ mod noise;
 mod patch;
 mod score;
 mod search;
+mod smear;
 mod solve;
 
 use nalgebra::DVector;
@@ -50,6 +51,11 @@ const LEAST_CORRELATION: f64 = 0.6;
 const SAME_PX: f64 = 1.0;
 /// Correlation by which a match must be better than any other.
 const RIVAL_MARGIN: f64 = 0.02;
+
+/// A change of the spacing during the exposure that is refused, px, and how many standard errors it must stand above
+/// none.
+const SMEAR_PX: f64 = 0.7;
+const SMEAR_SIGNIFICANCE: f64 = 6.0;
 
 /// Why a spacing could not be measured.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -117,6 +123,14 @@ pub enum SpacingError {
         first_px: f64,
         /// The other, px.
         second_px: f64,
+    },
+    /// The spacing changed while the shutter was open.
+    #[error(
+        "the picture is smeared as by a change of the spacing of {change_px:.1} px while the shutter was open: wait until the stage has settled, or shorten the exposure"
+    )]
+    Moved {
+        /// The change, px.
+        change_px: f64,
     },
     /// A number given by the caller is impossible.
     #[error("{what} of {value} is not possible: it must be positive and finite")]
@@ -245,6 +259,11 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         }
     }
     let sigma_random_px = regions.sigmas_random_px[0];
+    for smear in frames.iter().filter_map(|frame| smear::smear(frame, &model)) {
+        if smear.change_px > SMEAR_PX && smear.significance > SMEAR_SIGNIFICANCE {
+            return Err(SpacingError::Moved { change_px: smear.change_px });
+        }
+    }
     let sigma_bound_px = bound::bound(frames, &model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
     let spacing = Spacing {
         on_axis_px: regions.spacings_px[0],

@@ -142,7 +142,9 @@ impl Patch {
                 // Masks end over one pixel, so that they change smoothly with the spacing.
                 let in_a = (edge - ((x + xa).powi(2) + ya).sqrt()).clamp(0.0, 1.0);
                 let in_b = (edge - ((x + xb).powi(2) + yb).sqrt()).clamp(0.0, 1.0);
-                masks[k] = in_a * in_b;
+                // Only what was measured is a reference.
+                let measured = frame.is_reference(self.origin[0] + k, self.origin[1] + row);
+                masks[k] = if measured { in_a * in_b } else { 0.0 };
                 weights[k] = masks[k] * 2.0 * own[k] * theirs[k] / (own[k] + theirs[k] + 1e-9);
             }
         }

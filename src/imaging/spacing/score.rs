@@ -90,14 +90,8 @@ pub(super) fn score_pairs(frame: &SpacingFrame, pairs: &[Pair], model: &Model) -
         .collect()
 }
 
-/// The region that both micro-images of a pair belong to.
-fn region(frame: &SpacingFrame, pair: Pair) -> Option<usize> {
-    let (a, b) = (frame.micro_images[pair.first].region, frame.micro_images[pair.second].region);
-    a.filter(|_| a == b)
-}
-
 fn score_pair(frame: &SpacingFrame, pair: Pair, model: &Model, patch: &mut Patch) -> Option<PairScore> {
-    let region = region(frame, pair)?;
+    let region = frame.region_of(pair)?;
     let place = frame.place_of(pair);
     let spacing = model.spacing(region, &place);
     let mut result = PairScore { pair, region, place, block: block(place.at), ..Default::default() };
@@ -124,7 +118,7 @@ fn score_pair(frame: &SpacingFrame, pair: Pair, model: &Model, patch: &mut Patch
     Some(result)
 }
 
-fn block([x, y]: [f64; 2]) -> usize {
+pub(super) fn block([x, y]: [f64; 2]) -> usize {
     let place = |v: f64| (((v + 1.0) / 2.0 * BLOCKS as f64).max(0.0) as usize).min(BLOCKS - 1);
     place(y) * BLOCKS + place(x)
 }

@@ -58,10 +58,7 @@ pub(super) fn textured_pairs(frame: &SpacingFrame, wanted: usize) -> Vec<Pair> {
         .pairs
         .iter()
         .map(|&p| (frame.micro_images[p.first].texture.min(frame.micro_images[p.second].texture), p))
-        .filter(|(_, p)| {
-            let (a, b) = (frame.micro_images[p.first].region, frame.micro_images[p.second].region);
-            a.is_some() && a == b
-        })
+        .filter(|(_, p)| frame.region_of(*p).is_some())
         .collect();
     // The better half, and of it every so many: the most textured alone may all lie on one object.
     let half = pairs.len() / 2;
