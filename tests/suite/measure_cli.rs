@@ -32,9 +32,15 @@ fn measure_prints_one_object() {
     assert!(number("/grid/micro_images") > 800.0 && number("/grid/residual_px") >= 0.0);
     assert!(report["grid"]["centre_px"].as_array().is_some_and(|c| c.len() == 2));
     assert!((number("/spacing/on_axis_px") - 19.6121).abs() < 0.01);
-    for key in ["on_axis_sigma_px", "tilt_x_px", "tilt_y_px", "curvature_px", "pairs"] {
+    for key in ["tilt_x_px", "tilt_y_px", "curvature_px", "row_column_px", "diagonal_px", "pairs", "covariance_px2/5/5"]
+    {
         number(&format!("/spacing/{key}"));
     }
+    let sigma = |kind: &str| number(&format!("/spacing/on_axis_sigma{kind}_px"));
+    assert!(sigma("") >= sigma("_random") && sigma("_random") < 2.0 * sigma("_bound") && sigma("_bound") > 1e-5);
+    assert_eq!(report["spacing"]["mode"], "galilean");
+    assert!(report["spacing"].get("lenses").is_none());
+    assert!((number("/targets/paraxial_px") - 19.725).abs() < 0.001 && report["targets"]["window_px"].is_null());
     assert!((number("/target_px") - 19.725).abs() < 0.001);
     assert_eq!(report["in_focus"], true);
     assert!(report["object_distance_mm"].is_null() && report["object_distance_reason"].is_string());
@@ -44,6 +50,30 @@ fn measure_prints_one_object() {
     let distance = air["object_distance_mm"].as_f64().unwrap();
     assert!((distance - 820.0).abs() < 2.0, "{distance}");
     assert!(air["object_distance_reason"].is_null());
+}
+
+#[test]
+fn measure_draws_what_it_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("found.png");
+    let overlay = path.to_str().unwrap();
+    let frame = ["measure", "air_square.png", "air_square.png", "--white", "air_square_white.png"];
+    let report = json(&[&frame[..], &["--overlay", overlay, "--json", "--lenses"]].concat());
+    let lenses = report["spacing"]["lenses"].as_array().unwrap();
+    let matched: Vec<&Value> = lenses.iter().filter(|lens| lens["state"] == "matched").collect();
+    assert!(matched.len() > 600 && matched.len() as u64 == report["spacing"]["micro_images"]["matched"]);
+    let spacing = report["spacing"]["on_axis_px"].as_f64().unwrap();
+    for lens in matched {
+        let own = lens["spacing_px"].as_f64().unwrap();
+        assert!((own - spacing).abs() < 0.1 + 5.0 * lens["sigma_px"].as_f64().unwrap(), "{lens}");
+    }
+    assert_eq!(report["frames"], 2);
+    let picture = image::open(&path).unwrap().into_rgb8();
+    assert_eq!(picture.dimensions(), (900, 900));
+    let coloured = picture.pixels().filter(|p| p.0[0].abs_diff(p.0[2]) > 20).count();
+    assert!(coloured > 20_000, "{coloured}");
+    let refused = plenalign(&[&frame[..], &["--overlay", "found.jpg"]].concat());
+    assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("ends in .png"));
 }
 
 #[test]

@@ -1,0 +1,129 @@
+//! `plenalign measure`: grid and spacing of raw frames, and where their object is.
+
+mod report;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+
+use super::Context;
+use crate::config::Config;
+use crate::imaging::grid::Grid;
+use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frames, pitches_belong};
+use crate::imaging::overlay;
+use crate::optics::MlaMode;
+use crate::raw::{self, RawImage};
+
+use report::Report;
+
+/// The overlay's tints are strongest this far from the wanted spacing, in units of the blur limit.
+const OVERLAY_RANGE: f64 = 0.25;
+
+/// Arguments of `plenalign measure`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// The raw frames: PNG, TIFF or PGM, 8 to 16 bits. Several of one pose combine into one measurement.
+    #[arg(value_name = "RAW", required = true)]
+    raw: Vec<PathBuf>,
+    /// A white frame of the same camera, at this or another Δv.
+    #[arg(long, value_name = "WHITE")]
+    white: Option<PathBuf>,
+    /// Δv at which the frames were taken, mm: gives the object distance, with --e or --air.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    delta_v: Option<f64>,
+    /// e at which the frames were taken through the shell, mm.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "air")]
+    e: Option<f64>,
+    /// The frames were taken in air, without the shell.
+    #[arg(long)]
+    air: bool,
+    /// Draw micro-images, pairs, spacing error and rejected micro-images over the (first) frame, into this PNG.
+    #[arg(long, value_name = "FILE")]
+    overlay: Option<PathBuf>,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+    /// With --json: the spacing about every single micro-image too.
+    #[arg(long, requires = "json")]
+    lenses: bool,
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let config = &context.config;
+    for (name, value) in [("--delta-v", args.delta_v), ("--e", args.e)] {
+        anyhow::ensure!(value.is_none_or(f64::is_finite), "{name} must be a finite number of millimetres");
+    }
+    if let Some(path) = &args.overlay {
+        let png = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+        anyhow::ensure!(png, "--overlay {}: a name that ends in .png is needed", path.display());
+    }
+    let raws = args.raw.iter().map(|path| raw::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let white = read_white(args.white.as_deref())?;
+    let options = FrameOptions { map: true, ..frame_options(config) };
+    let names = || args.raw.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
+    let measured = measure_frames(&raws, white.as_ref(), &options).with_context(names)?;
+    let report = Report::new(config, &args, &raws, &measured);
+    if let (Some(path), Some(map)) = (&args.overlay, &measured.map) {
+        let range_px = OVERLAY_RANGE * config.assembly.blur_limit_px;
+        let picture = overlay::draw(&raws[0], map, measured.grid.pitch_px(), report.target_px(), range_px);
+        picture.save(path).with_context(|| format!("{}: the overlay could not be written", path.display()))?;
+        if !args.json {
+            println!("overlay          {}: blue below the target, orange above, full at {range_px} px", path.display());
+        }
+    }
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        report.print();
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The model of a white frame's file, where there is one.
+pub(super) fn read_white(path: Option<&Path>) -> anyhow::Result<Option<WhiteModel>> {
+    let Some(path) = path else { return Ok(None) };
+    let white = raw::read(path)?;
+    WhiteModel::new(&white).with_context(|| path.display().to_string()).map(Some)
+}
+
+/// What the configuration says about a frame: only the MLA pitch. Array and mode are found, and compared.
+pub(super) fn frame_options(config: &Config) -> FrameOptions {
+    FrameOptions::new(config.design().mla.pitch / config.pixel_pitch().millimetres())
+}
+
+/// What in the frame is not as the configuration says.
+pub(super) fn disagreements(config: &Config, raw: &RawImage, grid: &Grid, spacing_px: f64) -> Vec<String> {
+    let mut found = Vec::new();
+    let (width, height) = (config.sensor.width_px as usize, config.sensor.height_px as usize);
+    if [raw.width(), raw.height()] != [width, height] {
+        found.push(format!(
+            "the frame is {}x{} px, the configured sensor {width}x{height} px",
+            raw.width(),
+            raw.height()
+        ));
+    }
+    let mla = config.design().mla;
+    if grid.array != mla.array {
+        found.push(format!(
+            "the frame shows a {} array, the configured one is {}",
+            grid.array.name(),
+            mla.array.name()
+        ));
+    }
+    let pitch_px = mla.pitch / config.pixel_pitch().millimetres();
+    if !pitches_belong(grid.pitch_px(), pitch_px) {
+        found.push(format!(
+            "the micro-image pitch of {:.2} px does not belong to a configured MLA pitch of {pitch_px:.2} px",
+            grid.pitch_px()
+        ));
+    }
+    let (mode, side) = if spacing_px < pitch_px { (MlaMode::Galilean, "below") } else { (MlaMode::Keplerian, "above") };
+    if mode != mla.mode {
+        found.push(format!(
+            "the spacing of {spacing_px:.2} px is {side} the MLA pitch, which the configured {:?} mode excludes",
+            mla.mode
+        ));
+    }
+    found
+}

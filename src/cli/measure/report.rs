@@ -1,0 +1,284 @@
+//! What `plenalign measure` prints.
+
+use serde::Serialize;
+
+use super::{Args, disagreements};
+use crate::config::{Config, SpacingTarget};
+use crate::imaging::grid::Grid;
+use crate::imaging::measurement::FrameMeasurement;
+use crate::imaging::spacing::{LensSpacing, LensState, Spacing, SpacingMap};
+use crate::optics::MlaMode;
+use crate::raw::RawImage;
+
+/// The grid on the wire.
+#[derive(Debug, Serialize)]
+struct GridReport {
+    array: &'static str,
+    pitch_px: f64,
+    rotation_deg: f64,
+    centre_px: [f64; 2],
+    micro_images: usize,
+    residual_px: f64,
+}
+
+impl GridReport {
+    fn new(grid: &Grid) -> Self {
+        Self {
+            array: grid.array.name(),
+            pitch_px: grid.pitch_px(),
+            rotation_deg: grid.rotation().to_degrees(),
+            centre_px: grid.centre,
+            micro_images: grid.micro_images(),
+            residual_px: grid.residual_px,
+        }
+    }
+}
+
+/// The spacing on the wire.
+#[derive(Debug, Serialize)]
+struct SpacingReport {
+    on_axis_px: f64,
+    /// Noise and what the model cannot explain.
+    on_axis_sigma_px: f64,
+    /// Noise alone.
+    on_axis_sigma_random_px: f64,
+    /// The Cramér–Rao bound for the latter.
+    on_axis_sigma_bound_px: f64,
+    tilt_x_px: f64,
+    tilt_y_px: f64,
+    curvature_px: f64,
+    row_column_px: f64,
+    diagonal_px: f64,
+    /// Of the six before, l_0 first, px².
+    covariance_px2: [[f64; 6]; 6],
+    mode: MlaMode,
+    window_px: f64,
+    noise_grey_levels: f64,
+    correlation: f64,
+    residual_ratio: f64,
+    pairs: usize,
+    micro_images: LensCounts,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lenses: Option<Vec<LensSpacing>>,
+}
+
+/// How many micro-images are in which state.
+#[derive(Debug, Default, Serialize)]
+struct LensCounts {
+    matched: usize,
+    mismatched: usize,
+    blank: usize,
+}
+
+impl LensCounts {
+    fn new(map: Option<&SpacingMap>) -> Self {
+        let count = |state| map.map_or(0, |map| map.lenses.iter().filter(|lens| lens.state == state).count());
+        Self {
+            matched: count(LensState::Matched),
+            mismatched: count(LensState::Mismatched),
+            blank: count(LensState::Blank),
+        }
+    }
+}
+
+impl SpacingReport {
+    fn new(spacing: &Spacing, map: Option<&SpacingMap>, mla_pitch_px: f64, lenses: bool) -> Self {
+        Self {
+            on_axis_px: spacing.on_axis_px,
+            on_axis_sigma_px: spacing.sigma_px,
+            on_axis_sigma_random_px: spacing.sigma_random_px,
+            on_axis_sigma_bound_px: spacing.sigma_bound_px,
+            tilt_x_px: spacing.tilt_x_px,
+            tilt_y_px: spacing.tilt_y_px,
+            curvature_px: spacing.curvature_px,
+            row_column_px: spacing.row_column_px,
+            diagonal_px: spacing.diagonal_px,
+            covariance_px2: spacing.covariance,
+            mode: if spacing.on_axis_px < mla_pitch_px { MlaMode::Galilean } else { MlaMode::Keplerian },
+            window_px: spacing.window_px,
+            noise_grey_levels: spacing.noise_grey_levels,
+            correlation: spacing.correlation,
+            residual_ratio: spacing.residual_ratio,
+            pairs: spacing.pairs,
+            micro_images: LensCounts::new(map),
+            lenses: map.filter(|_| lenses).map(|map| map.lenses.clone()),
+        }
+    }
+}
+
+/// The spacing in focus.
+#[derive(Debug, Serialize)]
+struct Targets {
+    /// Eq. 16, which holds for rays near the axis, px.
+    paraxial_px: f64,
+    /// Through the shell at the e given: the one pair of chief rays astride the axis, exactly traced, px.
+    chief_ray_px: Option<f64>,
+    /// Through the shell at the e given: exact rays averaged over the window of this measurement, px.
+    window_px: Option<f64>,
+}
+
+impl Targets {
+    fn new(config: &Config, e: Option<f64>, window_px: f64) -> Self {
+        let (design, pixel) = (config.design(), config.pixel_pitch().millimetres());
+        let view = e.map(|e| design.exact_in_water(design.clarity(e).delta_v, e));
+        Self {
+            paraxial_px: design.mla.target_spacing() / pixel,
+            chief_ray_px: view.and_then(|view| view.chief_pair_spacing()).map(|spacing| spacing / pixel),
+            window_px: view.and_then(|view| {
+                view.excess(window_px * pixel).map(|excess| (view.paraxial_spacing() + excess) / pixel)
+            }),
+        }
+    }
+}
+
+/// What is printed, and the JSON object.
+#[derive(Debug, Serialize)]
+pub(super) struct Report {
+    grid: GridReport,
+    spacing: SpacingReport,
+    /// The target of the configuration: paraxial, or (where it asks for that and e is given) over the window.
+    target_px: f64,
+    targets: Targets,
+    in_focus: bool,
+    /// Along the axis from O, or from the lens in air.
+    object_distance_mm: Option<f64>,
+    /// Why there is no object distance.
+    object_distance_reason: Option<String>,
+    frame_size_px: [usize; 2],
+    frames: usize,
+    warnings: Vec<String>,
+}
+
+impl Report {
+    pub(super) fn new(config: &Config, args: &Args, raws: &[RawImage], measured: &FrameMeasurement) -> Self {
+        let pixel = config.pixel_pitch().millimetres();
+        let mla_pitch_px = config.design().mla.pitch / pixel;
+        let spacing_px = measured.spacing.on_axis_px;
+        let targets = Targets::new(config, args.e, measured.spacing.window_px);
+        let target_px = match config.assembly.spacing_target {
+            SpacingTarget::Exact => targets.window_px.unwrap_or(targets.paraxial_px),
+            SpacingTarget::Paraxial => targets.paraxial_px,
+        };
+        let distance = object_distance(config, args, spacing_px * pixel);
+        let mut warnings = disagreements(config, &raws[0], &measured.grid, spacing_px);
+        match measured.vignetting_fit {
+            Some(fit) if !fit.fits() => warnings.push(format!(
+                "the white frame's profile does not fit (misfit {:.3} ± {:.3}): take a white frame at this setting",
+                fit.misfit, fit.misfit_sigma
+            )),
+            None => warnings.push("no white frame: the vignetting was estimated from the frame itself".to_owned()),
+            Some(_) => {}
+        }
+        Self {
+            grid: GridReport::new(&measured.grid),
+            spacing: SpacingReport::new(&measured.spacing, measured.map.as_ref(), mla_pitch_px, args.lenses),
+            target_px,
+            targets,
+            in_focus: (spacing_px - target_px).abs() <= config.assembly.blur_limit_px,
+            object_distance_mm: distance.as_ref().ok().copied(),
+            object_distance_reason: distance.err(),
+            frame_size_px: [raws[0].width(), raws[0].height()],
+            frames: raws.len(),
+            warnings,
+        }
+    }
+
+    pub(super) fn target_px(&self) -> f64 {
+        self.target_px
+    }
+
+    pub(super) fn print(&self) {
+        let (grid, spacing) = (&self.grid, &self.spacing);
+        let row = |name: &str, value: String| println!("{name:<16} {value}");
+        let several = if self.frames > 1 { format!(", {} frames together", self.frames) } else { String::new() };
+        row("frame", format!("{} x {} px{several}", self.frame_size_px[0], self.frame_size_px[1]));
+        row("array", format!("{}, {} micro-images", grid.array, grid.micro_images));
+        row("pitch", format!("{:.4} px, rotation {:+.4}°", grid.pitch_px, grid.rotation_deg));
+        row(
+            "centre",
+            format!("{:.3}, {:.3} px, residual {:.3} px", grid.centre_px[0], grid.centre_px[1], grid.residual_px),
+        );
+        let mode = match spacing.mode {
+            MlaMode::Galilean => "Galilean",
+            MlaMode::Keplerian => "Keplerian",
+        };
+        row("spacing", format!("{:.4} ± {:.4} px on the axis ({mode})", spacing.on_axis_px, spacing.on_axis_sigma_px));
+        row(
+            "from noise alone",
+            format!(
+                "± {:.4} px, Cramér–Rao bound {:.4} px, noise {:.2} grey levels",
+                spacing.on_axis_sigma_random_px, spacing.on_axis_sigma_bound_px, spacing.noise_grey_levels
+            ),
+        );
+        let sigma = |term: usize| spacing.covariance_px2[term][term].sqrt();
+        row(
+            "tilt",
+            format!(
+                "{:+.4} ± {:.4}, {:+.4} ± {:.4} px per half frame width",
+                spacing.tilt_x_px,
+                sigma(1),
+                spacing.tilt_y_px,
+                sigma(2)
+            ),
+        );
+        row("curvature", format!("{:+.4} ± {:.4} px per half frame width squared", spacing.curvature_px, sigma(3)));
+        row(
+            "rows − columns",
+            format!(
+                "{:+.4} ± {:.4} px; diagonals {:+.4} ± {:.4} px",
+                spacing.row_column_px,
+                sigma(4),
+                spacing.diagonal_px,
+                sigma(5)
+            ),
+        );
+        let counts = &spacing.micro_images;
+        row(
+            "pairs",
+            format!(
+                "{}, correlation {:.3}; micro-images: {} matched, {} not, {} without texture",
+                spacing.pairs, spacing.correlation, counts.matched, counts.mismatched, counts.blank
+            ),
+        );
+        let focus = if self.in_focus { "in focus" } else { "out of focus" };
+        row("target", format!("{:.4} px: {focus}", self.target_px));
+        if let (Some(chief), Some(window)) = (self.targets.chief_ray_px, self.targets.window_px) {
+            row(
+                "",
+                format!(
+                    "paraxial {:.4}, chief rays {chief:.4}, over the window {window:.4} px",
+                    self.targets.paraxial_px
+                ),
+            );
+        }
+        match (&self.object_distance_mm, &self.object_distance_reason) {
+            (Some(distance), _) => row("object distance", format!("{distance:.2} mm")),
+            (None, reason) => {
+                row("object distance", format!("unknown: {}", reason.as_deref().unwrap_or("not asked for")));
+            }
+        }
+        for warning in &self.warnings {
+            row("note", warning.clone());
+        }
+    }
+}
+
+/// Distance of the object along the axis, mm: from O through the shell, from the lens in air. The reason where there
+/// is none.
+fn object_distance(config: &Config, args: &Args, spacing_mm: f64) -> Result<f64, String> {
+    let design = config.design();
+    let Some(delta_v) = args.delta_v else {
+        return Err("Δv is not given: --delta-v, with --e or --air".to_owned());
+    };
+    let equivalent = design.equivalent_from_spacing(spacing_mm, delta_v);
+    let distance = match (args.e, args.air) {
+        (_, true) => equivalent,
+        (Some(e), false) => design.shell.object_distance(equivalent, e),
+        (None, false) => return Err("neither e nor air is given: --e or --air".to_owned()),
+    };
+    if distance.is_finite() && distance > 0.0 {
+        Ok(distance)
+    } else {
+        Err(format!("no real object has this spacing at Δv = {delta_v} mm: Δv, e or the configured camera are others"))
+    }
+}
