@@ -55,7 +55,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let config = &context.config;
     let design = config.design();
     let raw = raw::read(&args.raw)?;
-    let white = read_white(args.white.as_deref())?;
+    let white = read_white(config, args.white.as_deref())?;
     let options = CalibrationOptions {
         frame: frame_options(config),
         pixel_mm: config.pixel_pitch().millimetres(),

@@ -113,7 +113,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let scene = scene(&context.config, &args, &setting);
     let renderer = Renderer::new(RenderOptions { rays: setting.rays, seed: setting.seed });
     let flaws = Flaws::seeded(&context.config, setting.e.is_some(), setting.seed);
-    let irradiance = Shutter::configured(simulation).collect(&renderer, &setting.camera, &scene, &flaws);
+    let irradiance = Shutter::configured(&context.config).collect(&renderer, &setting.camera, &scene, &flaws);
     let (width, height) = (setting.camera.width, setting.camera.height);
     let frame = expose(&irradiance, width, height, &Noise::from(simulation), setting.seed);
     let seconds = start.elapsed().as_secs_f64();
@@ -193,7 +193,7 @@ fn scene(config: &Config, args: &Args, setting: &Setting) -> Scene {
         return Scene::Diffuser;
     }
     let tilt = config.bench.simulation.board_tilt_mrad.map(|tilt| tilt / 1000.0);
-    let texture = Arc::new(configured_texture(&config.bench.simulation, setting.texture, setting.texel, setting.seed));
+    let texture = Arc::new(configured_texture(config, setting.texture, setting.texel, setting.seed));
     if let [distance] = setting.distances[..] {
         return Scene::Board(Board { tilt, ..Board::new(distance, texture) });
     }
@@ -220,7 +220,7 @@ fn report(config: &Config, args: &Args, setting: &Setting, seconds: f64) -> serd
         "rotation_deg": camera.rotation.to_degrees(),
         "offset_px": camera.offset,
         "bits": config.bench.simulation.bits,
-        "cfa": config.bench.simulation.mosaic.pattern,
+        "cfa": config.sensor.mosaic,
         "lens_to_mla_mm": camera.lens_to_mla,
         "mla_to_sensor_mm": camera.mla_to_sensor,
         "seed": setting.seed,

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::optics::{ArrayKind, MlaMode, water};
+use crate::raw::CfaPattern;
 
 /// `[main_lens]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -62,11 +63,14 @@ pub struct SensorConfig {
     pub width_px: u32,
     /// Rows of a raw frame.
     pub height_px: u32,
+    /// Bayer pattern of its colour filters; absent: a monochrome sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mosaic: Option<CfaPattern>,
 }
 
 impl Default for SensorConfig {
     fn default() -> Self {
-        Self { pixel_um: 3.45, width_px: 1160, height_px: 1160 }
+        Self { pixel_um: 3.45, width_px: 1160, height_px: 1160, mosaic: None }
     }
 }
 

@@ -3,8 +3,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::raw::CfaPattern;
-
 /// `[bench.simulation.microlenses]`: how the microlenses differ from each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -92,13 +90,11 @@ impl Default for MotionConfig {
     }
 }
 
-/// `[bench.simulation.mosaic]`: the sensor's colour filters and the board's colours.
+/// `[bench.simulation.mosaic]`: what the colour filters of a sensor with `sensor.mosaic` let through, and the boards'
+/// colours, which a monochrome sensor sees grey.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MosaicConfig {
-    /// Bayer pattern; absent: a monochrome sensor, which sees the boards grey.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pattern: Option<CfaPattern>,
     /// What red, green and blue pixels make of white light, over what a monochrome pixel does.
     pub sensitivities: [f64; 3],
     /// How far a channel's reflectance falls below the grey texture's at most, 0 to 1: smooth patches from the seed, for
@@ -108,6 +104,6 @@ pub struct MosaicConfig {
 
 impl Default for MosaicConfig {
     fn default() -> Self {
-        Self { pattern: None, sensitivities: [0.6, 1.0, 0.5], colour: 0.4 }
+        Self { sensitivities: [0.6, 1.0, 0.5], colour: 0.4 }
     }
 }

@@ -28,7 +28,7 @@ pub(super) fn schema() -> Table {
         wavelength_nm: Some(0.0),
     };
     full.bench.simulation.array_rotation_deg = Some(0.0);
-    full.bench.simulation.mosaic.pattern = Some(CfaPattern::Rggb);
+    full.sensor.mosaic = Some(CfaPattern::Rggb);
     let controller = ControllerConfig { driver: ControllerDriver::Grbl, port: PathBuf::new(), baud: 0 };
     full.bench.controllers = BTreeMap::from([(ANY_NAME.to_owned(), controller)]);
     Table::try_from(full).unwrap_or_default()

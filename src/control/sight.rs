@@ -5,12 +5,12 @@ use super::job::SpacingReading;
 use crate::config::Config;
 use crate::imaging::calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate};
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame};
+use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, measure_frames, prepare_frame};
 use crate::imaging::spacing::SpacingOptions;
 use crate::imaging::{clarity, view};
 use crate::optics::CameraDesign;
 use crate::optics::mla::{a_from_spacing, micro_image_pitch};
-use crate::raw::RawImage;
+use crate::raw::{CfaPattern, RawImage};
 
 /// What a triple-level board says about the camera.
 #[derive(Debug, Clone, Copy)]
@@ -56,6 +56,7 @@ pub(super) struct Sight {
     white: WhiteModel,
     design: CameraDesign,
     pixel_mm: f64,
+    mosaic: Option<CfaPattern>,
     /// What the configuration and the white frame disagree on, in words.
     disagreement: Option<String>,
 }
@@ -66,11 +67,12 @@ impl Sight {
     /// # Errors
     /// Why the frame is no white frame of a microlens array, in words.
     pub(super) fn from_white(white: &RawImage, config: &Config) -> Result<Self, String> {
-        let white = WhiteModel::new(white).map_err(|error| format!("the white frame cannot be used: {error}"))?;
+        let white = WhiteModel::of(white, config.sensor.mosaic)
+            .map_err(|error| format!("the white frame cannot be used: {error}"))?;
         let design = config.design();
         let pixel_mm = config.pixel_pitch().millimetres();
         let disagreement = disagreement(&white.grid, &design, pixel_mm);
-        Ok(Self { white, design, pixel_mm, disagreement })
+        Ok(Self { white, design, pixel_mm, mosaic: config.sensor.mosaic, disagreement })
     }
 
     /// What was found, in words.
@@ -96,7 +98,7 @@ impl Sight {
             spacing: SpacingOptions { mode: Some(self.design.mla.mode), ..SpacingOptions::new(pitch_px) },
             array: Some(self.design.mla.array),
             white_at_this_setting: false,
-            mosaic: None,
+            mosaic: self.mosaic,
             map: false,
         }
     }
@@ -126,7 +128,8 @@ impl Sight {
             .map_err(|error| error.to_string())?;
         let eog = images.last().and_then(|image| {
             let profile = Some(&self.white.vignetting);
-            let view = view::central_view(image, &seen.grid, profile, seen.spacing.on_axis_px).ok()?;
+            let view =
+                view::central_view(&evened(image, self.mosaic), &seen.grid, profile, seen.spacing.on_axis_px).ok()?;
             Some(clarity::eog(&view).mean_per_pixel)
         });
         let spacing = SpacingReading {

@@ -138,8 +138,9 @@ pub fn pitches_belong(micro_image_pitch_px: f64, mla_pitch_px: f64) -> bool {
     (0.98..1.1).contains(&(micro_image_pitch_px / mla_pitch_px))
 }
 
-/// The frame that grid and vignetting are found in.
-fn evened(raw: &RawImage, mosaic: Option<CfaPattern>) -> Cow<'_, RawImage> {
+/// The frame that grid and vignetting are found in, and views are made of: that of a mosaic evened out.
+#[must_use]
+pub fn evened(raw: &RawImage, mosaic: Option<CfaPattern>) -> Cow<'_, RawImage> {
     mosaic.map_or(Cow::Borrowed(raw), |pattern| Cow::Owned(balanced(raw, pattern)))
 }
 

@@ -49,7 +49,7 @@ impl Picture {
             e: to.e_mm - from.e_mm,
             ..Displacement::default()
         };
-        let shutter = Shutter::configured(simulation).with_travel(travel);
+        let shutter = Shutter::configured(&self.config).with_travel(travel);
         let flaws = Flaws::seeded(&self.config, from.shell_on, seed);
         let irradiance = shutter.collect(&self.renderer(rays, seed), &camera, &self.scene(from), &flaws);
         expose(&irradiance, camera.width, camera.height, &self.noise, seed.rotate_left(32) ^ seq)
@@ -128,7 +128,7 @@ impl Picture {
         let mut textures = self.textures.lock().unwrap_or_else(PoisonError::into_inner);
         let made = textures
             .entry((texel * NANOMETRES) as u64)
-            .or_insert_with(|| Arc::new(configured_texture(simulation, simulation.texture, texel, simulation.seed)));
+            .or_insert_with(|| Arc::new(configured_texture(&self.config, simulation.texture, texel, simulation.seed)));
         Arc::clone(made)
     }
 }

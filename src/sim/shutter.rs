@@ -5,7 +5,7 @@ use super::flaws::Flaws;
 use super::renderer::{CameraTruth, Medium, Renderer};
 use super::scene::Scene;
 use super::texture::TextureMap;
-use crate::config::{SimulationConfig, Texture};
+use crate::config::{Config, Texture};
 use crate::raw::{CfaPattern, Channel};
 
 /// How far things have moved, mm.
@@ -71,8 +71,9 @@ pub struct Shutter {
 impl Shutter {
     /// The configured exposure, centred on the pose.
     #[must_use]
-    pub fn configured(simulation: &SimulationConfig) -> Self {
+    pub fn configured(config: &Config) -> Self {
         const MICROMETRE: f64 = 1e-3;
+        let simulation = &config.bench.simulation;
         let motion = &simulation.motion;
         let whole = Displacement {
             delta_v: motion.delta_v_um * MICROMETRE,
@@ -80,8 +81,8 @@ impl Shutter {
             board: motion.board_um.map(|way| way * MICROMETRE),
         };
         let still = Displacement::default();
-        let mosaic =
-            simulation.mosaic.pattern.map(|pattern| Mosaic { pattern, sensitivities: simulation.mosaic.sensitivities });
+        let sensitivities = simulation.mosaic.sensitivities;
+        let mosaic = config.sensor.mosaic.map(|pattern| Mosaic { pattern, sensitivities });
         Self { steps: motion.steps, from: still.plus(whole, -0.5), to: still.plus(whole, 0.5), mosaic }
     }
 
@@ -132,9 +133,9 @@ impl Shutter {
 
 /// A configured board's texture, with its colours where the sensor has filters to see them. `texel` in mm.
 #[must_use]
-pub fn configured_texture(simulation: &SimulationConfig, texture: Texture, texel: f64, seed: u64) -> TextureMap {
-    if simulation.mosaic.pattern.is_some() {
-        TextureMap::generate_coloured(texture, texel, seed, simulation.mosaic.colour)
+pub fn configured_texture(config: &Config, texture: Texture, texel: f64, seed: u64) -> TextureMap {
+    if config.sensor.mosaic.is_some() {
+        TextureMap::generate_coloured(texture, texel, seed, config.bench.simulation.mosaic.colour)
     } else {
         TextureMap::generate(texture, texel, seed)
     }
@@ -175,9 +176,9 @@ mod tests {
         let (camera, scene) = (camera(water(), 120, 60), textured(800.0, water(), 0.0));
         let plain = renderer(8).render(&camera, &scene);
         let flaws = Flaws::seeded(&config, true, 1);
-        assert_eq!(plain, Shutter::configured(&config.bench.simulation).collect(&renderer(8), &camera, &scene, &flaws));
+        assert_eq!(plain, Shutter::configured(&config).collect(&renderer(8), &camera, &scene, &flaws));
         config.bench.simulation.motion.steps = 5;
-        assert_eq!(plain, Shutter::configured(&config.bench.simulation).collect(&renderer(8), &camera, &scene, &flaws));
+        assert_eq!(plain, Shutter::configured(&config).collect(&renderer(8), &camera, &scene, &flaws));
         let mut seeded = camera;
         seeded.take_simulation(&config.bench.simulation, 1);
         let explicit = CameraTruth { distortion_k1: 0.0, pupil_walk: 0.0, focal_factors: [1.0; 3], ..seeded };

@@ -208,10 +208,10 @@ fn flaws_that_cannot_be_are_refused_with_the_reason() {
         refused(&format!("[bench.simulation.{section}]\n{line}"), &key, words);
     }
     let mut config = Config::default();
-    config.set("bench.simulation.mosaic.pattern", "gbrg").unwrap();
+    config.set("sensor.mosaic", "gbrg").unwrap();
     config.set("mla.array", "hexagonal").unwrap();
     config.set("bench.simulation.microlenses.focal_factors", "[1.0, 0.9, 1.1]").unwrap();
-    let error = config.set("bench.simulation.mosaic.pattern", "rgbg").unwrap_err().to_string();
+    let error = config.set("sensor.mosaic", "rgbg").unwrap_err().to_string();
     assert!(error.contains("rggb") && error.contains("gbrg"), "{error}");
     let error = config.set("bench.simulation.mosaic.sensitivities", "[1, 2]").unwrap_err().to_string();
     assert!(error.contains("three numbers"), "{error}");

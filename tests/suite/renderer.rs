@@ -313,13 +313,13 @@ fn the_command_writes_a_frame_and_says_what_it_is() {
 fn the_command_renders_every_flaw_that_is_configured() {
     let folder = tempfile::tempdir().unwrap();
     let small = ["--set", "sensor.width_px=300", "--set", "sensor.height_px=200", "--rays", "4", "--json"];
-    let simulation = |key: &str| format!("bench.simulation.{key}");
+    let full = |key: &str| if key.starts_with("sensor.") { key.to_owned() } else { format!("bench.simulation.{key}") };
     let render = |name: &str, white: bool, keys: &[&str]| {
         let file = folder.path().join(name);
         let mut arguments = vec!["--out".to_owned(), file.to_str().unwrap().to_owned()];
         arguments.extend(small.map(str::to_owned));
         arguments.extend(white.then(|| "--white".to_owned()));
-        arguments.extend(keys.iter().flat_map(|key| ["--set".to_owned(), simulation(key)]));
+        arguments.extend(keys.iter().flat_map(|key| ["--set".to_owned(), full(key)]));
         let output = run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
         assert!(output.status.success(), "{output:?}");
         (raw::read(&file).unwrap(), serde_json::from_slice::<Value>(&output.stdout).unwrap())
@@ -335,7 +335,7 @@ fn the_command_renders_every_flaw_that_is_configured() {
                 "microlenses.dead_share=0.2",
                 "microlenses.dirty_share=0.3",
                 "dust.specks=40 dust.height_um=50",
-                "mosaic.pattern=rggb",
+                "sensor.mosaic=rggb",
             ],
         ),
     ] {
@@ -350,7 +350,7 @@ fn the_command_renders_every_flaw_that_is_configured() {
         }
     }
     for name in ["deep.png", "deep.tiff", "deep.pgm"] {
-        let (deep, report) = render(name, true, &["bits=12", "mosaic.pattern=grbg"]);
+        let (deep, report) = render(name, true, &["bits=12", "sensor.mosaic=grbg"]);
         assert_eq!((deep.white_level(), &report["bits"], &report["cfa"]), (4095, &12.into(), &"grbg".into()));
         let brightest = deep.to_f32().into_iter().fold(0.0, f32::max);
         assert!((3500.0..3900.0).contains(&brightest), "{name}: {brightest}");

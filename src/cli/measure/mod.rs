@@ -59,7 +59,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
         anyhow::ensure!(png, "--overlay {}: a name that ends in .png is needed", path.display());
     }
     let raws = args.raw.iter().map(|path| raw::read(path)).collect::<Result<Vec<_>, _>>()?;
-    let white = read_white(args.white.as_deref())?;
+    let white = read_white(config, args.white.as_deref())?;
     let options = FrameOptions { map: true, ..frame_options(config) };
     let names = || args.raw.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
     let measured = measure_frames(&raws, white.as_ref(), &options).with_context(names)?;
@@ -81,15 +81,16 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
 }
 
 /// The model of a white frame's file, where there is one.
-pub(super) fn read_white(path: Option<&Path>) -> anyhow::Result<Option<WhiteModel>> {
+pub(super) fn read_white(config: &Config, path: Option<&Path>) -> anyhow::Result<Option<WhiteModel>> {
     let Some(path) = path else { return Ok(None) };
     let white = raw::read(path)?;
-    WhiteModel::new(&white).with_context(|| path.display().to_string()).map(Some)
+    WhiteModel::of(&white, config.sensor.mosaic).with_context(|| path.display().to_string()).map(Some)
 }
 
-/// What the configuration says about a frame: only the MLA pitch. Array and mode are found, and compared.
+/// What the configuration says about a frame: only the MLA pitch and the mosaic. Array and mode are found, and compared.
 pub(super) fn frame_options(config: &Config) -> FrameOptions {
-    FrameOptions::new(config.design().mla.pitch / config.pixel_pitch().millimetres())
+    let mla_pitch_px = config.design().mla.pitch / config.pixel_pitch().millimetres();
+    FrameOptions { mosaic: config.sensor.mosaic, ..FrameOptions::new(mla_pitch_px) }
 }
 
 /// What in the frame is not as the configuration says.
