@@ -36,7 +36,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "WHITE")]
     white: Option<PathBuf>,
     /// Distances of the boards from the main lens's principal point, mm, in any order.
-    #[arg(long, value_name = "MM,MM,...", value_delimiter = ',', required = true, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM,MM,...", value_delimiter = ',', required = true, allow_hyphen_values = true)]
     levels: Vec<f64>,
     /// Of --levels only the steps between the boards are known: find the distance that they have in common.
     #[arg(long, conflicts_with = "sigma_distance")]

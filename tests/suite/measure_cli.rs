@@ -156,11 +156,19 @@ fn mistakes_get_one_line_on_standard_error() {
         (&["calibrate", "triple_air.png", "--levels", "15,700,800"], "15 mm"),
         (&["calibrate", "triple_air.png", "--levels", "-8,0", "--unknown-distance"], "at least 3"),
         (
-            &["calibrate", "triple_air.png", "--levels", "-8,0,8", "--unknown-distance"],
+            &[
+                "calibrate",
+                "triple_air.png",
+                "--white",
+                "triple_air_white.png",
+                "--levels",
+                "-8,0,8",
+                "--unknown-distance",
+            ],
             "the boards' distance, b and d cannot be told apart",
         ),
         (
-            &["calibrate", "triple_air.png", "--levels", "159,167,175", "--fit-f"],
+            &["calibrate", "triple_air.png", "--white", "triple_air_white.png", "--levels", "159,167,175", "--fit-f"],
             "f, b and d cannot be told apart from spacings against distance alone",
         ),
         (&["calibrate", "triple_air.png", "--levels", "159,167,175", "--sigma-f", "-1"], "uncertainty of f of -1"),
