@@ -168,12 +168,9 @@ impl Sight {
         hold_b_sigma_mm: Option<f64>,
     ) -> Result<(Triple, Measured), String> {
         let options = CalibrationOptions {
-            frame: self.options(),
-            pixel_mm: self.pixel_mm,
-            main_lens: self.design.main_lens,
-            // What the distances share is the caller's business: no frame can mend it.
-            distance_sigma_mm: 0.0,
             hold_b: hold_b_sigma_mm.map(|sigma| (self.design.mla.b(), sigma)),
+            // What the distances share is the caller's business: no frame can mend it.
+            ..CalibrationOptions::new(self.options(), self.pixel_mm, self.design.main_lens)
         };
         let resolution = self.design.mla.signed_resolution();
         let seen = images
@@ -185,6 +182,8 @@ impl Sight {
             Err(
                 CalibrationError::BoardsNotFound { .. }
                 | CalibrationError::Degenerate { .. }
+                | CalibrationError::CannotTellApart(_)
+                | CalibrationError::NoSolution { .. }
                 | CalibrationError::Measurement(MeasurementError::Spacing(_)),
             ) if hold_b_sigma_mm.is_some() => return self.blurred_triple(images, levels_mm),
             seen => seen.map_err(|error| error.to_string())?,

@@ -146,6 +146,28 @@ fn calibrate_prints_one_object() {
 }
 
 #[test]
+fn calibrate_finds_the_distance_that_the_boards_have_in_common() {
+    let boards = ["calibrate", "triple_air.png", "--white", "triple_air_white.png", "--levels", "-8,0,8"];
+    let further = ["--unknown-distance", "--micro-image-pitch=white", "--json"];
+    let report = json(&[&boards[..], &further].concat());
+    let number = |path: &str| report.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}"));
+    let (shift, sigma) = (number("/distance_shift_mm"), number("/distance_shift_sigma_mm"));
+    assert!((shift - 167.174_586).abs() < 3.0 * sigma && sigma < 3.0, "{shift} ± {sigma}");
+    assert!((number("/levels/0/distance_mm") - shift + 8.0).abs() < 1e-9);
+    let v = number("/image_distance_mm");
+    assert!((v - 22.722_820_5).abs() < 3.0 * number("/image_distance_sigma_mm"), "{v}");
+    assert!(
+        (number("/micro_image_pitch/measured_px") - 29.440_885).abs() < 3.0 * number("/micro_image_pitch/sigma_px")
+    );
+    assert!((number("/micro_image_pitch/fitted_px") - 29.440_885).abs() < 0.001);
+    assert!((number("/covariance_mm2/0/0") / number("/d_sigma_mm").powi(2) - 1.0).abs() < 1e-9);
+    for path in ["/covariance_mm2/1/1", "/chi_squared", "/degrees_of_freedom", "/field_px/2", "/levels/0/residual_mm"] {
+        number(path);
+    }
+    assert!(number("/condition") >= 1.0 && report["focal_length_mm"].is_null());
+}
+
+#[test]
 fn text_is_for_people() {
     let output = plenalign(&["measure", "air_charuco.png", "--white", "air_charuco_white.png"]);
     let text = String::from_utf8(output.stdout).unwrap();
@@ -162,6 +184,25 @@ fn mistakes_get_one_line_on_standard_error() {
         (&["calibrate", "triple_air.png", "--levels", "700"], "at least 2"),
         (&["calibrate", "triple_air.png", "--levels", "700,700,800"], "700"),
         (&["calibrate", "triple_air.png", "--levels", "15,700,800"], "15 mm"),
+        (&["calibrate", "triple_air.png", "--levels", "-8,0", "--unknown-distance"], "at least 3"),
+        (
+            &[
+                "calibrate",
+                "triple_air.png",
+                "--white",
+                "triple_air_white.png",
+                "--levels",
+                "-8,0,8",
+                "--unknown-distance",
+            ],
+            "the boards' distance, b and d cannot be told apart",
+        ),
+        (
+            &["calibrate", "triple_air.png", "--white", "triple_air_white.png", "--levels", "159,167,175", "--fit-f"],
+            "f, b and d cannot be told apart from spacings against distance alone",
+        ),
+        (&["calibrate", "triple_air.png", "--levels", "159,167,175", "--sigma-f", "-1"], "uncertainty of f of -1"),
+        (&["calibrate", "triple_air.png", "--levels", "159,167,175", "--micro-image-pitch=white"], "needs --white"),
     ] {
         let output = plenalign(arguments);
         let error = String::from_utf8(output.stderr).unwrap();
