@@ -14,7 +14,7 @@ use crate::imaging::calibration::{
     Calibration, CalibrationOptions, ConjugateLine, Estimate, FittedPitch, Known, Level, MicroImagePitch, PitchSource,
     calibrate,
 };
-use crate::imaging::measurement::WhiteModel;
+use crate::imaging::measurement::{WhiteModel, evened};
 use crate::raw;
 
 /// Where the micro-image pitch is taken from.
@@ -156,7 +156,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let design = config.design();
     let raw = raw::read(&args.raw)?;
     let white = read_white(config, args.white.as_deref())?;
-    let pitch = pitch(&args, white.as_ref())?;
+    let pitch = pitch(config, &args, white.as_ref())?;
     let options = options(config, &args, pitch);
     let calibration =
         calibrate(&raw, white.as_ref(), &args.levels, &options).with_context(|| args.raw.display().to_string())?;
@@ -174,12 +174,12 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
 }
 
 /// Where the micro-image pitch is to come from, measured where that is the white frame.
-fn pitch(args: &Args, white: Option<&WhiteModel>) -> anyhow::Result<Option<PitchSource>> {
+fn pitch(config: &Config, args: &Args, white: Option<&WhiteModel>) -> anyhow::Result<Option<PitchSource>> {
     match (args.micro_image_pitch, white, &args.white) {
         (None, ..) => Ok(None),
         (Some(PitchName::Frame), ..) => Ok(Some(PitchSource::Frame)),
         (Some(PitchName::White), Some(white), Some(path)) => {
-            let pitch = MicroImagePitch::of(&raw::read(path)?, &white.grid);
+            let pitch = MicroImagePitch::of(&evened(&raw::read(path)?, config.sensor.mosaic), &white.grid);
             Ok(Some(PitchSource::Given(pitch.with_context(|| path.display().to_string())?)))
         }
         (Some(PitchName::White), ..) => bail!("--micro-image-pitch=white needs --white, taken at the same Δv"),

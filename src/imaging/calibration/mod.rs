@@ -28,7 +28,7 @@ pub use regions::{Bin, Strips, find_strips};
 pub use unknowns::{Degeneracy, Known, Unknown};
 
 use super::grid::Grid;
-use super::measurement::{FrameOptions, WhiteModel, prepare_frame};
+use super::measurement::{FrameOptions, WhiteModel, evened, prepare_frame};
 use super::spacing::{SpacingError, measure_regions};
 use crate::optics::MainLens;
 use crate::raw::RawImage;
@@ -165,7 +165,7 @@ pub fn calibrate(
     });
     let micro_image_pitch = match options.micro_image_pitch {
         None => None,
-        Some(PitchSource::Frame) => Some(MicroImagePitch::of(raw, &grid)?),
+        Some(PitchSource::Frame) => Some(MicroImagePitch::of(&evened(raw, options.frame.mosaic), &grid)?),
         Some(PitchSource::Given(pitch)) => Some(pitch),
     };
     let line = fit_line(&distances, &spacings, &covariance, micro_image_pitch, options)?;
