@@ -129,6 +129,7 @@ impl Batch {
     }
 
     /// Passes the rays from the lane `from` on through dust and the microlenses as they are.
+    #[inline(never)]
     pub(super) fn dim(&mut self, from: usize, row: &mut UnevenRow<'_>) {
         for i in from..self.count {
             let passed = row.pass(at(&self.p, i), at(&self.u, i), at(&self.c, i));
@@ -139,6 +140,7 @@ impl Batch {
     }
 
     /// Takes from every ray's value what [`Self::dim`] found.
+    #[inline(never)]
     pub(super) fn apply_weights(&mut self) {
         for (value, weight) in self.value.iter_mut().zip(&self.weight).take(self.count) {
             *value *= weight;
@@ -150,11 +152,10 @@ impl Batch {
     pub(super) fn trace(&mut self, path: &Path<f32>, diffuse: bool, layers: &[Layer<'_>], bubbles: Option<&Bubbles>) {
         // Whole vectors: the lanes past the end hold old rays, whose values nobody collects.
         let n = self.count.next_multiple_of(16).min(SIZE);
-        match &path.aberrations {
-            None => self.leave(n, diffuse, |p, u, c| path.through_ideal_lens(p, u, c)),
-            Some(aberrations) => {
-                self.leave(n, diffuse, |p, u, c| path.through_aberrated_lens(aberrations, p, u, c));
-            }
+        if path.aberrated {
+            self.leave::<true>(n, path, diffuse);
+        } else {
+            self.leave::<false>(n, path, diffuse);
         }
         if diffuse {
             return;
@@ -167,29 +168,35 @@ impl Batch {
         }
         self.value[..n].fill(0.0);
         if let Some(bubbles) = bubbles {
-            for i in 0..self.count {
-                let (ray, light) = bubbles.pass(self.ray(i));
-                self.keep(i, &ray);
-                self.value[i] = light;
-            }
+            self.pass_bubbles(bubbles);
         }
         for layer in layers {
             self.look(n, layer);
         }
     }
 
+    /// Lets the rays pass the bubbles, and keeps the light they meet there.
+    #[inline(never)]
+    fn pass_bubbles(&mut self, bubbles: &Bubbles) {
+        for i in 0..self.count {
+            let (ray, light) = bubbles.pass(self.ray(i));
+            self.keep(i, &ray);
+            self.value[i] = light;
+        }
+    }
+
     /// Lets the rays leave the main lens; before a diffuser that is all they do.
     #[inline(always)]
-    fn leave(&mut self, n: usize, diffuse: bool, through: impl Fn([f32; 2], [f32; 2], [f32; 2]) -> Ray<f32>) {
+    fn leave<const ABERRATED: bool>(&mut self, n: usize, path: &Path<f32>, diffuse: bool) {
         if diffuse {
             for i in 0..n {
-                let open = through(at(&self.p, i), at(&self.u, i), at(&self.c, i)).open;
+                let open = path.through::<ABERRATED>(at(&self.p, i), at(&self.u, i), at(&self.c, i)).open;
                 self.value[i] = if open { 1.0 } else { 0.0 };
             }
             return;
         }
         for i in 0..n {
-            let ray = through(at(&self.p, i), at(&self.u, i), at(&self.c, i));
+            let ray = path.through::<ABERRATED>(at(&self.p, i), at(&self.u, i), at(&self.c, i));
             self.keep(i, &ray);
         }
     }

@@ -193,7 +193,7 @@ impl Rows<'_> {
         // Half a pixel's diagonal: no part of a pixel so far inside a cell looks through another microlens.
         let margin = 0.71 * camera.pixel;
         // Where the pupil wanders chief rays do not cross the array evenly: each pixel looks for its own microlens.
-        let even = self.exact.aberrations.is_none();
+        let even = !self.exact.aberrated;
         let mut uneven = self.unit.as_ref().map(|unit| unit.row(place(0)[1]));
         let mut x = 0;
         while x < row.len() {
@@ -364,10 +364,10 @@ mod tests {
                 let c = lattice.nearest(exact.chief_on_mla(p)).centre;
                 let u = [random.random_range(-0.035..0.035), random.random_range(-0.035..0.035)];
                 let p = [p[0] - c[0], p[1] - c[1]];
-                let ray = exact.spheres.unwrap().refract(exact.through_ideal_lens(p, u, c));
+                let ray = exact.spheres.unwrap().refract(exact.through_lens(p, u, c));
                 let truth = Plane::new(&camera, &board).meet(&ray);
                 let single = |v: [f64; 2]| v.map(|t| t as f32);
-                let ray32 = fast.spheres.unwrap().refract(fast.through_ideal_lens(single(p), single(u), single(c)));
+                let ray32 = fast.spheres.unwrap().refract(fast.through_lens(single(p), single(u), single(c)));
                 let found = Plane::new(&camera, &board).meet(&ray32);
                 if !ray.open {
                     continue;

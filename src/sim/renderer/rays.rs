@@ -130,8 +130,9 @@ pub(super) struct Path<T> {
     mla_in_lens: Vector<T>,
     world_from_lens: Matrix<T>,
     pub(super) spheres: Option<Spheres<T>>,
-    /// The main lens's aberrations; most cameras are traced without.
-    pub(super) aberrations: Option<Aberrations<T>>,
+    /// Whether the main lens has aberrations; most cameras are traced without.
+    pub(super) aberrated: bool,
+    aberrations: Aberrations<T>,
     /// M in the unit's frame: where chief rays go.
     principal_in_unit: Vector<T>,
     mla_to_sensor: T,
@@ -159,10 +160,10 @@ impl<T: Real> Path<T> {
         };
         let principal = apply(&transpose(&world_from_unit), [-mla[0], -mla[1], -mla[2]]);
         let chief_share = camera.mla_to_sensor / (camera.mla_to_sensor + principal[2]);
-        let aberrations = (camera.distortion_k1 != 0.0 || camera.pupil_walk != 0.0).then(|| Aberrations {
+        let aberrations = Aberrations {
             distortion: T::of(camera.distortion_k1),
             walk: T::of(camera.pupil_walk / WALK_SLOPE.powi(2)),
-        });
+        };
         Self {
             b_inverse: T::of(1.0 / camera.mla_to_sensor),
             mla_power: T::of(1.0 / camera.mla_focal_length),
@@ -172,6 +173,7 @@ impl<T: Real> Path<T> {
             mla_in_lens: vector(apply(&lens_from_world, mla)),
             world_from_lens: matrix(&world_from_lens),
             spheres,
+            aberrated: camera.distortion_k1 != 0.0 || camera.pupil_walk != 0.0,
             aberrations,
             principal_in_unit: vector(principal),
             mla_to_sensor: T::of(camera.mla_to_sensor),
@@ -183,8 +185,8 @@ impl<T: Real> Path<T> {
     /// mm.
     #[inline(always)]
     pub(super) fn chief_on_mla(&self, p: [T; 2]) -> [T; 2] {
-        if let Some(aberrations) = &self.aberrations {
-            let m = self.pupil_seen_from([p[0], p[1], -self.mla_to_sensor], aberrations);
+        if self.aberrated {
+            let m = self.pupil_seen_from([p[0], p[1], -self.mla_to_sensor]);
             let share = self.mla_to_sensor / (self.mla_to_sensor + m[2]);
             return [p[0] + (m[0] - p[0]) * share, p[1] + (m[1] - p[1]) * share];
         }
@@ -194,16 +196,14 @@ impl<T: Real> Path<T> {
 
     /// The inverse: where the chief ray through `c` on the array meets the sensor, mm.
     pub(super) fn chief_on_sensor(&self, c: [T; 2]) -> [T; 2] {
-        let m = match &self.aberrations {
-            Some(aberrations) => self.pupil_seen_from([c[0], c[1], T::of(0.0)], aberrations),
-            None => self.principal_in_unit,
-        };
+        let m = if self.aberrated { self.pupil_seen_from([c[0], c[1], T::of(0.0)]) } else { self.principal_in_unit };
         let share = self.mla_to_sensor / m[2];
         [c[0] - (m[0] - c[0]) * share, c[1] - (m[1] - c[1]) * share]
     }
 
     /// Centre of the exit pupil as a chief ray from a place in the unit sees it, in the unit's frame.
-    fn pupil_seen_from(&self, place: Vector<T>, aberrations: &Aberrations<T>) -> Vector<T> {
+    #[inline(never)]
+    fn pupil_seen_from(&self, place: Vector<T>) -> Vector<T> {
         // The lens's axis in the unit's frame: the matrix is a rotation.
         let axis = self.lens_from_unit[2];
         let mut m = self.principal_in_unit;
@@ -214,7 +214,7 @@ impl<T: Real> Path<T> {
             let s = [along[0] / along[2], along[1] / along[2]];
             // Where it crosses the lens's plane, before the pupil's centre, the lens bends it back a little.
             let field = T::of(1.0) + walk * self.lens_power;
-            walk = aberrations.walk * field * field * (s[0] * s[0] + s[1] * s[1]);
+            walk = self.aberrations.walk * field * field * (s[0] * s[0] + s[1] * s[1]);
             let from = self.principal_in_unit;
             m = [from[0] + walk * axis[0], from[1] + walk * axis[1], from[2] + walk * axis[2]];
         }
@@ -222,39 +222,27 @@ impl<T: Real> Path<T> {
     }
 
     /// The ray after the main lens, in the world's frame. `p` and `u` are relative to the microlens's centre `c`, so
-    /// that short lengths keep their digits. Without the lens's aberrations: see [`Self::through_aberrated_lens`].
+    /// that short lengths keep their digits.
     #[inline(always)]
-    pub(super) fn through_ideal_lens(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> Ray<T> {
-        let (m, s) = self.at_lens(p, u, c);
-        let open = m[0] * m[0] + m[1] * m[1] <= self.aperture_squared;
-        self.leave_lens(m, [s[0] - m[0] * self.lens_power, s[1] - m[1] * self.lens_power], open)
+    pub(super) fn through_lens(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> Ray<T> {
+        if self.aberrated { self.through::<true>(p, u, c) } else { self.through::<false>(p, u, c) }
     }
 
-    /// As [`Self::through_ideal_lens`], with the lens's aberrations.
+    /// As [`Self::through_lens`], with the lens's aberrations or as if it had none.
     #[inline(always)]
-    pub(super) fn through_aberrated_lens(
-        &self,
-        aberrations: &Aberrations<T>,
-        p: [T; 2],
-        u: [T; 2],
-        c: [T; 2],
-    ) -> Ray<T> {
+    pub(super) fn through<const ABERRATED: bool>(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> Ray<T> {
         let (m, s) = self.at_lens(p, u, c);
         let ideal = [s[0] - m[0] * self.lens_power, s[1] - m[1] * self.lens_power];
+        if !ABERRATED {
+            let open = m[0] * m[0] + m[1] * m[1] <= self.aperture_squared;
+            return self.leave_lens(m, ideal, open);
+        }
         // All rays of a field, which is one direction on the object side, see the stop in one place.
-        let walk = aberrations.walk * (ideal[0] * ideal[0] + ideal[1] * ideal[1]);
+        let walk = self.aberrations.walk * (ideal[0] * ideal[0] + ideal[1] * ideal[1]);
         let stop = [m[0] + s[0] * walk, m[1] + s[1] * walk];
         let open = stop[0] * stop[0] + stop[1] * stop[1] <= self.aperture_squared;
-        let (share, bent) = aberrations.undistorted(ideal);
+        let (share, bent) = self.aberrations.undistorted(ideal);
         self.leave_lens(m, [ideal[0] * share, ideal[1] * share], open & bent)
-    }
-
-    /// As [`Self::through_ideal_lens`], with the lens's aberrations where it has any.
-    pub(super) fn through_lens(&self, p: [T; 2], u: [T; 2], c: [T; 2]) -> Ray<T> {
-        match &self.aberrations {
-            Some(aberrations) => self.through_aberrated_lens(aberrations, p, u, c),
-            None => self.through_ideal_lens(p, u, c),
-        }
     }
 
     /// Where the ray meets the main lens's plane, and its slope there, in the lens's frame.
@@ -284,7 +272,7 @@ const WALK_SLOPE: f64 = 0.1;
 
 /// What keeps the main lens from being ideal.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Aberrations<T> {
+struct Aberrations<T> {
     /// Brown's k1.
     distortion: T,
     /// How far the exit pupil is from M for a field of slope 1, mm.
