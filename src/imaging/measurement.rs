@@ -34,7 +34,7 @@ pub enum MeasurementError {
     },
     /// The frame shows another pitch than the caller's array has.
     #[error(
-        "the micro-image pitch of {found_px:.2} px does not belong to an MLA pitch of {mla_pitch_px:.2} px, which it exceeds by a few per cent: another array, or another pixel pitch"
+        "the frame's micro-image pitch of {found_px:.2} px does not belong to an MLA pitch of {mla_pitch_px:.2} px, which it must exceed by 0 to 10 %: it shows another array, or mla.pitch_mm or sensor.pixel_um are others"
     )]
     OtherPitch {
         /// Micro-image pitch found, px.
@@ -82,7 +82,7 @@ impl WhiteModel {
 pub struct FrameOptions {
     /// What is known about the spacing.
     pub spacing: SpacingOptions,
-    /// The array the frame must show, with the pitch of `spacing`; any where `None`.
+    /// The array the frame must show; any where `None`.
     pub array: Option<ArrayKind>,
     /// The white frame was taken at this very setting: its grid holds as it is, and is better than one fitted to a
     /// textured frame.
@@ -132,9 +132,8 @@ pub struct PreparedFrame {
 }
 
 /// Whether micro-images of this pitch can be those of an MLA of that pitch (both px): they exceed it by b/d, a few per
-/// cent.
-#[must_use]
-pub fn pitches_belong(micro_image_pitch_px: f64, mla_pitch_px: f64) -> bool {
+/// cent. Where they cannot, capture range and target mean nothing for the frame.
+fn pitches_belong(micro_image_pitch_px: f64, mla_pitch_px: f64) -> bool {
     (0.98..1.1).contains(&(micro_image_pitch_px / mla_pitch_px))
 }
 
@@ -171,7 +170,7 @@ pub fn prepare_frame(
         return Err(MeasurementError::OtherArray { found: grid.array, wanted });
     }
     let mla_pitch_px = options.spacing.mla_pitch_px;
-    if options.array.is_some() && !pitches_belong(grid.pitch_px(), mla_pitch_px) {
+    if !pitches_belong(grid.pitch_px(), mla_pitch_px) {
         return Err(MeasurementError::OtherPitch { found_px: grid.pitch_px(), mla_pitch_px });
     }
     let frame = SpacingFrame::of(raw, options.mosaic, &vignetting, &grid, SLOPE_SIGMA_PX)?;

@@ -109,6 +109,27 @@ fn small_and_noisy_frames_in_focus_measure() {
 
 /// On a board that repeats itself within a micro-image several spacings match alike: no number comes of it.
 #[test]
+fn distortion_bends_the_field_and_not_the_axis() {
+    let design = Config::default().design();
+    let (size, distance, delta_v) = (600, 167.174_586, 2.19);
+    let mut camera = CameraTruth::from_design(&design, delta_v, Medium::Air, PIXEL_MM, size, size);
+    (camera.distortion_k1, camera.rotation, camera.offset) = (-0.6, 0.3f64.to_radians(), [2.2, 7.9]);
+    let rays = RenderOptions { rays: 16, seed: 5 };
+    let map = Arc::new(TextureMap::generate(Texture::Guppy, texel_for(&design, Medium::Air, distance, PIXEL_MM), 6));
+    let white = expose(&render(&camera, &Scene::Diffuser, rays), size, size, &Noise::default(), 7);
+    let raw =
+        expose(&render(&camera, &Scene::Board(Board::new(distance, map)), rays), size, size, &Noise::default(), 8);
+    let found = measured(&raw, &white).unwrap().spacing;
+    let truth = design.exact_in_air(delta_v, distance).paraxial_spacing() / PIXEL_MM;
+    assert!((found.on_axis_px - truth).abs() < 2.5 * found.sigma_px.max(0.002), "{truth}: {found:?}");
+    // By the lens's local scale along and across the radius (1 + 3 k₁ t² and 1 + k₁ t²) the spacing changes by −0.191 and
+    // −0.063 px at 1.9 mm for k₁ = −0.3.
+    let scale = 2.0 * (size as f64 * PIXEL_MM / 2.0 / 1.9).powi(2);
+    assert!((found.curvature_px - scale * -0.127).abs() < 0.012, "{} for {found:?}", scale * -0.127);
+    assert!((found.astigmatism_px - scale * -0.128).abs() < 0.02, "{} for {found:?}", scale * -0.128);
+}
+
+#[test]
 fn a_board_that_repeats_itself_is_refused() {
     let design = Config::default().design();
     let distance = 167.174_586;

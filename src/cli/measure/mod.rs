@@ -10,7 +10,7 @@ use anyhow::Context as _;
 use super::Context;
 use crate::config::Config;
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frames, pitches_belong};
+use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frames};
 use crate::imaging::overlay;
 use crate::optics::MlaMode;
 use crate::raw::{self, RawImage};
@@ -113,12 +113,6 @@ pub(super) fn disagreements(config: &Config, raw: &RawImage, grid: &Grid, spacin
         ));
     }
     let pitch_px = mla.pitch / config.pixel_pitch().millimetres();
-    if !pitches_belong(grid.pitch_px(), pitch_px) {
-        found.push(format!(
-            "the micro-image pitch of {:.2} px does not belong to a configured MLA pitch of {pitch_px:.2} px",
-            grid.pitch_px()
-        ));
-    }
     let (mode, side) = if spacing_px < pitch_px { (MlaMode::Galilean, "below") } else { (MlaMode::Keplerian, "above") };
     if mode != mla.mode {
         found.push(format!(

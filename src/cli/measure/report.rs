@@ -47,10 +47,11 @@ struct SpacingReport {
     tilt_x_px: f64,
     tilt_y_px: f64,
     curvature_px: f64,
+    astigmatism_px: f64,
     row_column_px: f64,
     diagonal_px: f64,
-    /// Of the six before, l_0 first, px².
-    covariance_px2: [[f64; 6]; 6],
+    /// Of l_0 and the six before, in their order, px².
+    covariance_px2: [[f64; 7]; 7],
     mode: MlaMode,
     window_px: f64,
     noise_grey_levels: f64,
@@ -91,6 +92,7 @@ impl SpacingReport {
             tilt_x_px: spacing.tilt_x_px,
             tilt_y_px: spacing.tilt_y_px,
             curvature_px: spacing.curvature_px,
+            astigmatism_px: spacing.astigmatism_px,
             row_column_px: spacing.row_column_px,
             diagonal_px: spacing.diagonal_px,
             covariance_px2: spacing.covariance,
@@ -221,15 +223,24 @@ impl Report {
                 sigma(2)
             ),
         );
-        row("curvature", format!("{:+.4} ± {:.4} px per half frame width squared", spacing.curvature_px, sigma(3)));
+        row(
+            "curvature",
+            format!(
+                "{:+.4} ± {:.4} px per half frame width squared; radial − tangential {:+.4} ± {:.4} px",
+                spacing.curvature_px,
+                sigma(3),
+                spacing.astigmatism_px,
+                sigma(4)
+            ),
+        );
         row(
             "rows − columns",
             format!(
                 "{:+.4} ± {:.4} px; diagonals {:+.4} ± {:.4} px",
                 spacing.row_column_px,
-                sigma(4),
+                sigma(5),
                 spacing.diagonal_px,
-                sigma(5)
+                sigma(6)
             ),
         );
         let counts = &spacing.micro_images;

@@ -201,6 +201,15 @@ impl SpacingFrame {
         [field[0] * half + (self.width as f64 - 1.0) / 2.0, field[1] * half + (self.height as f64 - 1.0) / 2.0]
     }
 
+    /// X² − Y² and 2 X Y of field coordinates along and across the lattice's first direction.
+    pub(super) fn off_axis(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [a, b] = self.basis[0];
+        let square = a * a + b * b;
+        let (cos, sin) = ((a * a - b * b) / square, 2.0 * a * b / square);
+        let (even, mixed) = (x * x - y * y, 2.0 * x * y);
+        [even * cos + mixed * sin, mixed * cos - even * sin]
+    }
+
     /// The region that both micro-images of a pair belong to.
     pub(super) fn region_of(&self, pair: Pair) -> Option<usize> {
         let (a, b) = (self.micro_images[pair.first].region, self.micro_images[pair.second].region);
@@ -217,7 +226,7 @@ impl SpacingFrame {
     pub(super) fn place_of(&self, pair: Pair) -> Place {
         let (a, b) = (self.micro_images[pair.first].centre, self.micro_images[pair.second].centre);
         let at = self.field([f64::midpoint(a[0], b[0]), f64::midpoint(a[1], b[1])]);
-        Place { at, turn: self.turns[pair.direction] }
+        Place { at, turn: self.turns[pair.direction], off_axis: self.off_axis(at) }
     }
 }
 

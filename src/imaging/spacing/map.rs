@@ -97,7 +97,7 @@ pub(super) fn map(frames: &[SpacingFrame], model: &Model) -> SpacingMap {
         }
     }
     let lens = |frame: &SpacingFrame, index: [i32; 2], centre: [f64; 2]| {
-        let expected = model.spacing(0, &Place { at: frame.field(centre), turn: [0.0; 2] })[0];
+        let expected = model.spacing(0, &Place { at: frame.field(centre), ..Place::default() })[0];
         let blank = LensSpacing {
             index,
             centre_px: centre,

@@ -8,9 +8,10 @@
 //!      |<--- micro-image pitch --->|                   so within the micro-image it moves by l − pitch
 //! ```
 //!
-//! In the field the spacing is l(x, y, φ) = l_0 + t_x x + t_y y + k (x² + y²) + ½ s cos 2φ + ½ h sin 2φ, x and y from the
-//! frame's centre in units of half its width, φ the pair's direction from the array's rows; a pair counts at its
-//! midpoint. l_0, the value on the axis and the mean over directions, is what Eqs. 9 and 16 mean. s is by how much rows
+//! In the field the spacing is l(x, y, φ) = l_0 + t_x x + t_y y + k r² + ½ a r² cos 2(φ − ψ) + ½ s cos 2φ + ½ h sin 2φ, x
+//! and y from the frame's centre in units of half its width, r and ψ the same in polar coordinates, ψ and the pair's
+//! direction φ from the array's rows; a pair counts at its midpoint. k and a are the mean and the difference of the
+//! curvatures along the radius and across it: shells and distortion make them differ. l_0, the value on the axis and the mean over directions, is what Eqs. 9 and 16 mean. s is by how much rows
 //! and columns differ, h the same for the diagonals: with l_0 they make the symmetric 2×2 matrix that turns a step on the
 //! array into one between image points, which then also lie across the pair by −½ s sin 2φ + ½ h cos 2φ.
 
@@ -54,7 +55,7 @@ const RIVAL_MARGIN: f64 = 0.02;
 
 /// A change of the spacing during the exposure that is refused, px, and how many standard errors it must stand above
 /// none.
-const SMEAR_PX: f64 = 0.7;
+const SMEAR_PX: f64 = 1.0;
 const SMEAR_SIGNIFICANCE: f64 = 6.0;
 
 /// Why a spacing could not be measured.
@@ -182,11 +183,13 @@ pub struct Spacing {
     pub tilt_y_px: f64,
     /// k: rise of the spacing with the squared distance from the axis, px per half frame width squared.
     pub curvature_px: f64,
+    /// a: the curvature seen by pairs along the radius less that seen by pairs across it, px per half width squared.
+    pub astigmatism_px: f64,
     /// s: spacing along the array's rows (its first lattice direction) less that along its columns, px.
     pub row_column_px: f64,
     /// h: the same for the directions 45° further, px.
     pub diagonal_px: f64,
-    /// Covariance of l_0, t_x, t_y, k, s, h (px²), from the scatter between field blocks. Zero for terms held.
+    /// Covariance of l_0, t_x, t_y, k, a, s, h (px²), from the scatter between field blocks. Zero for terms held.
     pub covariance: [[f64; 1 + TERMS]; 1 + TERMS],
     /// Radius of the masks about the micro-images' centres, px: the spacing is a mean over what two of them share, which
     /// matters where it depends on the place within the micro-image (through a shell).
@@ -274,8 +277,9 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         tilt_x_px: regions.field_px[0],
         tilt_y_px: regions.field_px[1],
         curvature_px: regions.field_px[2],
-        row_column_px: model.terms[FIELD_TERMS],
-        diagonal_px: model.terms[FIELD_TERMS + 1],
+        astigmatism_px: model.terms[FIELD_TERMS],
+        row_column_px: model.terms[FIELD_TERMS + 1],
+        diagonal_px: model.terms[FIELD_TERMS + 2],
         covariance,
         window_px: regions.window_px,
         pairs: regions.pairs[0],

@@ -5,8 +5,8 @@ use nalgebra::DVector;
 
 use super::frame::{MASK_FRACTION, SpacingFrame};
 
-/// Tilt along x and y, curvature, row less column, diagonals' difference.
-pub(super) const TERMS: usize = 5;
+/// Tilt along x and y, curvature, astigmatism, row less column, diagonals' difference.
+pub(super) const TERMS: usize = 6;
 /// Tilt along x and y, and curvature, come first.
 pub(super) const FIELD_TERMS: usize = 3;
 /// How much rows and columns of an array differ, px: where texture tells nothing about it, no more than this is
@@ -22,14 +22,19 @@ pub(super) struct Place {
     pub(super) at: [f64; 2],
     /// Cosine and sine of twice the angle from the lattice's first direction to the pair's.
     pub(super) turn: [f64; 2],
+    /// X² − Y² and 2 X Y of the midpoint's field coordinates along and across the lattice's first direction.
+    pub(super) off_axis: [f64; 2],
 }
 
 impl Place {
     /// What the terms do to the spacing along the pair and across it.
     fn terms(&self) -> [[f64; TERMS]; 2] {
-        let ([x, y], [cos, sin]) = (self.at, self.turn);
+        let ([x, y], [cos, sin], [even, mixed]) = (self.at, self.turn, self.off_axis);
         // Differences of two perpendicular directions: each departs from the mean by half of it.
-        [[x, y, x * x + y * y, 0.5 * cos, 0.5 * sin], [0.0, 0.0, 0.0, -0.5 * sin, 0.5 * cos]]
+        [
+            [x, y, x * x + y * y, 0.5 * (even * cos + mixed * sin), 0.5 * cos, 0.5 * sin],
+            [0.0, 0.0, 0.0, 0.5 * (mixed * cos - even * sin), -0.5 * sin, 0.5 * cos],
+        ]
     }
 }
 
@@ -40,8 +45,9 @@ pub(super) struct Model {
     pub(super) scales: Vec<f64>,
     /// Spacing on the axis in each region, px: the mean over directions.
     pub(super) spacings: Vec<f64>,
-    /// Tilt x, tilt y, curvature (px per half frame width, squared for the last); then, px, the spacing along the first
-    /// lattice direction less that across it, and the same for directions 45° further.
+    /// Tilt x, tilt y, curvature (px per half frame width, squared for the last); the curvature along the radius less that
+    /// across it; then, px, the spacing along the first lattice direction less that across it, and the same for directions
+    /// 45° further.
     pub(super) terms: [f64; TERMS],
     /// Which terms are unknowns, rising.
     pub(super) free: Vec<usize>,
