@@ -71,11 +71,6 @@ pub(super) fn smear(frame: &SpacingFrame, model: &Model) -> Option<Smear> {
     let scatter = blocks.iter().map(|b| (b.excess + loss * b.energy).powi(2)).sum::<f64>().sqrt() / total.energy;
     // A smear of length s takes s² κ / 12 of it, κ the texture's mean squared wave number.
     let length_per_radius = (12.0 * loss.max(0.0) * total.slopes / total.bends).sqrt();
-    eprintln!(
-        "SMEAR loss {loss:e} scatter {scatter:e} k2 {} change {}",
-        total.bends / total.slopes,
-        length_per_radius * (frame.pitch - model.spacings[0]).abs()
-    );
     Some(Smear {
         change_px: length_per_radius * (frame.pitch - model.spacings[0]).abs(),
         significance: loss / scatter.max(1e-12),
