@@ -1,0 +1,346 @@
+//! One micro-image made ready for comparing: values, spline coefficients, slopes and weights of a few dozen pixels
+//! square, small enough to stay in the cache until its neighbours have been compared with it.
+
+use pulp::Simd;
+
+use super::plan::Lens;
+
+/// Pixels that are handled together at most: tiles are padded for vectors of this length.
+pub(super) const LANES: usize = 8;
+/// Reach of the horizontal half of the spline's prefilter, px: its tail is below 0.2 %.
+const FIR: usize = 5;
+/// Pixels from the mask's edge that a warped neighbour's spline reaches.
+const SPLINE: usize = 2;
+/// Rows that the vertical half of the prefilter needs to settle.
+const SETTLE: usize = 3;
+/// Columns before the mask.
+const LEFT: usize = SPLINE + FIR;
+/// Rows above the mask.
+const ABOVE: usize = SPLINE + SETTLE;
+/// The pole of the cubic B-spline's prefilter, √3 − 2.
+const POLE: f32 = -0.267_949_2;
+/// Unit of the gains in [`Frame::gains`].
+pub(super) const GAIN_UNIT: f32 = 1.0 / 8192.0;
+/// Noise variance of the slopes in units of that of the values: the sum of squares of [−1 −2 0 2 1] / 8 by
+/// [1 4 6 4 1] / 16.
+pub(super) const SLOPE_NOISE: f64 = (10.0 / 64.0) * (70.0 / 256.0);
+
+/// A sample of a raw frame.
+pub(super) trait Sample: Copy + Default + Ord + Send + Sync {
+    /// Its grey level.
+    fn grey(self) -> f32;
+
+    /// The line of its own kind.
+    fn line(lines: &mut EdgeLines) -> &mut Vec<Self>;
+}
+
+/// One line of samples of either kind: where a tile reaches over the frame's edge, the edge is continued.
+#[derive(Debug, Clone, Default)]
+pub(super) struct EdgeLines {
+    bytes: Vec<u8>,
+    words: Vec<u16>,
+}
+
+impl Sample for u8 {
+    #[inline(always)]
+    fn grey(self) -> f32 {
+        f32::from(self)
+    }
+
+    fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {
+        &mut lines.bytes
+    }
+}
+
+impl Sample for u16 {
+    #[inline(always)]
+    fn grey(self) -> f32 {
+        f32::from(self)
+    }
+
+    fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {
+        &mut lines.words
+    }
+}
+
+/// A raw frame as tiles are cut from it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame<'a, T> {
+    pub(super) samples: &'a [T],
+    /// What each sample is multiplied by to take the vignetting out, in [`GAIN_UNIT`]s.
+    pub(super) gains: &'a [u16],
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Samples from here on are saturated.
+    pub(super) white: T,
+}
+
+/// How large tiles are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Shape {
+    /// Radius at which masks have fallen to nothing, px: they end over one pixel.
+    pub(super) edge: f32,
+    /// Pixels from the one nearest the centre to the mask's last.
+    pub(super) disc: usize,
+    pub(super) rows: usize,
+    /// From one row to the next, with room for the last vector of a row to reach beyond the mask.
+    pub(super) stride: usize,
+}
+
+impl Shape {
+    /// For masks of this radius, px.
+    pub(super) fn new(radius: f64) -> Self {
+        let disc = (radius + 1.0).floor().max(1.0) as usize;
+        let stride = (2 * (LEFT + disc) + 1 + 3).next_multiple_of(LANES);
+        Self { edge: (radius + 0.5) as f32, disc, rows: 2 * (ABOVE + disc) + 1, stride }
+    }
+
+    /// Column and row of the pixel nearest the centre.
+    pub(super) const fn middle(&self) -> [usize; 2] {
+        [LEFT + self.disc, ABOVE + self.disc]
+    }
+
+    pub(super) const fn size(&self) -> usize {
+        self.rows * self.stride
+    }
+}
+
+/// A micro-image made ready.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tile {
+    /// Grey levels, vignetting divided out, less a constant of the micro-image's own.
+    pub(super) values: Vec<f32>,
+    /// Coefficients of the spline through the values.
+    pub(super) coefficients: Vec<f32>,
+    /// Slopes of slightly smoothed values along x and y, without any weight at the pixel itself.
+    pub(super) slopes: [Vec<f32>; 2],
+    /// Mask times share of light: the product of two is the weight of a difference. 0 for saturated pixels.
+    pub(super) amplitudes: Vec<f32>,
+    /// The centre less the pixel nearest it, px.
+    pub(super) fraction: [f64; 2],
+    /// The pixel nearest the centre.
+    pub(super) nearest: [i32; 2],
+    shape: Option<Shape>,
+}
+
+/// Rows that preparing a tile needs.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Workspace {
+    edge: EdgeLines,
+    gains: Vec<u16>,
+    causal: Vec<f32>,
+    lines: [Vec<f32>; 2],
+}
+
+impl Tile {
+    fn fit(&mut self, shape: &Shape) {
+        if self.shape != Some(*shape) {
+            self.shape = Some(*shape);
+            let [x, y] = &mut self.slopes;
+            // What lies beyond the masks is never written: it must not count.
+            for plane in [&mut self.values, &mut self.coefficients, &mut self.amplitudes, x, y] {
+                plane.clear();
+                plane.resize(shape.size(), 0.0);
+            }
+        }
+    }
+
+    /// Cuts a micro-image out of a frame.
+    #[inline(always)]
+    pub(super) fn prepare<T: Sample, S: Simd>(
+        &mut self,
+        simd: S,
+        frame: &Frame<'_, T>,
+        lens: &Lens,
+        shape: &Shape,
+        work: &mut Workspace,
+    ) {
+        const { assert!(S::F32_LANES <= LANES, "tiles are padded for shorter vectors") };
+        self.fit(shape);
+        work.fit(shape);
+        self.fraction = lens.fraction;
+        self.nearest = lens.nearest;
+        self.cut(frame, shape, work);
+        self.spline(simd, shape, work);
+        self.slope(simd, shape, work);
+    }
+
+    /// Values and amplitudes.
+    #[inline(always)]
+    fn cut<T: Sample>(&mut self, frame: &Frame<'_, T>, shape: &Shape, work: &mut Workspace) {
+        let [column, row] = shape.middle();
+        let left = self.nearest[0] as isize - column as isize;
+        let top = self.nearest[1] as isize - row as isize;
+        let columns = (2 * column + 1).next_multiple_of(LANES).min(shape.stride);
+        let within = left >= 0 && left as usize + columns <= frame.width;
+        let line = |y: usize| (top + y as isize).clamp(0, frame.height as isize - 1) as usize * frame.width;
+        // A constant near the mean keeps the sums over products of values small.
+        let level = {
+            let from = line(row) + (left + LEFT as isize).clamp(0, frame.width as isize - 1) as usize;
+            let to = (from + 2 * shape.disc + 1).min(frame.samples.len());
+            let samples = &frame.samples[from..to];
+            samples.iter().map(|s| s.grey()).sum::<f32>() / samples.len().max(1) as f32
+        };
+        let [fx, fy] = self.fraction.map(|f| f as f32);
+        let (square, slope) = (shape.edge * shape.edge, 1.0 / (2.0 * shape.edge - 1.0));
+        let wide = (2 * shape.disc + 1).next_multiple_of(LANES);
+        for y in 0..shape.rows {
+            let start = line(y);
+            let (samples, gains) = if within {
+                let start = start + left as usize;
+                (&frame.samples[start..start + columns], &frame.gains[start..start + columns])
+            } else {
+                let places = (0..columns).map(|x| {
+                    start + (left + x as isize).clamp(0, frame.width as isize - 1) as usize
+                });
+                let samples = T::line(&mut work.edge);
+                samples.clear();
+                samples.extend(places.clone().map(|k| frame.samples[k]));
+                work.gains.clear();
+                work.gains.extend(places.map(|k| frame.gains[k]));
+                (&samples[..], &work.gains[..])
+            };
+            let values = &mut self.values[y * shape.stride..][..columns];
+            let chunks = values.as_chunks_mut::<LANES>().0.iter_mut();
+            let sources = samples.as_chunks::<LANES>().0.iter().zip(gains.as_chunks::<LANES>().0);
+            for (value, (sample, gain)) in chunks.zip(sources) {
+                for k in 0..LANES {
+                    value[k] = sample[k].grey() * (f32::from(gain[k]) * GAIN_UNIT) - level;
+                }
+            }
+            if y < ABOVE || y > ABOVE + 2 * shape.disc {
+                continue;
+            }
+            let down = y as f32 - row as f32 - fy;
+            let rest = square - down * down;
+            let amplitudes = &mut self.amplitudes[y * shape.stride + LEFT..][..wide];
+            let last = columns.min(LEFT + wide);
+            let sources = samples[LEFT..last].iter().zip(&gains[LEFT..last]);
+            let offset = shape.disc as f32 + fx;
+            for (k, (amplitude, (&sample, &gain))) in amplitudes.iter_mut().zip(sources).enumerate() {
+                // Near the edge (edge² − r²) / (2 edge − 1) falls from 1 to 0 over one pixel.
+                let across = k as f32 - offset;
+                let mask = (rest - across * across) * slope;
+                let mask = if mask > 1.0 { 1.0 } else { mask };
+                let mask = if mask < 0.0 { 0.0 } else { mask };
+                let mask = if sample >= frame.white { 0.0 } else { mask };
+                *amplitude = mask / (f32::from(gain) * GAIN_UNIT);
+            }
+        }
+    }
+
+    /// Spline coefficients: down the columns by recursion, along the rows by a short filter.
+    #[inline(always)]
+    fn spline<S: Simd>(&mut self, simd: S, shape: &Shape, work: &mut Workspace) {
+        let (rows, stride) = (shape.rows, shape.stride);
+        let pole = simd.splat_f32s(POLE);
+        let start = simd.splat_f32s(1.0 / (1.0 - POLE));
+        let causal = &mut work.causal[..rows * stride];
+        for x in (0..stride).step_by(S::F32_LANES) {
+            // The values are continued as they begin.
+            let mut state = simd.mul_f32s(load::<S>(&self.values, x), start);
+            store::<S>(causal, x, state);
+            for y in 1..rows {
+                state = simd.mul_add_e_f32s(pole, state, load::<S>(&self.values, y * stride + x));
+                store::<S>(causal, y * stride + x, state);
+            }
+        }
+        let taps: [S::f32s; FIR + 1] = prefilter().map(|tap| simd.splat_f32s(tap));
+        let end = simd.splat_f32s(-POLE / (1.0 - POLE));
+        let state = &mut work.lines[0][..stride + 2 * LANES];
+        for x in (0..stride).step_by(S::F32_LANES) {
+            let last = load::<S>(causal, (rows - 1) * stride + x);
+            store::<S>(state, x, simd.mul_f32s(last, end));
+        }
+        let (first, wide) = (LEFT - SPLINE, (2 * (shape.disc + SPLINE) + 1).next_multiple_of(LANES));
+        for y in (ABOVE - SPLINE..rows - 1).rev() {
+            for x in (0..stride).step_by(S::F32_LANES) {
+                let next = simd.sub_f32s(load::<S>(state, x), load::<S>(causal, y * stride + x));
+                store::<S>(state, x, simd.mul_f32s(pole, next));
+            }
+            if y > rows - 1 - (ABOVE - SPLINE) {
+                continue;
+            }
+            let out = &mut self.coefficients[y * stride + first..][..wide];
+            for x in (0..wide).step_by(S::F32_LANES) {
+                let around = &state[x + first - FIR..][..2 * FIR + S::F32_LANES];
+                let mut sum = simd.mul_f32s(taps[0], load::<S>(around, FIR));
+                for (k, &tap) in taps.iter().enumerate().skip(1) {
+                    let both = simd.add_f32s(load::<S>(around, FIR - k), load::<S>(around, FIR + k));
+                    sum = simd.mul_add_e_f32s(tap, both, sum);
+                }
+                store::<S>(out, x, sum);
+            }
+        }
+    }
+
+    /// Slopes by binomial filters.
+    #[inline(always)]
+    fn slope<S: Simd>(&mut self, simd: S, shape: &Shape, work: &mut Workspace) {
+        let stride = shape.stride;
+        let (two, four, six) = (simd.splat_f32s(2.0), simd.splat_f32s(4.0), simd.splat_f32s(6.0));
+        let unit = simd.splat_f32s(1.0 / 128.0);
+        let wide = (2 * shape.disc + 1).next_multiple_of(LANES);
+        let [smooth, steep] = &mut work.lines;
+        for y in ABOVE..=ABOVE + 2 * shape.disc {
+            let rows = &self.values[(y - 2) * stride..(y + 3) * stride];
+            for x in (0..stride).step_by(S::F32_LANES) {
+                let v: [S::f32s; 5] = std::array::from_fn(|k| load::<S>(rows, k * stride + x));
+                let (outer, inner) = (simd.add_f32s(v[0], v[4]), simd.add_f32s(v[1], v[3]));
+                let sum = simd.mul_add_e_f32s(six, v[2], simd.mul_add_e_f32s(four, inner, outer));
+                store::<S>(smooth, x, simd.mul_f32s(sum, unit));
+                let (outer, inner) = (simd.sub_f32s(v[4], v[0]), simd.sub_f32s(v[3], v[1]));
+                store::<S>(steep, x, simd.mul_f32s(simd.mul_add_e_f32s(two, inner, outer), unit));
+            }
+            let [along_x, along_y] = &mut self.slopes;
+            let along_x = &mut along_x[y * stride + LEFT..][..wide];
+            let along_y = &mut along_y[y * stride + LEFT..][..wide];
+            for x in (0..wide).step_by(S::F32_LANES) {
+                let p = &smooth[x + LEFT - 2..][..4 + S::F32_LANES];
+                let (outer, inner) = (
+                    simd.sub_f32s(load::<S>(p, 4), load::<S>(p, 0)),
+                    simd.sub_f32s(load::<S>(p, 3), load::<S>(p, 1)),
+                );
+                store::<S>(along_x, x, simd.mul_add_e_f32s(two, inner, outer));
+                let q = &steep[x + LEFT - 2..][..4 + S::F32_LANES];
+                let (outer, inner) = (
+                    simd.add_f32s(load::<S>(q, 4), load::<S>(q, 0)),
+                    simd.add_f32s(load::<S>(q, 3), load::<S>(q, 1)),
+                );
+                let sum = simd.mul_add_e_f32s(six, load::<S>(q, 2), simd.mul_add_e_f32s(four, inner, outer));
+                store::<S>(along_y, x, sum);
+            }
+        }
+    }
+}
+
+impl Workspace {
+    fn fit(&mut self, shape: &Shape) {
+        let wide = shape.stride + 2 * LANES;
+        if self.causal.len() < shape.size() || self.lines[0].len() < wide {
+            self.causal.resize(shape.size(), 0.0);
+            for line in &mut self.lines {
+                line.resize(wide, 0.0);
+            }
+        }
+    }
+}
+
+/// The vector that begins at a place of a row.
+#[inline(always)]
+pub(super) fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
+    S::as_simd_f32s(&row[at..at + S::F32_LANES]).0[0]
+}
+
+/// Puts a vector at a place of a row.
+#[inline(always)]
+pub(super) fn store<S: Simd>(row: &mut [f32], at: usize, value: S::f32s) {
+    S::as_mut_simd_f32s(&mut row[at..at + S::F32_LANES]).0[0] = value;
+}
+
+/// Half of the horizontal prefilter, with the vertical recursion's gain of 6 in it.
+fn prefilter() -> [f32; FIR + 1] {
+    let taps: [f32; FIR + 1] = std::array::from_fn(|k| POLE.powi(k as i32));
+    let sum = taps[0] + 2.0 * taps[1..].iter().sum::<f32>();
+    taps.map(|tap| 6.0 * tap / sum)
+}
