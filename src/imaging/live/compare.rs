@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::tile::{LANES, Shape, Tile, load, store};
+use super::tile::{LANES, Shape, Tile, load, store, vectors};
 use crate::imaging::interpolation::{slope_weights, weights};
 
 /// Sums over a comparison's pixels.
@@ -88,56 +88,75 @@ impl Overlap {
     /// Compares the two tiles.
     #[inline(always)]
     pub(super) fn compare<S: Simd>(&self, simd: S, a: &Tile, b: &Tile, shape: &Shape, warp: &mut Warp) -> Option<Moments> {
-        warp.fit(self.rows);
+        warp.fit(self.rows * self.columns.next_multiple_of(LANES));
         let stride = shape.stride;
         let [ux, uy] = self.unit;
-        let splat = |w: [f32; 4]| w.map(|w| simd.splat_f32s(w));
-        let (wx, wy) = (splat(weights(self.fraction[0])), splat(weights(self.fraction[1])));
-        let sx = splat(slope_weights(self.fraction[0]).map(|w| ux * w));
-        let sy = splat(slope_weights(self.fraction[1]).map(|w| uy * w));
+        let (wx, wy) = (splat(simd, weights(self.fraction[0]), 1.0), splat(simd, weights(self.fraction[1]), 1.0));
+        let sx = splat(simd, slope_weights(self.fraction[0]), ux);
+        let sy = splat(simd, slope_weights(self.fraction[1]), uy);
         let (ux, uy) = (simd.splat_f32s(ux), simd.splat_f32s(uy));
         let zero = simd.splat_f32s(0.0);
         let mut sums = [zero; SUMS];
-        for x in (0..self.columns).step_by(S::F32_LANES) {
+        let strips = self.columns.div_ceil(S::F32_LANES);
+        let wide = strips * S::F32_LANES;
+        for strip in 0..strips {
             // The neighbour and its slope along the pair, down a strip one vector wide.
+            let x = strip * S::F32_LANES;
             let (mut v, mut d) = ([zero; 4], [zero; 4]);
             for line in 0..self.rows + 3 {
                 let c = &b.coefficients[self.corner + line * stride + x..][..3 + S::F32_LANES];
-                let c: [S::f32s; 4] = std::array::from_fn(|k| load::<S>(c, k));
+                let c = [load::<S>(c, 0), load::<S>(c, 1), load::<S>(c, 2), load::<S>(c, 3)];
                 v = [v[1], v[2], v[3], dot(simd, &wx, &c)];
                 d = [d[1], d[2], d[3], dot(simd, &sx, &c)];
                 if line >= 3 {
-                    let at = (line - 3) * S::F32_LANES;
+                    let at = (line - 3) * wide + x;
                     store::<S>(&mut warp.values, at, dot(simd, &wy, &v));
                     store::<S>(&mut warp.slopes, at, simd.add_f32s(dot(simd, &wy, &d), dot(simd, &sy, &v)));
                 }
             }
-            for row in 0..self.rows {
-                let (own, nearest) = (self.own + row * stride + x, self.nearest + row * stride + x);
-                let w = simd.mul_f32s(load::<S>(&a.amplitudes, own), load::<S>(&b.amplitudes, nearest));
-                let a_ = load::<S>(&a.values, own);
-                let t = simd.mul_f32s(uy, load::<S>(&a.slopes[1], own));
-                let t = simd.mul_add_e_f32s(ux, load::<S>(&a.slopes[0], own), t);
-                let b_ = load::<S>(&warp.values, row * S::F32_LANES);
-                let d = load::<S>(&warp.slopes, row * S::F32_LANES);
-                let (wa, wb, wt) = (simd.mul_f32s(w, a_), simd.mul_f32s(w, b_), simd.mul_f32s(w, t));
+        }
+        for row in 0..self.rows {
+            let (own, nearest) = (self.own + row * stride, self.nearest + row * stride);
+            let own_amplitudes = vectors::<S>(&a.amplitudes, own, strips);
+            let amplitudes = vectors::<S>(&b.amplitudes, nearest, strips);
+            let values = vectors::<S>(&a.values, own, strips);
+            let along_x = vectors::<S>(&a.slopes[0], own, strips);
+            let along_y = vectors::<S>(&a.slopes[1], own, strips);
+            let warped = vectors::<S>(&warp.values, row * wide, strips);
+            let warped_slopes = vectors::<S>(&warp.slopes, row * wide, strips);
+            for k in 0..strips {
+                let w = simd.mul_f32s(own_amplitudes[k], amplitudes[k]);
+                let (a, b, d) = (values[k], warped[k], warped_slopes[k]);
+                let t = simd.mul_add_e_f32s(ux, along_x[k], simd.mul_f32s(uy, along_y[k]));
+                let (wa, wb, wt) = (simd.mul_f32s(w, a), simd.mul_f32s(w, b), simd.mul_f32s(w, t));
                 sums[0] = simd.add_f32s(sums[0], w);
                 sums[1] = simd.add_f32s(sums[1], wa);
                 sums[2] = simd.add_f32s(sums[2], wb);
                 sums[3] = simd.add_f32s(sums[3], wt);
                 sums[4] = simd.mul_add_e_f32s(w, d, sums[4]);
-                sums[5] = simd.mul_add_e_f32s(wa, a_, sums[5]);
-                sums[6] = simd.mul_add_e_f32s(wa, b_, sums[6]);
-                sums[7] = simd.mul_add_e_f32s(wb, b_, sums[7]);
-                sums[8] = simd.mul_add_e_f32s(wt, a_, sums[8]);
-                sums[9] = simd.mul_add_e_f32s(wt, b_, sums[9]);
+                sums[5] = simd.mul_add_e_f32s(wa, a, sums[5]);
+                sums[6] = simd.mul_add_e_f32s(wa, b, sums[6]);
+                sums[7] = simd.mul_add_e_f32s(wb, b, sums[7]);
+                sums[8] = simd.mul_add_e_f32s(wt, a, sums[8]);
+                sums[9] = simd.mul_add_e_f32s(wt, b, sums[9]);
                 sums[10] = simd.mul_add_e_f32s(wt, t, sums[10]);
                 sums[11] = simd.mul_add_e_f32s(wt, d, sums[11]);
                 sums[12] = simd.mul_add_e_f32s(wa, d, sums[12]);
             }
         }
-        moments(sums.map(|sum| f64::from(simd.reduce_sum_f32s(sum))))
+        let mut totals = [0.0f64; SUMS];
+        for k in 0..SUMS {
+            totals[k] = f64::from(simd.reduce_sum_f32s(sums[k]));
+        }
+        moments(totals)
     }
+}
+
+// No closures from here down to the instructions: they would not be compiled for the instruction set in use.
+
+#[inline(always)]
+fn splat<S: Simd>(simd: S, w: [f32; 4], by: f32) -> [S::f32s; 4] {
+    [simd.splat_f32s(by * w[0]), simd.splat_f32s(by * w[1]), simd.splat_f32s(by * w[2]), simd.splat_f32s(by * w[3])]
 }
 
 #[inline(always)]
@@ -168,7 +187,7 @@ fn moments([w, a, b, t, d, aa, ab, bb, ta, tb, tt, td, ad]: [f64; SUMS]) -> Opti
     })
 }
 
-/// A strip of the warped neighbour and of its slope.
+/// The warped neighbour and of its slope.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Warp {
     values: Vec<f32>,
@@ -177,10 +196,10 @@ pub(super) struct Warp {
 
 impl Warp {
     #[inline(always)]
-    fn fit(&mut self, rows: usize) {
-        if self.values.len() < rows * LANES {
-            self.values.resize(rows * LANES, 0.0);
-            self.slopes.resize(rows * LANES, 0.0);
+    fn fit(&mut self, size: usize) {
+        if self.values.len() < size {
+            self.values.resize(size, 0.0);
+            self.slopes.resize(size, 0.0);
         }
     }
 }

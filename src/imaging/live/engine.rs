@@ -31,10 +31,12 @@ const LEAST_CONTRAST: f64 = 0.25;
 const QUANTISATION: f64 = 0.288_675;
 /// Clusters that are settled first, at most and as a share of the micro-images.
 const CLUSTERS: usize = 96;
-const CLUSTERS_SHARE: usize = 40;
-const LEAST_CLUSTERS: usize = 24;
+const CLUSTERS_SHARE: usize = 64;
+const LEAST_CLUSTERS: usize = 20;
 /// Step (px) of the clusters below which all pairs may follow.
 const SETTLED_PX: f64 = 0.03;
+/// Step (px) beyond which the clusters are followed however unsure they are.
+const UNSURE_PX: f64 = 0.3;
 /// Step (px) of all pairs after which another would change nothing.
 const FINAL_STEP_PX: f64 = 0.02;
 /// Most rounds of the clusters, and most passes over all pairs.
@@ -111,8 +113,9 @@ impl Engine {
         if let Some(field) = self.options.field_held {
             model.terms.fixed_rows_mut::<3>(1).copy_from_slice(&field);
         }
-        let settled = self.settle(frame, raw_noise, &mut model, state.noise_scale);
-        let found = settled.and_then(|scale| self.finish(frame, raw_noise, &mut model, scale, &fit));
+        let known = state.noise_scale;
+        let settled = self.settle(frame, raw_noise, &mut model, known);
+        let found = settled.and_then(|scale| self.finish(frame, raw_noise, &mut model, (scale, known), &fit));
         if matches!(found, Err(LiveError::Lost { .. })) {
             self.state = None;
         }
@@ -156,15 +159,17 @@ impl Engine {
             normal.gather(&clusters.jobs, &plan.turns, noise);
             let correlation = normal.correlation;
             let Some(inverse) = normal.inverse(&axis.free) else { return Err(self.no_match(0, from_px, raw_noise)) };
-            let step = normal.step(&inverse)[0];
-            if step.abs() < SETTLED_PX {
+            let step = normal.step(&inverse);
+            let sigma = normal.scatter(&inverse, &step, 1)[(0, 0)].sqrt();
+            let step = step[0];
+            // What the clusters cannot tell from nothing is left to all pairs.
+            if step.abs() < SETTLED_PX.max((2.0 * sigma).min(UNSURE_PX)) {
                 if correlation < LEAST_CORRELATION {
                     return Err(self.no_match(0, from_px, raw_noise));
                 }
                 if known_scale.is_none() {
                     scale = noise_scale(scale, normal.residual);
                 }
-                // A step this small is the clusters' own scatter as soon as the model's.
                 model.terms[0] = axis.terms[0];
                 return Ok(scale);
             }
@@ -183,7 +188,7 @@ impl Engine {
         frame: &Frame<'_, T>,
         raw_noise: f64,
         model: &mut Model,
-        scale: f64,
+        (scale, known_scale): (f64, Option<f64>),
         fit: &LatticeFit,
     ) -> Result<LiveSpacing, LiveError> {
         let from_px = model.terms[0];
@@ -216,7 +221,7 @@ impl Engine {
             self.check_texture(raw_noise)?;
             let Self { plan, random, normals: [_, normal], .. } = self;
             let setting = Setting { frame, plan, model: &before, normal, shape: &shape, noise };
-            let sigma_random_px = random.variance(&setting, &inverse).sqrt();
+            let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
             let covariance = normal.scatter(&inverse, &step, model.unknowns());
             self.state =
                 Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });

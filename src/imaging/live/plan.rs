@@ -14,10 +14,10 @@ use std::collections::{BTreeMap, HashMap};
 use super::score::PairScore;
 use crate::imaging::grid::Grid;
 
-/// Lattice columns of a job: with them two rows of tiles fit into the second-level cache.
+/// Most lattice columns of a job: with them two rows of tiles fit into the second-level cache.
 const JOB_COLUMNS: i32 = 16;
-/// Lattice rows of a job.
-const JOB_ROWS: i32 = 40;
+/// Most lattice rows of a job.
+const JOB_ROWS: i32 = 20;
 /// Field blocks along each side of a frame, for the scatter between regions.
 pub(super) const BLOCKS: usize = 6;
 /// The golden ratio's fraction: its multiples spread evenly however many there are.
@@ -130,13 +130,19 @@ impl Plan {
         }
         let pairs = plan.all_pairs(grid);
         plan.pairs = pairs.len();
-        let low = |axis: usize| plan.indices.iter().map(|i| i[axis]).min().unwrap_or(0);
-        let (first_column, first_row) = (low(0), low(1));
+        // As many parts as it takes, all alike.
+        let parts = |axis: usize, most: i32| {
+            let places = plan.indices.iter().map(|index| index[axis]);
+            let (low, high) = places.fold((i32::MAX, i32::MIN), |(l, h), i| (l.min(i), h.max(i)));
+            let count = (high.saturating_sub(low)).saturating_add(1).max(1);
+            (low, (count + (count + most - 1) / most - 1) / ((count + most - 1) / most))
+        };
+        let ((first_column, columns), (first_row, rows)) = (parts(0, JOB_COLUMNS), parts(1, JOB_ROWS));
         let mut blocks: BTreeMap<(i32, i32), Vec<Pair>> = BTreeMap::new();
         for pair in pairs {
             let column = plan.indices[pair.first as usize][0] - first_column;
             let row = plan.indices[pair.second as usize][1] - first_row;
-            blocks.entry((column / JOB_COLUMNS, row / JOB_ROWS)).or_default().push(pair);
+            blocks.entry((column / columns, row / rows)).or_default().push(pair);
         }
         plan.jobs = blocks.values().map(|pairs| plan.job(pairs)).collect();
         plan

@@ -13,15 +13,17 @@ use super::plan::{Job, Plan, Star};
 use super::score::Order;
 use super::tile::{Frame, GAIN_UNIT, Sample, Shape, Tile, Workspace};
 
-/// Micro-images looked at, at most and as a share of all.
+/// Micro-images of the sample.
 const WANTED: usize = 96;
-const SHARE: usize = 16;
-const LEAST: usize = 32;
+/// How many of them are looked at again in every frame: the ratio hardly changes from one to the next.
+const A_FRAME: usize = 8;
 
 /// A sample of micro-images and room for its work.
 #[derive(Debug, Clone)]
 pub(super) struct Random {
     places: Vec<Place>,
+    /// The first to be looked at next.
+    next: usize,
 }
 
 /// One micro-image of the sample.
@@ -50,7 +52,6 @@ pub(super) struct Setting<'a, T> {
 
 impl Random {
     pub(super) fn new(plan: &Plan) -> Self {
-        let wanted = (plan.lenses.len() / SHARE).clamp(LEAST, WANTED);
         let place = |star| Place {
             star,
             found: [0.0; 2],
@@ -60,17 +61,21 @@ impl Random {
             warp: Warp::default(),
             weights: Vec::new(),
         };
-        Self { places: plan.stars(wanted).into_iter().map(place).collect() }
+        Self { places: plan.stars(WANTED).into_iter().map(place).collect(), next: 0 }
     }
 
-    /// Variance of the spacing on the axis from pixel noise, px², where `inverse` is that of the information.
-    pub(super) fn variance<T: Sample>(&mut self, setting: &Setting<'_, T>, inverse: &Matrix) -> f64 {
+    /// Variance of the spacing on the axis from pixel noise, px², where `inverse` is that of the information. The whole
+    /// sample is looked at where the last frame says nothing of this one.
+    pub(super) fn variance<T: Sample>(&mut self, setting: &Setting<'_, T>, inverse: &Matrix, whole: bool) -> f64 {
         let along: Terms = inverse.column(0).into_owned();
         let arch = pulp::Arch::new();
         let jobs = &setting.plan.jobs;
-        self.places.par_iter_mut().with_min_len(4).for_each(|place| {
+        let range = if whole { 0..self.places.len() } else { self.next..(self.next + A_FRAME).min(self.places.len()) };
+        self.next = if range.end < self.places.len() { range.end } else { 0 };
+        self.places[range].par_iter_mut().with_min_len(2).for_each(|place| {
             arch.dispatch(Gather { place, setting, jobs, along: &along });
         });
+        // Relative to the frame's own, so that frames of other noise or light may stand side by side.
         let sum = |k: usize| self.places.iter().map(|p| p.found[k]).sum::<f64>();
         let all = along.dot(&(setting.normal.random * along)) * setting.noise.powi(2);
         all * sum(0) / sum(1).max(1e-300)
@@ -109,7 +114,7 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
             let Some(moments) = overlap.compare(simd, own, other, shape, warp) else { continue };
             let order = Order::new(&moments, noise);
             let factor = derivatives(pair, &plan.turns).dot(along) * normal.weight(score) / (noise * noise).max(1e-6);
-            found[1] += factor * factor * order.random(&moments) * noise * noise;
+            found[1] += factor * factor * order.random(&moments);
             // The neighbour's role mirrors the reference's: it counts as the same again.
             let strength = (2.0 * factor * order.trust) as f32;
             let [ux, uy] = overlap.unit;
@@ -126,14 +131,17 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
                 }
             }
         }
+        // In units of what the pairs of the whole frame make of it.
+        let unit = 1.0 / along.dot(&(normal.random * along)).max(1e-300);
         let [column, row] = shape.middle();
         let corner = [own.nearest[0] as isize - column as isize, own.nearest[1] as isize - row as isize];
         for (y, line) in weights.chunks_exact(shape.stride).enumerate() {
             let from = (corner[1] + y as isize) * frame.width as isize + corner[0];
             for (x, &weight) in line.iter().enumerate().filter(|(_, w)| **w != 0.0) {
                 let gain = frame.gains.get((from + x as isize).max(0) as usize).copied().unwrap_or_default();
-                found[0] += (f64::from(weight) * noise * f64::from(f32::from(gain) * GAIN_UNIT)).powi(2);
+                found[0] += unit * (f64::from(weight) * f64::from(f32::from(gain) * GAIN_UNIT)).powi(2);
             }
         }
+        found[1] *= unit;
     }
 }

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use pulp::Simd;
 use rayon::prelude::*;
 
-use super::compare::{Overlap, Warp};
+use super::compare::{Moments, Overlap, Warp};
 use super::normal::Model;
 use super::plan::{Job, Lens};
 use super::score::PairScore;
@@ -72,6 +72,9 @@ impl<T: Sample> pulp::WithSimd for JobTask<'_, T> {
         }
         let mut scores = job.scores.iter_mut();
         for row in &job.rows {
+            for &(lens, _) in &row.tiles {
+                std::hint::black_box(pass.frame.touch(&pass.lenses[lens as usize], pass.shape));
+            }
             for &(lens, slot) in &row.tiles {
                 let lens = &pass.lenses[lens as usize];
                 tiles[usize::from(slot)].prepare(simd, pass.frame, lens, pass.shape, work);
@@ -142,14 +145,25 @@ fn compare<S: Simd, T: Sample>(
     warp: &mut Warp,
 ) -> PairScore {
     let spacing = pass.model.spacing(&link.pair, pass.turns);
-    let mut order = |a: &Tile, b: &Tile, unit: [f64; 2]| {
-        let overlap = Overlap::new(a, b, pass.shape, unit, spacing)?;
-        overlap.compare(simd, a, b, pass.shape, warp)
-    };
-    let there = order(a, b, link.pair.unit);
-    let back = order(b, a, link.pair.unit.map(|u| -u));
+    let there = order(simd, pass.shape, a, b, link.pair.unit, spacing, warp);
+    let back = order(simd, pass.shape, b, a, [-link.pair.unit[0], -link.pair.unit[1]], spacing, warp);
     match (there, back) {
         (Some(there), Some(back)) => PairScore::new(&[there, back], pass.noise),
         _ => PairScore::NONE,
     }
+}
+
+/// One order of a pair; a closure would not be compiled for the instruction set in use.
+#[inline(always)]
+fn order<S: Simd>(
+    simd: S,
+    shape: &Shape,
+    a: &Tile,
+    b: &Tile,
+    unit: [f64; 2],
+    spacing: f64,
+    warp: &mut Warp,
+) -> Option<Moments> {
+    let Some(overlap) = Overlap::new(a, b, shape, unit, spacing) else { return None };
+    overlap.compare(simd, a, b, shape, warp)
 }

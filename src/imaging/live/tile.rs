@@ -19,6 +19,8 @@ const LEFT: usize = SPLINE + FIR;
 const ABOVE: usize = SPLINE + SETTLE;
 /// The pole of the cubic B-spline's prefilter, √3 − 2.
 const POLE: f32 = -0.267_949_2;
+/// Samples that lie in one cache line at least.
+const TOUCH_STEP: usize = 32;
 /// Unit of the gains in [`Frame::gains`].
 pub(super) const GAIN_UNIT: f32 = 1.0 / 8192.0;
 /// Noise variance of the slopes in units of that of the values: the sum of squares of [−1 −2 0 2 1] / 8 by
@@ -73,6 +75,30 @@ pub(super) struct Frame<'a, T> {
     pub(super) height: usize,
     /// Samples from here on are saturated.
     pub(super) white: T,
+}
+
+impl<T: Sample> Frame<'_, T> {
+    /// Reads a little of every cache line that a tile will be cut from. Nothing waits for these reads, so that the
+    /// memory works on many at a time; the cut itself would wait for one row after another.
+    #[inline(always)]
+    pub(super) fn touch(&self, lens: &Lens, shape: &Shape) -> u32 {
+        let [column, row] = shape.middle();
+        let left = (lens.nearest[0] as isize - column as isize).max(0) as usize;
+        let top = (lens.nearest[1] as isize - row as isize).max(0) as usize;
+        let mut read = 0u32;
+        for y in top..(top + shape.rows).min(self.height) {
+            let line = y * self.width..(y + 1) * self.width;
+            let (Some(samples), Some(gains)) = (self.samples.get(line.clone()), self.gains.get(line)) else { continue };
+            let mut x = left;
+            let last = (left + shape.stride - 1).min(self.width - 1);
+            while x < last {
+                read = read.wrapping_add(u32::from(gains[x]) + u32::from(samples[x] >= self.white));
+                x += TOUCH_STEP;
+            }
+            read = read.wrapping_add(u32::from(gains[last]) + u32::from(samples[last] >= self.white));
+        }
+        read
+    }
 }
 
 /// How large tiles are.
@@ -160,14 +186,14 @@ impl Tile {
         work.fit(shape);
         self.fraction = lens.fraction;
         self.nearest = lens.nearest;
-        self.cut(frame, shape, work);
+        self.cut(simd, frame, shape, work);
         self.spline(simd, shape, work);
         self.slope(simd, shape, work);
     }
 
     /// Values and amplitudes.
     #[inline(always)]
-    fn cut<T: Sample>(&mut self, frame: &Frame<'_, T>, shape: &Shape, work: &mut Workspace) {
+    fn cut<T: Sample, S: Simd>(&mut self, simd: S, frame: &Frame<'_, T>, shape: &Shape, work: &mut Workspace) {
         let [column, row] = shape.middle();
         let left = self.nearest[0] as isize - column as isize;
         let top = self.nearest[1] as isize - row as isize;
@@ -184,14 +210,15 @@ impl Tile {
         let [fx, fy] = self.fraction.map(|f| f as f32);
         let (square, slope) = (shape.edge * shape.edge, 1.0 / (2.0 * shape.edge - 1.0));
         let wide = (2 * shape.disc + 1).next_multiple_of(LANES);
+        let (pole, start) = (simd.splat_f32s(POLE), simd.splat_f32s(1.0 / (1.0 - POLE)));
         for y in 0..shape.rows {
-            let start = line(y);
+            let from = line(y);
             let (samples, gains) = if within {
-                let start = start + left as usize;
-                (&frame.samples[start..start + columns], &frame.gains[start..start + columns])
+                let from = from + left as usize;
+                (&frame.samples[from..from + columns], &frame.gains[from..from + columns])
             } else {
                 let places = (0..columns).map(|x| {
-                    start + (left + x as isize).clamp(0, frame.width as isize - 1) as usize
+                    from + (left + x as isize).clamp(0, frame.width as isize - 1) as usize
                 });
                 let samples = T::line(&mut work.edge);
                 samples.clear();
@@ -201,12 +228,20 @@ impl Tile {
                 (&samples[..], &work.gains[..])
             };
             let values = &mut self.values[y * shape.stride..][..columns];
-            let chunks = values.as_chunks_mut::<LANES>().0.iter_mut();
-            let sources = samples.as_chunks::<LANES>().0.iter().zip(gains.as_chunks::<LANES>().0);
-            for (value, (sample, gain)) in chunks.zip(sources) {
-                for k in 0..LANES {
-                    value[k] = sample[k].grey() * (f32::from(gain[k]) * GAIN_UNIT) - level;
-                }
+            for ((value, sample), &gain) in values.iter_mut().zip(samples).zip(gains) {
+                *value = sample.grey() * (f32::from(gain) * GAIN_UNIT) - level;
+            }
+            // The prefilter's way down; the values are continued as they begin.
+            let (before, here) = work.causal.split_at_mut(y * shape.stride);
+            let before = if y == 0 { None } else { Some(&before[(y - 1) * shape.stride..]) };
+            for k in 0..columns / S::F32_LANES {
+                let x = k * S::F32_LANES;
+                let value = load::<S>(values, x);
+                let state = match before {
+                    Some(before) => simd.mul_add_e_f32s(pole, load::<S>(before, x), value),
+                    None => simd.mul_f32s(start, value),
+                };
+                store::<S>(here, x, state);
             }
             if y < ABOVE || y > ABOVE + 2 * shape.disc {
                 continue;
@@ -234,27 +269,23 @@ impl Tile {
     fn spline<S: Simd>(&mut self, simd: S, shape: &Shape, work: &mut Workspace) {
         let (rows, stride) = (shape.rows, shape.stride);
         let pole = simd.splat_f32s(POLE);
-        let start = simd.splat_f32s(1.0 / (1.0 - POLE));
-        let causal = &mut work.causal[..rows * stride];
-        for x in (0..stride).step_by(S::F32_LANES) {
-            // The values are continued as they begin.
-            let mut state = simd.mul_f32s(load::<S>(&self.values, x), start);
-            store::<S>(causal, x, state);
-            for y in 1..rows {
-                state = simd.mul_add_e_f32s(pole, state, load::<S>(&self.values, y * stride + x));
-                store::<S>(causal, y * stride + x, state);
-            }
+        let causal = &work.causal[..rows * stride];
+        // No closures about vectors: they would not be compiled for the instruction set in use.
+        let (taps_each, mut taps) = (prefilter(), [pole; FIR + 1]);
+        for k in 0..=FIR {
+            taps[k] = simd.splat_f32s(taps_each[k]);
         }
-        let taps: [S::f32s; FIR + 1] = prefilter().map(|tap| simd.splat_f32s(tap));
         let end = simd.splat_f32s(-POLE / (1.0 - POLE));
         let state = &mut work.lines[0][..stride + 2 * LANES];
-        for x in (0..stride).step_by(S::F32_LANES) {
+        for x in 0..stride / S::F32_LANES {
+                let x = x * S::F32_LANES;
             let last = load::<S>(causal, (rows - 1) * stride + x);
             store::<S>(state, x, simd.mul_f32s(last, end));
         }
         let (first, wide) = (LEFT - SPLINE, (2 * (shape.disc + SPLINE) + 1).next_multiple_of(LANES));
         for y in (ABOVE - SPLINE..rows - 1).rev() {
-            for x in (0..stride).step_by(S::F32_LANES) {
+            for x in 0..stride / S::F32_LANES {
+                let x = x * S::F32_LANES;
                 let next = simd.sub_f32s(load::<S>(state, x), load::<S>(causal, y * stride + x));
                 store::<S>(state, x, simd.mul_f32s(pole, next));
             }
@@ -262,12 +293,13 @@ impl Tile {
                 continue;
             }
             let out = &mut self.coefficients[y * stride + first..][..wide];
-            for x in (0..wide).step_by(S::F32_LANES) {
+            for x in 0..wide / S::F32_LANES {
+                let x = x * S::F32_LANES;
                 let around = &state[x + first - FIR..][..2 * FIR + S::F32_LANES];
                 let mut sum = simd.mul_f32s(taps[0], load::<S>(around, FIR));
-                for (k, &tap) in taps.iter().enumerate().skip(1) {
+                for k in 1..=FIR {
                     let both = simd.add_f32s(load::<S>(around, FIR - k), load::<S>(around, FIR + k));
-                    sum = simd.mul_add_e_f32s(tap, both, sum);
+                    sum = simd.mul_add_e_f32s(taps[k], both, sum);
                 }
                 store::<S>(out, x, sum);
             }
@@ -284,8 +316,12 @@ impl Tile {
         let [smooth, steep] = &mut work.lines;
         for y in ABOVE..=ABOVE + 2 * shape.disc {
             let rows = &self.values[(y - 2) * stride..(y + 3) * stride];
-            for x in (0..stride).step_by(S::F32_LANES) {
-                let v: [S::f32s; 5] = std::array::from_fn(|k| load::<S>(rows, k * stride + x));
+            for x in 0..stride / S::F32_LANES {
+                let x = x * S::F32_LANES;
+                let mut v = [two; 5];
+                for k in 0..5 {
+                    v[k] = load::<S>(rows, k * stride + x);
+                }
                 let (outer, inner) = (simd.add_f32s(v[0], v[4]), simd.add_f32s(v[1], v[3]));
                 let sum = simd.mul_add_e_f32s(six, v[2], simd.mul_add_e_f32s(four, inner, outer));
                 store::<S>(smooth, x, simd.mul_f32s(sum, unit));
@@ -295,7 +331,8 @@ impl Tile {
             let [along_x, along_y] = &mut self.slopes;
             let along_x = &mut along_x[y * stride + LEFT..][..wide];
             let along_y = &mut along_y[y * stride + LEFT..][..wide];
-            for x in (0..wide).step_by(S::F32_LANES) {
+            for x in 0..wide / S::F32_LANES {
+                let x = x * S::F32_LANES;
                 let p = &smooth[x + LEFT - 2..][..4 + S::F32_LANES];
                 let (outer, inner) = (
                     simd.sub_f32s(load::<S>(p, 4), load::<S>(p, 0)),
@@ -330,6 +367,12 @@ impl Workspace {
 #[inline(always)]
 pub(super) fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
     S::as_simd_f32s(&row[at..at + S::F32_LANES]).0[0]
+}
+
+/// So many vectors from a place of a row on.
+#[inline(always)]
+pub(super) fn vectors<S: Simd>(row: &[f32], at: usize, count: usize) -> &[S::f32s] {
+    &S::as_simd_f32s(&row[at..at + count * S::F32_LANES]).0[..count]
 }
 
 /// Puts a vector at a place of a row.
