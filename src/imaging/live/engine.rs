@@ -6,7 +6,7 @@ use super::normal::{Model, Normal, TERMS, Terms, free_terms};
 use super::plan::Plan;
 use super::random::{Random, Setting};
 use super::run::{Clusters, Pass, Pool, run};
-use super::tile::{Frame, Sample, Shape};
+use super::tile::{Frame, Gains, Sample, Shape};
 use super::{LiveError, LiveOptions, LiveSpacing};
 use crate::imaging::grid::Grid;
 use crate::imaging::spacing::{LEAST_PAIRS, MASK_FRACTION, SpacingError};
@@ -102,6 +102,12 @@ impl Engine {
             clusters,
             plan,
         })
+    }
+
+    /// The gains of all tiles.
+    pub(super) fn gains(&self, grid: &Grid, vignetting: &[f32]) -> Gains {
+        let largest = Shape::new(MASK_FRACTION * self.pitch / 2.0);
+        Gains::new(vignetting, grid.frame_size, &self.plan.lenses, largest)
     }
 
     pub(super) fn measure<T: Sample>(&mut self, frame: &Frame<'_, T>, bits: u8) -> Result<LiveSpacing, LiveError> {

@@ -32,14 +32,11 @@ mod tile;
 use serde::Serialize;
 
 use self::engine::{Engine, State};
-use self::tile::{Frame, GAIN_UNIT};
+use self::tile::{Frame, GAIN_UNIT, Gains, gain};
 use super::grid::Grid;
 use super::spacing::{SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
 use crate::optics::MlaMode;
 use crate::raw::{RawImage, Samples};
-
-/// Below this share of light vignetting is not divided out any further: it would only blow up noise.
-const LEAST_SHARE: f32 = 0.2;
 
 /// What the caller knows and wants.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -157,8 +154,9 @@ pub struct LiveSpacing {
 #[derive(Debug)]
 pub struct LiveMeter {
     grid: Grid,
-    /// What each sample is multiplied by to take the vignetting out, in [`GAIN_UNIT`]s.
-    gains: Vec<u16>,
+    /// The vignetting of the whole frame, for when the spacing has to be looked for.
+    vignetting: Vec<u16>,
+    gains: Gains,
     options: LiveOptions,
     engine: Engine,
 }
@@ -185,10 +183,10 @@ impl LiveMeter {
             let rows = vignetting.len().checked_div(width).unwrap_or(0);
             return Err(SpacingError::WrongSize { frame: [width, rows], grid: grid.frame_size });
         }
-        let gain = |share: &f32| (1.0 / (share.max(LEAST_SHARE) * GAIN_UNIT)).round() as u16;
-        let gains = vignetting.iter().map(gain).collect();
         let engine = Engine::new(grid, vignetting, &options)?;
-        Ok(Self { grid: grid.clone(), gains, options, engine })
+        let gains = engine.gains(grid, vignetting);
+        let vignetting = vignetting.iter().map(|&share| gain(share)).collect();
+        Ok(Self { grid: grid.clone(), vignetting, gains, options, engine })
     }
 
     /// Measures a frame, starting from the last one's spacing.
@@ -216,7 +214,7 @@ impl LiveMeter {
     /// [`LiveError`].
     pub fn acquire(&mut self, raw: &RawImage) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
-        let vignetting: Vec<f32> = self.gains.iter().map(|&gain| 1.0 / (f32::from(gain) * GAIN_UNIT)).collect();
+        let vignetting: Vec<f32> = self.vignetting.iter().map(|&gain| 1.0 / (f32::from(gain) * GAIN_UNIT)).collect();
         let frame = SpacingFrame::new(raw, &vignetting, &self.grid, SLOPE_SIGMA_PX)?;
         let options = SpacingOptions {
             mla_pitch_px: self.options.mla_pitch_px,

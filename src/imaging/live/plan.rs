@@ -15,7 +15,7 @@ use super::score::PairScore;
 use crate::imaging::grid::Grid;
 
 /// Most lattice columns of a job: with them two rows of tiles fit into the second-level cache.
-const JOB_COLUMNS: i32 = 16;
+const JOB_COLUMNS: i32 = 10;
 /// Most lattice rows of a job.
 const JOB_ROWS: i32 = 20;
 /// Field blocks along each side of a frame, for the scatter between regions.

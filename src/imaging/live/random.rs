@@ -100,7 +100,7 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
         weights.clear();
         weights.resize(shape.size(), 0.0);
         *found = [0.0; 2];
-        own.prepare(simd, frame, &plan.lenses[star.lens as usize], shape, work);
+        own.prepare(simd, frame, (star.lens, &plan.lenses), shape, work);
         for ray in &star.rays {
             let score = &jobs[ray.job as usize].scores[ray.score as usize];
             if !score.compared() {
@@ -108,7 +108,7 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
             }
             let pair = &ray.pair;
             let (lens, sign) = if ray.outwards { (pair.second, 1.0) } else { (pair.first, -1.0) };
-            other.prepare(simd, frame, &plan.lenses[lens as usize], shape, work);
+            other.prepare(simd, frame, (lens, &plan.lenses), shape, work);
             let spacing = model.spacing(pair, &plan.turns);
             let Some(overlap) = Overlap::new(own, other, shape, pair.unit.map(|u| sign * u), spacing) else { continue };
             let Some(moments) = overlap.compare(simd, own, other, shape, warp) else { continue };
@@ -133,12 +133,9 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
         }
         // In units of what the pairs of the whole frame make of it.
         let unit = 1.0 / along.dot(&(normal.random * along)).max(1e-300);
-        let [column, row] = shape.middle();
-        let corner = [own.nearest[0] as isize - column as isize, own.nearest[1] as isize - row as isize];
         for (y, line) in weights.chunks_exact(shape.stride).enumerate() {
-            let from = (corner[1] + y as isize) * frame.width as isize + corner[0];
-            for (x, &weight) in line.iter().enumerate().filter(|(_, w)| **w != 0.0) {
-                let gain = frame.gains.get((from + x as isize).max(0) as usize).copied().unwrap_or_default();
+            let columns = shape.columns();
+            for (&weight, &gain) in line.iter().zip(frame.gains.row(star.lens, y, shape, columns)) {
                 found[0] += unit * (f64::from(weight) * f64::from(f32::from(gain) * GAIN_UNIT)).powi(2);
             }
         }

@@ -76,8 +76,7 @@ impl<T: Sample> pulp::WithSimd for JobTask<'_, T> {
                 std::hint::black_box(pass.frame.touch(&pass.lenses[lens as usize], pass.shape));
             }
             for &(lens, slot) in &row.tiles {
-                let lens = &pass.lenses[lens as usize];
-                tiles[usize::from(slot)].prepare(simd, pass.frame, lens, pass.shape, work);
+                tiles[usize::from(slot)].prepare(simd, pass.frame, (lens, pass.lenses), pass.shape, work);
             }
             for (link, score) in row.links.iter().zip(&mut scores) {
                 let (a, b) = (&tiles[usize::from(link.slots[0])], &tiles[usize::from(link.slots[1])]);

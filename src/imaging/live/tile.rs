@@ -21,7 +21,9 @@ const ABOVE: usize = SPLINE + SETTLE;
 const POLE: f32 = -0.267_949_2;
 /// Samples that lie in one cache line at least.
 const TOUCH_STEP: usize = 32;
-/// Unit of the gains in [`Frame::gains`].
+/// Below this share of light vignetting is not divided out any further: it would only blow up noise.
+const LEAST_SHARE: f32 = 0.2;
+/// Unit of the gains.
 pub(super) const GAIN_UNIT: f32 = 1.0 / 8192.0;
 /// Noise variance of the slopes in units of that of the values: the sum of squares of [−1 −2 0 2 1] / 8 by
 /// [1 4 6 4 1] / 16.
@@ -69,8 +71,7 @@ impl Sample for u16 {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame<'a, T> {
     pub(super) samples: &'a [T],
-    /// What each sample is multiplied by to take the vignetting out, in [`GAIN_UNIT`]s.
-    pub(super) gains: &'a [u16],
+    pub(super) gains: &'a Gains,
     pub(super) width: usize,
     pub(super) height: usize,
     /// Samples from here on are saturated.
@@ -85,20 +86,62 @@ impl<T: Sample> Frame<'_, T> {
         let [column, row] = shape.middle();
         let left = (lens.nearest[0] as isize - column as isize).max(0) as usize;
         let top = (lens.nearest[1] as isize - row as isize).max(0) as usize;
+        let last = (left + shape.stride).min(self.width).saturating_sub(1);
         let mut read = 0u32;
         for y in top..(top + shape.rows).min(self.height) {
-            let line = y * self.width..(y + 1) * self.width;
-            let (Some(samples), Some(gains)) = (self.samples.get(line.clone()), self.gains.get(line)) else { continue };
+            let Some(line) = self.samples.get(y * self.width..(y + 1) * self.width) else { continue };
             let mut x = left;
-            let last = (left + shape.stride - 1).min(self.width - 1);
             while x < last {
-                read = read.wrapping_add(u32::from(gains[x]) + u32::from(samples[x] >= self.white));
+                read = read.wrapping_add(u32::from(line[x] >= self.white));
                 x += TOUCH_STEP;
             }
-            read = read.wrapping_add(u32::from(gains[last]) + u32::from(samples[last] >= self.white));
+            read = read.wrapping_add(u32::from(line[last] >= self.white));
         }
         read
     }
+}
+
+/// What every pixel of every tile is multiplied by to take the vignetting out: one micro-image after another, in the
+/// order of the plan, so that the memory is read from one end to the other.
+#[derive(Debug, Clone)]
+pub(super) struct Gains {
+    gains: Vec<u16>,
+    /// The largest tiles there are.
+    largest: Shape,
+    columns: usize,
+}
+
+impl Gains {
+    /// For tiles up to `largest`; `vignetting` has the share of light of every pixel.
+    pub(super) fn new(vignetting: &[f32], size: [usize; 2], lenses: &[Lens], largest: Shape) -> Self {
+        let [column, row] = largest.middle();
+        let columns = largest.columns();
+        let one = |lens: &Lens| {
+            let within = |at: isize, axis: usize| at.clamp(0, size[axis] as isize - 1) as usize;
+            let (left, top) = (lens.nearest[0] as isize - column as isize, lens.nearest[1] as isize - row as isize);
+            (0..largest.rows * columns).map(move |k| {
+                let (x, y) = (within(left + (k % columns) as isize, 0), within(top + (k / columns) as isize, 1));
+                gain(vignetting[y * size[0] + x])
+            })
+        };
+        let mut gains: Vec<u16> = lenses.iter().flat_map(one).collect();
+        // A row of a smaller tile may reach beyond the last.
+        gains.resize(gains.len() + 2 * LANES, 0);
+        Self { gains, largest, columns }
+    }
+
+    /// So many of the gains of a row of a tile.
+    #[inline(always)]
+    pub(super) fn row(&self, lens: u32, y: usize, shape: &Shape, columns: usize) -> &[u16] {
+        let inset = self.largest.disc - shape.disc;
+        let from = (lens as usize * self.largest.rows + y + inset) * self.columns + inset;
+        &self.gains[from..from + columns]
+    }
+}
+
+/// A share of light as a gain.
+pub(super) fn gain(share: f32) -> u16 {
+    (1.0 / (share.max(LEAST_SHARE) * GAIN_UNIT)).round() as u16
 }
 
 /// How large tiles are.
@@ -126,6 +169,11 @@ impl Shape {
         [LEFT + self.disc, ABOVE + self.disc]
     }
 
+    /// Columns that are cut, in whole vectors.
+    pub(super) const fn columns(&self) -> usize {
+        (2 * (LEFT + self.disc) + 1).next_multiple_of(LANES)
+    }
+
     pub(super) const fn size(&self) -> usize {
         self.rows * self.stride
     }
@@ -149,13 +197,13 @@ pub(super) struct Tile {
     shape: Option<Shape>,
 }
 
-/// Rows that preparing a tile needs.
+/// Planes and rows that preparing a tile needs.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Workspace {
     edge: EdgeLines,
-    gains: Vec<u16>,
-    causal: Vec<f32>,
+    planes: [Vec<f32>; 2],
     lines: [Vec<f32>; 2],
+    across: Vec<f32>,
 }
 
 impl Tile {
@@ -177,27 +225,27 @@ impl Tile {
         &mut self,
         simd: S,
         frame: &Frame<'_, T>,
-        lens: &Lens,
+        (lens, plan): (u32, &[Lens]),
         shape: &Shape,
         work: &mut Workspace,
     ) {
         const { assert!(S::F32_LANES <= LANES, "tiles are padded for shorter vectors") };
         self.fit(shape);
         work.fit(shape);
-        self.fraction = lens.fraction;
-        self.nearest = lens.nearest;
-        self.cut(simd, frame, shape, work);
+        self.fraction = plan[lens as usize].fraction;
+        self.nearest = plan[lens as usize].nearest;
+        self.cut(simd, frame, lens, shape, work);
         self.spline(simd, shape, work);
         self.slope(simd, shape, work);
     }
 
     /// Values and amplitudes.
     #[inline(always)]
-    fn cut<T: Sample, S: Simd>(&mut self, simd: S, frame: &Frame<'_, T>, shape: &Shape, work: &mut Workspace) {
+    fn cut<T: Sample, S: Simd>(&mut self, simd: S, frame: &Frame<'_, T>, lens: u32, shape: &Shape, work: &mut Workspace) {
         let [column, row] = shape.middle();
         let left = self.nearest[0] as isize - column as isize;
         let top = self.nearest[1] as isize - row as isize;
-        let columns = (2 * column + 1).next_multiple_of(LANES).min(shape.stride);
+        let columns = shape.columns();
         let within = left >= 0 && left as usize + columns <= frame.width;
         let line = |y: usize| (top + y as isize).clamp(0, frame.height as isize - 1) as usize * frame.width;
         // A constant near the mean keeps the sums over products of values small.
@@ -208,35 +256,46 @@ impl Tile {
             samples.iter().map(|s| s.grey()).sum::<f32>() / samples.len().max(1) as f32
         };
         let [fx, fy] = self.fraction.map(|f| f as f32);
-        let (square, slope) = (shape.edge * shape.edge, 1.0 / (2.0 * shape.edge - 1.0));
-        let wide = (2 * shape.disc + 1).next_multiple_of(LANES);
+        let slope = 1.0 / (2.0 * shape.edge - 1.0);
+        // Columns up to the mask's last; all loads are where stores were, or they would have to wait for them.
+        let wide = (LEFT + 2 * shape.disc + 1).next_multiple_of(LANES);
+        let Workspace { edge, planes: [causal, _], lines: [greys, factors], across } = work;
+        let mut offset = -((LEFT + shape.disc) as f32) - fx;
+        for square in &mut across[..wide] {
+            *square = offset * offset * slope;
+            offset += 1.0;
+        }
+        let (unit, level, white) =
+            (simd.splat_f32s(GAIN_UNIT), simd.splat_f32s(level), simd.splat_f32s(frame.white.grey()));
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
         let (pole, start) = (simd.splat_f32s(POLE), simd.splat_f32s(1.0 / (1.0 - POLE)));
         for y in 0..shape.rows {
             let from = line(y);
-            let (samples, gains) = if within {
-                let from = from + left as usize;
-                (&frame.samples[from..from + columns], &frame.gains[from..from + columns])
+            let gains = frame.gains.row(lens, y, shape, columns);
+            let samples = if within {
+                &frame.samples[from + left as usize..][..columns]
             } else {
-                let places = (0..columns).map(|x| {
-                    from + (left + x as isize).clamp(0, frame.width as isize - 1) as usize
-                });
-                let samples = T::line(&mut work.edge);
+                let place = |x: usize| from + (left + x as isize).clamp(0, frame.width as isize - 1) as usize;
+                let samples = T::line(edge);
                 samples.clear();
-                samples.extend(places.clone().map(|k| frame.samples[k]));
-                work.gains.clear();
-                work.gains.extend(places.map(|k| frame.gains[k]));
-                (&samples[..], &work.gains[..])
+                samples.extend((0..columns).map(|x| frame.samples[place(x)]));
+                &samples[..]
             };
-            let values = &mut self.values[y * shape.stride..][..columns];
-            for ((value, sample), &gain) in values.iter_mut().zip(samples).zip(gains) {
-                *value = sample.grey() * (f32::from(gain) * GAIN_UNIT) - level;
+            for (line, sample) in greys[..columns].iter_mut().zip(samples) {
+                *line = sample.grey();
             }
+            for (line, &gain) in factors[..columns].iter_mut().zip(gains) {
+                *line = f32::from(gain);
+            }
+            let values = &mut self.values[y * shape.stride..][..columns];
             // The prefilter's way down; the values are continued as they begin.
-            let (before, here) = work.causal.split_at_mut(y * shape.stride);
+            let (before, here) = causal.split_at_mut(y * shape.stride);
             let before = if y == 0 { None } else { Some(&before[(y - 1) * shape.stride..]) };
             for k in 0..columns / S::F32_LANES {
                 let x = k * S::F32_LANES;
-                let value = load::<S>(values, x);
+                let factor = simd.mul_f32s(load::<S>(factors, x), unit);
+                let value = simd.sub_f32s(simd.mul_f32s(load::<S>(greys, x), factor), level);
+                store::<S>(values, x, value);
                 let state = match before {
                     Some(before) => simd.mul_add_e_f32s(pole, load::<S>(before, x), value),
                     None => simd.mul_f32s(start, value),
@@ -247,55 +306,52 @@ impl Tile {
                 continue;
             }
             let down = y as f32 - row as f32 - fy;
-            let rest = square - down * down;
-            let amplitudes = &mut self.amplitudes[y * shape.stride + LEFT..][..wide];
-            let last = columns.min(LEFT + wide);
-            let sources = samples[LEFT..last].iter().zip(&gains[LEFT..last]);
-            let offset = shape.disc as f32 + fx;
-            for (k, (amplitude, (&sample, &gain))) in amplitudes.iter_mut().zip(sources).enumerate() {
+            let rest = simd.splat_f32s((shape.edge * shape.edge - down * down) * slope);
+            let amplitudes = &mut self.amplitudes[y * shape.stride..][..wide];
+            for k in 0..wide / S::F32_LANES {
+                let x = k * S::F32_LANES;
                 // Near the edge (edge² − r²) / (2 edge − 1) falls from 1 to 0 over one pixel.
-                let across = k as f32 - offset;
-                let mask = (rest - across * across) * slope;
-                let mask = if mask > 1.0 { 1.0 } else { mask };
-                let mask = if mask < 0.0 { 0.0 } else { mask };
-                let mask = if sample >= frame.white { 0.0 } else { mask };
-                *amplitude = mask / (f32::from(gain) * GAIN_UNIT);
+                let mask = simd.sub_f32s(rest, load::<S>(across, x));
+                let mask = simd.max_f32s(simd.min_f32s(mask, one), zero);
+                let mask = simd.div_f32s(mask, simd.mul_f32s(load::<S>(factors, x), unit));
+                let open = simd.less_than_f32s(load::<S>(greys, x), white);
+                store::<S>(amplitudes, x, simd.select_f32s(open, mask, zero));
             }
         }
     }
 
-    /// Spline coefficients: down the columns by recursion, along the rows by a short filter.
+    /// Spline coefficients: up the columns by recursion, then along the rows by a short filter.
     #[inline(always)]
     fn spline<S: Simd>(&mut self, simd: S, shape: &Shape, work: &mut Workspace) {
         let (rows, stride) = (shape.rows, shape.stride);
-        let pole = simd.splat_f32s(POLE);
-        let causal = &work.causal[..rows * stride];
+        let plane = &mut work.planes[0][..rows * stride];
+        let (pole, end) = (simd.splat_f32s(POLE), simd.splat_f32s(-POLE / (1.0 - POLE)));
+        let vectors = shape.columns() / S::F32_LANES;
+        for k in 0..vectors {
+            let x = (rows - 1) * stride + k * S::F32_LANES;
+            store::<S>(plane, x, simd.mul_f32s(load::<S>(plane, x), end));
+        }
+        for y in (ABOVE - SPLINE..rows - 1).rev() {
+            let (here, below) = plane[y * stride..(y + 2) * stride].split_at_mut(stride);
+            for k in 0..vectors {
+                let x = k * S::F32_LANES;
+                let next = simd.sub_f32s(load::<S>(below, x), load::<S>(here, x));
+                store::<S>(here, x, simd.mul_f32s(pole, next));
+            }
+        }
         // No closures about vectors: they would not be compiled for the instruction set in use.
         let (taps_each, mut taps) = (prefilter(), [pole; FIR + 1]);
         for k in 0..=FIR {
             taps[k] = simd.splat_f32s(taps_each[k]);
         }
-        let end = simd.splat_f32s(-POLE / (1.0 - POLE));
-        let state = &mut work.lines[0][..stride + 2 * LANES];
-        for x in 0..stride / S::F32_LANES {
-                let x = x * S::F32_LANES;
-            let last = load::<S>(causal, (rows - 1) * stride + x);
-            store::<S>(state, x, simd.mul_f32s(last, end));
-        }
         let (first, wide) = (LEFT - SPLINE, (2 * (shape.disc + SPLINE) + 1).next_multiple_of(LANES));
-        for y in (ABOVE - SPLINE..rows - 1).rev() {
-            for x in 0..stride / S::F32_LANES {
-                let x = x * S::F32_LANES;
-                let next = simd.sub_f32s(load::<S>(state, x), load::<S>(causal, y * stride + x));
-                store::<S>(state, x, simd.mul_f32s(pole, next));
-            }
-            if y > rows - 1 - (ABOVE - SPLINE) {
-                continue;
-            }
+        // Rows that were written last come last: a load across two stores waits until both are through.
+        for y in (ABOVE - SPLINE..=rows - 1 - (ABOVE - SPLINE)).rev() {
+            let from = &plane[y * stride..];
             let out = &mut self.coefficients[y * stride + first..][..wide];
-            for x in 0..wide / S::F32_LANES {
-                let x = x * S::F32_LANES;
-                let around = &state[x + first - FIR..][..2 * FIR + S::F32_LANES];
+            for k in 0..wide / S::F32_LANES {
+                let x = k * S::F32_LANES;
+                let around = &from[x + first - FIR..][..2 * FIR + S::F32_LANES];
                 let mut sum = simd.mul_f32s(taps[0], load::<S>(around, FIR));
                 for k in 1..=FIR {
                     let both = simd.add_f32s(load::<S>(around, FIR - k), load::<S>(around, FIR + k));
@@ -306,21 +362,23 @@ impl Tile {
         }
     }
 
-    /// Slopes by binomial filters.
+    /// Slopes by binomial filters: down the columns, then along the rows.
     #[inline(always)]
     fn slope<S: Simd>(&mut self, simd: S, shape: &Shape, work: &mut Workspace) {
         let stride = shape.stride;
         let (two, four, six) = (simd.splat_f32s(2.0), simd.splat_f32s(4.0), simd.splat_f32s(6.0));
         let unit = simd.splat_f32s(1.0 / 128.0);
         let wide = (2 * shape.disc + 1).next_multiple_of(LANES);
-        let [smooth, steep] = &mut work.lines;
+        let [smooth, steep] = &mut work.planes;
         for y in ABOVE..=ABOVE + 2 * shape.disc {
             let rows = &self.values[(y - 2) * stride..(y + 3) * stride];
-            for x in 0..stride / S::F32_LANES {
-                let x = x * S::F32_LANES;
+            let smooth = &mut smooth[y * stride..][..wide + LANES];
+            let steep = &mut steep[y * stride..][..wide + LANES];
+            for k in 0..(wide + LANES) / S::F32_LANES {
+                let x = k * S::F32_LANES;
                 let mut v = [two; 5];
                 for k in 0..5 {
-                    v[k] = load::<S>(rows, k * stride + x);
+                    v[k] = load::<S>(rows, k * stride + LEFT - 2 + x);
                 }
                 let (outer, inner) = (simd.add_f32s(v[0], v[4]), simd.add_f32s(v[1], v[3]));
                 let sum = simd.mul_add_e_f32s(six, v[2], simd.mul_add_e_f32s(four, inner, outer));
@@ -328,18 +386,20 @@ impl Tile {
                 let (outer, inner) = (simd.sub_f32s(v[4], v[0]), simd.sub_f32s(v[3], v[1]));
                 store::<S>(steep, x, simd.mul_f32s(simd.mul_add_e_f32s(two, inner, outer), unit));
             }
-            let [along_x, along_y] = &mut self.slopes;
+        }
+        let [along_x, along_y] = &mut self.slopes;
+        for y in ABOVE..=ABOVE + 2 * shape.disc {
             let along_x = &mut along_x[y * stride + LEFT..][..wide];
             let along_y = &mut along_y[y * stride + LEFT..][..wide];
-            for x in 0..wide / S::F32_LANES {
-                let x = x * S::F32_LANES;
-                let p = &smooth[x + LEFT - 2..][..4 + S::F32_LANES];
+            let (smooth, steep) = (&smooth[y * stride..][..wide + LANES], &steep[y * stride..][..wide + LANES]);
+            for k in 0..wide / S::F32_LANES {
+                let x = k * S::F32_LANES;
+                let (p, q) = (&smooth[x..][..4 + S::F32_LANES], &steep[x..][..4 + S::F32_LANES]);
                 let (outer, inner) = (
                     simd.sub_f32s(load::<S>(p, 4), load::<S>(p, 0)),
                     simd.sub_f32s(load::<S>(p, 3), load::<S>(p, 1)),
                 );
                 store::<S>(along_x, x, simd.mul_add_e_f32s(two, inner, outer));
-                let q = &steep[x + LEFT - 2..][..4 + S::F32_LANES];
                 let (outer, inner) = (
                     simd.add_f32s(load::<S>(q, 4), load::<S>(q, 0)),
                     simd.add_f32s(load::<S>(q, 3), load::<S>(q, 1)),
@@ -354,8 +414,11 @@ impl Tile {
 impl Workspace {
     fn fit(&mut self, shape: &Shape) {
         let wide = shape.stride + 2 * LANES;
-        if self.causal.len() < shape.size() || self.lines[0].len() < wide {
-            self.causal.resize(shape.size(), 0.0);
+        if self.planes[0].len() < shape.size() + LANES || self.lines[0].len() < wide {
+            self.across.resize(wide, 0.0);
+            for plane in &mut self.planes {
+                plane.resize(shape.size() + 2 * LANES, 0.0);
+            }
             for line in &mut self.lines {
                 line.resize(wide, 0.0);
             }
