@@ -60,10 +60,9 @@ fn check_agreement(name: &str, live: &LiveSpacing, full: &Spacing) {
     assert!(difference.abs() < 0.001, "{name}: {difference:+.5} px from {full:?}");
     assert!((live.tilt_x_px - full.tilt_x_px).abs() < 0.002 && (live.tilt_y_px - full.tilt_y_px).abs() < 0.002);
     assert!((live.curvature_px - full.curvature_px).abs() < 0.004);
-    for (what, live, full) in [
-        ("sigma", live.sigma_px, full.sigma_px),
-        ("random sigma", live.sigma_random_px, full.sigma_random_px),
-    ] {
+    for (what, live, full) in
+        [("sigma", live.sigma_px, full.sigma_px), ("random sigma", live.sigma_random_px, full.sigma_random_px)]
+    {
         assert!((live / full - 1.0).abs() < 0.25, "{name}: {what} {live:.5} for {full:.5} px");
     }
     assert!((live.correlation - full.correlation).abs() < 0.02 && live.window_px == full.window_px);
@@ -165,10 +164,7 @@ fn frames_without_an_answer_are_refused() {
     meter.measure(&known.raw).unwrap();
     // A white frame has micro-images but nothing on them.
     let blank = meter.measure(&white).unwrap_err();
-    assert!(
-        matches!(&blank, LiveError::Spacing(SpacingError::NoTexture { .. }) | LiveError::Lost { .. }),
-        "{blank}"
-    );
+    assert!(matches!(&blank, LiveError::Spacing(SpacingError::NoTexture { .. }) | LiveError::Lost { .. }), "{blank}");
     let scaled = |factor: f64| {
         let values = known.raw.to_view().iter().map(|&v| (f64::from(v) * factor).min(255.0) as u8).collect();
         RawImage::from_u8(size[0], size[1], values)

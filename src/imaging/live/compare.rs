@@ -2,7 +2,9 @@
 
 use pulp::Simd;
 
-use super::tile::{LANES, Shape, Tile, load, store, vectors};
+use super::shape::{LANES, Shape};
+use super::tile::Tile;
+use super::vector::{load, store, vectors};
 use crate::imaging::interpolation::{slope_weights, weights};
 
 /// Sums over a comparison's pixels.
@@ -87,7 +89,14 @@ impl Overlap {
 
     /// Compares the two tiles.
     #[inline(always)]
-    pub(super) fn compare<S: Simd>(&self, simd: S, a: &Tile, b: &Tile, shape: &Shape, warp: &mut Warp) -> Option<Moments> {
+    pub(super) fn compare<S: Simd>(
+        &self,
+        simd: S,
+        a: &Tile,
+        b: &Tile,
+        shape: &Shape,
+        warp: &mut Warp,
+    ) -> Option<Moments> {
         warp.fit(self.rows * self.columns.next_multiple_of(LANES));
         let stride = shape.stride;
         let [ux, uy] = self.unit;

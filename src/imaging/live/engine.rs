@@ -1,12 +1,13 @@
 //! One frame from its samples to its spacing.
 
 use super::exposure::Exposure;
+use super::frame::{Frame, Gains, Sample};
 use super::lattice::{Lattice, LatticeFit};
 use super::normal::{Model, Normal, TERMS, Terms, free_terms};
 use super::plan::Plan;
 use super::random::{Random, Setting};
 use super::run::{Clusters, Pass, Pool, run};
-use super::tile::{Frame, Gains, Sample, Shape};
+use super::shape::Shape;
 use super::{LiveError, LiveOptions, LiveSpacing};
 use crate::imaging::grid::Grid;
 use crate::imaging::spacing::{LEAST_PAIRS, MASK_FRACTION, SpacingError};
@@ -159,8 +160,7 @@ impl Engine {
             let fresh = shape.replace(now) != Some(now);
             let noise = (raw_noise * scale).max(QUANTISATION);
             let Self { plan, clusters, normals: [normal, _], .. } = self;
-            let pass =
-                Pass { frame, lenses: &plan.lenses, turns: &plan.turns, model: &axis, shape: &now, noise };
+            let pass = Pass { frame, lenses: &plan.lenses, turns: &plan.turns, model: &axis, shape: &now, noise };
             clusters.run(&pass, fresh);
             normal.gather(&clusters.jobs, &plan.turns, noise);
             let correlation = normal.correlation;
@@ -229,8 +229,7 @@ impl Engine {
             let setting = Setting { frame, plan, model: &before, normal, shape: &shape, noise };
             let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
             let covariance = normal.scatter(&inverse, &step, model.unknowns());
-            self.state =
-                Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });
+            self.state = Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });
             let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, cosine, sine] = model.terms.into();
             return Ok(LiveSpacing {
                 on_axis_px,

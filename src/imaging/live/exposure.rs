@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
+use super::frame::{Frame, Sample};
 use super::plan::{Plan, spread};
-use super::tile::{Frame, Sample};
 use crate::imaging::spacing::SpacingError;
 
 /// Micro-images looked at.

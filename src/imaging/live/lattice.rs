@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
+use super::frame::{Frame, Sample};
 use super::plan::spread;
-use super::tile::{Frame, Sample};
 use crate::imaging::grid::{Grid, MicroImage, reciprocal};
 use crate::optics::ArrayKind;
 
@@ -111,10 +111,7 @@ impl Lattice {
             Lens {
                 middle: middle.map(|v| v as i32),
                 turns,
-                place: [
-                    (m.x - (width - 1.0) / 2.0) / (width / 2.0),
-                    (m.y - (height - 1.0) / 2.0) / (width / 2.0),
-                ],
+                place: [(m.x - (width - 1.0) / 2.0) / (width / 2.0), (m.y - (height - 1.0) / 2.0) / (width / 2.0)],
                 sums: [Complex::default(); 3],
                 line: vec![0.0; 2 * reach[0] as usize + 1],
             }
@@ -184,8 +181,11 @@ impl Lattice {
             coherence = coherence.min(total.norm() / all.max(1e-12));
         }
         // Phases about the common one, so that they need not be unwrapped.
-        let normal: nalgebra::Matrix2<f64> =
-            self.harmonics.iter().map(|g| nalgebra::Matrix2::new(g[0] * g[0], g[0] * g[1], g[0] * g[1], g[1] * g[1])).sum();
+        let normal: nalgebra::Matrix2<f64> = self
+            .harmonics
+            .iter()
+            .map(|g| nalgebra::Matrix2::new(g[0] * g[0], g[0] * g[1], g[0] * g[1], g[1] * g[1]))
+            .sum();
         let inverse = normal.try_inverse().unwrap_or_default();
         let displacement = |phases: [f64; 3]| {
             let sum = |axis: usize| self.harmonics.iter().zip(phases).map(|(g, p)| g[axis] * p).sum::<f64>();
@@ -193,14 +193,13 @@ impl Lattice {
         };
         let cycles = |c: Complex<f64>| c.arg() / std::f64::consts::TAU;
         let first = displacement(common.map(cycles));
-        let local = |lens: &Lens| {
-            displacement(std::array::from_fn(|h| cycles(lens.sums[h] * common[h].conj())))
-        };
+        let local = |lens: &Lens| displacement(std::array::from_fn(|h| cycles(lens.sums[h] * common[h].conj())));
         let mut step = Vector3::<f64>::zeros();
         let mut typical = f64::INFINITY;
         let mut covariance = Matrix3::<f64>::zeros();
         for _ in 0..ROUNDS {
-            let (mut n, mut q, mut squares, mut weights) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros(), 0.0f64, 0.0f64);
+            let (mut n, mut q, mut squares, mut weights) =
+                (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros(), 0.0f64, 0.0f64);
             self.medians.clear();
             for lens in &self.lenses {
                 let u = local(lens);
@@ -280,9 +279,7 @@ fn product(a: &[f32], b: &[f32]) -> f32 {
 
 /// Window times harmonic with the sampled window's leak of mean and slope taken out.
 fn kernel(points: &[(f64, f64, f64)], g: [f64; 2]) -> [Vec<f32>; 2] {
-    let wave = |&(x, y, w): &(f64, f64, f64)| {
-        Complex::from_polar(w, std::f64::consts::TAU * (g[0] * x + g[1] * y))
-    };
+    let wave = |&(x, y, w): &(f64, f64, f64)| Complex::from_polar(w, std::f64::consts::TAU * (g[0] * x + g[1] * y));
     let (mut normal, mut leak) = (Matrix3::<f64>::zeros(), [Vector3::<f64>::zeros(); 2]);
     for point in points {
         let q = Vector3::new(1.0, point.0, point.1);
@@ -296,4 +293,49 @@ fn kernel(points: &[(f64, f64, f64)], g: [f64; 2]) -> [Vec<f32>; 2] {
         points.iter().map(|p| (part(wave(p)) - p.2 * (c[0] + c[1] * p.0 + c[2] * p.1)) as f32).collect()
     };
     [clean(|c| c.re, leak[0]), clean(|c| c.im, leak[1])]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frame::Gains;
+    use super::super::shape::Shape;
+    use super::*;
+
+    /// Round micro-images with a coarse texture, `moved` from the grid.
+    fn samples(grid: &Grid, moved: [f64; 2], seed: u64) -> Vec<u8> {
+        let [width, height] = grid.frame_size;
+        (0..width * height)
+            .map(|k| {
+                let (x, y) = ((k % width) as f64 - moved[0], (k / width) as f64 - moved[1]);
+                let m = grid.nearest(x, y);
+                let share = 1.0 - ((f64::hypot(x - m.x, y - m.y) / grid.pitch_px() - 0.36) / 0.14).clamp(0.0, 0.9);
+                let chance = (k as u64 + seed).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 60;
+                let texture = 120.0 + 40.0 * (0.13 * x + 0.05 * y).sin() + 40.0 * (0.07 * x - 0.19 * y).cos();
+                (texture * share + chance as f64 / 4.0) as u8
+            })
+            .collect()
+    }
+
+    #[test]
+    fn shifts_are_found_and_no_lattice_is_seen_in_noise() {
+        for (array, turn) in [(ArrayKind::Square, 90f64), (ArrayKind::Hexagonal, 60.0)] {
+            let along = |a: f64| [21.3 * a.cos(), 21.3 * a.sin()];
+            let basis = [along(0.02), along(0.02 + turn.to_radians())];
+            let grid = Grid::affine(array, [250.3, 200.1], basis, [500, 400]);
+            let mut lattice = Lattice::new(&grid);
+            let gains = Gains::new(&[1.0], [1, 1], &[], Shape::new(8.0));
+            for moved in [[0.0, 0.0], [1.5, -0.8], [0.0, 4.0]] {
+                let samples = samples(&grid, moved, 1);
+                let frame = Frame { samples: &samples, gains: &gains, width: 500, height: 400, white: 255 };
+                let fit = lattice.check(&frame, 8, 1.0);
+                let expected = f64::hypot(moved[0], moved[1]);
+                assert!((fit.shift_px - expected).abs() < 4.0 * fit.sigma_px + 0.05, "{array:?} {moved:?}: {fit:?}");
+                assert!(fit.sigma_px < 0.3 && fit.coherence > 0.6, "{array:?}: {fit:?}");
+            }
+            let noise: Vec<u8> =
+                (0..500u64 * 400).map(|k| (k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as u8).collect();
+            let frame = Frame { samples: &noise, gains: &gains, width: 500, height: 400, white: 255 };
+            assert!(lattice.check(&frame, 8, 30.0).coherence < 0.3);
+        }
+    }
 }

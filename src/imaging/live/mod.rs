@@ -21,18 +21,21 @@
 mod compare;
 mod engine;
 mod exposure;
+mod frame;
 mod lattice;
 mod normal;
 mod plan;
 mod random;
 mod run;
 mod score;
+mod shape;
 mod tile;
+mod vector;
 
 use serde::Serialize;
 
 use self::engine::{Engine, State};
-use self::tile::{Frame, GAIN_UNIT, Gains, gain};
+use self::frame::{Frame, GAIN_UNIT, Gains, gain};
 use super::grid::Grid;
 use super::spacing::{SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
 use crate::optics::MlaMode;
@@ -198,9 +201,7 @@ impl LiveMeter {
         let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
         let gains = &self.gains;
         match raw.samples() {
-            Samples::U8(samples) => {
-                self.engine.measure(&Frame { samples, gains, width, height, white: u8::MAX }, bits)
-            }
+            Samples::U8(samples) => self.engine.measure(&Frame { samples, gains, width, height, white: u8::MAX }, bits),
             Samples::U16(samples) => {
                 self.engine.measure(&Frame { samples, gains, width, height, white: raw.white_level() }, bits)
             }

@@ -187,7 +187,8 @@ impl Normal {
     /// The information about the spacing over its standard error, from the scatter between field blocks: how sure it is
     /// that there is texture at all.
     pub(super) fn texture_significance(&self) -> f64 {
-        let (sum, squares) = self.blocks.iter().map(|(i, _)| i[(0, 0)]).fold((0.0, 0.0), |(s, q), v| (s + v, q + v * v));
+        let (sum, squares) =
+            self.blocks.iter().map(|(i, _)| i[(0, 0)]).fold((0.0, 0.0), |(s, q), v| (s + v, q + v * v));
         if squares > 0.0 { sum / squares.sqrt() } else { 0.0 }
     }
 }
@@ -196,4 +197,61 @@ impl Normal {
 pub(super) fn free_terms(plan: &Plan, field_held: bool, difference_held: bool) -> [bool; TERMS] {
     let field = !field_held;
     [true, field, field, field, !difference_held, !difference_held && plan.directions == 3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plan::{Link, Row};
+    use super::*;
+
+    const TURNS: [[f64; 2]; 3] = [[1.0, 0.0], [-0.5, 0.866_025_4], [-0.5, -0.866_025_4]];
+
+    fn pair(x: f64, y: f64, direction: u8, block: u8) -> Pair {
+        Pair { first: 0, second: 1, unit: [1.0, 0.0], midpoint: [x, y], direction, block }
+    }
+
+    #[test]
+    fn the_step_leads_to_the_terms_that_made_the_scores() {
+        let truth = Terms::from([0.02, -0.01, 0.005, 0.03, 0.004, -0.006]);
+        let (mut links, mut scores) = (Vec::new(), Vec::new());
+        for k in 0..360u32 {
+            let (x, y) = (f64::from(k % 20) / 10.0 - 0.95, f64::from(k / 20) / 9.0 - 0.95);
+            let pair = pair(x, y, (k % 3) as u8, (k % 36) as u8);
+            let information = 50.0 + f64::from(k % 7);
+            let score = information * truth.dot(&derivatives(&pair, &TURNS));
+            links.push(Link { pair, slots: [0, 1] });
+            scores.push(PairScore {
+                score: score as f32,
+                information: information as f32,
+                misfit: 0.9,
+                covariance: 90.0,
+                variances: [100.0, 100.0],
+                noise: 10.0,
+                ..PairScore::default()
+            });
+        }
+        scores[7] = PairScore::NONE;
+        let job = Job { rows: vec![Row { tiles: Vec::new(), links }], slots: 2, scores };
+        let mut normal = Normal::new(360);
+        normal.gather(&[job], &TURNS, 2.0);
+        assert_eq!(normal.pairs, 359);
+        assert!((normal.correlation - 0.9).abs() < 1e-9 && (normal.contrast - 10.0).abs() < 1e-6);
+        let inverse = normal.inverse(&[true; TERMS]).unwrap();
+        let step = normal.step(&inverse);
+        assert!((step - truth).abs().max() < 1e-6, "{step}");
+        // Nothing is left to scatter once the step is made.
+        assert!(normal.scatter(&inverse, &step, TERMS).abs().max() < 1e-12);
+        // A term that is held does not move, and has no variance.
+        let held = normal.inverse(&[true, true, true, false, true, true]).unwrap();
+        assert_eq!(normal.step(&held)[3], 0.0);
+        assert_eq!(held[(3, 3)], 0.0);
+    }
+
+    #[test]
+    fn pairs_that_match_badly_count_little() {
+        let mut normal = Normal::new(1);
+        normal.misfit = 0.5;
+        let weight = |misfit| normal.weight(&PairScore { misfit, ..PairScore::default() });
+        assert!(weight(0.5) > 0.98 && weight(4.0) == 0.5 && weight(40.0) < 0.01);
+    }
 }

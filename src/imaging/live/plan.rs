@@ -273,3 +273,60 @@ fn turns(grid: &Grid) -> [[f64; 2]; 3] {
         [cos, sin]
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::ArrayKind;
+
+    fn grid(array: ArrayKind, pitch: f64, angle: f64) -> Grid {
+        let turn = if array == ArrayKind::Square { 90f64 } else { 60.0 }.to_radians();
+        let along = |a: f64| [pitch * a.cos(), pitch * a.sin()];
+        Grid::affine(array, [300.2, 199.7], [along(angle), along(angle + turn)], [600, 400])
+    }
+
+    #[test]
+    fn every_pair_is_compared_once_with_its_tiles_at_hand() {
+        for (array, angle) in [(ArrayKind::Square, 0.01), (ArrayKind::Square, 0.7), (ArrayKind::Hexagonal, -0.3)] {
+            let plan = Plan::new(&grid(array, 9.3, angle), 8.0);
+            let mut seen = std::collections::HashSet::new();
+            for job in plan.jobs.iter().chain(&plan.clusters(20)) {
+                let mut ring = vec![None; job.slots];
+                for row in &job.rows {
+                    for &(lens, slot) in &row.tiles {
+                        ring[usize::from(slot)] = Some(lens);
+                    }
+                    for link in &row.links {
+                        let ends = link.slots.map(|slot| ring[usize::from(slot)]);
+                        assert_eq!(ends, [Some(link.pair.first), Some(link.pair.second)]);
+                    }
+                }
+            }
+            for link in plan.jobs.iter().flat_map(Job::links) {
+                assert!(seen.insert((link.pair.first, link.pair.second)), "{:?} twice", link.pair);
+                let (a, b) = (plan.centre(link.pair.first), plan.centre(link.pair.second));
+                assert!((f64::hypot(b[0] - a[0], b[1] - a[1]) - 9.3).abs() < 1e-9);
+            }
+            assert_eq!(seen.len(), plan.pairs);
+            // About two or three pairs a micro-image.
+            let expected = plan.directions * plan.lenses.len();
+            assert!(seen.len() < expected && seen.len() > expected * 9 / 10, "{} of {expected}", seen.len());
+        }
+    }
+
+    #[test]
+    fn stars_have_all_neighbours() {
+        for (array, most) in [(ArrayKind::Square, 4), (ArrayKind::Hexagonal, 6)] {
+            let plan = Plan::new(&grid(array, 15.0, 0.1), 10.0);
+            let stars = plan.stars(50);
+            assert!(stars.len() > 45);
+            assert_eq!(stars.iter().map(|s| s.rays.len()).max(), Some(most));
+            for ray in stars.iter().flat_map(|s| s.rays.iter().map(move |r| (s.lens, r))) {
+                let (lens, ray) = ray;
+                assert_eq!(lens, if ray.outwards { ray.pair.first } else { ray.pair.second });
+                let job = &plan.jobs[ray.job as usize];
+                assert_eq!(job.links().nth(ray.score as usize).map(|l| l.pair.first), Some(ray.pair.first));
+            }
+        }
+    }
+}

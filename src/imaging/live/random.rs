@@ -8,10 +8,12 @@ use pulp::Simd;
 use rayon::prelude::*;
 
 use super::compare::{Overlap, Warp};
+use super::frame::{Frame, GAIN_UNIT, Sample};
 use super::normal::{Matrix, Model, Normal, Terms, derivatives};
 use super::plan::{Job, Plan, Star};
 use super::score::Order;
-use super::tile::{Frame, GAIN_UNIT, Sample, Shape, Tile, Workspace};
+use super::shape::Shape;
+use super::tile::{Tile, Workspace};
 
 /// Micro-images of the sample.
 const WANTED: usize = 96;

@@ -6,10 +6,12 @@ use pulp::Simd;
 use rayon::prelude::*;
 
 use super::compare::{Moments, Overlap, Warp};
+use super::frame::{Frame, Sample};
 use super::normal::Model;
 use super::plan::{Job, Lens};
 use super::score::PairScore;
-use super::tile::{Frame, Sample, Shape, Tile, Workspace};
+use super::shape::Shape;
+use super::tile::{Tile, Workspace};
 
 /// What all jobs of a pass share.
 pub(super) struct Pass<'a, T> {

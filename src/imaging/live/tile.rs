@@ -3,181 +3,16 @@
 
 use pulp::Simd;
 
+use super::frame::{EdgeLines, Frame, GAIN_UNIT, Sample};
 use super::plan::Lens;
+use super::shape::{ABOVE, FIR, LANES, LEFT, SPLINE, Shape};
+use super::vector::{load, store};
 
-/// Pixels that are handled together at most: tiles are padded for vectors of this length.
-pub(super) const LANES: usize = 8;
-/// Reach of the horizontal half of the spline's prefilter, px: its tail is below 0.2 %.
-const FIR: usize = 5;
-/// Pixels from the mask's edge that a warped neighbour's spline reaches.
-const SPLINE: usize = 2;
-/// Rows that the vertical half of the prefilter needs to settle.
-const SETTLE: usize = 3;
-/// Columns before the mask.
-const LEFT: usize = SPLINE + FIR;
-/// Rows above the mask.
-const ABOVE: usize = SPLINE + SETTLE;
 /// The pole of the cubic B-spline's prefilter, √3 − 2.
 const POLE: f32 = -0.267_949_2;
-/// Samples that lie in one cache line at least.
-const TOUCH_STEP: usize = 32;
-/// Below this share of light vignetting is not divided out any further: it would only blow up noise.
-const LEAST_SHARE: f32 = 0.2;
-/// Unit of the gains.
-pub(super) const GAIN_UNIT: f32 = 1.0 / 8192.0;
 /// Noise variance of the slopes in units of that of the values: the sum of squares of [−1 −2 0 2 1] / 8 by
 /// [1 4 6 4 1] / 16.
 pub(super) const SLOPE_NOISE: f64 = (10.0 / 64.0) * (70.0 / 256.0);
-
-/// A sample of a raw frame.
-pub(super) trait Sample: Copy + Default + Ord + Send + Sync {
-    /// Its grey level.
-    fn grey(self) -> f32;
-
-    /// The line of its own kind.
-    fn line(lines: &mut EdgeLines) -> &mut Vec<Self>;
-}
-
-/// One line of samples of either kind: where a tile reaches over the frame's edge, the edge is continued.
-#[derive(Debug, Clone, Default)]
-pub(super) struct EdgeLines {
-    bytes: Vec<u8>,
-    words: Vec<u16>,
-}
-
-impl Sample for u8 {
-    #[inline(always)]
-    fn grey(self) -> f32 {
-        f32::from(self)
-    }
-
-    fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {
-        &mut lines.bytes
-    }
-}
-
-impl Sample for u16 {
-    #[inline(always)]
-    fn grey(self) -> f32 {
-        f32::from(self)
-    }
-
-    fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {
-        &mut lines.words
-    }
-}
-
-/// A raw frame as tiles are cut from it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Frame<'a, T> {
-    pub(super) samples: &'a [T],
-    pub(super) gains: &'a Gains,
-    pub(super) width: usize,
-    pub(super) height: usize,
-    /// Samples from here on are saturated.
-    pub(super) white: T,
-}
-
-impl<T: Sample> Frame<'_, T> {
-    /// Reads a little of every cache line that a tile will be cut from. Nothing waits for these reads, so that the
-    /// memory works on many at a time; the cut itself would wait for one row after another.
-    #[inline(always)]
-    pub(super) fn touch(&self, lens: &Lens, shape: &Shape) -> u32 {
-        let [column, row] = shape.middle();
-        let left = (lens.nearest[0] as isize - column as isize).max(0) as usize;
-        let top = (lens.nearest[1] as isize - row as isize).max(0) as usize;
-        let last = (left + shape.stride).min(self.width).saturating_sub(1);
-        let mut read = 0u32;
-        for y in top..(top + shape.rows).min(self.height) {
-            let Some(line) = self.samples.get(y * self.width..(y + 1) * self.width) else { continue };
-            let mut x = left;
-            while x < last {
-                read = read.wrapping_add(u32::from(line[x] >= self.white));
-                x += TOUCH_STEP;
-            }
-            read = read.wrapping_add(u32::from(line[last] >= self.white));
-        }
-        read
-    }
-}
-
-/// What every pixel of every tile is multiplied by to take the vignetting out: one micro-image after another, in the
-/// order of the plan, so that the memory is read from one end to the other.
-#[derive(Debug, Clone)]
-pub(super) struct Gains {
-    gains: Vec<u16>,
-    /// The largest tiles there are.
-    largest: Shape,
-    columns: usize,
-}
-
-impl Gains {
-    /// For tiles up to `largest`; `vignetting` has the share of light of every pixel.
-    pub(super) fn new(vignetting: &[f32], size: [usize; 2], lenses: &[Lens], largest: Shape) -> Self {
-        let [column, row] = largest.middle();
-        let columns = largest.columns();
-        let one = |lens: &Lens| {
-            let within = |at: isize, axis: usize| at.clamp(0, size[axis] as isize - 1) as usize;
-            let (left, top) = (lens.nearest[0] as isize - column as isize, lens.nearest[1] as isize - row as isize);
-            (0..largest.rows * columns).map(move |k| {
-                let (x, y) = (within(left + (k % columns) as isize, 0), within(top + (k / columns) as isize, 1));
-                gain(vignetting[y * size[0] + x])
-            })
-        };
-        let mut gains: Vec<u16> = lenses.iter().flat_map(one).collect();
-        // A row of a smaller tile may reach beyond the last.
-        gains.resize(gains.len() + 2 * LANES, 0);
-        Self { gains, largest, columns }
-    }
-
-    /// So many of the gains of a row of a tile.
-    #[inline(always)]
-    pub(super) fn row(&self, lens: u32, y: usize, shape: &Shape, columns: usize) -> &[u16] {
-        let inset = self.largest.disc - shape.disc;
-        let from = (lens as usize * self.largest.rows + y + inset) * self.columns + inset;
-        &self.gains[from..from + columns]
-    }
-}
-
-/// A share of light as a gain.
-pub(super) fn gain(share: f32) -> u16 {
-    (1.0 / (share.max(LEAST_SHARE) * GAIN_UNIT)).round() as u16
-}
-
-/// How large tiles are.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Shape {
-    /// Radius at which masks have fallen to nothing, px: they end over one pixel.
-    pub(super) edge: f32,
-    /// Pixels from the one nearest the centre to the mask's last.
-    pub(super) disc: usize,
-    pub(super) rows: usize,
-    /// From one row to the next, with room for the last vector of a row to reach beyond the mask.
-    pub(super) stride: usize,
-}
-
-impl Shape {
-    /// For masks of this radius, px.
-    pub(super) fn new(radius: f64) -> Self {
-        let disc = (radius + 1.0).floor().max(1.0) as usize;
-        let stride = (2 * (LEFT + disc) + 1 + 3).next_multiple_of(LANES);
-        Self { edge: (radius + 0.5) as f32, disc, rows: 2 * (ABOVE + disc) + 1, stride }
-    }
-
-    /// Column and row of the pixel nearest the centre.
-    pub(super) const fn middle(&self) -> [usize; 2] {
-        [LEFT + self.disc, ABOVE + self.disc]
-    }
-
-    /// Columns that are cut, in whole vectors.
-    pub(super) const fn columns(&self) -> usize {
-        (2 * (LEFT + self.disc) + 1).next_multiple_of(LANES)
-    }
-
-    pub(super) const fn size(&self) -> usize {
-        self.rows * self.stride
-    }
-}
 
 /// A micro-image made ready.
 #[derive(Debug, Clone, Default)]
@@ -241,7 +76,14 @@ impl Tile {
 
     /// Values and amplitudes.
     #[inline(always)]
-    fn cut<T: Sample, S: Simd>(&mut self, simd: S, frame: &Frame<'_, T>, lens: u32, shape: &Shape, work: &mut Workspace) {
+    fn cut<T: Sample, S: Simd>(
+        &mut self,
+        simd: S,
+        frame: &Frame<'_, T>,
+        lens: u32,
+        shape: &Shape,
+        work: &mut Workspace,
+    ) {
         let [column, row] = shape.middle();
         let left = self.nearest[0] as isize - column as isize;
         let top = self.nearest[1] as isize - row as isize;
@@ -395,15 +237,11 @@ impl Tile {
             for k in 0..wide / S::F32_LANES {
                 let x = k * S::F32_LANES;
                 let (p, q) = (&smooth[x..][..4 + S::F32_LANES], &steep[x..][..4 + S::F32_LANES]);
-                let (outer, inner) = (
-                    simd.sub_f32s(load::<S>(p, 4), load::<S>(p, 0)),
-                    simd.sub_f32s(load::<S>(p, 3), load::<S>(p, 1)),
-                );
+                let (outer, inner) =
+                    (simd.sub_f32s(load::<S>(p, 4), load::<S>(p, 0)), simd.sub_f32s(load::<S>(p, 3), load::<S>(p, 1)));
                 store::<S>(along_x, x, simd.mul_add_e_f32s(two, inner, outer));
-                let (outer, inner) = (
-                    simd.add_f32s(load::<S>(q, 4), load::<S>(q, 0)),
-                    simd.add_f32s(load::<S>(q, 3), load::<S>(q, 1)),
-                );
+                let (outer, inner) =
+                    (simd.add_f32s(load::<S>(q, 4), load::<S>(q, 0)), simd.add_f32s(load::<S>(q, 3), load::<S>(q, 1)));
                 let sum = simd.mul_add_e_f32s(six, load::<S>(q, 2), simd.mul_add_e_f32s(four, inner, outer));
                 store::<S>(along_y, x, sum);
             }
@@ -426,27 +264,150 @@ impl Workspace {
     }
 }
 
-/// The vector that begins at a place of a row.
-#[inline(always)]
-pub(super) fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
-    S::as_simd_f32s(&row[at..at + S::F32_LANES]).0[0]
-}
-
-/// So many vectors from a place of a row on.
-#[inline(always)]
-pub(super) fn vectors<S: Simd>(row: &[f32], at: usize, count: usize) -> &[S::f32s] {
-    &S::as_simd_f32s(&row[at..at + count * S::F32_LANES]).0[..count]
-}
-
-/// Puts a vector at a place of a row.
-#[inline(always)]
-pub(super) fn store<S: Simd>(row: &mut [f32], at: usize, value: S::f32s) {
-    S::as_mut_simd_f32s(&mut row[at..at + S::F32_LANES]).0[0] = value;
-}
-
 /// Half of the horizontal prefilter, with the vertical recursion's gain of 6 in it.
 fn prefilter() -> [f32; FIR + 1] {
     let taps: [f32; FIR + 1] = std::array::from_fn(|k| POLE.powi(k as i32));
     let sum = taps[0] + 2.0 * taps[1..].iter().sum::<f32>();
     taps.map(|tap| 6.0 * tap / sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::compare::{Moments, Overlap, Warp};
+    use super::super::frame::Gains;
+    use super::*;
+
+    const SIDE: usize = 260;
+
+    /// What both micro-images show, a spacing of `L` px apart.
+    fn content(x: f64, y: f64) -> f64 {
+        110.0 + 40.0 * (0.55 * x + 0.3 * y).sin() + 30.0 * (0.2 * x - 0.5 * y).cos()
+    }
+
+    /// Two tiles of a pair, and both orders of their comparison.
+    struct Two<'a> {
+        frame: &'a Frame<'a, u16>,
+        lenses: &'a [Lens; 2],
+        shape: Shape,
+        unit: [f64; 2],
+        spacing: f64,
+    }
+
+    impl pulp::WithSimd for Two<'_> {
+        type Output = ([Tile; 2], [Option<Moments>; 2]);
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+            let (mut tiles, mut work) = ([Tile::default(), Tile::default()], Workspace::default());
+            tiles[0].prepare(simd, self.frame, (0, self.lenses), &self.shape, &mut work);
+            tiles[1].prepare(simd, self.frame, (1, self.lenses), &self.shape, &mut work);
+            let (mut moments, mut warp) = ([None; 2], Warp::default());
+            for k in 0..2 {
+                let (a, b) = (&tiles[k], &tiles[1 - k]);
+                let unit = if k == 0 { self.unit } else { [-self.unit[0], -self.unit[1]] };
+                if let Some(overlap) = Overlap::new(a, b, &self.shape, unit, self.spacing) {
+                    moments[k] = overlap.compare(simd, a, b, &self.shape, &mut warp);
+                }
+            }
+            (tiles, moments)
+        }
+    }
+
+    fn lens(x: f64, y: f64) -> Lens {
+        Lens { nearest: [x.round() as i32, y.round() as i32], fraction: [x - x.round(), y - y.round()] }
+    }
+
+    /// Micro-images about two centres, `unit` apart in direction; the second shows what the first shows a spacing on.
+    fn two(
+        radius: f64,
+        unit: [f64; 2],
+    ) -> (([Tile; 2], [Option<Moments>; 2]), ([Tile; 2], [Option<Moments>; 2]), Shape) {
+        let pitch = 2.6 * radius;
+        let spacing = 0.7 * pitch;
+        let a = [128.3 - pitch * unit[0] / 2.0, 127.6 - pitch * unit[1] / 2.0];
+        let b = [a[0] + pitch * unit[0], a[1] + pitch * unit[1]];
+        let samples: Vec<u16> = (0..SIDE * SIDE)
+            .map(|k| {
+                let (x, y) = ((k % SIDE) as f64, (k / SIDE) as f64);
+                let second = (x - b[0]).hypot(y - b[1]) < (x - a[0]).hypot(y - a[1]);
+                let shift = if second { spacing } else { 0.0 };
+                (16.0 * content(x - shift * unit[0], y - shift * unit[1])).round() as u16
+            })
+            .collect();
+        let lenses = [lens(a[0], a[1]), lens(b[0], b[1])];
+        let shape = Shape::new(radius);
+        // Tiles smaller than the largest, as masks change with the spacing.
+        let gains = Gains::new(&vec![1.0; SIDE * SIDE], [SIDE, SIDE], &lenses, Shape::new(radius + 2.5));
+        let frame = Frame { samples: &samples, gains: &gains, width: SIDE, height: SIDE, white: 4095 };
+        let task = || Two { frame: &frame, lenses: &lenses, shape, unit, spacing };
+        let fast = pulp::Arch::new().dispatch(task());
+        let plain = pulp::WithSimd::with_simd(task(), pulp::Scalar::new());
+        (fast, plain, shape)
+    }
+
+    #[test]
+    fn tiles_of_any_size_hold_their_spline_and_slopes() {
+        for k in 0..60 {
+            let radius = 3.0 + 0.6 * f64::from(k);
+            let ((tiles, moments), (plain, plain_moments), shape) = two(radius, [0.8, 0.6]);
+            let tile = &tiles[0];
+            let [column, row] = shape.middle();
+            let at = |plane: &[f32], dx: isize, dy: isize| {
+                f64::from(plane[((row as isize + dy) as usize) * shape.stride + (column as isize + dx) as usize])
+            };
+            let reach = shape.disc as isize;
+            for (dx, dy) in [(0, 0), (1 - reach, 0), (reach - 1, 1), (0, reach - 1), (-reach / 2, 1 - reach / 2)] {
+                // The spline's value at a pixel: [1 4 6] weights along both axes.
+                let mut value = 0.0;
+                for (y, wy) in [(-1, 1.0), (0, 4.0), (1, 1.0)] {
+                    for (x, wx) in [(-1, 1.0), (0, 4.0), (1, 1.0)] {
+                        value += wx * wy / 36.0 * at(&tile.coefficients, dx + x, dy + y);
+                    }
+                }
+                let own = at(&tile.values, dx, dy);
+                assert!((value - own).abs() < 6.0, "radius {radius}: {value} for {own} at {dx}, {dy}");
+                // The binomial filters, written out.
+                let (mut along_x, mut along_y) = (0.0, 0.0);
+                let (steep, smooth) = ([-1.0, -2.0, 0.0, 2.0, 1.0], [1.0, 4.0, 6.0, 4.0, 1.0]);
+                for (j, y) in (-2..=2).enumerate() {
+                    for (i, x) in (-2..=2).enumerate() {
+                        let value = at(&tile.values, dx + x, dy + y) / 128.0;
+                        along_x += steep[i] * smooth[j] * value;
+                        along_y += smooth[i] * steep[j] * value;
+                    }
+                }
+                let found = [at(&tile.slopes[0], dx, dy), at(&tile.slopes[1], dx, dy)];
+                assert!((found[0] - along_x).abs() < 1e-2 && (found[1] - along_y).abs() < 1e-2, "radius {radius}");
+            }
+            assert_eq!(at(&tile.amplitudes, 0, 0), 1.0);
+            assert!(tile.amplitudes.iter().all(|a| (0.0..=1.0).contains(a)));
+            // The disc's area, to the pixels of its edge.
+            let area: f32 = tile.amplitudes.iter().sum();
+            assert!(
+                (f64::from(area) / (std::f64::consts::PI * radius * radius) - 1.0).abs() < 0.2 / radius + 0.02,
+                "{area}"
+            );
+            // Every instruction set says the same, and the two micro-images match.
+            for (a, b) in moments.iter().zip(&plain_moments) {
+                let (Some(a), Some(b)) = (a, b) else {
+                    assert!(a.is_none() && b.is_none() && radius < 6.0, "radius {radius}");
+                    continue;
+                };
+                assert!((a.ab / b.ab - 1.0).abs() < 1e-3 && (a.pixels - b.pixels).abs() < 1e-2);
+                assert!(a.ab / (a.aa * a.bb).sqrt() > 0.99, "radius {radius}: {a:?}");
+            }
+            assert!((plain[1].values[0] - tiles[1].values[0]).abs() < 1e-2);
+        }
+    }
+
+    #[test]
+    fn the_score_vanishes_at_the_true_spacing() {
+        for unit in [[1.0, 0.0], [0.0, 1.0], [0.8, -0.6], [-0.6, 0.8]] {
+            let ((_, moments), _, _) = two(11.3, unit);
+            let [Some(there), Some(back)] = moments else { panic!("no overlap") };
+            let step = ((there.ta - there.tb) + (back.ta - back.tb)) / (there.td + back.td);
+            assert!(step.abs() < 2e-3, "{unit:?}: {step} px");
+            assert!(there.td > 0.0 && back.td > 0.0);
+        }
+    }
 }
