@@ -65,7 +65,8 @@ fn check_agreement(name: &str, live: &LiveSpacing, full: &Spacing) {
     {
         assert!((live / full - 1.0).abs() < 0.25, "{name}: {what} {live:.5} for {full:.5} px");
     }
-    assert!((live.correlation - full.correlation).abs() < 0.02 && live.window_px == full.window_px);
+    assert!((live.correlation - full.correlation).abs() < 0.02);
+    assert!((live.window_px - full.window_px).abs() < 1e-4);
 }
 
 #[test]
@@ -83,8 +84,7 @@ fn referee_frames_measure_live_as_they_do_in_full() {
 }
 
 #[test]
-fn directions_are_told_apart_where_they_differ() {
-    // Through the shell at e = 30 the field bends tangentially more than sagittally, in air all directions are alike.
+fn free_directions_change_nothing_where_they_are_alike() {
     for name in ["air_charuco", "water_hexagonal"] {
         let known = known(referee(name), &referee(&format!("{name}_white")));
         let options = LiveOptions { start_px: Some(known.full.on_axis_px), ..LiveOptions::new(MLA_PITCH_PX) };
@@ -117,7 +117,7 @@ fn rendered(array: ArrayKind, noise: f64, seed: u64) -> (RawImage, RawImage, Raw
     let white = expose(&render(&camera, &Scene::Diffuser, rays), SIDE, SIDE, &eight, seed);
     let raw = expose(&render(&camera, &scene, rays), SIDE, SIDE, &eight, seed + 1);
     // The same frame in sixteenths of a grey level, as a 12-bit camera would give it.
-    let deep = raw.to_view().iter().enumerate().map(|(k, &v)| (u16::from(v) * 16 + (k * 7 % 16) as u16).min(4095));
+    let deep = raw.to_view().into_iter().enumerate().map(|(k, v)| u16::from(v) * 16 + (k * 7 % 16) as u16);
     let deep = RawImage::from_u16(SIDE, SIDE, 12, deep.collect());
     (raw, white, deep)
 }

@@ -26,6 +26,9 @@ const USUAL_RESIDUAL: f64 = 0.8;
 const LEAST_CORRELATION: f64 = 0.6;
 /// Agreement of the lattice's phases below which there is no lattice.
 const LEAST_COHERENCE: f64 = 0.3;
+/// Standard uncertainties of a displacement beyond the tolerance at which it is sure: neighbouring micro-images show the
+/// same texture, so that the scatter between them says too little.
+const SURE: f64 = 4.0;
 /// Content beyond the noise's, in units of the noise's, below which a frame that does not match shows nothing.
 const LEAST_CONTRAST: f64 = 0.25;
 /// Standard deviation of a grey level's rounding: no frame has less noise.
@@ -136,7 +139,7 @@ impl Engine {
         if coherence < LEAST_COHERENCE {
             return Err(LiveError::GridNotSeen { coherence, least: LEAST_COHERENCE });
         }
-        if shift_px > tolerance_px + 2.0 * sigma_px {
+        if shift_px > tolerance_px + SURE * sigma_px {
             return Err(LiveError::GridMoved { shift_px, sigma_px, tolerance_px });
         }
         Ok(())
@@ -181,7 +184,8 @@ impl Engine {
             }
             // Matching is linear over about a pixel: a longer step is only a direction.
             axis.terms[0] += step.clamp(-1.0, 1.0);
-            if !((axis.terms[0] - from_px).abs() <= reach) {
+            let moved = (axis.terms[0] - from_px).abs();
+            if !moved.is_finite() || moved > reach {
                 break;
             }
         }

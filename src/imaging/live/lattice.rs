@@ -16,13 +16,15 @@ use crate::optics::ArrayKind;
 /// Micro-images looked at, at most and as a share of all.
 const WANTED: usize = 256;
 const SHARE: usize = 10;
-const LEAST: usize = 48;
+const LEAST: usize = 128;
 /// Samples that the grey levels are taken from.
 const SAMPLES: usize = 1 << 14;
 /// Most entries of the table of logarithms: deeper samples are rounded to as many levels.
 const TABLE: usize = 1 << 12;
 /// Floor under the logarithm, as a share of the spread of grey levels.
 const FLOOR_SHARE: f64 = 0.2;
+/// Contrast above the mean counts no more than this: a bright outlier is still one micro-image.
+const CONTRAST_CAP: f64 = 1.5;
 /// Rounds of reweighting.
 const ROUNDS: usize = 4;
 
@@ -174,11 +176,13 @@ impl Lattice {
     fn fit(&mut self) -> LatticeFit {
         let count = self.harmonics.len();
         let mut common = [Complex::new(0.0, 0.0); 3];
+        let mut means = [0.0f64; 3];
         let mut coherence = 1.0f64;
         for (h, total) in common.iter_mut().enumerate().take(count) {
             *total = self.lenses.iter().map(|l| l.sums[h]).sum();
             let all: f64 = self.lenses.iter().map(|l| l.sums[h].norm()).sum();
             coherence = coherence.min(total.norm() / all.max(1e-12));
+            means[h] = (all / self.lenses.len() as f64).max(1e-12);
         }
         // Phases about the common one, so that they need not be unwrapped.
         let normal: nalgebra::Matrix2<f64> = self
@@ -207,8 +211,10 @@ impl Lattice {
                 let left: [f64; 2] = [u[0] - step[0] - step[2] * x, u[1] - step[1] - step[2] * y];
                 let distance = left[0].hypot(left[1]);
                 self.medians.push(distance);
+                // A faint lattice has a phase of little worth: a dark part of the board, a missing microlens.
+                let contrast = (0..count).map(|h| lens.sums[h].norm() / means[h]).fold(CONTRAST_CAP, f64::min);
                 // Beyond twice the median distance a micro-image counts less and less.
-                let weight = 1.0 / (1.0 + (distance / (2.0 * typical)).powi(2));
+                let weight = contrast.powi(2) / (1.0 + (distance / (2.0 * typical)).powi(2));
                 for (row, left) in [(Vector3::new(1.0, 0.0, x), left[0]), (Vector3::new(0.0, 1.0, y), left[1])] {
                     n += row * row.transpose() * weight;
                     q += row * (weight * left);

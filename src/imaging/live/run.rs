@@ -165,6 +165,6 @@ fn order<S: Simd>(
     spacing: f64,
     warp: &mut Warp,
 ) -> Option<Moments> {
-    let Some(overlap) = Overlap::new(a, b, shape, unit, spacing) else { return None };
+    let overlap = Overlap::new(a, b, shape, unit, spacing)?;
     overlap.compare(simd, a, b, shape, warp)
 }

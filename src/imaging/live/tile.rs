@@ -195,9 +195,11 @@ impl Tile {
                 let x = k * S::F32_LANES;
                 let around = &from[x + first - FIR..][..2 * FIR + S::F32_LANES];
                 let mut sum = simd.mul_f32s(taps[0], load::<S>(around, FIR));
-                for k in 1..=FIR {
-                    let both = simd.add_f32s(load::<S>(around, FIR - k), load::<S>(around, FIR + k));
-                    sum = simd.mul_add_e_f32s(taps[k], both, sum);
+                let mut far = 0;
+                for &tap in &taps[1..] {
+                    far += 1;
+                    let both = simd.add_f32s(load::<S>(around, FIR - far), load::<S>(around, FIR + far));
+                    sum = simd.mul_add_e_f32s(tap, both, sum);
                 }
                 store::<S>(out, x, sum);
             }
@@ -218,10 +220,14 @@ impl Tile {
             let steep = &mut steep[y * stride..][..wide + LANES];
             for k in 0..(wide + LANES) / S::F32_LANES {
                 let x = k * S::F32_LANES;
-                let mut v = [two; 5];
-                for k in 0..5 {
-                    v[k] = load::<S>(rows, k * stride + LEFT - 2 + x);
-                }
+                let x0 = x + LEFT - 2;
+                let v = [
+                    load::<S>(rows, x0),
+                    load::<S>(rows, x0 + stride),
+                    load::<S>(rows, x0 + 2 * stride),
+                    load::<S>(rows, x0 + 3 * stride),
+                    load::<S>(rows, x0 + 4 * stride),
+                ];
                 let (outer, inner) = (simd.add_f32s(v[0], v[4]), simd.add_f32s(v[1], v[3]));
                 let sum = simd.mul_add_e_f32s(six, v[2], simd.mul_add_e_f32s(four, inner, outer));
                 store::<S>(smooth, x, simd.mul_f32s(sum, unit));
@@ -284,6 +290,9 @@ mod tests {
         110.0 + 40.0 * (0.55 * x + 0.3 * y).sin() + 30.0 * (0.2 * x - 0.5 * y).cos()
     }
 
+    /// The tiles of a pair, and the moments of both orders.
+    type Compared = ([Tile; 2], [Option<Moments>; 2]);
+
     /// Two tiles of a pair, and both orders of their comparison.
     struct Two<'a> {
         frame: &'a Frame<'a, u16>,
@@ -294,7 +303,7 @@ mod tests {
     }
 
     impl pulp::WithSimd for Two<'_> {
-        type Output = ([Tile; 2], [Option<Moments>; 2]);
+        type Output = Compared;
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
@@ -318,10 +327,7 @@ mod tests {
     }
 
     /// Micro-images about two centres, `unit` apart in direction; the second shows what the first shows a spacing on.
-    fn two(
-        radius: f64,
-        unit: [f64; 2],
-    ) -> (([Tile; 2], [Option<Moments>; 2]), ([Tile; 2], [Option<Moments>; 2]), Shape) {
+    fn two(radius: f64, unit: [f64; 2]) -> (Compared, Compared, Shape) {
         let pitch = 2.6 * radius;
         let spacing = 0.7 * pitch;
         let a = [128.3 - pitch * unit[0] / 2.0, 127.6 - pitch * unit[1] / 2.0];
