@@ -27,7 +27,7 @@ pub(super) struct Exposure {
 struct Count {
     pixels: u32,
     saturated: u32,
-    sum: f32,
+    sum: u32,
     variance: f32,
 }
 
@@ -95,24 +95,28 @@ impl<T: Sample> pulp::WithSimd for Look<'_, T> {
             for &sample in row(dy, whole[dy.unsigned_abs() as usize]) {
                 count.pixels += 1;
                 count.saturated += u32::from(sample >= frame.white);
-                count.sum += sample.grey();
+                count.sum += sample.level();
             }
         }
         // What a filter blind to planes and saddles leaves; 36 is the sum of squares of (1 −2 1) × (1 −2 1).
-        let (mut squares, mut pixels) = (0.0f32, 0usize);
+        let (mut squares, mut pixels) = (0u64, 0usize);
         let reach = inner.len() as i32 - 1;
         for dy in -reach..=reach {
             let half = inner[dy.unsigned_abs() as usize];
             let [above, here, below] = [row(dy - 1, half + 1), row(dy, half + 1), row(dy + 1, half + 1)];
-            let windows = above.windows(3).zip(here.windows(3)).zip(below.windows(3));
-            for ((a, h), b) in windows {
-                let line = |v: &[T]| v[0].grey() - 2.0 * v[1].grey() + v[2].grey();
-                let response = line(a) - 2.0 * line(h) + line(b);
-                squares += response * response;
-                pixels += 1;
+            let width = here.len().min(above.len()).min(below.len());
+            let (above, here, below) = (&above[..width], &here[..width], &below[..width]);
+            for k in 2..width {
+                let line = |v: &[T]| {
+                    let [a, b, c] = [v[k - 2].level(), v[k - 1].level(), v[k].level()].map(|v| v as i32);
+                    a - 2 * b + c
+                };
+                let response = line(above) - 2 * line(here) + line(below);
+                squares += u64::from(response.unsigned_abs()).pow(2);
             }
+            pixels += width.saturating_sub(2);
         }
-        count.variance = squares / 36.0 / pixels.max(1) as f32;
+        count.variance = (squares as f64 / 36.0 / pixels.max(1) as f64) as f32;
         count
     }
 }

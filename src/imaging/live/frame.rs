@@ -15,6 +15,9 @@ const SPARE: usize = 16;
 /// A sample of a raw frame.
 pub(super) trait Sample: Copy + Default + Ord + Send + Sync {
     /// Its grey level.
+    fn level(self) -> u32;
+
+    /// The same to calculate with.
     fn grey(self) -> f32;
 
     /// The line of its own kind.
@@ -30,6 +33,11 @@ pub(super) struct EdgeLines {
 
 impl Sample for u8 {
     #[inline(always)]
+    fn level(self) -> u32 {
+        u32::from(self)
+    }
+
+    #[inline(always)]
     fn grey(self) -> f32 {
         f32::from(self)
     }
@@ -40,6 +48,11 @@ impl Sample for u8 {
 }
 
 impl Sample for u16 {
+    #[inline(always)]
+    fn level(self) -> u32 {
+        u32::from(self)
+    }
+
     #[inline(always)]
     fn grey(self) -> f32 {
         f32::from(self)

@@ -147,7 +147,7 @@ impl Lattice {
     /// The logarithm of each grey level above the frame's dark level.
     fn tabulate<T: Sample>(&mut self, frame: &Frame<'_, T>, shift: u8, noise: f64) {
         self.histogram.fill(0);
-        let level = |sample: T| (sample.grey() as usize >> shift).min(TABLE - 1);
+        let level = |sample: T| (sample.level() as usize >> shift).min(TABLE - 1);
         let step = (frame.samples.len() / SAMPLES).max(1) | 1;
         let mut count = 0u32;
         for &sample in frame.samples.iter().step_by(step) {
@@ -251,13 +251,14 @@ impl<T: Sample> pulp::WithSimd for Demodulate<'_, T> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _simd: S) {
         let Self { lens, frame, rows, weights, table, shift } = self;
+        let Some(table) = table.first_chunk::<TABLE>() else { return };
         let mut sums = [[0.0f32; 2]; 3];
         for &(dy, dx, begin, count) in rows {
             // The window lies within the frame: the sample was chosen so.
             let from = (lens.middle[1] + dy) as usize * frame.width + (lens.middle[0] + dx) as usize;
             let line = &mut lens.line[..count];
             for (value, &sample) in line.iter_mut().zip(&frame.samples[from..from + count]) {
-                *value = table[(sample.grey() as usize >> shift).min(TABLE - 1)];
+                *value = table[(sample.level() as usize >> shift).min(TABLE - 1)];
             }
             for (sum, [re, im]) in sums.iter_mut().zip(weights) {
                 sum[0] += product(line, &re[begin..begin + count]);
