@@ -9,6 +9,7 @@ pub mod calibration;
 pub mod clarity;
 pub mod grid;
 pub mod interpolation;
+pub mod live;
 pub mod measurement;
 pub mod mosaic;
 pub mod overlay;

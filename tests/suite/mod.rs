@@ -13,6 +13,7 @@ mod design_cli;
 mod fakes;
 mod grbl;
 mod grid;
+mod live;
 mod measure_cli;
 mod optics;
 mod renderer;

@@ -1,0 +1,325 @@
+//! One frame from its samples to its spacing.
+
+use super::exposure::Exposure;
+use super::frame::{Frame, Gains, Sample};
+use super::lattice::{Lattice, LatticeFit};
+use super::normal::{Model, Normal, TERMS, Terms, free_terms};
+use super::plan::Plan;
+use super::random::{Random, Setting};
+use super::run::{Clusters, Pass, Pool, run};
+use super::shape::Shape;
+use super::{LiveError, LiveOptions, LiveSpacing};
+use crate::imaging::grid::Grid;
+use crate::imaging::spacing::{LEAST_PAIRS, MASK_FRACTION, SpacingError};
+
+/// Pixels that a tile reaches beyond the largest mask, where the frame goes on so far.
+const MARGIN_PX: f64 = 4.0;
+/// The smallest masks, as a part of the micro-image's radius, where the profile falls from its centre on.
+const LEAST_MASK_FRACTION: f64 = 0.5;
+/// Share of the centre's light from which on a pixel counts as seeing through its whole microlens.
+const WHOLE_SHARE: f64 = 0.985;
+/// Least half width (px) of the overlap of two masks.
+const LEAST_OVERLAP_PX: f64 = 1.5;
+/// Median residual, in units of what a right noise estimate would leave, of pairs that match.
+const USUAL_RESIDUAL: f64 = 0.8;
+/// Correlation of neighbours below which they do not show the same thing.
+const LEAST_CORRELATION: f64 = 0.6;
+/// Agreement of the lattice's phases below which there is no lattice.
+const LEAST_COHERENCE: f64 = 0.3;
+/// Standard uncertainties of a displacement beyond the tolerance at which it is sure: neighbouring micro-images show the
+/// same texture, so that the scatter between them says too little.
+const SURE: f64 = 4.0;
+/// Content beyond the noise's, in units of the noise's, below which a frame that does not match shows nothing.
+const LEAST_CONTRAST: f64 = 0.25;
+/// Standard deviation of a grey level's rounding: no frame has less noise.
+const QUANTISATION: f64 = 0.288_675;
+/// Clusters that are settled first, at most and as a share of the micro-images.
+const CLUSTERS: usize = 96;
+const CLUSTERS_SHARE: usize = 64;
+const LEAST_CLUSTERS: usize = 20;
+/// Step (px) of the clusters below which all pairs may follow.
+const SETTLED_PX: f64 = 0.03;
+/// Step (px) beyond which the clusters are followed however unsure they are.
+const UNSURE_PX: f64 = 0.3;
+/// Step (px) of all pairs after which another would change nothing.
+const FINAL_STEP_PX: f64 = 0.02;
+/// Most rounds of the clusters, and most passes over all pairs.
+const ROUNDS: usize = 12;
+const PASSES: usize = 6;
+
+/// Where the next frame starts.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct State {
+    terms: Terms,
+    /// Noise in units of the frame's own estimate, which sharp texture makes too large; unknown before the first frame.
+    noise_scale: Option<f64>,
+}
+
+impl State {
+    /// A spacing (px) with its tilt x, tilt y and curvature.
+    pub(super) fn new(spacing: f64, [tilt_x, tilt_y, curvature]: [f64; 3]) -> Self {
+        Self { terms: Terms::from([spacing, tilt_x, tilt_y, curvature, 0.0, 0.0]), noise_scale: None }
+    }
+}
+
+/// Everything that stays from frame to frame.
+#[derive(Debug)]
+pub(super) struct Engine {
+    plan: Plan,
+    exposure: Exposure,
+    lattice: Lattice,
+    clusters: Clusters,
+    random: Random,
+    pool: Pool,
+    /// Normal equations of the clusters and of all pairs.
+    normals: [Normal; 2],
+    options: LiveOptions,
+    free: [bool; TERMS],
+    pitch: f64,
+    /// Part of the micro-image's radius within which pixels see through their whole microlens.
+    whole: f64,
+    pub(super) state: Option<State>,
+}
+
+impl Engine {
+    pub(super) fn new(grid: &Grid, vignetting: &[f32], options: &LiveOptions) -> Result<Self, SpacingError> {
+        let pitch = grid.pitch_px();
+        let radius = MASK_FRACTION * pitch / 2.0;
+        let plan = Plan::new(grid, radius + MARGIN_PX);
+        if plan.pairs < LEAST_PAIRS {
+            return Err(SpacingError::TooFewMicroImages { pairs: plan.pairs, needed: LEAST_PAIRS });
+        }
+        let wanted = (plan.lenses.len() / CLUSTERS_SHARE).clamp(LEAST_CLUSTERS, CLUSTERS);
+        let clusters = Clusters::new(plan.clusters(wanted));
+        let few = clusters.jobs.iter().map(|job| job.scores.len()).sum();
+        Ok(Self {
+            exposure: Exposure::new(&plan, radius),
+            lattice: Lattice::new(grid),
+            random: Random::new(&plan),
+            pool: Pool::default(),
+            normals: [Normal::new(few), Normal::new(plan.pairs)],
+            options: *options,
+            free: free_terms(&plan, options.field_held.is_some(), options.directions_alike),
+            pitch,
+            whole: whole_fraction(vignetting, &plan, grid.frame_size[0], pitch),
+            state: options.start_px.map(|start| State::new(start, options.field_held.unwrap_or_default())),
+            clusters,
+            plan,
+        })
+    }
+
+    /// The gains of all tiles.
+    pub(super) fn gains(&self, grid: &Grid, vignetting: &[f32]) -> Gains {
+        let largest = Shape::new(MASK_FRACTION * self.pitch / 2.0);
+        Gains::new(vignetting, grid.frame_size, &self.plan.lenses, largest)
+    }
+
+    pub(super) fn measure<T: Sample>(&mut self, frame: &Frame<'_, T>, bits: u8) -> Result<LiveSpacing, LiveError> {
+        let raw_noise = self.exposure.check(frame)?;
+        let fit = self.lattice.check(frame, bits, raw_noise);
+        self.check_grid(&fit)?;
+        let state = self.state.ok_or(LiveError::NoStart)?;
+        let mut model = Model { terms: state.terms, free: self.free };
+        if let Some(field) = self.options.field_held {
+            model.terms.fixed_rows_mut::<3>(1).copy_from_slice(&field);
+        }
+        let known = state.noise_scale;
+        let settled = self.settle(frame, raw_noise, &mut model, known);
+        let found = settled.and_then(|scale| self.finish(frame, raw_noise, &mut model, (scale, known), &fit));
+        if matches!(found, Err(LiveError::Lost { .. })) {
+            self.state = None;
+        }
+        found
+    }
+
+    fn check_grid(&self, fit: &LatticeFit) -> Result<(), LiveError> {
+        let LatticeFit { shift_px, sigma_px, coherence } = *fit;
+        let tolerance_px = self.options.grid_tolerance_px;
+        // Where micro-images differ by more than the phases can tell there is no saying how far they moved.
+        if coherence < LEAST_COHERENCE {
+            return Err(LiveError::GridNotSeen { coherence, least: LEAST_COHERENCE });
+        }
+        if shift_px > tolerance_px + SURE * sigma_px {
+            return Err(LiveError::GridMoved { shift_px, sigma_px, tolerance_px });
+        }
+        Ok(())
+    }
+
+    /// Brings the model near enough for one step of all pairs, on the clusters alone; returns the noise's scale.
+    fn settle<T: Sample>(
+        &mut self,
+        frame: &Frame<'_, T>,
+        raw_noise: f64,
+        model: &mut Model,
+        known_scale: Option<f64>,
+    ) -> Result<f64, LiveError> {
+        let from_px = model.terms[0];
+        let reach = 0.15 * self.options.mla_pitch_px;
+        let mut scale = known_scale.unwrap_or(1.0);
+        let mut shape = None;
+        let mut axis = model.axis_only();
+        for _ in 0..ROUNDS {
+            let now = self.shape(axis.terms[0]);
+            let fresh = shape.replace(now) != Some(now);
+            let noise = (raw_noise * scale).max(QUANTISATION);
+            let Self { plan, clusters, normals: [normal, _], .. } = self;
+            let pass = Pass { frame, lenses: &plan.lenses, turns: &plan.turns, model: &axis, shape: &now, noise };
+            clusters.run(&pass, fresh);
+            normal.gather(&clusters.jobs, &plan.turns, noise);
+            let correlation = normal.correlation;
+            let Some(inverse) = normal.inverse(&axis.free) else { return Err(self.no_match(0, from_px, raw_noise)) };
+            let step = normal.step(&inverse);
+            let sigma = normal.scatter(&inverse, &step, 1)[(0, 0)].sqrt();
+            let step = step[0];
+            // What the clusters cannot tell from nothing is left to all pairs.
+            if step.abs() < SETTLED_PX.max((2.0 * sigma).min(UNSURE_PX)) {
+                if correlation < LEAST_CORRELATION {
+                    return Err(self.no_match(0, from_px, raw_noise));
+                }
+                if known_scale.is_none() {
+                    scale = noise_scale(scale, normal.residual);
+                }
+                model.terms[0] = axis.terms[0];
+                return Ok(scale);
+            }
+            // Matching is linear over about a pixel: a longer step is only a direction.
+            axis.terms[0] += step.clamp(-1.0, 1.0);
+            let moved = (axis.terms[0] - from_px).abs();
+            if !moved.is_finite() || moved > reach {
+                break;
+            }
+        }
+        Err(self.no_match(0, from_px, raw_noise))
+    }
+
+    /// Newton steps over all pairs, one where the start is near, and what follows from the last.
+    fn finish<T: Sample>(
+        &mut self,
+        frame: &Frame<'_, T>,
+        raw_noise: f64,
+        model: &mut Model,
+        (scale, known_scale): (f64, Option<f64>),
+        fit: &LatticeFit,
+    ) -> Result<LiveSpacing, LiveError> {
+        let from_px = model.terms[0];
+        let noise = (raw_noise * scale).max(QUANTISATION);
+        for passes in 1..=PASSES {
+            let shape = self.shape(model.terms[0]);
+            let Self { plan, pool, normals: [_, normal], .. } = self;
+            let pass = Pass { frame, lenses: &plan.lenses, turns: &plan.turns, model, shape: &shape, noise };
+            run(&pass, &mut plan.jobs, pool);
+            normal.gather(&plan.jobs, &plan.turns, noise);
+            if normal.pairs < LEAST_PAIRS {
+                return Err(SpacingError::TooFewMicroImages { pairs: normal.pairs, needed: LEAST_PAIRS }.into());
+            }
+            let Some(inverse) = normal.inverse(&model.free) else {
+                return Err(self.no_match(1, from_px, raw_noise));
+            };
+            let mut step = normal.step(&inverse);
+            let largest = step.abs().sum();
+            if largest > 1.0 {
+                step /= largest;
+            }
+            let before = *model;
+            model.terms += step;
+            if largest > FINAL_STEP_PX {
+                continue;
+            }
+            if normal.correlation < LEAST_CORRELATION {
+                return Err(self.no_match(1, from_px, raw_noise));
+            }
+            self.check_texture(raw_noise)?;
+            let Self { plan, random, normals: [_, normal], .. } = self;
+            let setting = Setting { frame, plan, model: &before, normal, shape: &shape, noise };
+            let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
+            let covariance = normal.scatter(&inverse, &step, model.unknowns());
+            self.state = Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });
+            let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, cosine, sine] = model.terms.into();
+            return Ok(LiveSpacing {
+                on_axis_px,
+                // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
+                sigma_px: covariance[(0, 0)].sqrt().max(sigma_random_px),
+                sigma_random_px,
+                tilt_x_px,
+                tilt_y_px,
+                curvature_px,
+                directions_px: [cosine, sine],
+                covariance: covariance.transpose().into(),
+                window_px: f64::from(shape.edge) - 0.5,
+                pairs: normal.pairs,
+                correlation: normal.correlation,
+                residual_ratio: normal.residual,
+                noise_grey_levels: raw_noise,
+                grid_shift_px: [fit.shift_px, fit.sigma_px],
+                passes,
+            });
+        }
+        Err(self.no_match(1, from_px, raw_noise))
+    }
+
+    /// Tiles for spacings near this one: masks as large as the main lens's aperture cuts nothing off, and never so small
+    /// that they hardly overlap.
+    fn shape(&self, spacing: f64) -> Shape {
+        // Masks a shift apart overlap by their diameter less the shift.
+        let shift = (spacing - self.pitch).abs();
+        let fraction = self.whole.max((shift / 2.0 + LEAST_OVERLAP_PX) / (self.pitch / 2.0)).min(MASK_FRACTION);
+        Shape::new(fraction * self.pitch / 2.0)
+    }
+
+    /// What it means that the clusters (0) or all pairs (1) do not match.
+    fn no_match(&self, which: usize, from_px: f64, noise: f64) -> LiveError {
+        let normal = &self.normals[which];
+        if normal.contrast < LEAST_CONTRAST {
+            return SpacingError::NoTexture { noise }.into();
+        }
+        LiveError::Lost { from_px, correlation: normal.correlation }
+    }
+
+    fn check_texture(&self, noise: f64) -> Result<(), SpacingError> {
+        let [_, normal] = &self.normals;
+        if normal.texture_significance() < 4.0 {
+            return Err(SpacingError::NoTexture { noise });
+        }
+        let total: f64 = normal.by_direction.iter().sum();
+        // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
+        if self.plan.directions == 2 {
+            for (direction, along_rows) in [(1, true), (0, false)] {
+                if normal.by_direction[direction] < 0.01 * total {
+                    return Err(SpacingError::OneDirection { along_rows });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The noise's scale at which the pairs' residuals are what they usually are.
+fn noise_scale(scale: f64, residual: f64) -> f64 {
+    (scale * scale * residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt()
+}
+
+/// Part of the micro-image's radius within which no light is cut off, from the profile's mean around circles.
+fn whole_fraction(vignetting: &[f32], plan: &Plan, width: usize, pitch: f64) -> f64 {
+    const DIRECTIONS: usize = 24;
+    let every = (plan.lenses.len() / 64).max(1);
+    let ring = |fraction: f64| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for lens in (0..plan.lenses.len()).step_by(every) {
+            let [x, y] = plan.centre(lens as u32);
+            for k in 0..DIRECTIONS {
+                let (sin, cos) = (std::f64::consts::TAU * k as f64 / DIRECTIONS as f64).sin_cos();
+                let reach = fraction * pitch / 2.0;
+                let at = (y + reach * sin).round() as usize * width + (x + reach * cos).round() as usize;
+                sum += f64::from(vignetting[at]);
+                count += 1.0;
+            }
+        }
+        sum / f64::max(count, 1.0)
+    };
+    let least = WHOLE_SHARE * f64::midpoint(ring(0.1), ring(0.25));
+    (0..)
+        .map(|k| MASK_FRACTION - 0.02 * f64::from(k))
+        .take_while(|&fraction| fraction > LEAST_MASK_FRACTION)
+        .find(|&fraction| ring(fraction) >= least)
+        .unwrap_or(LEAST_MASK_FRACTION)
+}

@@ -1,0 +1,122 @@
+//! Whether a frame is exposed well enough to be measured, and how noisy it is, from a sample of its micro-images.
+
+use rayon::prelude::*;
+
+use super::frame::{Frame, Sample};
+use super::plan::{Plan, spread};
+use crate::imaging::spacing::SpacingError;
+
+/// Micro-images looked at.
+const WANTED: usize = 192;
+/// Share of saturated pixels within the masks above which a frame is refused.
+const SATURATED_SHARE: f64 = 0.4;
+/// Part of the masks' radius within which noise is looked for.
+const NOISE_RADIUS: f64 = 0.85;
+
+/// A sample of a frame's micro-images.
+#[derive(Debug, Clone)]
+pub(super) struct Exposure {
+    centres: Vec<[i32; 2]>,
+    /// Half widths of a disc's rows, from its middle row on: for light and saturation, and for noise.
+    discs: [Vec<i32>; 2],
+    counts: Vec<Count>,
+    variances: Vec<f32>,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Count {
+    pixels: u32,
+    saturated: u32,
+    sum: u32,
+    variance: f32,
+}
+
+impl Exposure {
+    /// For masks of this radius, px.
+    pub(super) fn new(plan: &Plan, radius: f64) -> Self {
+        let centres: Vec<[i32; 2]> = spread(plan.lenses.len(), WANTED).map(|k| plan.lenses[k].nearest).collect();
+        let disc = |radius: f64| {
+            (0..=radius as i32).map(|y| (radius * radius - f64::from(y * y)).max(0.0).sqrt() as i32).collect()
+        };
+        let counts = vec![Count::default(); centres.len()];
+        let variances = Vec::with_capacity(centres.len());
+        Self { centres, discs: [disc(radius), disc(NOISE_RADIUS * radius)], counts, variances }
+    }
+
+    /// Standard deviation of the frame's noise, grey levels.
+    pub(super) fn check<T: Sample>(&mut self, frame: &Frame<'_, T>) -> Result<f64, SpacingError> {
+        let discs = &self.discs;
+        let arch = pulp::Arch::new();
+        self.counts
+            .par_iter_mut()
+            .zip(&self.centres)
+            .with_min_len(16)
+            .for_each(|(count, &centre)| *count = arch.dispatch(Look { frame, centre, discs }));
+        let total = |f: fn(&Count) -> f64| self.counts.iter().map(f).sum::<f64>();
+        let pixels = total(|c| f64::from(c.pixels)).max(1.0);
+        let share = total(|c| f64::from(c.saturated)) / pixels;
+        if share > SATURATED_SHARE {
+            return Err(SpacingError::Saturated { share });
+        }
+        let mean = total(|c| f64::from(c.sum)) / pixels;
+        // An 8-bit frame whose micro-images average three grey levels holds no texture above its own quantisation.
+        let least = (f64::from(frame.white.grey()) * 0.012).min(3.0);
+        if mean < least {
+            return Err(SpacingError::Dark { mean, least });
+        }
+        self.variances.clear();
+        self.variances.extend(self.counts.iter().map(|c| c.variance));
+        let quartile = self.variances.len() / 4;
+        let (_, variance, _) = self.variances.select_nth_unstable_by(quartile, f32::total_cmp);
+        Ok(f64::from(*variance).sqrt())
+    }
+}
+
+struct Look<'a, T> {
+    frame: &'a Frame<'a, T>,
+    centre: [i32; 2],
+    discs: &'a [Vec<i32>; 2],
+}
+
+impl<T: Sample> pulp::WithSimd for Look<'_, T> {
+    type Output = Count;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _simd: S) -> Count {
+        let Self { frame, centre: [x, y], discs: [whole, inner] } = self;
+        let row = |dy: i32, half: i32| -> &[T] {
+            // Micro-images lie within the frame by more than their masks.
+            let start = ((y + dy).max(0) as usize) * frame.width + (x - half).max(0) as usize;
+            frame.samples.get(start..start + 2 * half as usize + 1).unwrap_or_default()
+        };
+        let mut count = Count::default();
+        let reach = whole.len() as i32 - 1;
+        for dy in -reach..=reach {
+            for &sample in row(dy, whole[dy.unsigned_abs() as usize]) {
+                count.pixels += 1;
+                count.saturated += u32::from(sample >= frame.white);
+                count.sum += sample.level();
+            }
+        }
+        // What a filter blind to planes and saddles leaves; 36 is the sum of squares of (1 −2 1) × (1 −2 1).
+        let (mut squares, mut pixels) = (0u64, 0usize);
+        let reach = inner.len() as i32 - 1;
+        for dy in -reach..=reach {
+            let half = inner[dy.unsigned_abs() as usize];
+            let [above, here, below] = [row(dy - 1, half + 1), row(dy, half + 1), row(dy + 1, half + 1)];
+            let width = here.len().min(above.len()).min(below.len());
+            let (above, here, below) = (&above[..width], &here[..width], &below[..width]);
+            for k in 2..width {
+                let line = |v: &[T]| {
+                    let [a, b, c] = [v[k - 2].level(), v[k - 1].level(), v[k].level()].map(|v| v as i32);
+                    a - 2 * b + c
+                };
+                let response = line(above) - 2 * line(here) + line(below);
+                squares += u64::from(response.unsigned_abs()).pow(2);
+            }
+            pixels += width.saturating_sub(2);
+        }
+        count.variance = (squares as f64 / 36.0 / pixels.max(1) as f64) as f32;
+        count
+    }
+}

@@ -1,0 +1,244 @@
+//! Live measuring: the spacing of frame after frame of one setting, as fast as a camera delivers them.
+//!
+//! The grid and the share of light of every pixel are known and stay; what follows from them is worked out once. A frame
+//! then takes one pass, and nothing is allocated for it:
+//!
+//! ```text
+//!   exposure.rs, lattice.rs   a sample of micro-images: light, noise, and whether the grid still fits
+//!            |
+//!   run.rs   clusters         some pairs spread over the frame, until the spacing there has settled
+//!            |                                                                     otherwise: lost
+//!   run.rs   all pairs        tile.rs -> compare.rs -> score.rs, in the cache
+//!            |
+//!   normal.rs                 one Newton step for spacing, field and directions; scatter between field blocks
+//!            |
+//!   random.rs                 what pixel noise alone makes of it, from a sample
+//! ```
+//!
+//! The estimator is that of [`super::spacing`]: slopes of the un-interpolated reference match, the neighbour's slope
+//! makes the derivative, so that noise biases neither; gain and offset are free for every pair.
+
+mod compare;
+mod engine;
+mod exposure;
+mod frame;
+mod lattice;
+mod normal;
+mod plan;
+mod random;
+mod run;
+mod score;
+mod shape;
+mod tile;
+mod vector;
+
+use serde::Serialize;
+
+use self::engine::{Engine, State};
+use self::frame::{Frame, GAIN_UNIT, Gains, gain};
+use super::grid::Grid;
+use super::spacing::{SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
+use crate::optics::MlaMode;
+use crate::raw::{RawImage, Samples};
+
+/// What the caller knows and wants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LiveOptions {
+    /// D_MLA, the made pitch of the microlenses, px.
+    pub mla_pitch_px: f64,
+    /// Only this mode's range is searched when the spacing is acquired; both where `None`.
+    pub mode: Option<MlaMode>,
+    /// Expected spacing of the first frame, px: within a pixel or two, or the frame has to be acquired.
+    pub start_px: Option<f64>,
+    /// Tilt x, tilt y and curvature where they are known and not to be fitted, as in [`SpacingOptions`].
+    pub field_held: Option<[f64; 3]>,
+    /// Whether the difference between lattice directions is taken to be nil and not fitted.
+    pub directions_alike: bool,
+    /// How far a micro-image may lie from the known grid, px, before the grid no longer fits.
+    pub grid_tolerance_px: f64,
+}
+
+impl LiveOptions {
+    /// Nothing known but the MLA pitch (px).
+    #[must_use]
+    pub const fn new(mla_pitch_px: f64) -> Self {
+        Self {
+            mla_pitch_px,
+            mode: None,
+            start_px: None,
+            field_held: None,
+            directions_alike: false,
+            grid_tolerance_px: 0.5,
+        }
+    }
+}
+
+/// Why a frame gave no spacing.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LiveError {
+    /// The frame cannot be measured at all, live or not.
+    #[error("{0}")]
+    Spacing(#[from] SpacingError),
+    /// The micro-images are no longer where the grid has them.
+    #[error(
+        "the micro-images have moved by up to {shift_px:.2} ± {sigma_px:.2} px from the known grid ({tolerance_px:.2} px are allowed): find the grid anew, from a white frame at this setting"
+    )]
+    GridMoved {
+        /// Greatest displacement in the frame that shift and scale of the lattice make, px.
+        shift_px: f64,
+        /// Its standard uncertainty, px.
+        sigma_px: f64,
+        /// Displacement allowed, px.
+        tolerance_px: f64,
+    },
+    /// The lattice of micro-images is not to be seen.
+    #[error(
+        "the known grid's lattice does not show in this frame (its phases agree to {coherence:.2}, at least {least:.2} are needed): no raw frame of this array, or another setting; find the grid anew"
+    )]
+    GridNotSeen {
+        /// How far the lattice's phases agree, from 0 to 1.
+        coherence: f64,
+        /// Agreement needed.
+        least: f64,
+    },
+    /// Nothing says where to start.
+    #[error("no spacing is known to start from: acquire the frame, or give a spacing within a pixel or two")]
+    NoStart,
+    /// The spacing is no longer near the last one.
+    #[error(
+        "neighbouring micro-images no longer match near the last spacing of {from_px:.2} px (correlation {correlation:.2}): it changed too fast or the board went; acquire it anew"
+    )]
+    Lost {
+        /// The spacing started from, px.
+        from_px: f64,
+        /// Correlation of neighbours where it ended.
+        correlation: f64,
+    },
+}
+
+/// A spacing measured live.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LiveSpacing {
+    /// l_0: the spacing on the axis, mean over the lattice directions, px.
+    pub on_axis_px: f64,
+    /// Its standard uncertainty, px: noise and what the model cannot explain, from the scatter between field blocks.
+    pub sigma_px: f64,
+    /// Its standard uncertainty from pixel noise alone, px.
+    pub sigma_random_px: f64,
+    /// t_x: rise of the spacing along x, px per half frame width.
+    pub tilt_x_px: f64,
+    /// t_y: rise of the spacing along y (down), px per half frame width.
+    pub tilt_y_px: f64,
+    /// k: rise of the spacing with the squared distance from the axis, px per half frame width squared.
+    pub curvature_px: f64,
+    /// Difference between the lattice directions, px: the factors of cos 2φ and sin 2φ, φ from the first basis vector.
+    /// In a square array pairs along the rows have the first more than the mean and those along the columns less.
+    pub directions_px: [f64; 2],
+    /// Covariance (px²) of the spacing, tilt x, tilt y, curvature and the two of `directions_px`, from the scatter
+    /// between field blocks. Zero for terms not fitted.
+    pub covariance: [[f64; 6]; 6],
+    /// Radius of the masks about the micro-images' centres, px.
+    pub window_px: f64,
+    /// Pairs of neighbouring micro-images that were compared.
+    pub pairs: usize,
+    /// Correlation of neighbours at this spacing, noise taken out.
+    pub correlation: f64,
+    /// Median residual of the pairs in units of what noise alone would leave.
+    pub residual_ratio: f64,
+    /// Noise of the frame as estimated from itself, grey levels.
+    pub noise_grey_levels: f64,
+    /// Greatest displacement of micro-images from the known grid, px, and its standard uncertainty.
+    pub grid_shift_px: [f64; 2],
+    /// Passes over all pairs that it took: one when the frame is like the last.
+    pub passes: usize,
+}
+
+/// Measures frame after frame of one setting.
+#[derive(Debug)]
+pub struct LiveMeter {
+    grid: Grid,
+    /// The vignetting of the whole frame, for when the spacing has to be looked for.
+    vignetting: Vec<u16>,
+    gains: Gains,
+    options: LiveOptions,
+    engine: Engine,
+}
+
+impl LiveMeter {
+    /// Prepares for frames with this grid. `vignetting` has one value for each pixel: the share of light that reaches
+    /// it, relative to a micro-image's centre, as [`super::vignetting::Vignetting::render`] draws it.
+    ///
+    /// # Errors
+    /// [`SpacingError`] where grid and vignetting are not of one size, where there are too few micro-images, or where
+    /// an option is impossible.
+    pub fn new(grid: &Grid, vignetting: &[f32], options: LiveOptions) -> Result<Self, SpacingError> {
+        for (what, value) in [
+            ("an MLA pitch (px)", options.mla_pitch_px),
+            ("a tolerance of the grid (px)", options.grid_tolerance_px),
+            ("a starting spacing (px)", options.start_px.unwrap_or(1.0)),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(SpacingError::Impossible { what, value });
+            }
+        }
+        let [width, height] = grid.frame_size;
+        if vignetting.len() != width * height {
+            let rows = vignetting.len().checked_div(width).unwrap_or(0);
+            return Err(SpacingError::WrongSize { frame: [width, rows], grid: grid.frame_size });
+        }
+        let engine = Engine::new(grid, vignetting, &options)?;
+        let gains = engine.gains(grid, vignetting);
+        let vignetting = vignetting.iter().map(|&share| gain(share)).collect();
+        Ok(Self { grid: grid.clone(), vignetting, gains, options, engine })
+    }
+
+    /// Measures a frame, starting from the last one's spacing.
+    ///
+    /// # Errors
+    /// [`LiveError`]. After [`LiveError::Lost`] there is no start any more: acquire the next frame.
+    pub fn measure(&mut self, raw: &RawImage) -> Result<LiveSpacing, LiveError> {
+        self.check_size(raw)?;
+        let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
+        let gains = &self.gains;
+        match raw.samples() {
+            Samples::U8(samples) => self.engine.measure(&Frame { samples, gains, width, height, white: u8::MAX }, bits),
+            Samples::U16(samples) => {
+                self.engine.measure(&Frame { samples, gains, width, height, white: raw.white_level() }, bits)
+            }
+        }
+    }
+
+    /// Looks for the spacing as if nothing were known of it, and measures the frame from there. This takes as long as
+    /// [`measure_spacing`] and is not live.
+    ///
+    /// # Errors
+    /// [`LiveError`].
+    pub fn acquire(&mut self, raw: &RawImage) -> Result<LiveSpacing, LiveError> {
+        self.check_size(raw)?;
+        let vignetting: Vec<f32> = self.vignetting.iter().map(|&gain| 1.0 / (f32::from(gain) * GAIN_UNIT)).collect();
+        let frame = SpacingFrame::new(raw, &vignetting, &self.grid, SLOPE_SIGMA_PX)?;
+        let options = SpacingOptions {
+            mla_pitch_px: self.options.mla_pitch_px,
+            mode: self.options.mode,
+            start_px: None,
+            field_held: self.options.field_held,
+        };
+        let spacing = measure_spacing(&[frame], &options)?;
+        self.start_from(&spacing);
+        self.measure(raw)
+    }
+
+    /// Lets the next frame start from a spacing measured elsewhere.
+    pub fn start_from(&mut self, spacing: &Spacing) {
+        let field = [spacing.tilt_x_px, spacing.tilt_y_px, spacing.curvature_px];
+        self.engine.state = Some(State::new(spacing.on_axis_px, field));
+    }
+
+    fn check_size(&self, raw: &RawImage) -> Result<(), SpacingError> {
+        let frame = [raw.width(), raw.height()];
+        if frame == self.grid.frame_size {
+            return Ok(());
+        }
+        Err(SpacingError::WrongSize { frame, grid: self.grid.frame_size })
+    }
+}

@@ -1,0 +1,49 @@
+//! How large tiles are, and how far the filters that make them reach.
+
+/// Pixels that are handled together at most: tiles are padded for vectors of this length.
+pub(super) const LANES: usize = 8;
+/// Reach of the horizontal half of the spline's prefilter, px: its tail is below 0.2 %.
+pub(super) const FIR: usize = 5;
+/// Pixels from the mask's edge that a warped neighbour's spline reaches.
+pub(super) const SPLINE: usize = 2;
+/// Rows that the vertical half of the prefilter needs to settle.
+const SETTLE: usize = 3;
+/// Columns before the mask.
+pub(super) const LEFT: usize = SPLINE + FIR;
+/// Rows above the mask.
+pub(super) const ABOVE: usize = SPLINE + SETTLE;
+
+/// How large tiles are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Shape {
+    /// Radius at which masks have fallen to nothing, px: they end over one pixel.
+    pub(super) edge: f32,
+    /// Pixels from the one nearest the centre to the mask's last.
+    pub(super) disc: usize,
+    pub(super) rows: usize,
+    /// From one row to the next, with room for the last vector of a row to reach beyond the mask.
+    pub(super) stride: usize,
+}
+
+impl Shape {
+    /// For masks of this radius, px.
+    pub(super) fn new(radius: f64) -> Self {
+        let disc = (radius + 1.0).floor().max(1.0) as usize;
+        let stride = (2 * (LEFT + disc) + 1 + 3).next_multiple_of(LANES);
+        Self { edge: (radius + 0.5) as f32, disc, rows: 2 * (ABOVE + disc) + 1, stride }
+    }
+
+    /// Column and row of the pixel nearest the centre.
+    pub(super) const fn middle(&self) -> [usize; 2] {
+        [LEFT + self.disc, ABOVE + self.disc]
+    }
+
+    /// Columns that are cut, in whole vectors.
+    pub(super) const fn columns(&self) -> usize {
+        (2 * (LEFT + self.disc) + 1).next_multiple_of(LANES)
+    }
+
+    pub(super) const fn size(&self) -> usize {
+        self.rows * self.stride
+    }
+}

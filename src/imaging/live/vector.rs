@@ -1,0 +1,23 @@
+//! Vectors out of rows of numbers, and back.
+//!
+//! Code that works on vectors has no closures: they would not be compiled for the instruction set in use.
+
+use pulp::Simd;
+
+/// The vector that begins at a place of a row.
+#[inline(always)]
+pub(super) fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
+    S::as_simd_f32s(&row[at..at + S::F32_LANES]).0[0]
+}
+
+/// So many vectors from a place of a row on.
+#[inline(always)]
+pub(super) fn vectors<S: Simd>(row: &[f32], at: usize, count: usize) -> &[S::f32s] {
+    &S::as_simd_f32s(&row[at..at + count * S::F32_LANES]).0[..count]
+}
+
+/// Puts a vector at a place of a row.
+#[inline(always)]
+pub(super) fn store<S: Simd>(row: &mut [f32], at: usize, value: S::f32s) {
+    S::as_mut_simd_f32s(&mut row[at..at + S::F32_LANES]).0[0] = value;
+}

@@ -1,0 +1,214 @@
+//! The live measurement against the full one, on the referee's frames and on the simulated bench's own.
+
+// Helpers of tests may panic as tests do.
+#![allow(clippy::unwrap_used)]
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use plenalign::config::{Config, Texture};
+use plenalign::imaging::grid::Grid;
+use plenalign::imaging::live::{LiveError, LiveMeter, LiveOptions, LiveSpacing};
+use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
+use plenalign::imaging::spacing::{Spacing, SpacingError, SpacingOptions, measure_spacing};
+use plenalign::optics::ArrayKind;
+use plenalign::raw::{self, RawImage, Samples};
+use plenalign::sim::exposure::{Noise, expose};
+use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
+use plenalign::sim::scene::{Board, Scene, texel_for};
+use plenalign::sim::texture::TextureMap;
+
+const PIXEL_MM: f64 = 0.00345;
+const MLA_PITCH_PX: f64 = 0.1 / PIXEL_MM;
+
+fn referee(name: &str) -> RawImage {
+    raw::read(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/referee/{name}.png"))).unwrap()
+}
+
+/// A frame with its grid and vignetting, and what the full measurement says of it.
+struct Known {
+    raw: RawImage,
+    grid: Grid,
+    vignetting: Vec<f32>,
+    full: Spacing,
+}
+
+fn known(raw: RawImage, white: &RawImage) -> Known {
+    let white = WhiteModel::new(white).unwrap();
+    let options = FrameOptions::new(MLA_PITCH_PX);
+    let prepared = prepare_frame(&raw, Some(&white), &options).unwrap();
+    let vignetting = white.vignetting.render(&prepared.grid);
+    // All frames here are near focus: a start spares the search.
+    let start = SpacingOptions { start_px: Some(19.6), ..options.spacing };
+    let full = measure_spacing(&[prepared.frame], &start).unwrap();
+    Known { raw, grid: prepared.grid, vignetting, full }
+}
+
+impl Known {
+    /// A meter that starts half a pixel off and takes directions to be alike.
+    fn meter(&self) -> LiveMeter {
+        let options = LiveOptions {
+            start_px: Some(self.full.on_axis_px + 0.5),
+            directions_alike: true,
+            ..LiveOptions::new(MLA_PITCH_PX)
+        };
+        LiveMeter::new(&self.grid, &self.vignetting, options).unwrap()
+    }
+}
+
+fn check_agreement(name: &str, live: &LiveSpacing, full: &Spacing) {
+    let difference = live.on_axis_px - full.on_axis_px;
+    println!("{name}: {difference:+.5} px, {live:?}");
+    assert!(difference.abs() < 0.001, "{name}: {difference:+.5} px from {full:?}");
+    assert!((live.tilt_x_px - full.tilt_x_px).abs() < 0.002 && (live.tilt_y_px - full.tilt_y_px).abs() < 0.002);
+    assert!((live.curvature_px - full.curvature_px).abs() < 0.004);
+    for (what, live, full) in
+        [("sigma", live.sigma_px, full.sigma_px), ("random sigma", live.sigma_random_px, full.sigma_random_px)]
+    {
+        assert!((live / full - 1.0).abs() < 0.25, "{name}: {what} {live:.5} for {full:.5} px");
+    }
+    assert!((live.correlation - full.correlation).abs() < 0.02);
+    assert!((live.window_px - full.window_px).abs() < 1e-4);
+}
+
+#[test]
+fn referee_frames_measure_live_as_they_do_in_full() {
+    for name in ["air_square", "air_charuco", "water_hexagonal", "water_clarity_e30"] {
+        let known = known(referee(name), &referee(&format!("{name}_white")));
+        let mut meter = known.meter();
+        let first = meter.measure(&known.raw).unwrap();
+        check_agreement(name, &first, &known.full);
+        // From its own result the same frame takes one pass, and says the same.
+        let again = meter.measure(&known.raw).unwrap();
+        assert_eq!(again.passes, 1);
+        assert!((again.on_axis_px - first.on_axis_px).abs() < 1e-4, "{name}: {first:?}, {again:?}");
+    }
+}
+
+#[test]
+fn free_directions_change_nothing_where_they_are_alike() {
+    for name in ["air_charuco", "water_hexagonal"] {
+        let known = known(referee(name), &referee(&format!("{name}_white")));
+        let options = LiveOptions { start_px: Some(known.full.on_axis_px), ..LiveOptions::new(MLA_PITCH_PX) };
+        let live = LiveMeter::new(&known.grid, &known.vignetting, options).unwrap().measure(&known.raw).unwrap();
+        let difference = live.on_axis_px - known.full.on_axis_px;
+        assert!(difference.abs() < 0.001, "{name}: {difference:+.5} px");
+        for (k, term) in live.directions_px.into_iter().enumerate() {
+            let sigma = live.covariance[4 + k][4 + k].sqrt();
+            assert!(term.abs() < 4.0 * sigma + 1e-9, "{name}: {:?} ± {sigma}", live.directions_px);
+        }
+        assert_eq!(live.directions_px[1] == 0.0, known.grid.array == ArrayKind::Square);
+    }
+}
+
+/// A small frame of the simulated bench in focus, its white frame, and the same exposed to 12 bits.
+fn rendered(array: ArrayKind, noise: f64, seed: u64) -> (RawImage, RawImage, RawImage) {
+    const SIDE: usize = 420;
+    let mut config = Config::default();
+    config.mla.array = array;
+    let design = config.design();
+    let (medium, distance) = (Medium::Air, design.joint(0.0).equivalent_distance);
+    let delta_v = design.joint(0.0).delta_v + 0.01 * seed as f64;
+    let mut camera = CameraTruth::from_design(&design, delta_v, medium, PIXEL_MM, SIDE, SIDE);
+    camera.rotation = (1.3 - seed as f64).to_radians();
+    camera.offset = [3.7, 1.9 - seed as f64];
+    let rays = RenderOptions { rays: 16, seed };
+    let map = Arc::new(TextureMap::generate(Texture::Natural, texel_for(&design, medium, distance, PIXEL_MM), seed));
+    let scene = Scene::Board(Board::new(distance, map));
+    let eight = Noise { read_noise_levels: noise, ..Noise::default() };
+    let white = expose(&render(&camera, &Scene::Diffuser, rays), SIDE, SIDE, &eight, seed);
+    let raw = expose(&render(&camera, &scene, rays), SIDE, SIDE, &eight, seed + 1);
+    // The same frame in sixteenths of a grey level, as a 12-bit camera would give it.
+    let deep = raw.to_view().into_iter().enumerate().map(|(k, v)| u16::from(v) * 16 + (k * 7 % 16) as u16);
+    let deep = RawImage::from_u16(SIDE, SIDE, 12, deep.collect());
+    (raw, white, deep)
+}
+
+#[test]
+fn small_rendered_frames_measure_live_as_they_do_in_full() {
+    for (array, noise, seed) in
+        [(ArrayKind::Square, 2.0, 1), (ArrayKind::Hexagonal, 2.0, 2), (ArrayKind::Square, 0.0, 3)]
+    {
+        let (raw, white, deep) = rendered(array, noise, seed);
+        let known = known(raw, &white);
+        let name = format!("{array:?}, noise {noise}");
+        check_agreement(&name, &known.meter().measure(&known.raw).unwrap(), &known.full);
+        // Twelve bits are another sample type, not another result.
+        assert!(matches!(deep.samples(), Samples::U16(_)));
+        let live = known.meter().measure(&deep).unwrap();
+        let difference = live.on_axis_px - known.full.on_axis_px;
+        assert!(difference.abs() < 0.001, "{name}, 12 bits: {difference:+.5} px");
+    }
+}
+
+#[test]
+fn a_moved_grid_is_refused() {
+    let known = known(referee("water_clarity_e30"), &referee("water_clarity_e30_white"));
+    for (shift, scale) in [([1.6, 0.0], 1.0), ([0.0, -2.5], 1.0), ([0.0, 0.0], 1.005)] {
+        let mut grid = known.grid.clone();
+        grid.centre = [grid.centre[0] + shift[0], grid.centre[1] + shift[1]];
+        grid.basis = grid.basis.map(|v| v.map(|x| x * scale));
+        let options = LiveOptions { start_px: Some(known.full.on_axis_px), ..LiveOptions::new(MLA_PITCH_PX) };
+        let refused = LiveMeter::new(&grid, &known.vignetting, options).unwrap().measure(&known.raw).unwrap_err();
+        let LiveError::GridMoved { shift_px, sigma_px, .. } = refused else { panic!("{refused}") };
+        let half = known.grid.frame_size[0] as f64 / 2.0;
+        let expected = f64::hypot(shift[0], shift[1]) + (scale - 1.0) * half * 2f64.sqrt();
+        assert!((shift_px - expected).abs() < 3.0 * sigma_px + 0.1, "{refused} for {expected:.2} px");
+    }
+}
+
+#[test]
+fn frames_without_an_answer_are_refused() {
+    let (raw, white, _) = rendered(ArrayKind::Square, 2.0, 4);
+    let size = [raw.width(), raw.height()];
+    let known = known(raw, &white);
+    let mut meter = known.meter();
+    meter.measure(&known.raw).unwrap();
+    // A white frame has micro-images but nothing on them.
+    let blank = meter.measure(&white).unwrap_err();
+    assert!(matches!(&blank, LiveError::Spacing(SpacingError::NoTexture { .. }) | LiveError::Lost { .. }), "{blank}");
+    let scaled = |factor: f64| {
+        let values = known.raw.to_view().iter().map(|&v| (f64::from(v) * factor).min(255.0) as u8).collect();
+        RawImage::from_u8(size[0], size[1], values)
+    };
+    let burnt = meter.measure(&scaled(8.0)).unwrap_err();
+    assert!(matches!(burnt, LiveError::Spacing(SpacingError::Saturated { .. })), "{burnt}");
+    let dark = meter.measure(&scaled(0.01)).unwrap_err();
+    assert!(matches!(dark, LiveError::Spacing(SpacingError::Dark { .. })), "{dark}");
+    let cropped = RawImage::from_u8(size[0], 300, known.raw.to_view()[..size[0] * 300].to_vec());
+    let refused = meter.measure(&cropped).unwrap_err();
+    assert!(matches!(refused, LiveError::Spacing(SpacingError::WrongSize { .. })), "{refused}");
+}
+
+#[test]
+fn a_lost_spacing_is_acquired_anew() {
+    let (raw, white, _) = rendered(ArrayKind::Square, 2.0, 5);
+    let known = known(raw, &white);
+    let mut meter = LiveMeter::new(&known.grid, &known.vignetting, LiveOptions::new(MLA_PITCH_PX)).unwrap();
+    assert_eq!(meter.measure(&known.raw).unwrap_err(), LiveError::NoStart);
+    // A start five pixels off matches nowhere near.
+    meter.start_from(&Spacing { on_axis_px: known.full.on_axis_px - 5.0, ..known.full.clone() });
+    let lost = meter.measure(&known.raw).unwrap_err();
+    assert!(matches!(lost, LiveError::Lost { .. }), "{lost}");
+    // Nothing is left to start from, until it is acquired.
+    assert_eq!(meter.measure(&known.raw).unwrap_err(), LiveError::NoStart);
+    let acquired = meter.acquire(&known.raw).unwrap();
+    assert!((acquired.on_axis_px - known.full.on_axis_px).abs() < 0.002, "{acquired:?}");
+    assert!(meter.measure(&known.raw).is_ok());
+}
+
+#[test]
+fn impossible_options_are_refused() {
+    let (raw, white, _) = rendered(ArrayKind::Square, 2.0, 6);
+    let known = known(raw, &white);
+    for options in [
+        LiveOptions::new(f64::NAN),
+        LiveOptions { start_px: Some(-1.0), ..LiveOptions::new(MLA_PITCH_PX) },
+        LiveOptions { grid_tolerance_px: 0.0, ..LiveOptions::new(MLA_PITCH_PX) },
+    ] {
+        let refused = LiveMeter::new(&known.grid, &known.vignetting, options).unwrap_err();
+        assert!(matches!(refused, SpacingError::Impossible { .. }), "{refused}");
+    }
+    let short = LiveMeter::new(&known.grid, &known.vignetting[1..], LiveOptions::new(MLA_PITCH_PX)).unwrap_err();
+    assert!(matches!(short, SpacingError::WrongSize { .. }), "{short}");
+}
