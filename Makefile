@@ -21,7 +21,10 @@ test-long:
 	@tests/long.sh
 
 bench:
-	cargo bench
+	@deploy/setup.sh bench
+	cargo bench --bench grid --bench spacing --bench live --bench render
+	cargo bench --bench accuracy
+	benches/compare/run.sh
 
 # The page, embedded in the binary. Rebuilt only when its sources have changed.
 web: web/dist/index.html

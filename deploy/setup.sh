@@ -3,6 +3,7 @@
 #
 #   deploy/setup.sh build   what `make run` needs
 #   deploy/setup.sh test    that, and what `make test` needs besides
+#   deploy/setup.sh bench   what `make run` needs, and what `make bench` needs besides
 #
 # Says what it is going to install before it does, and does nothing where everything is there.
 set -euo pipefail
@@ -15,12 +16,15 @@ build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates 
 # chromium          the browser in which the page is tested
 # python3           the table of `make test-long`
 test_packages=(chromium python3)
+# python3-venv      where the comparison's OpenCV and NumPy are put
+bench_packages=(python3 python3-venv)
 
 what=${1:-test}
 case "$what" in
   build) packages=("${build_packages[@]}") ;;
   test) packages=("${build_packages[@]}" "${test_packages[@]}") ;;
-  *) echo "setup: '$what' is neither 'build' nor 'test'" >&2; exit 2 ;;
+  bench) packages=("${build_packages[@]}" "${bench_packages[@]}") ;;
+  *) echo "setup: '$what' is none of 'build', 'test' and 'bench'" >&2; exit 2 ;;
 esac
 
 for tool in cargo node npm; do
