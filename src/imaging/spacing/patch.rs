@@ -5,26 +5,8 @@ use crate::imaging::interpolation::{slope_weights, weights};
 
 /// Pixels that are handled together.
 const LANES: usize = 8;
-/// Reference, neighbour, the reference's slopes, the neighbour's slopes.
-const PLANES: usize = 6;
-/// Planes whose products are summed, in the order of [`PairSums`].
-const PRODUCTS: [(usize, usize); 15] = [
-    (0, 0),
-    (0, 1),
-    (1, 1),
-    (2, 0),
-    (3, 0),
-    (2, 1),
-    (3, 1),
-    (2, 2),
-    (3, 3),
-    (2, 4),
-    (2, 5),
-    (3, 4),
-    (3, 5),
-    (0, 4),
-    (0, 5),
-];
+/// Sums of a pair: the masks', the weights', six first and fifteen second moments.
+const SUMS: usize = 23;
 
 /// Where the two masks of a pair overlap, pixel by pixel: reference, warped neighbour, the slopes of both along the pair
 /// and across it (90° further from +x towards +y), weight.
@@ -44,6 +26,25 @@ pub(super) struct Patch {
     mask: Vec<f32>,
     across: Vec<f32>,
     across_slope: Vec<f32>,
+}
+
+/// One comparison, compiled for each instruction set: closures would not be.
+struct Comparison<'a> {
+    patch: &'a mut Patch,
+    frame: &'a SpacingFrame,
+    a: usize,
+    b: usize,
+    spacing: [f64; 2],
+    radius: f64,
+}
+
+impl pulp::WithSimd for Comparison<'_> {
+    type Output = Option<PairSums>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _simd: S) -> Self::Output {
+        self.patch.compare_inlined(self.frame, self.a, self.b, self.spacing, self.radius)
+    }
 }
 
 /// Weighted second moments over a patch, each about the weighted means.
@@ -74,6 +75,18 @@ impl Patch {
     /// further: the image points of one object point are that far apart. Masks have this `radius` (px); `None` where
     /// they hardly overlap.
     pub(super) fn compare(
+        &mut self,
+        frame: &SpacingFrame,
+        a: usize,
+        b: usize,
+        spacing: [f64; 2],
+        radius: f64,
+    ) -> Option<PairSums> {
+        pulp::Arch::new().dispatch(Comparison { patch: self, frame, a, b, spacing, radius })
+    }
+
+    #[inline(always)]
+    fn compare_inlined(
         &mut self,
         frame: &SpacingFrame,
         a: usize,
@@ -125,6 +138,7 @@ impl Patch {
     }
 
     /// Masks and weights: the inverse of the variance that noise gives the difference of the two.
+    #[inline(always)]
     fn weigh(&mut self, frame: &SpacingFrame, a: [f64; 2], b: [f64; 2], whole: [isize; 2], edge: f32) {
         let nearest = (self.origin[1] as isize + whole[1]) as usize * frame.width;
         let nearest = nearest + (self.origin[0] as isize + whole[0]) as usize;
@@ -142,15 +156,29 @@ impl Patch {
                 // Masks end over one pixel, so that they change smoothly with the spacing.
                 let in_a = (edge - ((x + xa).powi(2) + ya).sqrt()).clamp(0.0, 1.0);
                 let in_b = (edge - ((x + xb).powi(2) + yb).sqrt()).clamp(0.0, 1.0);
-                // Only what was measured is a reference.
-                let measured = frame.is_reference(self.origin[0] + k, self.origin[1] + row);
-                masks[k] = if measured { in_a * in_b } else { 0.0 };
+                masks[k] = in_a * in_b;
                 weights[k] = masks[k] * 2.0 * own[k] * theirs[k] / (own[k] + theirs[k] + 1e-9);
+            }
+        }
+        if frame.mosaic.is_some() {
+            self.drop_interpolated(frame);
+        }
+    }
+
+    /// Leaves of a mosaic only what was measured as a reference.
+    fn drop_interpolated(&mut self, frame: &SpacingFrame) {
+        for row in 0..self.rows {
+            for k in 0..self.columns {
+                if !frame.is_reference(self.origin[0] + k, self.origin[1] + row) {
+                    self.mask[row * self.stride + k] = 0.0;
+                    self.weight[row * self.stride + k] = 0.0;
+                }
             }
         }
     }
 
     /// The neighbour and its slopes along and across the pair, from the spline.
+    #[inline(always)]
     fn warp(&mut self, frame: &SpacingFrame, whole: [isize; 2], fraction: [f32; 2], unit: [f64; 2], mean: f32) {
         let (wx, sx) = (weights(fraction[0]), slope_weights(fraction[0]));
         let (wy, sy) = (weights(fraction[1]), slope_weights(fraction[1]));
@@ -198,6 +226,7 @@ impl Patch {
     }
 
     /// The reference, not interpolated, and its slopes along and across the pair.
+    #[inline(always)]
     fn refer(&mut self, frame: &SpacingFrame, unit: [f64; 2], mean: f32) {
         let (ux, uy) = (unit[0] as f32, unit[1] as f32);
         let n = self.columns;
@@ -217,68 +246,80 @@ impl Patch {
         }
     }
 
+    #[inline(always)]
     fn sums(&self) -> Option<PairSums> {
-        let ([t0, t1], [d0, d1]) = (&self.slope, &self.warped_slope);
-        let planes: [&[f32]; PLANES] = [&self.reference, &self.warped, t0, t1, d0, d1];
-        let mut pixels = [0.0f32; LANES];
-        let mut weights = [0.0f32; LANES];
-        let mut first = [[0.0f32; LANES]; PLANES];
-        let mut second = [[0.0f32; LANES]; PRODUCTS.len()];
-        // Whole rows of lanes follow each other: the planes are one run of lanes.
+        // Rows of whole lanes follow each other: the planes are one run of lanes.
         let lanes = self.stride * self.rows / LANES;
-        let at = |plane: &[f32], n: usize| -> [f32; LANES] {
-            let mut lane = [0.0; LANES];
-            lane.copy_from_slice(&plane[n * LANES..(n + 1) * LANES]);
-            lane
-        };
+        let reference = &self.reference.as_chunks::<LANES>().0[..lanes];
+        let warped = &self.warped.as_chunks::<LANES>().0[..lanes];
+        let slopes = [&self.slope[0].as_chunks::<LANES>().0[..lanes], &self.slope[1].as_chunks::<LANES>().0[..lanes]];
+        let others = [
+            &self.warped_slope[0].as_chunks::<LANES>().0[..lanes],
+            &self.warped_slope[1].as_chunks::<LANES>().0[..lanes],
+        ];
+        let weight = &self.weight.as_chunks::<LANES>().0[..lanes];
+        let mask = &self.mask.as_chunks::<LANES>().0[..lanes];
+        let mut sums = [[0.0f32; LANES]; SUMS];
         for n in 0..lanes {
-            let (m, w) = (at(&self.mask, n), at(&self.weight, n));
-            let values = planes.map(|plane| at(plane, n));
-            let weighted = values.map(|value| -> [f32; LANES] { std::array::from_fn(|k| w[k] * value[k]) });
             for k in 0..LANES {
-                pixels[k] += m[k];
-                weights[k] += w[k];
-            }
-            for (sum, value) in first.iter_mut().zip(&weighted) {
-                for k in 0..LANES {
-                    sum[k] += value[k];
-                }
-            }
-            for (sum, (p, q)) in second.iter_mut().zip(PRODUCTS) {
-                for k in 0..LANES {
-                    sum[k] += weighted[p][k] * values[q][k];
-                }
+                let (a, b, w) = (reference[n][k], warped[n][k], weight[n][k]);
+                let (t0, t1, d0, d1) = (slopes[0][n][k], slopes[1][n][k], others[0][n][k], others[1][n][k]);
+                let (wa, wb, w0, w1) = (w * a, w * b, w * t0, w * t1);
+                sums[0][k] += mask[n][k];
+                sums[1][k] += w;
+                sums[2][k] += wa;
+                sums[3][k] += wb;
+                sums[4][k] += w0;
+                sums[5][k] += w1;
+                sums[6][k] += w * d0;
+                sums[7][k] += w * d1;
+                sums[8][k] += wa * a;
+                sums[9][k] += wa * b;
+                sums[10][k] += wb * b;
+                sums[11][k] += w0 * a;
+                sums[12][k] += w1 * a;
+                sums[13][k] += w0 * b;
+                sums[14][k] += w1 * b;
+                sums[15][k] += w0 * t0;
+                sums[16][k] += w1 * t1;
+                sums[17][k] += w0 * d0;
+                sums[18][k] += w0 * d1;
+                sums[19][k] += w1 * d0;
+                sums[20][k] += w1 * d1;
+                sums[21][k] += wa * d0;
+                sums[22][k] += wa * d1;
             }
         }
-        let total = |lane: [f32; LANES]| lane.iter().map(|&v| f64::from(v)).sum::<f64>();
-        let (pixels, w) = (total(pixels), total(weights));
+        let mut totals = [0.0f64; SUMS];
+        for (total, sum) in totals.iter_mut().zip(&sums) {
+            for &lane in sum {
+                *total += f64::from(lane);
+            }
+        }
+        let [pixels, w, a, b, t0, t1, d0, d1, moments @ ..] = totals;
         // A dozen pixels are fewer than the unknowns of a pair can be told from.
         if pixels < 12.0 || w <= 1e-3 {
             return None;
         }
-        let first = first.map(total);
-        let mut second = second.map(total);
-        for (sum, (p, q)) in second.iter_mut().zip(PRODUCTS) {
-            *sum -= first[p] * first[q] / w;
-        }
-        let [aa, ab, bb, ta0, ta1, tb0, tb1, tt0, tt1, td00, td01, td10, td11, ad0, ad1] = second;
+        let [aa, ab, bb, ta0, ta1, tb0, tb1, tt0, tt1, td00, td01, td10, td11, ad0, ad1] = moments;
         Some(PairSums {
             pixels,
-            aa,
-            ab,
-            bb,
-            ta: [ta0, ta1],
-            tb: [tb0, tb1],
-            tt: [tt0, tt1],
-            td: [[td00, td01], [td10, td11]],
-            ad: [ad0, ad1],
-            slope_mean: [first[2] / w, first[3] / w],
-            reference_mean: first[0] / w,
+            aa: aa - a * a / w,
+            ab: ab - a * b / w,
+            bb: bb - b * b / w,
+            ta: [ta0 - t0 * a / w, ta1 - t1 * a / w],
+            tb: [tb0 - t0 * b / w, tb1 - t1 * b / w],
+            tt: [tt0 - t0 * t0 / w, tt1 - t1 * t1 / w],
+            td: [[td00 - t0 * d0 / w, td01 - t0 * d1 / w], [td10 - t1 * d0 / w, td11 - t1 * d1 / w]],
+            ad: [ad0 - a * d0 / w, ad1 - a * d1 / w],
+            slope_mean: [t0 / w, t1 / w],
+            reference_mean: a / w,
         })
     }
 }
 
 /// Whole pixels and the fraction of a shift.
+#[inline(always)]
 fn split(shift: [f64; 2]) -> ([isize; 2], [f32; 2]) {
     let whole = [shift[0].floor(), shift[1].floor()];
     ([whole[0] as isize, whole[1] as isize], [(shift[0] - whole[0]) as f32, (shift[1] - whole[1]) as f32])
