@@ -56,7 +56,7 @@ const RIVAL_MARGIN: f64 = 0.02;
 /// A change of the spacing during the exposure that is refused, px, and how many standard errors it must stand above
 /// none.
 const SMEAR_PX: f64 = 1.0;
-const SMEAR_SIGNIFICANCE: f64 = 6.0;
+const SMEAR_SIGNIFICANCE: f64 = 5.0;
 
 /// Why a spacing could not be measured.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::frame::{Pair, SpacingFrame, disc_rows};
 use super::model::Model;
 use super::score::{BLOCKS, block};
+use crate::optics::ArrayKind;
 
 /// By how much the spacing changed during the exposure, as far as the frame shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,25 +44,38 @@ impl Sums {
     }
 }
 
-/// The smear of a frame at a fitted model; `None` where there is too little texture to tell.
+/// The smear of a frame at a fitted model: the least that pairs along any direction of the lattice show, since a change
+/// of the spacing smears along all of them. `None` where there is too little texture to tell.
 pub(super) fn smear(frame: &SpacingFrame, model: &Model) -> Option<Smear> {
-    let none = || [Sums::default(); BLOCKS * BLOCKS];
-    let blocks = frame
+    let none = || [[Sums::default(); BLOCKS * BLOCKS]; 3];
+    let directions = frame
         .pairs
         .par_iter()
-        .fold(none, |mut blocks, &pair| {
+        .fold(none, |mut directions, &pair| {
             let place = frame.place_of(pair);
             if let Some(region) = frame.region_of(pair) {
                 let spacing = model.spacing(region, &place)[0];
-                let at = block(place.at);
-                blocks[at] = blocks[at].plus(of_pair(frame, pair, spacing, model.radius(frame)));
+                let sums = &mut directions[pair.direction.min(2)][block(place.at)];
+                *sums = sums.plus(of_pair(frame, pair, spacing, model.radius(frame)));
             }
-            blocks
+            directions
         })
         .reduce(none, |mut a, b| {
-            a.iter_mut().zip(b).for_each(|(a, b)| *a = a.plus(b));
+            a.iter_mut().flatten().zip(b.iter().flatten()).for_each(|(a, &b)| *a = a.plus(b));
             a
         });
+    let used = if frame.array == ArrayKind::Square { 2 } else { 3 };
+    let patch = (frame.pitch - model.spacings[0]).abs();
+    let smears = directions[..used].iter().map(|blocks| along_direction(blocks, patch));
+    let smears = smears.collect::<Option<Vec<Smear>>>()?;
+    Some(Smear {
+        change_px: smears.iter().map(|s| s.change_px).fold(f64::INFINITY, f64::min),
+        significance: smears.iter().map(|s| s.significance).fold(f64::INFINITY, f64::min),
+    })
+}
+
+/// What the field blocks of one direction say; `patch` is the micro-image pitch less the spacing, px.
+fn along_direction(blocks: &[Sums], patch: f64) -> Option<Smear> {
     let total = blocks.iter().copied().fold(Sums::default(), Sums::plus);
     if total.energy <= 0.0 || total.slopes <= 0.0 || total.bends <= 0.0 {
         return None;
@@ -71,10 +85,7 @@ pub(super) fn smear(frame: &SpacingFrame, model: &Model) -> Option<Smear> {
     let scatter = blocks.iter().map(|b| (b.excess + loss * b.energy).powi(2)).sum::<f64>().sqrt() / total.energy;
     // A smear of length s takes s² κ / 12 of it, κ the texture's mean squared wave number.
     let length_per_radius = (12.0 * loss.max(0.0) * total.slopes / total.bends).sqrt();
-    Some(Smear {
-        change_px: length_per_radius * (frame.pitch - model.spacings[0]).abs(),
-        significance: loss / scatter.max(1e-12),
-    })
+    Some(Smear { change_px: length_per_radius * patch, significance: loss / scatter.max(1e-12) })
 }
 
 fn of_pair(frame: &SpacingFrame, pair: Pair, spacing: f64, radius: f64) -> Sums {
