@@ -199,16 +199,16 @@ fn a_lost_spacing_is_acquired_anew() {
 
 #[test]
 fn impossible_options_are_refused() {
-    let (raw, white, _) = rendered(ArrayKind::Square, 2.0, 6);
-    let known = known(raw, &white);
+    let grid = Grid::affine(ArrayKind::Square, [209.3, 210.1], [[29.4, 0.1], [-0.1, 29.4]], [420, 420]);
+    let vignetting = vec![1.0; 420 * 420];
     for options in [
         LiveOptions::new(f64::NAN),
         LiveOptions { start_px: Some(-1.0), ..LiveOptions::new(MLA_PITCH_PX) },
         LiveOptions { grid_tolerance_px: 0.0, ..LiveOptions::new(MLA_PITCH_PX) },
     ] {
-        let refused = LiveMeter::new(&known.grid, &known.vignetting, options).unwrap_err();
+        let refused = LiveMeter::new(&grid, &vignetting, options).unwrap_err();
         assert!(matches!(refused, SpacingError::Impossible { .. }), "{refused}");
     }
-    let short = LiveMeter::new(&known.grid, &known.vignetting[1..], LiveOptions::new(MLA_PITCH_PX)).unwrap_err();
+    let short = LiveMeter::new(&grid, &vignetting[1..], LiveOptions::new(MLA_PITCH_PX)).unwrap_err();
     assert!(matches!(short, SpacingError::WrongSize { .. }), "{short}");
 }
