@@ -90,7 +90,7 @@ fn measure_gives_the_distance_in_water() {
         "--json",
     ]);
     let distance = report["object_distance_mm"].as_f64().unwrap();
-    assert!((distance - 800.0).abs() < 5.0, "{distance}");
+    assert!((distance - 800.0).abs() < 3.0, "{distance}");
 }
 
 #[test]

@@ -161,7 +161,7 @@ impl Report {
             SpacingTarget::Exact => targets.window_px.unwrap_or(targets.paraxial_px),
             SpacingTarget::Paraxial => targets.paraxial_px,
         };
-        let distance = object_distance(config, args, spacing_px * pixel);
+        let distance = object_distance(config, args, spacing_px * pixel, measured.spacing.window_px * pixel);
         let mut warnings = disagreements(config, &raws[0], &measured.grid, spacing_px);
         match measured.vignetting_fit {
             Some(fit) if !fit.fits() => warnings.push(format!(
@@ -276,12 +276,14 @@ impl Report {
 
 /// Distance of the object along the axis, mm: from O through the shell, from the lens in air. The reason where there
 /// is none.
-fn object_distance(config: &Config, args: &Args, spacing_mm: f64) -> Result<f64, String> {
+fn object_distance(config: &Config, args: &Args, spacing_mm: f64, window_mm: f64) -> Result<f64, String> {
     let design = config.design();
     let Some(delta_v) = args.delta_v else {
         return Err("Δv is not given: --delta-v, with --e or --air".to_owned());
     };
-    let equivalent = design.equivalent_from_spacing(spacing_mm, delta_v);
+    // The inverse is paraxial: what the shell's aberrations add over the window is taken off first.
+    let aberrations = args.e.and_then(|e| design.exact_in_water(delta_v, e).excess(window_mm)).unwrap_or(0.0);
+    let equivalent = design.equivalent_from_spacing(spacing_mm - aberrations, delta_v);
     let distance = match (args.e, args.air) {
         (_, true) => equivalent,
         (Some(e), false) => design.shell.object_distance(equivalent, e),

@@ -234,7 +234,7 @@ impl Engine {
             let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
             let covariance = normal.scatter(&inverse, &step, model.unknowns());
             self.state = Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });
-            let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, cosine, sine] = model.terms.into();
+            let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, row_column_px, diagonal_px] = model.terms.into();
             return Ok(LiveSpacing {
                 on_axis_px,
                 // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
@@ -243,7 +243,8 @@ impl Engine {
                 tilt_x_px,
                 tilt_y_px,
                 curvature_px,
-                directions_px: [cosine, sine],
+                row_column_px,
+                diagonal_px,
                 covariance: covariance.transpose().into(),
                 window_px: f64::from(shape.edge) - 0.5,
                 pairs: normal.pairs,

@@ -131,11 +131,12 @@ pub struct LiveSpacing {
     pub tilt_y_px: f64,
     /// k: rise of the spacing with the squared distance from the axis, px per half frame width squared.
     pub curvature_px: f64,
-    /// Difference between the lattice directions, px: the factors of cos 2φ and sin 2φ, φ from the first basis vector.
-    /// In a square array pairs along the rows have the first more than the mean and those along the columns less.
-    pub directions_px: [f64; 2],
-    /// Covariance (px²) of the spacing, tilt x, tilt y, curvature and the two of `directions_px`, from the scatter
-    /// between field blocks. Zero for terms not fitted.
+    /// s: spacing along the array's rows (its first lattice direction) less that along its columns, px.
+    pub row_column_px: f64,
+    /// h: the same for the directions 45° further, px; 0 for a square array, where it is not looked for.
+    pub diagonal_px: f64,
+    /// Covariance (px²) of the spacing, tilt x, tilt y, curvature and the two differences, from the scatter between field
+    /// blocks. Zero for terms not fitted.
     pub covariance: [[f64; 6]; 6],
     /// Radius of the masks about the micro-images' centres, px.
     pub window_px: f64,

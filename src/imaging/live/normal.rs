@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use super::plan::{BLOCKS, Job, Pair, Plan};
 use super::score::PairScore;
 
-/// Unknowns: spacing on the axis, tilt x, tilt y, curvature, and the difference between directions, cosine and sine.
+/// Unknowns: spacing on the axis, tilt x, tilt y, curvature, row less column, and the same for the diagonals.
 pub(super) const TERMS: usize = 6;
 /// Field blocks.
 const ALL_BLOCKS: usize = BLOCKS * BLOCKS;
@@ -25,8 +25,8 @@ pub(super) struct Model {
 #[inline(always)]
 pub(super) fn derivatives(pair: &Pair, turns: &[[f64; 2]; 3]) -> Terms {
     let [x, y] = pair.midpoint;
-    let [cos, sin] = turns[usize::from(pair.direction)];
-    Terms::from([1.0, x, y, x * x + y * y, cos, sin])
+    let [row_column, diagonal] = turns[usize::from(pair.direction)];
+    Terms::from([1.0, x, y, x * x + y * y, row_column, diagonal])
 }
 
 impl Model {

@@ -102,7 +102,8 @@ pub(super) struct Plan {
     pub(super) lenses: Vec<Lens>,
     pub(super) jobs: Vec<Job>,
     pub(super) pairs: usize,
-    /// Cosine and sine of twice the angle of each lattice direction from the first basis vector.
+    /// Half the cosine and half the sine of twice the angle of each lattice direction from the first basis vector: what
+    /// the differences of perpendicular directions do to it.
     pub(super) turns: [[f64; 2]; 3],
     pub(super) directions: usize,
     indices: Vec<[i32; 2]>,
@@ -270,7 +271,7 @@ fn turns(grid: &Grid) -> [[f64; 2]; 3] {
     };
     std::array::from_fn(|k| {
         let (sin, cos) = (2.0 * right * k as f64).sin_cos();
-        [cos, sin]
+        [0.5 * cos, 0.5 * sin]
     })
 }
 

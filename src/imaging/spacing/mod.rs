@@ -200,7 +200,7 @@ pub struct Spacing {
     pub correlation: f64,
     /// Median residual of the pairs in units of what noise alone would leave.
     pub residual_ratio: f64,
-    /// Noise of the (first) frame as estimated from itself, grey levels.
+    /// Noise of the (first) frame as estimated from itself and from what matched pairs leave, grey levels.
     pub noise_grey_levels: f64,
 }
 
@@ -285,7 +285,7 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         pairs: regions.pairs[0],
         correlation: regions.correlation,
         residual_ratio: regions.residual_ratio,
-        noise_grey_levels: frames[0].noise,
+        noise_grey_levels: model.noise(&frames[0]),
     };
     Ok((spacing, model))
 }
