@@ -42,7 +42,7 @@ pub enum RawFileError {
 }
 
 /// Reads a raw frame. Two bytes a sample are taken as 16 bits, unless the file says that fewer are significant: a PNG by
-/// its sBIT chunk, a TIFF by MaxSampleValue, a PGM by its maxval. So a frame of 9 to 15 bits that [`write`] wrote comes
+/// its sBIT chunk, a TIFF by MaxSampleValue, a PGM by its maxval. So a frame of 9 to 15 bits that [`write()`] wrote comes
 /// back as it was; one that another program left in the low bits, without a word in the file, cannot be told from a dark
 /// frame of 16 bits.
 ///
