@@ -16,6 +16,7 @@
 //! array into one between image points, which then also lie across the pair by −½ s sin 2φ + ½ h cos 2φ.
 
 mod bound;
+mod error;
 mod frame;
 mod map;
 mod model;
@@ -23,12 +24,14 @@ mod noise;
 mod patch;
 mod score;
 mod search;
+mod slopes;
 mod smear;
 mod solve;
 
 use nalgebra::DVector;
 use serde::Serialize;
 
+pub use error::SpacingError;
 pub use frame::{MASK_FRACTION, MicroImage, Pair, SpacingFrame};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
@@ -57,91 +60,6 @@ const RIVAL_MARGIN: f64 = 0.02;
 /// none.
 const SMEAR_PX: f64 = 1.0;
 const SMEAR_SIGNIFICANCE: f64 = 5.0;
-
-/// Why a spacing could not be measured.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SpacingError {
-    /// Frame, grid and vignetting do not belong together.
-    #[error("the frame is {}x{} px but its grid or vignetting is for {}x{} px: take a white frame of the same size", frame[0], frame[1], grid[0], grid[1])]
-    WrongSize {
-        /// Columns and rows of the frame.
-        frame: [usize; 2],
-        /// Columns and rows the grid is for.
-        grid: [usize; 2],
-    },
-    /// The frame shows too few neighbouring micro-images.
-    #[error("only {pairs} pairs of neighbouring micro-images lie in the frame or region; {needed} are needed")]
-    TooFewMicroImages {
-        /// Pairs found.
-        pairs: usize,
-        /// Pairs needed.
-        needed: usize,
-    },
-    /// Too many pixels are at the white level.
-    #[error("{:.0} % of the pixels are saturated: shorten the exposure or dim the light", share * 100.0)]
-    Saturated {
-        /// Share of saturated pixels within the micro-images.
-        share: f64,
-    },
-    /// Hardly any light.
-    #[error("the micro-images average {mean:.1} grey levels, at least {least:.1} are needed: lengthen the exposure")]
-    Dark {
-        /// Mean grey level within the micro-images.
-        mean: f64,
-        /// Grey level needed.
-        least: f64,
-    },
-    /// The board shows nothing that could be matched.
-    #[error("no texture stands out of the noise ({noise:.1} grey levels): put a textured board in view")]
-    NoTexture {
-        /// Noise of the frame, grey levels.
-        noise: f64,
-    },
-    /// Only one lattice direction has texture across it.
-    #[error("the texture runs in one direction only: micro-images differ along {} alone; turn the board or use another", if *along_rows { "rows" } else { "columns" })]
-    OneDirection {
-        /// Whether pairs along rows (x) can be matched, and those along columns cannot.
-        along_rows: bool,
-    },
-    /// No spacing in the capture range makes neighbours match.
-    #[error(
-        "neighbouring micro-images do not match at any spacing from {from_px:.1} to {to_px:.1} px (best correlation {correlation:.2}): out of the range of focus, or no plenoptic frame of this array"
-    )]
-    NoMatch {
-        /// Least spacing tried, px.
-        from_px: f64,
-        /// Largest spacing tried, px.
-        to_px: f64,
-        /// Best correlation found.
-        correlation: f64,
-    },
-    /// Two spacings explain the frame alike.
-    #[error(
-        "spacings of {first_px:.2} and {second_px:.2} px explain the frame alike: the texture repeats itself, use another board"
-    )]
-    Ambiguous {
-        /// The better, px.
-        first_px: f64,
-        /// The other, px.
-        second_px: f64,
-    },
-    /// The spacing changed while the shutter was open.
-    #[error(
-        "the picture is smeared as by a change of the spacing of {change_px:.1} px while the shutter was open: wait until the stage has settled, or shorten the exposure"
-    )]
-    Moved {
-        /// The change, px.
-        change_px: f64,
-    },
-    /// A number given by the caller is impossible.
-    #[error("{what} of {value} is not possible: it must be positive and finite")]
-    Impossible {
-        /// Which number.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-    },
-}
 
 /// What the caller knows before measuring.
 #[derive(Debug, Clone, Copy, PartialEq)]
