@@ -105,7 +105,11 @@ pub fn prepare_frame(
 ) -> Result<PreparedFrame, MeasurementError> {
     let (grid, vignetting, vignetting_fit) = match white {
         Some(white) => {
-            let grid = if options.white_at_this_setting { white.grid.clone() } else { refine_grid(raw, &white.grid)? };
+            let grid = if options.white_at_this_setting {
+                white.grid.clone()
+            } else {
+                refine_grid(raw, &white.grid, Some(&white.vignetting))?
+            };
             let fit = white.vignetting.fit(raw, &grid)?;
             let map = white.vignetting.render(&grid);
             (grid, map, Some(fit))
