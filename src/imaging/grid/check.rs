@@ -9,7 +9,7 @@ use super::fit::Model;
 use super::frame::Frame;
 use super::phases::Phases;
 use super::profile::{Effort, Known, matched_best};
-use super::search::{CLEAN_RESIDUAL, SCALE_CHANGE_MAX};
+use super::search::{CLEAN_SCATTER, SCALE_CHANGE_MAX};
 use super::{Grid, GridError, MicroImage};
 use crate::imaging::vignetting::Vignetting;
 use crate::raw::RawImage;
@@ -111,7 +111,7 @@ pub fn check_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) -> 
     let together = phases.brought_together(SCALE_CHANGE_MAX);
     let coherence = phases.coherence_about(&together);
     // Texture shifts the phases, and the mean profile hardly: in a clean frame they are the better of the two.
-    let clean = phases.residual_about(&together) < CLEAN_RESIDUAL * grid.pitch_px();
+    let clean = phases.scatter_about(&together) < CLEAN_SCATTER * grid.pitch_px();
     let fit = if clean {
         // About where the micro-images are: a window that is off by pixels sees their neighbours unevenly.
         let moved: Vec<MicroImage> = chosen

@@ -46,9 +46,12 @@ pub struct Grid {
     pub frame_size: [usize; 2],
     /// Smooth departure of the micro-image centres from the lattice, where the data ask for one.
     pub distortion: Option<Distortion>,
-    /// Distance of single micro-images from the grid, px, median, where it could be told: noise and texture are in it
-    /// as well as the array.
+    /// What the map leaves, px: the median distance from the grid of neighbourhoods of five by five micro-images. That
+    /// is how far it can be believed; errors of single micro-images are not in it.
     pub residual_px: f64,
+    /// Distance of single micro-images from the grid, px, median: noise, texture and the array's own errors from lens to
+    /// lens.
+    pub scatter_px: f64,
     /// How far the frame's lattice phases agree, from 0 (noise) to 1 (a clean white frame).
     pub coherence: f64,
 }
@@ -203,7 +206,7 @@ impl Grid {
     /// An affine grid.
     #[must_use]
     pub fn affine(array: ArrayKind, centre: [f64; 2], basis: [[f64; 2]; 2], frame_size: [usize; 2]) -> Self {
-        Self { array, centre, basis, frame_size, distortion: None, residual_px: 0.0, coherence: 1.0 }
+        Self { array, centre, basis, frame_size, distortion: None, residual_px: 0.0, scatter_px: 0.0, coherence: 1.0 }
     }
 
     /// Centre of the micro-image with lattice indices (i, j), px.

@@ -1,5 +1,7 @@
 //! Phases of many micro-images: what they say together without a model, and of single ones.
 
+use std::collections::HashMap;
+
 use rustfft::num_complex::Complex;
 
 use super::Grid;
@@ -10,6 +12,8 @@ const CONTRAST_CAP: f64 = 1.5;
 /// The same for certainty: micro-images that say ten times more of their place than the median are no surer.
 const CERTAINTY_CAP: f64 = 10.0;
 
+/// Contrast below which a micro-image says nothing of its place.
+const CONTRAST_LEAST: f64 = 0.3;
 /// Share of the greatest power of the brought-together harmonics that another change of the pitch needs to be as good.
 const AS_GOOD: f64 = 0.6;
 
@@ -58,18 +62,38 @@ impl<'a> Phases<'a> {
         })
     }
 
-    /// Median distance of the micro-images from a grid near the assumed one, px, leaving out those without contrast.
-    pub(super) fn residual_about(&self, grid: &Grid) -> f64 {
-        let distance = |l: &Lens| {
-            let ([x, y], [to_x, to_y]) = (self.displacement(l), grid.position(l.at.i, l.at.j));
-            (l.at.x + x - to_x).hypot(l.at.y + y - to_y)
+    /// Where the micro-images that have contrast are, less where a grid near the assumed one has them, px.
+    fn offsets_from(&self, grid: &Grid) -> HashMap<(i32, i32), [f64; 2]> {
+        let offset = |l: &Lens| {
+            let ([x, y], to) = (self.displacement(l), grid.position(l.at.i, l.at.j));
+            ((l.at.i, l.at.j), [l.at.x + x - to[0], l.at.y + y - to[1]])
         };
-        median(&mut self.lenses.iter().filter(|l| self.contrast(l) > 0.3).map(distance).collect::<Vec<_>>())
+        self.lenses.iter().filter(|l| self.contrast(l) > CONTRAST_LEAST).map(offset).collect()
     }
 
-    /// The same about the assumed grid itself.
-    pub(super) fn residual(&self) -> f64 {
-        self.residual_about(self.grid)
+    /// Median distance of single micro-images from a grid near the assumed one, px.
+    pub(super) fn scatter_about(&self, grid: &Grid) -> f64 {
+        median(&mut self.offsets_from(grid).values().map(|o| o[0].hypot(o[1])).collect::<Vec<_>>())
+    }
+
+    /// Median distance of neighbourhoods of five by five micro-images from a grid near the assumed one, px: of each the
+    /// median offset in x and in y, so that single micro-images' own errors are not in it. Their scatter where the
+    /// frame has too few for that.
+    pub(super) fn residual_about(&self, grid: &Grid) -> f64 {
+        /// Neighbourhoods that are looked at.
+        const ENOUGH: usize = 2000;
+        let offsets = self.offsets_from(grid);
+        let every = offsets.len().div_ceil(ENOUGH).max(1);
+        let mut distances: Vec<f64> = Vec::new();
+        for (i, j) in self.lenses.iter().step_by(every).map(|l| (l.at.i, l.at.j)) {
+            let about: Vec<[f64; 2]> =
+                (0..25).filter_map(|k| offsets.get(&(i - 2 + k % 5, j - 2 + k / 5))).copied().collect();
+            if about.len() > 12 {
+                let [x, y] = [0, 1].map(|axis| median(&mut about.iter().map(|o| o[axis]).collect::<Vec<_>>()));
+                distances.push(x.hypot(y));
+            }
+        }
+        if distances.len() < 9 { self.scatter_about(grid) } else { median(&mut distances) }
     }
 
     /// How far the phases agree with the grid: 1 where every one is zero, near 0 for noise.

@@ -49,8 +49,6 @@ pub(super) struct Effort {
 /// A grid placed by the frame's mean profile.
 pub(super) struct Matched {
     pub fit: Fit,
-    /// Median distance of single micro-images from the grid, px.
-    pub residual_px: f64,
     /// Mean logarithm of the standard errors (px) of single micro-images: what starts are compared by.
     pub error_log: f64,
 }
@@ -103,11 +101,12 @@ fn matched(
         let places = Matcher::new(frame, &at, &lenses, known, effort.step)?.run(frame, &at, &lenses, &harmonics);
         let phases = Phases::new(&at, &places, &harmonics).by_certainty();
         let fit = phases.fit(model)?;
-        let residual_px = phases.residual_about(&fit.grid);
+        let (residual_px, scatter_px) = (phases.residual_about(&fit.grid), phases.scatter_about(&fit.grid));
         let error_log = -places.iter().map(|l| l.sums[0].norm().ln()).sum::<f64>() / places.len() as f64;
         let moved = fit.grid.distance_to(&at);
         at = fit.grid.clone();
-        matched = Some(Matched { fit, residual_px, error_log });
+        let fit = Fit { grid: Grid { residual_px, scatter_px, ..fit.grid }, ..fit };
+        matched = Some(Matched { fit, error_log });
         if moved < effort.at_rest_px {
             break;
         }

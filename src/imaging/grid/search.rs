@@ -18,7 +18,7 @@ const COHERENCE_LEAST: f64 = 0.45;
 const COHERENCE_KNOWN_LEAST: f64 = 0.3;
 /// Median distance of micro-images from the grid, in pitches, up to which a frame counts as clean (a white frame) and
 /// may ask for more than a lattice.
-pub(super) const CLEAN_RESIDUAL: f64 = 0.006;
+pub(super) const CLEAN_SCATTER: f64 = 0.006;
 /// Greatest degree of the polynomial map.
 const DEGREE_MAX: usize = 5;
 /// Largest relative change of the pitch that [`refine_grid`] takes for the same grid.
@@ -128,7 +128,7 @@ pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) ->
         return Err(misfit(format!("coherence {:.2}, at least {COHERENCE_KNOWN_LEAST} is needed", refined.coherence)));
     }
     // How far single micro-images lie from the lattice is not told by a textured frame.
-    Ok(centred(Grid { residual_px: grid.residual_px, ..refined }))
+    Ok(centred(Grid { residual_px: grid.residual_px, scatter_px: grid.scatter_px, ..refined }))
 }
 
 /// Where each micro-image of the frame lies against the grid, and its contrast: for maps, and to flag missing, dead and
@@ -274,12 +274,12 @@ fn fit_once(frame: &Frame, grid: &Grid, part: [usize; 4], model: Model) -> Optio
     Phases::new(grid, &lenses, &demodulator.harmonics).fit(model)
 }
 
-/// The grid with its coherence and residual filled in.
+/// The grid with its coherence, residual and scatter filled in.
 fn judged(frame: &Frame, mut grid: Grid, part: [usize; 4]) -> Grid {
     let (demodulator, lenses) = demodulated(frame, &grid, part);
     let phases = Phases::new(&grid, &lenses, &demodulator.harmonics);
     let coherence = phases.coherence();
-    grid.residual_px = phases.residual();
+    (grid.residual_px, grid.scatter_px) = (phases.residual_about(&grid), phases.scatter_about(&grid));
     grid.coherence = coherence;
     grid
 }
@@ -314,7 +314,7 @@ fn bend(frame: &Frame, grid: &Grid, degree_max: usize) -> Option<Grid> {
         Some(judged(frame, twice, whole))
     };
     let best = bent(asked)?;
-    if best.residual_px > CLEAN_RESIDUAL * best.pitch_px() {
+    if best.scatter_px > CLEAN_SCATTER * best.pitch_px() {
         return None;
     }
     if asked > degree_max { bent(degree_max) } else { Some(best) }
@@ -323,7 +323,7 @@ fn bend(frame: &Frame, grid: &Grid, degree_max: usize) -> Option<Grid> {
 /// The grid of a textured frame, placed by the mean profile from where it is or from one of `others`; that of a clean
 /// frame as it is.
 fn placed(frame: &Frame, grid: Grid, others: &[Grid], known: Option<Known>, model: Model) -> Grid {
-    if grid.residual_px < CLEAN_RESIDUAL * grid.pitch_px() {
+    if grid.scatter_px < CLEAN_SCATTER * grid.pitch_px() {
         return grid;
     }
     let lenses: Vec<MicroImage> = grid.micro_images_within(0.0).collect();
@@ -333,7 +333,7 @@ fn placed(frame: &Frame, grid: Grid, others: &[Grid], known: Option<Known>, mode
     let Some(matched) = matched_best(frame, &starts, &lenses, known, model, effort) else { return grid };
     // Far from all of them the linear comparison does not hold.
     let near = |start: &Grid| distance(matched.fit.grid.centre, start.centre) < 0.1 * grid.pitch_px();
-    if starts.iter().any(near) { Grid { residual_px: matched.residual_px, ..matched.fit.grid } } else { grid }
+    if starts.iter().any(near) { matched.fit.grid } else { grid }
 }
 
 /// Every so many pixels of every so many rows are enough for so many micro-images.
