@@ -155,7 +155,11 @@ pub fn prepare_frame(
     let even = &*evened(raw, options.mosaic);
     let (grid, vignetting, vignetting_fit) = match white {
         Some(white) => {
-            let grid = if options.white_at_this_setting { white.grid.clone() } else { refine_grid(even, &white.grid)? };
+            let grid = if options.white_at_this_setting {
+                white.grid.clone()
+            } else {
+                refine_grid(even, &white.grid, Some(&white.vignetting))?
+            };
             let fit = white.vignetting.fit(even, &grid)?;
             let map = white.vignetting.render(&grid);
             (grid, map, Some(fit))

@@ -46,7 +46,7 @@ fn a_profile_is_carried_to_another_image_distance() {
         let fit = profile.fit(&white, &moved).unwrap();
         assert!(fit.misfit < 0.01 && fit.fits(), "{other}: {fit:?}");
         let textured = frame(other);
-        let fit = profile.fit(&textured, &refine_grid(&textured, &moved).unwrap()).unwrap();
+        let fit = profile.fit(&textured, &refine_grid(&textured, &moved, None).unwrap()).unwrap();
         assert!(fit.fits() && fit.misfit < 0.02, "{other}: {fit:?}");
         // A grid that is off by a tenth of the pitch is no place for the profile.
         let mut off = moved.clone();

@@ -8,7 +8,8 @@
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
-use super::{Grid, LogFrame, MicroImage, reciprocal};
+use super::frame::Frame;
+use super::{Grid, MicroImage, reciprocal};
 use crate::optics::ArrayKind;
 
 /// A micro-image and its harmonics.
@@ -21,83 +22,85 @@ pub(super) struct Lens {
 
 /// Window times harmonics, for one lattice.
 pub(super) struct Demodulator {
-    /// Harmonics, cycles per px: two for a square, three for a hexagonal array.
+    /// Harmonics, cycles per px.
     pub harmonics: Vec<[f64; 2]>,
-    /// Rows of the window: y offset, first x offset, and where its weights begin.
-    rows: Vec<(isize, isize, usize, usize)>,
+    /// Places of the window's samples from the pixel nearest the centre, px, row by row.
+    points: Vec<(isize, isize)>,
+    reach: [isize; 2],
     /// Real and imaginary weights, harmonic by harmonic.
     weights: Vec<[Vec<f32>; 2]>,
-    reach: [isize; 2],
+}
+
+/// The first harmonics of a lattice, cycles per px: two for a square, three for a hexagonal array.
+pub(super) fn harmonics(grid: &Grid) -> Vec<[f64; 2]> {
+    let [g0, g1] = reciprocal(grid.basis);
+    let mut harmonics = vec![g0, g1];
+    if grid.array == ArrayKind::Hexagonal {
+        // Reciprocal vectors of a 60° basis are 120° apart: their sum is the third of the ring.
+        harmonics.push([g0[0] + g1[0], g0[1] + g1[1]]);
+    }
+    harmonics
 }
 
 impl Demodulator {
-    pub(super) fn new(grid: &Grid) -> Self {
+    /// With a window sampled at every `step`-th pixel of every `step`-th row.
+    pub(super) fn new(grid: &Grid, step: usize) -> Self {
+        let step = step.max(1) as isize;
         let [g0, g1] = reciprocal(grid.basis);
-        let mut harmonics = vec![g0, g1];
-        if grid.array == ArrayKind::Hexagonal {
-            // Reciprocal vectors of a 60° basis are 120° apart: their sum is the third of the ring.
-            harmonics.push([g0[0] + g1[0], g0[1] + g1[1]]);
-        }
         let [a, b] = grid.basis;
-        let reach = [(a[0].abs() + b[0].abs()).floor() as isize, (a[1].abs() + b[1].abs()).floor() as isize];
-        let mut rows = Vec::new();
-        let mut points: Vec<(f64, f64, f64)> = Vec::new();
-        for dy in -reach[1]..=reach[1] {
-            let begin = points.len();
-            let mut first = None;
-            for dx in -reach[0]..=reach[0] {
+        let steps = [0, 1].map(|k| (a[k].abs() + b[k].abs()) as isize / step);
+        let (mut points, mut triangle) = (Vec::new(), Vec::new());
+        for dy in (-steps[1]..=steps[1]).map(|n| n * step) {
+            for dx in (-steps[0]..=steps[0]).map(|n| n * step) {
                 let (x, y) = (dx as f64, dy as f64);
                 let s = 1.0 - (g0[0] * x + g0[1] * y).abs();
                 let t = 1.0 - (g1[0] * x + g1[1] * y).abs();
                 if s > 0.0 && t > 0.0 {
-                    first.get_or_insert(dx);
-                    points.push((x, y, s * t));
+                    points.push((dx, dy));
+                    triangle.push((x, y, s * t));
                 }
             }
-            if let Some(first) = first {
-                rows.push((dy, first, begin, points.len() - begin));
-            }
         }
-        let weights = harmonics.iter().map(|g| kernel(&points, *g)).collect();
-        Self { harmonics, rows, weights, reach }
+        let harmonics = harmonics(grid);
+        let weights = harmonics.iter().map(|g| kernel(&triangle, *g)).collect();
+        Self { harmonics, points, reach: steps.map(|n| n * step), weights }
     }
 
-    /// Every micro-image whose window lies within `part` of the frame (x, y, width, height).
-    pub(super) fn run(&self, frame: &LogFrame, grid: &Grid, part: [usize; 4]) -> Vec<Lens> {
+    /// Those of `lenses` whose window lies within `part` of the frame (x, y, width, height).
+    pub(super) fn run(&self, frame: &Frame, lenses: &[MicroImage], part: [usize; 4]) -> Vec<Lens> {
         let [x0, y0, w, h] = part.map(|n| n as isize);
-        let all: Vec<MicroImage> = grid.micro_images_within(0.0).collect();
-        all.into_par_iter()
-            .with_min_len(32)
-            .filter_map(|m| {
-                let (cx, cy) = (m.x.round() as isize, m.y.round() as isize);
-                let inside = cx - self.reach[0] >= x0
-                    && cy - self.reach[1] >= y0
-                    && cx + self.reach[0] < x0 + w
-                    && cy + self.reach[1] < y0 + h;
-                inside.then(|| self.lens(frame, m, cx, cy))
-            })
+        let reach = self.reach;
+        let width = frame.width as isize;
+        let offsets: Vec<isize> = self.points.iter().map(|p| p.1 * width + p.0).collect();
+        lenses
+            .par_iter()
+            .with_min_len(64)
+            .map_init(
+                || vec![0.0f32; offsets.len()],
+                |values, at| {
+                    let (cx, cy) = (at.x.round() as isize, at.y.round() as isize);
+                    let inside =
+                        cx - reach[0] >= x0 && cy - reach[1] >= y0 && cx + reach[0] < x0 + w && cy + reach[1] < y0 + h;
+                    inside.then(|| {
+                        frame.logarithms(cy * width + cx, &offsets, values);
+                        Lens { at: *at, sums: self.sums(values, at, [cx, cy]) }
+                    })
+                },
+            )
+            .flatten()
             .collect()
     }
 
-    fn lens(&self, frame: &LogFrame, at: MicroImage, cx: isize, cy: isize) -> Lens {
+    fn sums(&self, values: &[f32], at: &MicroImage, [cx, cy]: [isize; 2]) -> [Complex<f64>; 3] {
         let mut sums = [Complex::new(0.0, 0.0); 3];
-        for (sum, [re, im]) in sums.iter_mut().zip(&self.weights) {
-            let (mut real, mut imaginary) = (0.0f32, 0.0f32);
-            for &(dy, first, begin, count) in &self.rows {
-                let from = (cy + dy) as usize * frame.width + (cx + first) as usize;
-                let values = &frame.values[from..from + count];
-                let (r, i) = dot2(values, &re[begin..begin + count], &im[begin..begin + count]);
-                real += r;
-                imaginary += i;
-            }
-            *sum = Complex::new(f64::from(real), f64::from(imaginary));
-        }
-        for (sum, g) in sums.iter_mut().zip(&self.harmonics) {
+        for ((sum, [re, im]), g) in sums.iter_mut().zip(&self.weights).zip(&self.harmonics) {
+            let (real, imaginary) = dot2(values, re, im);
             // From the pixel that the window was laid on to the assumed centre.
             let shift = g[0] * (at.x - cx as f64) + g[1] * (at.y - cy as f64);
-            *sum *= Complex::from_polar(1.0, -std::f64::consts::TAU * shift);
+            *sum = Complex::new(f64::from(real), f64::from(imaginary))
+                * Complex::from_polar(1.0, -std::f64::consts::TAU * shift);
         }
-        Lens { at, sums }
+        sums
     }
 }
 

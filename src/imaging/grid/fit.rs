@@ -1,16 +1,13 @@
 //! Robust maps from lattice indices to the frame, through the phases of many micro-images.
 
 use nalgebra::{DMatrix, DVector};
-use rustfft::num_complex::Complex;
 
 use super::demodulate::Lens;
+use super::phases::{Phases, cycles, median};
 use super::{Distortion, Grid};
 
 /// Rounds of reweighting; the weights settle within three or four.
 const ROUNDS: usize = 6;
-/// Contrast above the median counts no more than this: a bright outlier is still one micro-image.
-const CONTRAST_CAP: f64 = 1.5;
-
 /// What of the grid is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Model {
@@ -32,83 +29,16 @@ pub(super) const fn monomial_count(degree: usize) -> usize {
     (degree + 1) * (degree + 2) / 2
 }
 
-/// Phases of all micro-images as observations of a displacement field.
-pub(super) struct Phases<'a> {
-    grid: &'a Grid,
-    lenses: &'a [Lens],
-    harmonics: &'a [[f64; 2]],
-    /// Median modulus of each harmonic's sum.
-    medians: Vec<f64>,
-}
-
 /// A fitted grid.
 pub(super) struct Fit {
     pub grid: Grid,
     /// Sum of the squared, weighted phases left, cycles squared, over the weights: what the models are compared by.
     pub variance: f64,
+    /// Standard errors of the shift in x and in y (px) and of the relative scale; zeros for other models.
+    pub sigma: [f64; 3],
 }
 
-impl<'a> Phases<'a> {
-    pub(super) fn new(grid: &'a Grid, lenses: &'a [Lens], harmonics: &'a [[f64; 2]]) -> Self {
-        let medians = (0..harmonics.len())
-            .map(|h| median(&mut lenses.iter().map(|l| l.sums[h].norm()).collect::<Vec<_>>()).max(1e-12))
-            .collect();
-        Self { grid, lenses, harmonics, medians }
-    }
-
-    /// Contrast of a micro-image relative to the median: the weakest of its harmonics.
-    pub(super) fn contrast(&self, lens: &Lens) -> f64 {
-        (0..self.harmonics.len()).map(|h| lens.sums[h].norm() / self.medians[h]).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Where a micro-image is, less where it was assumed, px: least squares over its harmonics.
-    pub(super) fn displacement(&self, lens: &Lens) -> [f64; 2] {
-        let (mut n, mut q) = (nalgebra::Matrix2::<f64>::zeros(), nalgebra::Vector2::<f64>::zeros());
-        for (h, g) in self.harmonics.iter().enumerate() {
-            let g = nalgebra::Vector2::new(g[0], g[1]);
-            n += g * g.transpose();
-            q += g * cycles(lens.sums[h]);
-        }
-        n.try_inverse().map_or([0.0; 2], |inverse| {
-            let u = inverse * q;
-            [u[0], u[1]]
-        })
-    }
-
-    /// Median distance of the micro-images from the grid, px, leaving out those without contrast.
-    pub(super) fn residual(&self) -> f64 {
-        let distance = |l: &Lens| {
-            let [x, y] = self.displacement(l);
-            x.hypot(y)
-        };
-        median(&mut self.lenses.iter().filter(|l| self.contrast(l) > 0.3).map(distance).collect::<Vec<_>>())
-    }
-
-    /// How far the phases agree with the grid: 1 where every one is zero, near 0 for noise.
-    pub(super) fn coherence(&self) -> f64 {
-        (0..self.harmonics.len())
-            .map(|h| {
-                let aligned: f64 = self.lenses.iter().map(|l| l.sums[h].re).sum();
-                let all: f64 = self.lenses.iter().map(|l| l.sums[h].norm()).sum();
-                aligned / all.max(1e-12)
-            })
-            .fold(1.0, f64::min)
-    }
-
-    /// The shift of the whole lattice (px) from the mean phase: the start, when nothing is known of the centre.
-    pub(super) fn common_shift(&self) -> [f64; 2] {
-        let mut sums = [Complex::new(0.0, 0.0); 3];
-        for lens in self.lenses {
-            for (h, sum) in sums.iter_mut().enumerate().take(self.harmonics.len()) {
-                *sum += lens.sums[h];
-            }
-        }
-        // Two harmonics are enough, and phases of three need not be unwrapped consistently.
-        let [a, b] = self.grid.basis;
-        let (s, t) = (cycles(sums[0]), cycles(sums[1]));
-        [s * a[0] + t * b[0], s * a[1] + t * b[1]]
-    }
-
+impl Phases<'_> {
     /// Fits a model; `None` where the micro-images do not determine it.
     pub(super) fn fit(&self, model: Model) -> Option<Fit> {
         let scale = self.scale();
@@ -116,20 +46,22 @@ impl<'a> Phases<'a> {
             Model::Polynomial(degree) => monomial_count(degree),
             Model::ScaleShift | Model::Similarity => 0,
         };
-        let terms: Vec<Vec<f64>> = self
-            .lenses
-            .iter()
-            .map(|l| match model {
+        // The terms of every micro-image, one after the other.
+        let size = if per_axis > 0 { per_axis } else { 2 };
+        let mut terms: Vec<f64> = Vec::with_capacity(self.lenses.len() * size);
+        for l in self.lenses {
+            match model {
                 Model::Polynomial(degree) => {
-                    monomials(f64::from(l.at.i) / scale, f64::from(l.at.j) / scale, degree).collect()
+                    terms.extend(monomials(f64::from(l.at.i) / scale, f64::from(l.at.j) / scale, degree));
                 }
                 Model::ScaleShift | Model::Similarity => {
                     let c = self.grid.centre;
                     let length = scale * self.grid.pitch_px();
-                    vec![(l.at.x - c[0]) / length, (l.at.y - c[1]) / length]
+                    terms.extend([(l.at.x - c[0]) / length, (l.at.y - c[1]) / length]);
                 }
-            })
-            .collect();
+            }
+        }
+        let places = || terms.chunks_exact(size).enumerate();
         // Derivatives of a displacement along g by the parameters of a shift, scale and rotation.
         let rigid = |g: [f64; 2], p: &[f64]| [g[0], g[1], g[0] * p[0] + g[1] * p[1], g[1] * p[0] - g[0] * p[1]];
         let unknowns = match model {
@@ -145,13 +77,14 @@ impl<'a> Phases<'a> {
         let mut observed = Vec::with_capacity(weights.capacity());
         for lens in self.lenses {
             for h in 0..count {
-                weights.push((lens.sums[h].norm() / self.medians[h]).min(CONTRAST_CAP).powi(2));
+                weights.push((lens.sums[h].norm() / self.medians[h]).min(self.cap).powi(2));
                 observed.push(cycles(lens.sums[h]));
             }
         }
         let mut robust = vec![1.0; weights.len()];
         let mut parameters = DVector::<f64>::zeros(unknowns);
         let mut variance = 0.0;
+        let mut sigma = [0.0; 3];
         for round in 0..ROUNDS {
             let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
             let mut right = DVector::<f64>::zeros(unknowns);
@@ -172,7 +105,7 @@ impl<'a> Phases<'a> {
                         }
                     }
                 } else {
-                    for (n, place) in terms.iter().enumerate() {
+                    for (n, place) in places() {
                         let k = n * count + h;
                         let w = weights[k] * robust[k];
                         let row = rigid(*g, place);
@@ -185,10 +118,11 @@ impl<'a> Phases<'a> {
                     }
                 }
             }
-            parameters = normal.cholesky()?.solve(&right);
+            let normal = normal.cholesky()?;
+            parameters = normal.solve(&right);
             // What is left, and new weights: Huber's first (one minimum), then Tukey's, which lets go of outliers.
             let mut left: Vec<f64> = Vec::with_capacity(observed.len());
-            for (n, place) in terms.iter().enumerate() {
+            for (n, place) in places() {
                 for (h, g) in self.harmonics.iter().enumerate() {
                     let predicted: f64 = if per_axis > 0 {
                         let dot = |from: usize| {
@@ -203,6 +137,7 @@ impl<'a> Phases<'a> {
                 }
             }
             let spread = 1.4826 * median(&mut left.iter().map(|r| r.abs()).collect::<Vec<_>>()).max(1e-7);
+            let spread = if self.moduli_are_certainty { surest_spread(&left, &weights) } else { spread };
             for (w, r) in robust.iter_mut().zip(&left) {
                 let z = r.abs() / spread;
                 *w = if round < 2 {
@@ -215,8 +150,14 @@ impl<'a> Phases<'a> {
             }
             variance = left.iter().zip(&robust).map(|(r, w)| w * r * r).sum::<f64>()
                 / weights.iter().zip(&robust).map(|(a, b)| a * b).sum::<f64>().max(1e-12);
+            if per_axis == 0 && round + 1 == ROUNDS {
+                let covariance = normal.inverse() * variance;
+                let length = scale * self.grid.pitch_px();
+                sigma = [0, 1, 2].map(|k| covariance[(k, k)].sqrt());
+                sigma[2] /= length;
+            }
         }
-        Some(Fit { grid: self.moved(model, &parameters, scale), variance })
+        Some(Fit { grid: self.moved(model, &parameters, scale), variance, sigma })
     }
 
     /// Lattice indices and places are divided by this, about half the frame.
@@ -297,11 +238,21 @@ fn balanced(mut grid: Grid, lenses: &[Lens]) -> Grid {
     grid
 }
 
+/// Robust standard deviation of what is left (weighted) of the surest tenth.
+fn surest_spread(left: &[f64], weights: &[f64]) -> f64 {
+    const SUREST: f64 = 0.1;
+    let mut sorted = weights.to_vec();
+    let rank = ((sorted.len() as f64 * (1.0 - SUREST)) as usize).min(sorted.len() - 1);
+    let least = *sorted.select_nth_unstable_by(rank, f64::total_cmp).1;
+    let mut surest: Vec<f64> = left.iter().zip(weights).filter(|(_, w)| **w >= least).map(|(r, _)| r.abs()).collect();
+    1.4826 * median(&mut surest).max(1e-7)
+}
+
 /// Sums of w f fᵀ and w f y.
-fn accumulate(terms: &[Vec<f64>], size: usize, at: impl Fn(usize) -> (f64, f64)) -> (DMatrix<f64>, DVector<f64>) {
+fn accumulate(terms: &[f64], size: usize, at: impl Fn(usize) -> (f64, f64)) -> (DMatrix<f64>, DVector<f64>) {
     let mut block = DMatrix::<f64>::zeros(size, size);
     let mut vector = DVector::<f64>::zeros(size);
-    for (n, f) in terms.iter().enumerate() {
+    for (n, f) in terms.chunks_exact(size).enumerate() {
         let (w, y) = at(n);
         if w == 0.0 {
             continue;
@@ -316,17 +267,4 @@ fn accumulate(terms: &[Vec<f64>], size: usize, at: impl Fn(usize) -> (f64, f64))
     }
     block.fill_upper_triangle_with_lower_triangle();
     (block, vector)
-}
-
-/// A sum's phase in cycles, in (−½, ½].
-fn cycles(sum: Complex<f64>) -> f64 {
-    sum.arg() / std::f64::consts::TAU
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -1,4 +1,4 @@
-//! A frame in logarithm, and the refusals that need no lattice.
+//! A frame seen in logarithm, and the refusals that need no lattice.
 
 use rayon::prelude::*;
 
@@ -17,18 +17,116 @@ const SPREAD_LEAST: f64 = 6.0;
 /// from outweighing the gaps themselves.
 const FLOOR_SHARE: f64 = 0.2;
 
-/// The logarithm of a frame above its dark level, row by row.
-#[derive(Debug, Clone)]
-pub struct LogFrame {
+/// Depth to which samples enter the table of logarithms: its steps are far below the noise of any sensor.
+const TABLE_BITS: u32 = 12;
+
+/// Pixels from which [`Frame::glanced`] takes the levels, and how many of them lie side by side.
+const GLANCE_PIXELS: usize = 8192;
+const GLANCE_RUN: usize = 64;
+
+/// A frame's pixels, read as logarithms or as levels above its dark one where they are asked for: the frame is not
+/// copied.
+pub(super) struct Frame<'a> {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Logarithm of the grey levels, natural.
-    pub values: Vec<f32>,
+    samples: &'a Samples,
+    /// Natural logarithms of the levels without their last `dropped_bits`.
+    table: Vec<f32>,
+    dropped_bits: u32,
+    dark: f32,
 }
 
-/// Grey levels of a frame, from a sample of its rows.
+impl<'a> Frame<'a> {
+    /// A frame that has something in it.
+    ///
+    /// # Errors
+    /// [`GridError::TooSmall`], [`GridError::Blank`], [`GridError::Saturated`].
+    pub(super) fn new(image: &'a RawImage, options: &GridOptions) -> Result<Self, GridError> {
+        let (width, height) = (image.width(), image.height());
+        let least = (4.0 * options.pitch_px[0]).ceil().max(16.0) as usize;
+        if width < least || height < least {
+            return Err(GridError::TooSmall { width, height, least });
+        }
+        Self::with_levels(image, &Levels::of(image))
+    }
+
+    /// The same from a glance at a few thousand pixels.
+    ///
+    /// # Errors
+    /// [`GridError::Blank`], [`GridError::Saturated`].
+    pub(super) fn glanced(image: &'a RawImage) -> Result<Self, GridError> {
+        let levels = match image.samples() {
+            Samples::U8(samples) => Levels::of_runs(glances(samples)),
+            Samples::U16(samples) => Levels::of_runs(glances(samples)),
+        };
+        Self::with_levels(image, &levels)
+    }
+
+    fn with_levels(image: &'a RawImage, levels: &Levels) -> Result<Self, GridError> {
+        levels.refuse()?;
+        let dropped_bits = (u16::BITS - levels.maximum.leading_zeros()).saturating_sub(TABLE_BITS);
+        let middle = 0.5 * f64::from((1u32 << dropped_bits) - 1);
+        let table = (0..=u32::from(levels.maximum) >> dropped_bits)
+            .map(|step| levels.logarithm(f64::from(step << dropped_bits) + middle))
+            .collect();
+        let (width, height) = (image.width(), image.height());
+        Ok(Self { width, height, samples: image.samples(), table, dropped_bits, dark: levels.dark as f32 })
+    }
+
+    /// Logarithms of the pixels at `offsets` from pixel number `base`.
+    pub(super) fn logarithms(&self, base: isize, offsets: &[isize], into: &mut [f32]) {
+        let (top, dropped) = (self.table.len() - 1, self.dropped_bits);
+        match self.samples {
+            Samples::U8(samples) => gather(samples, base, offsets, into, |s| self.table[usize::from(s).min(top)]),
+            Samples::U16(samples) => {
+                gather(samples, base, offsets, into, |s| self.table[usize::from(s >> dropped).min(top)]);
+            }
+        }
+    }
+
+    /// Levels above the dark one of the pixels at `offsets` from pixel number `base`.
+    pub(super) fn levels(&self, base: isize, offsets: &[isize], into: &mut [f32]) {
+        let dark = self.dark;
+        match self.samples {
+            Samples::U8(samples) => gather(samples, base, offsets, into, |s| f32::from(s) - dark),
+            Samples::U16(samples) => gather(samples, base, offsets, into, |s| f32::from(s) - dark),
+        }
+    }
+
+    /// Logarithms of a part of a row.
+    pub(super) fn row(&self, y: usize, from: usize, into: &mut [f32]) {
+        let (top, dropped) = (self.table.len() - 1, self.dropped_bits);
+        let start = y * self.width + from;
+        match self.samples {
+            Samples::U8(samples) => {
+                into.iter_mut().zip(&samples[start..]).for_each(|(v, &s)| *v = self.table[usize::from(s).min(top)]);
+            }
+            Samples::U16(samples) => {
+                let log = |s: u16| self.table[usize::from(s >> dropped).min(top)];
+                into.iter_mut().zip(&samples[start..]).for_each(|(v, &s)| *v = log(s));
+            }
+        }
+    }
+}
+
+#[inline]
+fn gather<T: Copy>(samples: &[T], base: isize, offsets: &[isize], into: &mut [f32], value: impl Fn(T) -> f32) {
+    for (v, offset) in into.iter_mut().zip(offsets) {
+        *v = value(samples[(base + offset) as usize]);
+    }
+}
+
+/// Short runs of pixels, spread evenly.
+fn glances<T>(samples: &[T]) -> impl Iterator<Item = &[T]> {
+    let runs = (GLANCE_PIXELS / GLANCE_RUN).min(samples.len().div_ceil(GLANCE_RUN)).max(1);
+    // An odd distance: the runs do not line up in columns.
+    let apart = (samples.len() / runs) | 1;
+    (0..runs).filter_map(move |k| samples.get(k * apart..(k * apart + GLANCE_RUN).min(samples.len())))
+}
+
+/// Grey levels of a frame, from a sample of its pixels.
 struct Levels {
     dark: f64,
     bright: f64,
@@ -37,74 +135,36 @@ struct Levels {
     share_at_maximum: f64,
 }
 
-impl LogFrame {
-    /// Takes the logarithm of a frame that has something in it.
-    ///
-    /// # Errors
-    /// [`GridError::TooSmall`], [`GridError::Blank`], [`GridError::Saturated`].
-    pub fn new(image: &RawImage, options: &GridOptions) -> Result<Self, GridError> {
-        let (width, height) = (image.width(), image.height());
-        let least = (4.0 * options.pitch_px[0]).ceil().max(16.0) as usize;
-        if width < least || height < least {
-            return Err(GridError::TooSmall { width, height, least });
-        }
-        let levels = Levels::of(image);
-        let spread = levels.bright - levels.dark;
-        // The blank frame first: where every pixel is the same, every pixel is at the maximum.
-        let blank = spread < SPREAD_LEAST * levels.noise.max(0.3);
-        // A plateau below full scale is a clipped one only where noise would have broken it up otherwise.
-        let clipped = is_full_scale(levels.maximum) || (!blank && levels.noise > 0.0);
-        if levels.share_at_maximum > SATURATED_SHARE && clipped {
-            return Err(GridError::Saturated {
-                percent: 100.0 * levels.share_at_maximum,
-                level: levels.maximum,
-                limit: 100.0 * SATURATED_SHARE,
-            });
-        }
-        if blank {
-            return Err(GridError::Blank { spread, noise: levels.noise });
-        }
-        let floor = FLOOR_SHARE * spread + 2.0 * levels.noise;
-        let table: Vec<f32> = (0..=usize::from(levels.maximum))
-            .map(|level| ((level as f64 - levels.dark).max(0.0) + floor).ln() as f32)
-            .collect();
-        let top = table.len() - 1;
-        let mut values = vec![0.0; width * height];
-        let rows = values.par_chunks_mut(width);
-        match image.samples() {
-            Samples::U8(samples) => rows.zip(samples.par_chunks(width)).for_each(|(row, from)| {
-                row.iter_mut().zip(from).for_each(|(v, &s)| *v = table[usize::from(s).min(top)]);
-            }),
-            Samples::U16(samples) => rows.zip(samples.par_chunks(width)).for_each(|(row, from)| {
-                row.iter_mut().zip(from).for_each(|(v, &s)| *v = table[usize::from(s).min(top)]);
-            }),
-        }
-        Ok(Self { width, height, values })
-    }
-}
-
 impl Levels {
     fn of(image: &RawImage) -> Self {
         match image.samples() {
-            Samples::U8(samples) => Self::count(image.width(), samples, u16::from),
-            Samples::U16(samples) => Self::count(image.width(), samples, |s| s),
+            Samples::U8(samples) => Self::of_rows(image.width(), samples),
+            Samples::U16(samples) => Self::of_rows(image.width(), samples),
         }
     }
 
-    fn count<T: Copy + Ord + Send + Sync>(width: usize, samples: &[T], level: impl Fn(T) -> u16) -> Self {
-        let maximum = samples.par_iter().copied().max().map_or(0, &level);
-        let rows = samples.len() / width;
-        let step = rows.div_ceil(256).max(1);
+    fn of_rows<T: Copy + Ord + Send + Sync + Into<u16>>(width: usize, samples: &[T]) -> Self {
+        let step = (samples.len() / width).div_ceil(256).max(1);
+        let levels = Self::of_runs(samples.chunks_exact(width).step_by(step));
+        // The greatest of all pixels: the table of logarithms ends there.
+        let maximum = samples.par_iter().copied().max().map_or(0, Into::into);
+        let share_at_maximum = if maximum == levels.maximum { levels.share_at_maximum } else { 0.0 };
+        Self { maximum, share_at_maximum, ..levels }
+    }
+
+    /// From some runs of neighbouring pixels.
+    fn of_runs<'a, T: Copy + Into<u16> + 'a>(runs: impl Iterator<Item = &'a [T]>) -> Self {
         let mut values: Vec<u16> = Vec::new();
         let mut jumps: Vec<u16> = Vec::new();
-        for row in samples.chunks_exact(width).step_by(step) {
-            values.extend(row.iter().map(|&s| level(s)));
+        for run in runs {
+            values.extend(run.iter().map(|&s| -> u16 { s.into() }));
             // Second differences: a smooth slope is no noise.
-            jumps.extend(row.windows(3).map(|w| {
-                let (a, b, c) = (i32::from(level(w[0])), i32::from(level(w[1])), i32::from(level(w[2])));
+            jumps.extend(run.windows(3).map(|w| {
+                let [a, b, c] = [w[0], w[1], w[2]].map(|s| i32::from(s.into()));
                 (a - 2 * b + c).unsigned_abs().min(u32::from(u16::MAX)) as u16
             }));
         }
+        let maximum = values.iter().copied().max().unwrap_or(0);
         let at_maximum = values.iter().filter(|&&v| v == maximum).count();
         let share_at_maximum = at_maximum as f64 / values.len().max(1) as f64;
         // Second differences of white noise scatter by sqrt(6) sigma. The lower quartile (0.319 sigma for a Gaussian)
@@ -112,13 +172,34 @@ impl Levels {
         let quartile = quantile(&mut jumps, 0.25);
         let noise = (quartile + 0.5) / 0.319 / 6f64.sqrt();
         let noise = if quartile > 0.0 { noise } else { 0.0 };
-        Self {
-            dark: quantile(&mut values, 0.01),
-            bright: quantile(&mut values, 0.99),
-            noise,
-            maximum,
-            share_at_maximum,
+        let (dark, bright) = (quantile(&mut values, 0.01), quantile(&mut values, 0.99));
+        Self { dark, bright, noise, maximum, share_at_maximum }
+    }
+
+    /// Refuses a frame without light or without detail in its lights.
+    fn refuse(&self) -> Result<(), GridError> {
+        let spread = self.bright - self.dark;
+        // The blank frame first: where every pixel is the same, every pixel is at the maximum.
+        let blank = spread < SPREAD_LEAST * self.noise.max(0.3);
+        // A plateau below full scale is a clipped one only where noise would have broken it up otherwise.
+        let clipped = is_full_scale(self.maximum) || (!blank && self.noise > 0.0);
+        if self.share_at_maximum > SATURATED_SHARE && clipped {
+            return Err(GridError::Saturated {
+                percent: 100.0 * self.share_at_maximum,
+                level: self.maximum,
+                limit: 100.0 * SATURATED_SHARE,
+            });
         }
+        if blank {
+            return Err(GridError::Blank { spread, noise: self.noise });
+        }
+        Ok(())
+    }
+
+    /// Logarithm of a grey level above the dark one.
+    fn logarithm(&self, level: f64) -> f32 {
+        let floor = FLOOR_SHARE * (self.bright - self.dark) + 2.0 * self.noise;
+        ((level - self.dark).max(0.0) + floor).ln() as f32
     }
 }
 

@@ -1,29 +1,33 @@
 //! The lattice of micro-image centres: where every microlens paints on the sensor.
 //!
 //! ```text
-//!   log of the frame            spectrum.rs   peaks of the Fourier spectrum that make a lattice
-//!        |                                            |
-//!        +----------> demodulate.rs   phase of the lattice's first harmonics about each micro-image
+//!   frame.rs                    spectrum.rs   peaks of the Fourier spectrum that make a lattice
+//!   its pixels, or                                    |
+//!   their logarithms --> demodulate.rs   phase of the lattice's first harmonics about each micro-image
 //!                                                     |
-//!                     fit.rs          robust affine or polynomial map through the phases
+//!               phases.rs, fit.rs   robust affine or polynomial map through the phases
 //!                                                     |
-//!                     profile.rs      in textured frames: the same map through shifts against the mean profile
+//!                      profile.rs   in textured frames: the same map through shifts against the mean profile
+//!
+//!   search.rs: all of it, with nothing known or from a known grid; check.rs: a glance at a known grid
 //! ```
 //!
 //! Nothing is thresholded and no edge is traced: the dark gaps between micro-images make the lattice's harmonics, and
 //! their phase about a micro-image says where its centre is. In the logarithm of the frame the vignetting is a term
 //! beside the texture rather than a factor, so that texture averages out over the array.
 
+mod check;
 mod demodulate;
 mod fit;
 mod frame;
+mod phases;
 mod profile;
 mod search;
 mod spectrum;
 
 use crate::optics::ArrayKind;
 
-pub use frame::LogFrame;
+pub use check::{GridCheck, GridState, check_grid};
 pub use search::{find_grid, lens_residuals, refine_grid};
 
 /// Where the micro-images are: a lattice, `centre + i basis[0] + j basis[1]`, with a smooth departure from it where
@@ -42,9 +46,12 @@ pub struct Grid {
     pub frame_size: [usize; 2],
     /// Smooth departure of the micro-image centres from the lattice, where the data ask for one.
     pub distortion: Option<Distortion>,
-    /// Distance of single micro-images from the grid, px, median, where it could be told: noise and texture are in it
-    /// as well as the array.
+    /// What the map leaves, px: the median distance from the grid of neighbourhoods of five by five micro-images. That
+    /// is how far it can be believed; errors of single micro-images are not in it.
     pub residual_px: f64,
+    /// Distance of single micro-images from the grid, px, median: noise, texture and the array's own errors from lens to
+    /// lens.
+    pub scatter_px: f64,
     /// How far the frame's lattice phases agree, from 0 (noise) to 1 (a clean white frame).
     pub coherence: f64,
 }
@@ -199,7 +206,7 @@ impl Grid {
     /// An affine grid.
     #[must_use]
     pub fn affine(array: ArrayKind, centre: [f64; 2], basis: [[f64; 2]; 2], frame_size: [usize; 2]) -> Self {
-        Self { array, centre, basis, frame_size, distortion: None, residual_px: 0.0, coherence: 1.0 }
+        Self { array, centre, basis, frame_size, distortion: None, residual_px: 0.0, scatter_px: 0.0, coherence: 1.0 }
     }
 
     /// Centre of the micro-image with lattice indices (i, j), px.
@@ -291,6 +298,20 @@ impl Grid {
                 (x >= least && x <= right && y >= least && y <= bottom).then_some(MicroImage { i, j, x, y })
             })
         })
+    }
+
+    /// Greatest distance between the places that this grid and another have for the same micro-image, among those about
+    /// the frame's centre and corners, px.
+    pub(crate) fn distance_to(&self, other: &Self) -> f64 {
+        let [w, h] = self.frame_size.map(|n| n as f64 - 1.0);
+        [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h], [w / 2.0, h / 2.0]]
+            .iter()
+            .map(|&[x, y]| {
+                let [i, j] = self.indices_at(x, y);
+                let to = other.position_at(i, j);
+                (to[0] - x).hypot(to[1] - y)
+            })
+            .fold(0.0, f64::max)
     }
 
     /// Number of complete micro-images: those whose centre is at least half a pitch inside the frame.

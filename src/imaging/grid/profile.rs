@@ -2,120 +2,261 @@
 //!
 //! A slope of the scene's brightness continues within each micro-image and jumps back at its edge: a sawtooth in step
 //! with the lattice, which shifts the phase of its harmonics. Here each micro-image is compared, within its own cell,
-//! with the frame's mean profile V (in logarithm), and what a parabola across the cell explains is taken out first:
-//! `log I(c + r) = a V(r − u) + polynomial(r)`, linear in the shift u. V is made even about the centre, so that it
-//! defines the centre whatever the grid it was averaged with.
+//! with the frame's mean profile V: `I(c + r) = V(r − u) T(r)`, where T is a parabola for the scene about it. That is
+//! solved for T without a shift first and is then linear in u. V is given the array's own symmetry, so that it defines
+//! the centre whatever the grid it was averaged with.
+//!
+//! What the parabola leaves of a micro-image says how far its place is to be believed: those on even parts of the scene
+//! outweigh those full of detail.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
-use super::demodulate::Lens;
-use super::{Grid, LogFrame, MicroImage, reciprocal};
+use super::demodulate::{Lens, harmonics};
+use super::fit::{Fit, Model};
+use super::frame::Frame;
+use super::phases::Phases;
+use super::{Grid, MicroImage, reciprocal};
 use crate::optics::ArrayKind;
 
 /// Bins of the mean profile per px.
-const BINS_PER_PX: f64 = 1.0;
-/// Polynomial terms taken out of each cell: 1, x, y, x², xy, y².
+const BINS_PER_PX: f64 = 2.0;
+/// Terms of the scene about a micro-image: 1, x, y, x², xy, y².
 const TERMS: usize = 6;
-/// Contrast below which a micro-image says nothing of its place.
-const CONTRAST_LEAST: f64 = 0.3;
+/// The profile is drawn for micro-image centres at so many places between two pixels, in both directions: from there
+/// the linear step is short. Fewer do where pixels are left out.
+const PLACES: usize = 4;
+const PLACES_SPARSE: usize = 2;
+
+/// Pixels that the mean profile is taken from: more add nothing.
+const PROFILE_PIXELS: usize = 1_500_000;
+
+/// A micro-image's profile that is known from elsewhere: relative transmission at fractional lattice indices.
+pub(super) type Known<'a> = &'a dyn Fn(f64, f64) -> f64;
+
+/// What it may cost to place a grid.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// Every so many pixels of every so many rows are read.
+    pub step: usize,
+    /// Rounds in which profile and grid are brought together, at most.
+    pub rounds: usize,
+    /// A grid that moves less from one round to the next is at rest, px.
+    pub at_rest_px: f64,
+}
+
+/// A grid placed by the frame's mean profile.
+pub(super) struct Matched {
+    pub fit: Fit,
+    /// Mean logarithm of the standard errors (px) of single micro-images: what starts are compared by.
+    pub error_log: f64,
+}
+
+/// The best of what several starts lead to, by what the profile leaves of the micro-images.
+pub(super) fn matched_best(
+    frame: &Frame,
+    starts: &[Grid],
+    lenses: &[MicroImage],
+    known: Option<Known>,
+    model: Model,
+    effort: Effort,
+) -> Option<Matched> {
+    /// Starts that are nearer to each other than this, px, lead to the same place.
+    const APART_PX: f64 = 0.3;
+    let mut best: Option<Matched> = None;
+    for (n, start) in starts.iter().enumerate() {
+        if starts[..n].iter().any(|earlier| earlier.distance_to(start) < APART_PX) {
+            continue;
+        }
+        let Some(found) = matched(frame, start, lenses, known, model, effort) else { continue };
+        if best.as_ref().is_none_or(|b| found.error_log < b.error_log) {
+            best = Some(found);
+        }
+    }
+    best
+}
+
+/// Places a grid by the mean profile about its `lenses` (their indices count); `None` where they do not determine it.
+fn matched(
+    frame: &Frame,
+    grid: &Grid,
+    lenses: &[MicroImage],
+    known: Option<Known>,
+    model: Model,
+    effort: Effort,
+) -> Option<Matched> {
+    let mut matched: Option<Matched> = None;
+    let mut at = grid.clone();
+    // The profile is averaged with the grid that it corrects: both settle together.
+    for _ in 0..effort.rounds {
+        let lenses: Vec<MicroImage> = lenses
+            .iter()
+            .map(|m| {
+                let [x, y] = at.position(m.i, m.j);
+                MicroImage { x, y, ..*m }
+            })
+            .collect();
+        let harmonics = harmonics(&at);
+        let places = Matcher::new(frame, &at, &lenses, known, effort.step)?.run(frame, &at, &lenses, &harmonics);
+        let phases = Phases::new(&at, &places, &harmonics).by_certainty();
+        let fit = phases.fit(model)?;
+        let (residual_px, scatter_px) = (phases.residual_about(&fit.grid), phases.scatter_about(&fit.grid));
+        let error_log = -places.iter().map(|l| l.sums[0].norm().ln()).sum::<f64>() / places.len() as f64;
+        let moved = fit.grid.distance_to(&at);
+        at = fit.grid.clone();
+        let fit = Fit { grid: Grid { residual_px, scatter_px, ..fit.grid }, ..fit };
+        matched = Some(Matched { fit, error_log });
+        if moved < effort.at_rest_px {
+            break;
+        }
+    }
+    matched
+}
 
 /// Compares micro-images with the frame's mean profile.
-pub(super) struct Matcher {
-    /// Pixels of a cell about its centre.
+struct Matcher {
+    /// Pixels of a cell from the one nearest its centre, and the same as steps through the frame.
     cell: Vec<(isize, isize)>,
-    /// For each pixel of the cell, what it adds to contrast and to the shift in x and in y.
-    kernels: Vec<[f32; 3]>,
+    offsets: Vec<isize>,
     reach: [isize; 2],
+    /// Shapes for `places` centres in both directions.
+    shapes: Vec<Shape>,
+    places: usize,
+}
+
+/// The profile about a micro-image's centre at one place between the pixels.
+struct Shape {
+    /// Orthonormal columns that span the profile times the scene's terms.
+    span: DMatrix<f32>,
+    /// From their coefficients to those of the terms.
+    terms: DMatrix<f32>,
+    /// Derivatives by a shift in x and in y of the profile itself.
+    slopes: [Vec<f32>; 2],
 }
 
 impl Matcher {
-    /// From the frame's own mean profile; `None` where it has too few complete micro-images or no contrast.
-    pub(super) fn new(frame: &LogFrame, grid: &Grid) -> Option<Self> {
-        let reciprocal = reciprocal(grid.basis);
+    /// From the frame's own mean profile, every `step`-th pixel of it; `None` where there is too little of it.
+    fn new(frame: &Frame, grid: &Grid, lenses: &[MicroImage], known: Option<Known>, step: usize) -> Option<Self> {
         let [a, b] = grid.basis;
-        let reach = [(a[0].abs() + b[0].abs()).ceil() as isize, (a[1].abs() + b[1].abs()).ceil() as isize];
+        let step = step as isize;
+        let most = [(a[0].abs() + b[0].abs()) as isize + 1, (a[1].abs() + b[1].abs()) as isize + 1];
         let mut cell = Vec::new();
-        for dy in -reach[1]..=reach[1] {
-            for dx in -reach[0]..=reach[0] {
+        for dy in (-most[1] / step..=most[1] / step).map(|n| n * step) {
+            for dx in (-most[0] / step..=most[0] / step).map(|n| n * step) {
                 if in_cell(grid, dx as f64, dy as f64) {
                     cell.push((dx, dy));
                 }
             }
         }
-        let reach = cell.iter().fold([0, 0], |r, c| [r[0].max(c.0.abs()), r[1].max(c.1.abs())]);
-        let mut matcher = Self { cell, kernels: Vec::new(), reach };
-        let profile = matcher.mean_profile(frame, grid)?;
-        let count = matcher.cell.len();
-        if count < 3 * TERMS {
+        if cell.len() < 3 * TERMS {
             return None;
         }
-        let value = |x: f64, y: f64| {
-            profile.at(reciprocal[0][0] * x + reciprocal[0][1] * y, reciprocal[1][0] * x + reciprocal[1][1] * y)
+        let reach = cell.iter().fold([0, 0], |r, c| [r[0].max(c.0.abs()), r[1].max(c.1.abs())]);
+        let width = frame.width as isize;
+        let offsets = cell.iter().map(|c| c.1 * width + c.0).collect();
+        let places = if step > 1 { PLACES_SPARSE } else { PLACES };
+        let mut matcher = Self { cell, offsets, reach, shapes: Vec::new(), places };
+        let own = if known.is_none() { Some(matcher.mean_profile(frame, grid, lenses)?) } else { None };
+        let profile = |u: f64, v: f64| match (&own, known) {
+            (_, Some(known)) => known(u, v),
+            (Some(own), None) => own.at(u, v),
+            (None, None) => 0.0,
         };
-        let scale = grid.pitch_px() / 2.0;
-        let mut polynomials = DMatrix::<f64>::zeros(count, TERMS);
-        let mut shapes = DMatrix::<f64>::zeros(count, 3);
-        for (n, &(dx, dy)) in matcher.cell.iter().enumerate() {
-            let (x, y) = (dx as f64, dy as f64);
-            let (s, t) = (x / scale, y / scale);
-            for (k, term) in [1.0, s, t, s * s, s * t, t * t].into_iter().enumerate() {
-                polynomials[(n, k)] = term;
-            }
-            shapes[(n, 0)] = value(x, y);
-            // V(r − u) = V(r) − u·∇V.
-            shapes[(n, 1)] = value(x - 0.5, y) - value(x + 0.5, y);
-            shapes[(n, 2)] = value(x, y - 0.5) - value(x, y + 0.5);
-        }
-        let inverse = (polynomials.transpose() * &polynomials).try_inverse()?;
-        let explained = &polynomials * (inverse * (polynomials.transpose() * &shapes));
-        let shapes = shapes - explained;
-        let inverse = (shapes.transpose() * &shapes).try_inverse()?;
-        let kernels = &shapes * inverse;
-        matcher.kernels =
-            (0..count).map(|n| [kernels[(n, 0)] as f32, kernels[(n, 1)] as f32, kernels[(n, 2)] as f32]).collect();
+        let shapes: Option<Vec<Shape>> = (0..places * places)
+            .map(|k| matcher.shape(grid, &profile, [k % places, k / places].map(|n| matcher.place_between(n))))
+            .collect();
+        matcher.shapes = shapes?;
         Some(matcher)
     }
 
-    fn complete(&self, frame: &LogFrame, m: &MicroImage) -> Option<(usize, usize)> {
+    fn shape(&self, grid: &Grid, profile: &dyn Fn(f64, f64) -> f64, place: [f64; 2]) -> Option<Shape> {
+        let r = reciprocal(grid.basis);
+        let value = |x: f64, y: f64| profile(r[0][0] * x + r[0][1] * y, r[1][0] * x + r[1][1] * y);
+        let scale = grid.pitch_px() / 2.0;
+        let count = self.cell.len();
+        let mut products = DMatrix::<f64>::zeros(count, TERMS);
+        let mut slopes = [Vec::with_capacity(count), Vec::with_capacity(count)];
+        for (n, &(dx, dy)) in self.cell.iter().enumerate() {
+            let (x, y) = (dx as f64 - place[0], dy as f64 - place[1]);
+            let v = value(x, y);
+            for (k, term) in terms(dx, dy, scale).into_iter().enumerate() {
+                products[(n, k)] = v * term;
+            }
+            // V(r − u) = V(r) − u·∇V.
+            slopes[0].push((value(x - 0.5, y) - value(x + 0.5, y)) as f32);
+            slopes[1].push((value(x, y - 0.5) - value(x, y + 0.5)) as f32);
+        }
+        let qr = products.qr();
+        let inverse = qr.r().try_inverse()?;
+        Some(Shape { span: qr.q().cast(), terms: inverse.cast(), slopes })
+    }
+
+    /// Where between two pixels the shapes with this number have their centre, px.
+    fn place_between(&self, number: usize) -> f64 {
+        (number as f64 + 0.5) / self.places as f64 - 0.5
+    }
+
+    fn complete(&self, size: [usize; 2], m: &MicroImage) -> Option<(isize, isize)> {
         let (cx, cy) = (m.x.round() as isize, m.y.round() as isize);
         let inside = cx >= self.reach[0]
             && cy >= self.reach[1]
-            && cx + self.reach[0] < frame.width as isize
-            && cy + self.reach[1] < frame.height as isize;
-        inside.then_some((cx as usize, cy as usize))
+            && cx + self.reach[0] < size[0] as isize
+            && cy + self.reach[1] < size[1] as isize;
+        inside.then_some((cx, cy))
     }
 
-    fn mean_profile(&self, frame: &LogFrame, grid: &Grid) -> Option<Profile> {
+    fn mean_profile(&self, frame: &Frame, grid: &Grid, lenses: &[MicroImage]) -> Option<Profile> {
         let r = reciprocal(grid.basis);
-        let side = ((grid.pitch_px() * BINS_PER_PX).round() as usize).clamp(8, 100);
-        let mut sums = vec![(0.0f64, 0.0f64); side * side];
-        let mut lenses = 0usize;
-        for m in grid.micro_images_within(0.0) {
-            let Some((cx, cy)) = self.complete(frame, &m) else { continue };
-            lenses += 1;
-            let pixel = |dx: isize, dy: isize| {
-                let at = (cy as isize + dy) as usize * frame.width + (cx as isize + dx) as usize;
-                f64::from(frame.values[at])
-            };
-            let mean = self.cell.iter().map(|&(dx, dy)| pixel(dx, dy)).sum::<f64>() / self.cell.len() as f64;
-            for &(dx, dy) in &self.cell {
-                let (x, y) = (cx as f64 + dx as f64 - m.x, cy as f64 + dy as f64 - m.y);
-                let value = pixel(dx, dy) - mean;
-                let (u, v) = (r[0][0] * x + r[0][1] * y, r[1][0] * x + r[1][1] * y);
-                // At its place and at the opposite one: the profile is even.
-                for (u, v) in [(u, v), (-u, -v)] {
-                    let bin = |u: f64| (((u - u.floor()) * side as f64).round() as usize) % side;
-                    let to = &mut sums[bin(v) * side + bin(u)];
-                    to.0 += value;
-                    to.1 += 1.0;
-                }
+        let size = [frame.width, frame.height];
+        let side = ((grid.pitch_px() * BINS_PER_PX).round() as usize).clamp(8, 160);
+        let mut bins = vec![[0.0f32; 2]; side * side];
+        let mut complete = 0usize;
+        let mut values = vec![0.0f32; self.cell.len()];
+        let every = (lenses.len() * self.cell.len()).div_ceil(PROFILE_PIXELS).max(1);
+        for m in lenses.iter().step_by(every) {
+            let Some((cx, cy)) = self.complete(size, m) else { continue };
+            complete += 1;
+            frame.levels(cy * size[0] as isize + cx, &self.offsets, &mut values);
+            let mean = values.iter().sum::<f32>() / values.len() as f32;
+            if mean <= 0.0 {
+                continue;
+            }
+            let (fx, fy) = (cx as f64 - m.x, cy as f64 - m.y);
+            for (&(dx, dy), &value) in self.cell.iter().zip(&values) {
+                let (x, y) = (fx + dx as f64, fy + dy as f64);
+                // Less than a cell from the centre: one more makes it positive, and truncation rounds it.
+                let bin = |g: [f64; 2]| {
+                    let bin = ((g[0] * x + g[1] * y + 1.0) * side as f64 + 0.5) as usize;
+                    // Comparisons: a division costs more than all the rest.
+                    let bin = if bin >= side { bin - side } else { bin };
+                    if bin >= side { bin - side } else { bin }
+                };
+                let to = &mut bins[bin(r[1]) * side + bin(r[0])];
+                // Least squares for I = mean V: the dark ones say little of it.
+                to[0] += mean * value;
+                to[1] += mean * mean;
             }
         }
-        if lenses < 9 {
+        if complete < 9 {
             return None;
         }
+        // The array's own symmetry is the profile's: what departs from it is texture, or a centre that is off.
+        let sums: Vec<(f64, f64)> = (0..side * side)
+            .map(|n| {
+                let (mut q, mut p) = (n / side, n % side);
+                let mut sum = (0.0, 0.0);
+                for _ in 0..turns(grid.array) {
+                    let bin = bins[q * side + p];
+                    sum = (sum.0 + f64::from(bin[0]), sum.1 + f64::from(bin[1]));
+                    (p, q) = match grid.array {
+                        ArrayKind::Square => ((side - q) % side, p),
+                        ArrayKind::Hexagonal => ((side - q) % side, (p + q) % side),
+                    };
+                }
+                sum
+            })
+            .collect();
         // Bins that no pixel fell into take the mean of those about them.
         let about = |n: usize| {
             let (q, p) = (n / side, n % side);
@@ -126,41 +267,108 @@ impl Matcher {
                     sum = (sum.0 + s.0, sum.1 + s.1);
                 }
             }
-            sum.0 / sum.1.max(1.0)
+            sum.0 / sum.1.max(1e-12)
         };
         let values = (0..side * side).map(|n| if sums[n].1 > 0.0 { sums[n].0 / sums[n].1 } else { about(n) }).collect();
         Some(Profile { side, values })
     }
 
-    /// Every complete micro-image, its shift written as phases of the lattice's `harmonics`.
-    pub(super) fn run(&self, frame: &LogFrame, grid: &Grid, harmonics: &[[f64; 2]]) -> Vec<Lens> {
-        let all: Vec<MicroImage> = grid.micro_images_within(0.0).collect();
-        all.into_par_iter()
+    /// Those of `lenses` that are complete, each shift written as phases of the lattice's `harmonics` whose modulus is
+    /// the inverse of its standard error.
+    fn run(&self, frame: &Frame, grid: &Grid, lenses: &[MicroImage], harmonics: &[[f64; 2]]) -> Vec<Lens> {
+        let size = [frame.width, frame.height];
+        let scale = grid.pitch_px() / 2.0;
+        let polynomials: Vec<[f32; TERMS]> =
+            self.cell.iter().map(|&(dx, dy)| terms(dx, dy, scale).map(|t| t as f32)).collect();
+        lenses
+            .par_iter()
             .with_min_len(32)
-            .filter_map(|at| {
-                let (cx, cy) = self.complete(frame, &at)?;
-                let mut sums = [0.0f32; 3];
-                for (&(dx, dy), kernel) in self.cell.iter().zip(&self.kernels) {
-                    let value = frame.values[(cy as isize + dy) as usize * frame.width + (cx as isize + dx) as usize];
-                    for (sum, k) in sums.iter_mut().zip(kernel) {
-                        *sum += value * k;
+            .map_init(
+                || std::array::from_fn(|_| vec![0.0f32; self.cell.len()]),
+                |buffers, at| {
+                    let (cx, cy) = self.complete(size, at)?;
+                    let (fx, fy) = (at.x - cx as f64, at.y - cy as f64);
+                    let number = |f: f64| (((f + 0.5) * self.places as f64) as usize).min(self.places - 1);
+                    let (px, py) = (number(fx), number(fy));
+                    let shape = &self.shapes[py * self.places + px];
+                    frame.levels(cy * size[0] as isize + cx, &self.offsets, &mut buffers[0]);
+                    let (shift, sigma) = shape.shift(buffers, &polynomials)?;
+                    let shift = [shift[0] + self.place_between(px) - fx, shift[1] + self.place_between(py) - fy];
+                    let mut sums = [Complex::new(0.0, 0.0); 3];
+                    for (sum, g) in sums.iter_mut().zip(harmonics) {
+                        let cycles = (g[0] * shift[0] + g[1] * shift[1]).clamp(-0.49, 0.49);
+                        *sum = Complex::from_polar(1.0 / sigma, std::f64::consts::TAU * cycles);
                     }
-                }
-                let contrast = f64::from(sums[0]);
-                let weight = if contrast > CONTRAST_LEAST { contrast.min(1.5) } else { 0.0 };
-                let shift = [
-                    f64::from(sums[1]) / contrast.max(CONTRAST_LEAST) - (at.x - cx as f64),
-                    f64::from(sums[2]) / contrast.max(CONTRAST_LEAST) - (at.y - cy as f64),
-                ];
-                let mut sums = [Complex::new(0.0, 0.0); 3];
-                for (sum, g) in sums.iter_mut().zip(harmonics) {
-                    let cycles = (g[0] * shift[0] + g[1] * shift[1]).clamp(-0.49, 0.49);
-                    *sum = Complex::from_polar(weight, std::f64::consts::TAU * cycles);
-                }
-                Some(Lens { at, sums })
-            })
+                    Some(Lens { at: *at, sums })
+                },
+            )
+            .flatten()
             .collect()
     }
+}
+
+impl Shape {
+    /// A micro-image's shift from the shape's place, px, and its standard error; `None` where it is dark.
+    fn shift(&self, buffers: &mut [Vec<f32>; 3], polynomials: &[[f32; TERMS]]) -> Option<([f64; 2], f64)> {
+        let [left, sx, sy] = buffers;
+        let count = left.len();
+        let project = |v: &mut [f32]| {
+            let mut coefficients = [0.0f32; TERMS];
+            for (k, c) in coefficients.iter_mut().enumerate() {
+                let column = &self.span.as_slice()[k * count..][..count];
+                *c = dot(v, column);
+            }
+            for (k, c) in coefficients.iter().enumerate() {
+                let column = &self.span.as_slice()[k * count..][..count];
+                v.iter_mut().zip(column).for_each(|(v, q)| *v -= c * q);
+            }
+            coefficients
+        };
+        let coefficients = project(left);
+        let scene = &self.terms * DVector::from_column_slice(&coefficients);
+        for n in 0..count {
+            let t: f32 = polynomials[n].iter().zip(scene.iter()).map(|(p, s)| p * s).sum();
+            sx[n] = t * self.slopes[0][n];
+            sy[n] = t * self.slopes[1][n];
+        }
+        project(sx);
+        project(sy);
+        let (xx, xy, yy) = (f64::from(dot(sx, sx)), f64::from(dot(sx, sy)), f64::from(dot(sy, sy)));
+        let (x, y) = (f64::from(dot(sx, left)), f64::from(dot(sy, left)));
+        let determinant = xx * yy - xy * xy;
+        if determinant.is_nan() || determinant <= 1e-6 * xx * yy {
+            return None;
+        }
+        let shift = [(yy * x - xy * y) / determinant, (xx * y - xy * x) / determinant];
+        let rest = f64::from(dot(left, left)) - shift[0] * x - shift[1] * y;
+        let variance = rest.max(1e-9) / count as f64;
+        Some((shift, (variance * (xx + yy) / (2.0 * determinant)).sqrt()))
+    }
+}
+
+/// How many times an array turns into itself within a full turn.
+const fn turns(array: ArrayKind) -> usize {
+    match array {
+        ArrayKind::Square => 4,
+        ArrayKind::Hexagonal => 6,
+    }
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0.0f32; 8];
+    let (a8, a_rest) = a.as_chunks::<8>();
+    let (b8, b_rest) = b.as_chunks::<8>();
+    for (a, b) in a8.iter().zip(b8) {
+        for k in 0..8 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    sums.iter().sum::<f32>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f32>()
+}
+
+fn terms(dx: isize, dy: isize, scale: f64) -> [f64; TERMS] {
+    let (s, t) = (dx as f64 / scale, dy as f64 / scale);
+    [1.0, s, t, s * s, s * t, t * t]
 }
 
 /// A periodic profile over the lattice's cell.

@@ -1,10 +1,13 @@
 //! From a frame to its grid, with nothing known or with a grid that nearly fits.
 
-use super::demodulate::{Demodulator, Lens};
-use super::fit::{Fit, Model, Phases, monomial_count};
-use super::profile::Matcher;
+use super::demodulate::{Demodulator, Lens, harmonics};
+use super::fit::{Fit, Model, monomial_count};
+use super::frame::Frame;
+use super::phases::Phases;
+use super::profile::{Effort, Known, matched_best};
 use super::spectrum::{Candidate, candidates, central_part};
-use super::{Distortion, Grid, GridError, GridOptions, LensResidual, LogFrame, reciprocal};
+use super::{Distortion, Grid, GridError, GridOptions, LensResidual, MicroImage, reciprocal};
+use crate::imaging::vignetting::Vignetting;
 use crate::optics::ArrayKind;
 use crate::raw::RawImage;
 
@@ -15,18 +18,18 @@ const COHERENCE_LEAST: f64 = 0.45;
 const COHERENCE_KNOWN_LEAST: f64 = 0.3;
 /// Median distance of micro-images from the grid, in pitches, up to which a frame counts as clean (a white frame) and
 /// may ask for more than a lattice.
-const CLEAN_RESIDUAL: f64 = 0.006;
+pub(super) const CLEAN_SCATTER: f64 = 0.006;
 /// Greatest degree of the polynomial map.
 const DEGREE_MAX: usize = 5;
 /// Largest relative change of the pitch that [`refine_grid`] takes for the same grid.
-const SCALE_CHANGE_MAX: f64 = 0.01;
+pub(super) const SCALE_CHANGE_MAX: f64 = 0.01;
 
 /// Finds the grid of a white or textured frame: array type, pitch, rotation and place, without being told any of them.
 ///
 /// # Errors
 /// [`GridError`] for a frame that is too small, blank, saturated, has no lattice, or too few micro-images.
 pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridError> {
-    let frame = LogFrame::new(image, options)?;
+    let frame = Frame::new(image, options)?;
     let no_lattice =
         |reason: String| GridError::NoLattice { least: options.pitch_px[0], greatest: options.pitch_px[1], reason };
     let part = central_part(&frame);
@@ -76,48 +79,56 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
     }
     let grid = match bend(&frame, &grid, options.degree_max.clamp(1, DEGREE_MAX)) {
         Some(bent) => bent,
-        None => matched(&frame, grid, Model::Similarity),
+        None => placed(&frame, grid, &[], None, Model::Similarity),
     };
     Ok(centred(grid))
 }
 
 /// Fits a known grid to a frame taken at another image distance: a shift of a few pixels and a change of the pitch of
-/// up to 1 %. Rotation, array and distortion are kept: a motor does not turn the array.
+/// up to 1 %. Rotation, array and distortion are kept: a motor does not turn the array. With `white`, the micro-image's
+/// profile from the white frame that the grid is of, a textured frame is placed better than by its own mean profile.
 ///
 /// # Errors
 /// [`GridError`] for a frame that is too small, blank, saturated, of another size, or that the grid no longer fits.
-pub fn refine_grid(image: &RawImage, grid: &Grid) -> Result<Grid, GridError> {
+pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) -> Result<Grid, GridError> {
+    let profile = |u: f64, v: f64| white.map_or(0.0, |white| f64::from(white.transmission(u, v, 0.0, 0.0)));
+    let known: Option<Known> = if white.is_some() { Some(&profile) } else { None };
     let size = [image.width(), image.height()];
     if size != grid.frame_size {
         return Err(GridError::OtherFrameSize { grid: grid.frame_size, frame: size });
     }
-    let frame = LogFrame::new(image, &GridOptions::default())?;
+    let frame = Frame::new(image, &GridOptions::default())?;
     let whole = [0, 0, frame.width, frame.height];
     let misfit = |reason: String| GridError::DoesNotFit { reason };
-    let mut refined = grid.clone();
+    let too_few = || misfit("too few of its micro-images lie in the frame".to_owned());
+    let lenses = demodulated(&frame, grid, whole).1;
+    if lenses.is_empty() {
+        return Err(too_few());
+    }
+    let together = Phases::new(grid, &lenses, &harmonics(grid)).brought_together(SCALE_CHANGE_MAX);
+    let mut followed = together.clone();
     for _ in 0..3 {
-        let demodulator = Demodulator::new(&refined);
-        let lenses = demodulator.run(&frame, &refined, whole);
-        let Some(fit) = Phases::new(&refined, &lenses, &demodulator.harmonics).fit(Model::ScaleShift) else {
-            return Err(misfit("too few of its micro-images lie in the frame".to_owned()));
-        };
-        let moved = distance(fit.grid.centre, refined.centre);
-        let stretched = (fit.grid.pitch_px() / refined.pitch_px() - 1.0).abs() * size[0].max(size[1]) as f64 / 2.0;
-        refined = fit.grid;
-        if moved + stretched < 0.02 {
+        let Some(fit) = fit_once(&frame, &followed, whole, Model::ScaleShift) else { return Err(too_few()) };
+        let moved = fit.grid.distance_to(&followed);
+        followed = fit.grid;
+        if moved < 0.02 {
             break;
         }
     }
+    // Where single micro-images say little their phases may lead astray: then the sum over all of them may not, or the
+    // known grid itself is the nearest.
+    let followed = judged(&frame, followed, whole);
+    let refined = placed(&frame, followed, &[together, grid.clone()], known, Model::ScaleShift);
+    let refined = Grid { coherence: judged(&frame, refined.clone(), whole).coherence, ..refined };
     let change = refined.pitch_px() / grid.pitch_px() - 1.0;
     if change.abs() > SCALE_CHANGE_MAX {
         return Err(misfit(format!("its pitch would change by {:.2} %", 100.0 * change)));
     }
-    let refined = matched(&frame, judged(&frame, refined, whole), Model::ScaleShift);
     if refined.coherence < COHERENCE_KNOWN_LEAST {
         return Err(misfit(format!("coherence {:.2}, at least {COHERENCE_KNOWN_LEAST} is needed", refined.coherence)));
     }
     // How far single micro-images lie from the lattice is not told by a textured frame.
-    Ok(centred(Grid { residual_px: grid.residual_px, ..refined }))
+    Ok(centred(Grid { residual_px: grid.residual_px, scatter_px: grid.scatter_px, ..refined }))
 }
 
 /// Where each micro-image of the frame lies against the grid, and its contrast: for maps, and to flag missing, dead and
@@ -130,9 +141,8 @@ pub fn lens_residuals(image: &RawImage, grid: &Grid) -> Result<Vec<LensResidual>
     if size != grid.frame_size {
         return Err(GridError::OtherFrameSize { grid: grid.frame_size, frame: size });
     }
-    let frame = LogFrame::new(image, &GridOptions::default())?;
-    let demodulator = Demodulator::new(grid);
-    let lenses = demodulator.run(&frame, grid, [0, 0, frame.width, frame.height]);
+    let frame = Frame::new(image, &GridOptions::default())?;
+    let (demodulator, lenses) = demodulated(&frame, grid, [0, 0, frame.width, frame.height]);
     let phases = Phases::new(grid, &lenses, &demodulator.harmonics);
     Ok(lenses
         .iter()
@@ -142,16 +152,18 @@ pub fn lens_residuals(image: &RawImage, grid: &Grid) -> Result<Vec<LensResidual>
 
 /// Whether a frame of few micro-images has more at half the lattice's frequencies than at the lattice's own: there the
 /// search cannot see a fundamental for the mean of the frame that is so near it.
-fn hides_fundamental(frame: &LogFrame, grid: &Grid) -> bool {
+fn hides_fundamental(frame: &Frame, grid: &Grid) -> bool {
     /// In wider frames the fundamental of a lattice of twice the pitch is a peak of its own.
     const PITCHES_SEEN: f64 = 12.0;
     let (w, h) = (frame.width, frame.height);
     if w.min(h) as f64 > PITCHES_SEEN * grid.pitch_px() {
         return false;
     }
+    let mut values = vec![0.0f32; w * h];
+    values.chunks_exact_mut(w).enumerate().for_each(|(y, row)| frame.row(y, 0, row));
     let window = |k: usize, n: usize| (std::f64::consts::PI * (k as f64 + 0.5) / n as f64).sin().powi(2);
     let (mut sum, mut area) = (0.0, 0.0);
-    for (k, &v) in frame.values.iter().enumerate() {
+    for (k, &v) in values.iter().enumerate() {
         let weight = window(k % w, w) * window(k / w, h);
         sum += weight * f64::from(v);
         area += weight;
@@ -159,7 +171,7 @@ fn hides_fundamental(frame: &LogFrame, grid: &Grid) -> bool {
     let mean = sum / area.max(1e-12);
     let modulus = |g: [f64; 2]| {
         let (mut re, mut im) = (0.0, 0.0);
-        for (y, row) in frame.values.chunks_exact(w).enumerate() {
+        for (y, row) in values.chunks_exact(w).enumerate() {
             for (x, &v) in row.iter().enumerate() {
                 let value = window(x, w) * window(y, h) * (f64::from(v) - mean);
                 let (sine, cosine) = (std::f64::consts::TAU * (g[0] * x as f64 + g[1] * y as f64)).sin_cos();
@@ -226,10 +238,9 @@ fn canonical(array: ArrayKind, basis: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
 
 /// From a candidate to a lattice over the whole frame: the part it was found in first, where its pitch is good enough
 /// to count micro-images by.
-fn settle(frame: &LogFrame, start: Grid, part: [usize; 4]) -> Option<Grid> {
+fn settle(frame: &Frame, start: Grid, part: [usize; 4]) -> Option<Grid> {
     let mut grid = start;
-    let demodulator = Demodulator::new(&grid);
-    let lenses = demodulator.run(frame, &grid, part);
+    let (demodulator, lenses) = demodulated(frame, &grid, part);
     let shift = Phases::new(&grid, &lenses, &demodulator.harmonics).common_shift();
     grid.centre = [grid.centre[0] + shift[0], grid.centre[1] + shift[1]];
     let whole = [0, 0, frame.width, frame.height];
@@ -251,23 +262,24 @@ fn settle(frame: &LogFrame, start: Grid, part: [usize; 4]) -> Option<Grid> {
     Some(judged(frame, grid, whole))
 }
 
-fn demodulated(frame: &LogFrame, grid: &Grid, part: [usize; 4]) -> (Demodulator, Vec<Lens>) {
-    let demodulator = Demodulator::new(grid);
-    let lenses = demodulator.run(frame, grid, part);
-    (demodulator, lenses)
+fn demodulated(frame: &Frame, grid: &Grid, part: [usize; 4]) -> (Demodulator, Vec<Lens>) {
+    let lenses: Vec<MicroImage> = grid.micro_images_within(0.0).collect();
+    let demodulator = Demodulator::new(grid, step_for(grid, lenses.len()));
+    let found = demodulator.run(frame, &lenses, part);
+    (demodulator, found)
 }
 
-fn fit_once(frame: &LogFrame, grid: &Grid, part: [usize; 4], model: Model) -> Option<Fit> {
+fn fit_once(frame: &Frame, grid: &Grid, part: [usize; 4], model: Model) -> Option<Fit> {
     let (demodulator, lenses) = demodulated(frame, grid, part);
     Phases::new(grid, &lenses, &demodulator.harmonics).fit(model)
 }
 
-/// The grid with its coherence and residual filled in.
-fn judged(frame: &LogFrame, mut grid: Grid, part: [usize; 4]) -> Grid {
+/// The grid with its coherence, residual and scatter filled in.
+fn judged(frame: &Frame, mut grid: Grid, part: [usize; 4]) -> Grid {
     let (demodulator, lenses) = demodulated(frame, &grid, part);
     let phases = Phases::new(&grid, &lenses, &demodulator.harmonics);
     let coherence = phases.coherence();
-    grid.residual_px = phases.residual();
+    (grid.residual_px, grid.scatter_px) = (phases.residual_about(&grid), phases.scatter_about(&grid));
     grid.coherence = coherence;
     grid
 }
@@ -275,7 +287,7 @@ fn judged(frame: &LogFrame, mut grid: Grid, part: [usize; 4]) -> Grid {
 /// Where the frame is clean enough to tell, the array's own departure from an exact lattice: affine first, then as many
 /// degrees as the data ask for. `None` for a textured frame: texture moves single micro-images more than any array does,
 /// and its mean field is no property of the array.
-fn bend(frame: &LogFrame, grid: &Grid, degree_max: usize) -> Option<Grid> {
+fn bend(frame: &Frame, grid: &Grid, degree_max: usize) -> Option<Grid> {
     let whole = [0, 0, frame.width, frame.height];
     let (demodulator, lenses) = demodulated(frame, grid, whole);
     let phases = Phases::new(grid, &lenses, &demodulator.harmonics);
@@ -302,32 +314,37 @@ fn bend(frame: &LogFrame, grid: &Grid, degree_max: usize) -> Option<Grid> {
         Some(judged(frame, twice, whole))
     };
     let best = bent(asked)?;
-    if best.residual_px > CLEAN_RESIDUAL * best.pitch_px() {
+    if best.scatter_px > CLEAN_SCATTER * best.pitch_px() {
         return None;
     }
     if asked > degree_max { bent(degree_max) } else { Some(best) }
 }
 
-/// The grid of a textured frame, placed by the mean profile; that of a clean frame as it is.
-fn matched(frame: &LogFrame, grid: Grid, model: Model) -> Grid {
-    /// The profile is averaged with the grid that it corrects: the third round no longer changes it.
-    const ROUNDS: usize = 3;
-    if grid.residual_px < CLEAN_RESIDUAL * grid.pitch_px() {
+/// The grid of a textured frame, placed by the mean profile from where it is or from one of `others`; that of a clean
+/// frame as it is.
+fn placed(frame: &Frame, grid: Grid, others: &[Grid], known: Option<Known>, model: Model) -> Grid {
+    if grid.scatter_px < CLEAN_SCATTER * grid.pitch_px() {
         return grid;
     }
-    let harmonics = Demodulator::new(&grid).harmonics;
-    let mut matched = grid.clone();
-    for _ in 0..ROUNDS {
-        let Some(matcher) = Matcher::new(frame, &matched) else { return grid };
-        let lenses = matcher.run(frame, &matched, &harmonics);
-        let phases = Phases::new(&matched, &lenses, &harmonics);
-        let Some(fit) = phases.fit(model) else { return grid };
-        let residual = phases.residual();
-        matched = Grid { residual_px: residual, ..fit.grid };
-    }
-    // Far from where the phases have it the linear comparison does not hold.
-    let moved = distance(matched.centre, grid.centre);
-    if moved < 0.1 * grid.pitch_px() { matched } else { grid }
+    let lenses: Vec<MicroImage> = grid.micro_images_within(0.0).collect();
+    let effort = Effort { step: step_for(&grid, lenses.len()), rounds: 8, at_rest_px: 0.003 };
+    let mut starts = vec![grid.clone()];
+    starts.extend_from_slice(others);
+    let Some(matched) = matched_best(frame, &starts, &lenses, known, model, effort) else { return grid };
+    // Far from all of them the linear comparison does not hold.
+    let near = |start: &Grid| distance(matched.fit.grid.centre, start.centre) < 0.1 * grid.pitch_px();
+    if starts.iter().any(near) { matched.fit.grid } else { grid }
+}
+
+/// Every so many pixels of every so many rows are enough for so many micro-images.
+fn step_for(grid: &Grid, lenses: usize) -> usize {
+    /// Samples of a pass over the frame.
+    const ENOUGH: f64 = 4e6;
+    /// Fewest samples a pitch.
+    const PER_PITCH: f64 = 9.0;
+    let pitch = grid.pitch_px();
+    let all = 4.0 * pitch * pitch * lenses as f64;
+    (all / ENOUGH).sqrt().ceil().min(pitch / PER_PITCH).max(1.0) as usize
 }
 
 /// The same grid, counted from the micro-image nearest the frame's centre.

@@ -4,7 +4,7 @@ use realfft::RealFftPlanner;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
-use super::LogFrame;
+use super::frame::Frame;
 use crate::optics::ArrayKind;
 
 /// Largest side of the part of the frame that is transformed, px: ten lens pitches of the greatest pitch.
@@ -37,13 +37,13 @@ struct Peak {
 }
 
 /// The central part of the frame that [`candidates`] looks at: x, y, width, height.
-pub(super) fn central_part(frame: &LogFrame) -> [usize; 4] {
+pub(super) fn central_part(frame: &Frame) -> [usize; 4] {
     let (w, h) = (transform_size(frame.width), transform_size(frame.height));
     [(frame.width - w) / 2, (frame.height - h) / 2, w, h]
 }
 
 /// Possible lattices, the likeliest first.
-pub(super) fn candidates(frame: &LogFrame, part: [usize; 4], pitch: [f64; 2]) -> Vec<Candidate> {
+pub(super) fn candidates(frame: &Frame, part: [usize; 4], pitch: [f64; 2]) -> Vec<Candidate> {
     let [_, _, w, h] = part;
     let power = power_spectrum(frame, part);
     let peaks = peaks(&power, w, h, 0.8 / pitch[1]);
@@ -151,18 +151,18 @@ fn hann(n: usize) -> Vec<f32> {
 }
 
 /// Power at (kx, ky), kx from 0 to w/2, row by row of ky.
-fn power_spectrum(frame: &LogFrame, [x0, y0, w, h]: [usize; 4]) -> Vec<f32> {
+fn power_spectrum(frame: &Frame, [x0, y0, w, h]: [usize; 4]) -> Vec<f32> {
     let forward = RealFftPlanner::<f32>::new().plan_fft_forward(w);
     let half = w / 2 + 1;
-    let row_of = |y: usize| &frame.values[(y0 + y) * frame.width + x0..][..w];
-    let mean =
-        ((0..h).map(|y| row_of(y).iter().map(|&v| f64::from(v)).sum::<f64>()).sum::<f64>() / (w * h) as f64) as f32;
+    let mut values = vec![0.0f32; w * h];
+    values.chunks_exact_mut(w).enumerate().for_each(|(y, row)| frame.row(y0 + y, x0, row));
+    let mean = (values.iter().map(|&v| f64::from(v)).sum::<f64>() / (w * h) as f64) as f32;
     let (wx, wy) = (hann(w), hann(h));
     let mut columns = vec![Complex::new(0.0f32, 0.0); half * h];
     let mut line = vec![0.0f32; w];
     let mut transformed = vec![Complex::new(0.0f32, 0.0); half];
     for y in 0..h {
-        for ((v, &s), &a) in line.iter_mut().zip(row_of(y)).zip(&wx) {
+        for ((v, &s), &a) in line.iter_mut().zip(&values[y * w..]).zip(&wx) {
             *v = (s - mean) * a * wy[y];
         }
         // Buffers have the sizes that the plan asks for, so that it cannot fail.
