@@ -19,6 +19,8 @@ const COHERENCE_KNOWN_LEAST: f64 = 0.3;
 /// Median distance of micro-images from the grid, in pitches, up to which a frame counts as clean (a white frame) and
 /// may ask for more than a lattice.
 pub(super) const CLEAN_SCATTER: f64 = 0.006;
+/// What a pitch may be beyond the bounds given for it: micro-images are a few per cent farther apart than microlenses.
+const PITCH_SLACK: f64 = 1.02;
 /// Greatest degree of the polynomial map.
 const DEGREE_MAX: usize = 5;
 /// Largest relative change of the pitch that [`refine_grid`] takes for the same grid.
@@ -69,7 +71,7 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
         )));
     }
     let pitch = grid.pitch_px();
-    if pitch < options.pitch_px[0] || pitch > options.pitch_px[1] {
+    if pitch < options.pitch_px[0] / PITCH_SLACK || pitch > options.pitch_px[1] * PITCH_SLACK {
         return Err(no_lattice(format!("the best has a pitch of {pitch:.2} px")));
     }
     if hides_fundamental(&frame, &grid) {

@@ -57,6 +57,14 @@ pub enum SpacingError {
         /// Best correlation found.
         correlation: f64,
     },
+    /// The only match is that of the micro-images as they lie.
+    #[error(
+        "neighbouring micro-images match only as they lie, {pitch_px:.2} px apart: what repeats is the array itself, not a board behind it; take a white frame of this very camera, clean the sensor, and see that the frame is a raw plenoptic one"
+    )]
+    FixedPattern {
+        /// Distance of the micro-images, px.
+        pitch_px: f64,
+    },
     /// Two spacings explain the frame alike.
     #[error(
         "spacings of {first_px:.2} and {second_px:.2} px explain the frame alike: the texture repeats itself, use another board"

@@ -56,6 +56,9 @@ const SAME_PX: f64 = 1.0;
 /// Correlation by which a match must be better than any other.
 const RIVAL_MARGIN: f64 = 0.02;
 
+/// Relative distance from the micro-images' own within which a spacing is theirs and no board's. Capture ranges end
+/// outside it.
+const FIXED_PATTERN: f64 = 0.03;
 /// A change of the spacing during the exposure that is refused, px, and how many standard errors it must stand above
 /// none.
 const SMEAR_PX: f64 = 1.0;
@@ -256,6 +259,7 @@ fn fit(
         return Err(no_match(options, normal.correlation));
     }
     check_texture(&normal, noise)?;
+    check_scene(&model, frames)?;
     let regions = starts.len();
     let sigmas_random_px = (0..regions)
         .map(|r| noise::noise_variance(frames, &model, &DVector::from(inverse.column(r).clone_owned())).sqrt())
@@ -325,6 +329,16 @@ fn no_match(options: &SpacingOptions, correlation: f64) -> SpacingError {
 
 fn check_texture(normal: &Normal, noise: f64) -> Result<(), SpacingError> {
     if normal.texture_significance() < 4.0 { Err(SpacingError::NoTexture { noise }) } else { Ok(()) }
+}
+
+/// Refuses a spacing at which micro-images match as they lie: an image point there would have its image at infinity, so
+/// that what repeats belongs to the array (a profile that is not its own, dirt that repeats, the cells of a screen).
+fn check_scene(model: &Model, frames: &[SpacingFrame]) -> Result<(), SpacingError> {
+    let pitch_px = frames.first().map_or(0.0, |f| f.pitch);
+    if model.spacings.iter().any(|l| (l / pitch_px - 1.0).abs() < FIXED_PATTERN) {
+        return Err(SpacingError::FixedPattern { pitch_px });
+    }
+    Ok(())
 }
 
 /// Refuses a texture that tells the spacing along one direction of the array only.
