@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::grid::{Grid, GridError, GridOptions, find_grid, refine_grid};
+use super::microlenses::{FlaggedMicrolens, flagged_microlenses};
 use super::mosaic::balanced;
 use super::spacing::{
     SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingMap, SpacingOptions, measure_spacing,
@@ -54,6 +55,8 @@ pub struct WhiteModel {
     pub grid: Grid,
     /// The noise-free profile of a micro-image.
     pub vignetting: Vignetting,
+    /// Microlenses that are dead, missing or dirty.
+    pub flagged: Vec<FlaggedMicrolens>,
 }
 
 impl WhiteModel {
@@ -73,7 +76,8 @@ impl WhiteModel {
         let white = &*evened(white, mosaic);
         let grid = find_grid(white, &GridOptions::default())?;
         let vignetting = Vignetting::from_white(white, &grid)?;
-        Ok(Self { grid, vignetting })
+        let flagged = flagged_microlenses(white, &grid, &vignetting);
+        Ok(Self { grid, vignetting, flagged })
     }
 }
 
@@ -143,6 +147,67 @@ pub fn evened(raw: &RawImage, mosaic: Option<CfaPattern>) -> Cow<'_, RawImage> {
     mosaic.map_or(Cow::Borrowed(raw), |pattern| Cow::Owned(balanced(raw, pattern)))
 }
 
+/// The micro-images at a frame's own setting, and what is divided out of it.
+struct Setting {
+    grid: Grid,
+    vignetting: Vec<f32>,
+    fit: Option<ProfileFit>,
+}
+
+impl Setting {
+    /// From a white frame, carried to this one.
+    fn carried(raw: &RawImage, white: &WhiteModel, options: &FrameOptions) -> Result<Self, MeasurementError> {
+        let even = &*evened(raw, options.mosaic);
+        let grid = if options.white_at_this_setting {
+            white.grid.clone()
+        } else {
+            refine_grid(even, &white.grid, Some(&white.vignetting))?
+        };
+        let fit = white.vignetting.fit(even, &grid)?;
+        Ok(Self { vignetting: white.vignetting.render(&grid), grid, fit: Some(fit) })
+    }
+
+    /// From frames of one pose themselves: from their mean, in which texture that differs between them averages out.
+    fn own(raws: &[&RawImage], options: &FrameOptions) -> Result<Self, MeasurementError> {
+        let mean = match raws {
+            [] => return Err(MeasurementError::NoFrame),
+            [only] => Cow::Borrowed(*only),
+            several => Cow::Owned(mean(several)?),
+        };
+        let even = &*evened(&mean, options.mosaic);
+        let grid = find_grid(even, &GridOptions::default())?;
+        Ok(Self { vignetting: Vignetting::from_textured(even, &grid)?.render(&grid), grid, fit: None })
+    }
+
+    /// Divides the vignetting out of a frame.
+    fn prepared(&self, raw: &RawImage, options: &FrameOptions) -> Result<PreparedFrame, MeasurementError> {
+        if let Some(wanted) = options.array.filter(|&wanted| wanted != self.grid.array) {
+            return Err(MeasurementError::OtherArray { found: self.grid.array, wanted });
+        }
+        let mla_pitch_px = options.spacing.mla_pitch_px;
+        if !pitches_belong(self.grid.pitch_px(), mla_pitch_px) {
+            return Err(MeasurementError::OtherPitch { found_px: self.grid.pitch_px(), mla_pitch_px });
+        }
+        let frame = SpacingFrame::of(raw, options.mosaic, &self.vignetting, &self.grid, SLOPE_SIGMA_PX)?;
+        Ok(PreparedFrame { frame, grid: self.grid.clone(), vignetting_fit: self.fit })
+    }
+}
+
+/// The mean of frames of one size, 16 bits deep. A pixel that is saturated in every frame stays so.
+fn mean(raws: &[&RawImage]) -> Result<RawImage, MeasurementError> {
+    let (width, height) = (raws[0].width(), raws[0].height());
+    let mut sums = vec![0.0f32; width * height];
+    for raw in raws {
+        let frame = [raw.width(), raw.height()];
+        if frame != [width, height] {
+            return Err(GridError::OtherFrameSize { grid: [width, height], frame }.into());
+        }
+        let scale = f32::from(u16::MAX) / f32::from(raw.white_level()) / raws.len() as f32;
+        sums.iter_mut().zip(raw.to_f32()).for_each(|(sum, sample)| *sum += scale * sample);
+    }
+    Ok(RawImage::from_u16(width, height, 16, sums.iter().map(|&sum| sum.round() as u16).collect()))
+}
+
 /// Finds a frame's micro-images and divides its vignetting out. Without a white frame both come from the frame itself.
 ///
 /// # Errors
@@ -152,33 +217,11 @@ pub fn prepare_frame(
     white: Option<&WhiteModel>,
     options: &FrameOptions,
 ) -> Result<PreparedFrame, MeasurementError> {
-    let even = &*evened(raw, options.mosaic);
-    let (grid, vignetting, vignetting_fit) = match white {
-        Some(white) => {
-            let grid = if options.white_at_this_setting {
-                white.grid.clone()
-            } else {
-                refine_grid(even, &white.grid, Some(&white.vignetting))?
-            };
-            let fit = white.vignetting.fit(even, &grid)?;
-            let map = white.vignetting.render(&grid);
-            (grid, map, Some(fit))
-        }
-        None => {
-            let grid = find_grid(even, &GridOptions::default())?;
-            let map = Vignetting::from_textured(even, &grid)?.render(&grid);
-            (grid, map, None)
-        }
+    let setting = match white {
+        Some(white) => Setting::carried(raw, white, options)?,
+        None => Setting::own(&[raw], options)?,
     };
-    if let Some(wanted) = options.array.filter(|&wanted| wanted != grid.array) {
-        return Err(MeasurementError::OtherArray { found: grid.array, wanted });
-    }
-    let mla_pitch_px = options.spacing.mla_pitch_px;
-    if !pitches_belong(grid.pitch_px(), mla_pitch_px) {
-        return Err(MeasurementError::OtherPitch { found_px: grid.pitch_px(), mla_pitch_px });
-    }
-    let frame = SpacingFrame::of(raw, options.mosaic, &vignetting, &grid, SLOPE_SIGMA_PX)?;
-    Ok(PreparedFrame { frame, grid, vignetting_fit })
+    setting.prepared(raw, options)
 }
 
 /// Measures one frame.
@@ -193,7 +236,8 @@ pub fn measure_frame(
     measure_frames([raw], white, options)
 }
 
-/// Measures several frames of one pose together; grid and fit of the vignetting are those of the first.
+/// Measures several frames of one pose together; grid and fit of the vignetting are those of the first, or without a
+/// white frame those of their mean.
 ///
 /// # Errors
 /// [`MeasurementError`] says which part failed and why.
@@ -202,7 +246,14 @@ pub fn measure_frames<'a>(
     white: Option<&WhiteModel>,
     options: &FrameOptions,
 ) -> Result<FrameMeasurement, MeasurementError> {
-    let prepared = raws.into_iter().map(|raw| prepare_frame(raw, white, options)).collect::<Result<Vec<_>, _>>()?;
+    let raws: Vec<&RawImage> = raws.into_iter().collect();
+    let prepared: Vec<PreparedFrame> = match white {
+        Some(_) => raws.iter().map(|raw| prepare_frame(raw, white, options)).collect::<Result<_, _>>()?,
+        None => {
+            let setting = Setting::own(&raws, options)?;
+            raws.iter().map(|raw| setting.prepared(raw, options)).collect::<Result<_, _>>()?
+        }
+    };
     let Some(first) = prepared.first() else { return Err(MeasurementError::NoFrame) };
     let (grid, vignetting_fit) = (first.grid.clone(), first.vignetting_fit);
     let frames: Vec<SpacingFrame> = prepared.into_iter().map(|p| p.frame).collect();

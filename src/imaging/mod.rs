@@ -11,6 +11,7 @@ pub mod grid;
 pub mod interpolation;
 pub mod live;
 pub mod measurement;
+pub mod microlenses;
 pub mod mosaic;
 pub mod overlay;
 pub mod spacing;

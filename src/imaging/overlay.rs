@@ -4,10 +4,12 @@
 //! Every micro-image has its circle and is tinted by its spacing less the wanted one: blue below, orange above (told
 //! apart by every kind of colour vision), pale where its own uncertainty is as large. A mark between two circles stands
 //! for a pair, white where it counts, dark where it hardly does. Micro-images that do not show what their neighbours
-//! show are crossed out in magenta; those without texture have a dashed circle and no tint.
+//! show are crossed out in magenta; those without texture have a dashed circle and no tint. Microlenses that the white
+//! frame shows to be dead, missing or dirty are framed in yellow.
 
 use image::{Rgb, RgbImage};
 
+use super::microlenses::FlaggedMicrolens;
 use super::spacing::{LensState, SpacingMap};
 use crate::raw::RawImage;
 
@@ -16,6 +18,7 @@ const BELOW: [f64; 3] = [40.0, 110.0, 255.0];
 const ABOVE: [f64; 3] = [255.0, 140.0, 0.0];
 const CIRCLE: [f64; 3] = [90.0, 220.0, 200.0];
 const CROSS: [f64; 3] = [255.0, 0.0, 200.0];
+const FRAME: [f64; 3] = [255.0, 230.0, 0.0];
 const PAIR: [f64; 3] = [255.0, 255.0, 255.0];
 const WEAK_PAIR: [f64; 3] = [70.0, 70.0, 70.0];
 /// How strongly the strongest tint covers the frame.
@@ -25,10 +28,20 @@ const LEAST_WEIGHT: f64 = 0.2;
 /// Frames with a pitch below this are drawn enlarged, so that circles can be told apart, px.
 const PITCH_MIN_PX: f64 = 24.0;
 
-/// Draws `map` over `raw`. `pitch_px` is the micro-image pitch; `wanted_px` the spacing whose tint is none, and
-/// `range_px` how far from it the tint is strongest. The picture is a whole number of times as large as the frame.
+/// The spacing whose micro-images have no tint, and how far from it the tint is strongest, px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tint {
+    /// No tint.
+    pub wanted_px: f64,
+    /// Strongest tint this far from it.
+    pub range_px: f64,
+}
+
+/// Draws `map` and the `flagged` microlenses over `raw`, whose micro-image pitch is `pitch_px`. The picture is a whole
+/// number of times as large as the frame.
 #[must_use]
-pub fn draw(raw: &RawImage, map: &SpacingMap, pitch_px: f64, wanted_px: f64, range_px: f64) -> RgbImage {
+pub fn draw(raw: &RawImage, map: &SpacingMap, flagged: &[FlaggedMicrolens], pitch_px: f64, tint: Tint) -> RgbImage {
+    let Tint { wanted_px, range_px } = tint;
     let enlarged = (PITCH_MIN_PX / pitch_px).ceil().clamp(1.0, 4.0);
     let mut canvas = Canvas::new(raw, enlarged as usize);
     let radius = 0.46 * pitch_px;
@@ -56,6 +69,14 @@ pub fn draw(raw: &RawImage, map: &SpacingMap, pitch_px: f64, wanted_px: f64, ran
                 canvas.line(corner(-1.0, -1.0), corner(1.0, 1.0), CROSS, 1.0);
                 canvas.line(corner(-1.0, 1.0), corner(1.0, -1.0), CROSS, 1.0);
             }
+        }
+    }
+    for microlens in flagged {
+        let [x, y] = microlens.centre_px;
+        let corners =
+            [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[u, v]| [x + u * radius, y + v * radius]);
+        for k in 0..4 {
+            canvas.line(corners[k], corners[(k + 1) % 4], FRAME, 1.0);
         }
     }
     canvas.picture
@@ -131,6 +152,7 @@ impl Canvas {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::imaging::microlenses::MicrolensFlag;
     use crate::imaging::spacing::{LensSpacing, PairMatch};
 
     #[test]
@@ -151,13 +173,22 @@ mod tests {
             ],
             pairs: vec![PairMatch { centres_px: [[14.0, 15.0], [44.0, 15.0]], weight: 1.0 }],
         };
-        let picture = draw(&raw, &map, 30.0, 19.5, 0.4);
+        let flagged = FlaggedMicrolens {
+            index: [0, 0],
+            centre_px: [44.0, 15.0],
+            flag: MicrolensFlag::Dirty,
+            transmission: 0.5,
+            misfit: 0.0,
+        };
+        let tint = Tint { wanted_px: 19.5, range_px: 0.4 };
+        let picture = draw(&raw, &map, &[flagged], 30.0, tint);
         let at = |x: u32, y: u32| picture.get_pixel(x, y).0;
         assert_eq!(picture.dimensions(), (90, 30));
         assert!(at(14, 15)[2] > at(14, 15)[0] + 80, "below is blue: {:?}", at(14, 15));
         assert!(at(44, 15)[0] > at(44, 15)[2] + 60, "above is orange: {:?}", at(44, 15));
         assert_eq!(at(74, 15), [255, 0, 200]);
+        assert_eq!(at(44, 1), [255, 230, 0], "its microlens is dirty");
         assert!(at(29, 15).iter().all(|&v| v > 200), "the pair: {:?}", at(29, 15));
-        assert_eq!(draw(&raw, &map, 10.0, 19.5, 0.4).dimensions(), (270, 90));
+        assert_eq!(draw(&raw, &map, &[], 10.0, tint).dimensions(), (270, 90));
     }
 }

@@ -30,6 +30,7 @@ fn measure_prints_one_object() {
     assert!((number("/grid/pitch_px") - 29.4926).abs() < 0.002);
     assert!((number("/grid/rotation_deg") - 0.25).abs() < 0.005);
     assert!(number("/grid/micro_images") > 800.0 && number("/grid/residual_px") >= 0.0);
+    assert!(number("/white/micro_images") > 800.0 && report["white"]["flagged"].as_array().is_some_and(Vec::is_empty));
     assert!(report["grid"]["centre_px"].as_array().is_some_and(|c| c.len() == 2));
     assert!((number("/spacing/on_axis_px") - 19.6121).abs() < 0.01);
     for key in ["tilt_x_px", "tilt_y_px", "curvature_px", "row_column_px", "diagonal_px", "pairs", "covariance_px2/6/6"]

@@ -17,6 +17,7 @@ mod grid_arrays;
 mod grid_check;
 mod live;
 mod measure_cli;
+mod microlenses;
 mod no_frame;
 mod optics;
 mod rendered;

@@ -8,7 +8,8 @@ use plenalign::imaging::grid::Grid;
 use plenalign::optics::ArrayKind;
 use plenalign::raw::RawImage;
 use plenalign::sim::exposure::{Noise, expose};
-use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
+use plenalign::sim::flaws::Flaws;
+use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use plenalign::sim::scene::{Board, Scene, texel_for};
 use plenalign::sim::texture::TextureMap;
 
@@ -23,6 +24,8 @@ pub(super) struct Rendered {
     pub noise: f64,
     pub rays: u32,
     pub seed: u64,
+    pub flaws: Flaws,
+    pub focal_factors: [f64; 3],
 }
 
 impl Default for Rendered {
@@ -36,6 +39,8 @@ impl Default for Rendered {
             noise: 2.0,
             rays: 8,
             seed: 1,
+            flaws: Flaws::default(),
+            focal_factors: [1.0; 3],
         }
     }
 }
@@ -52,6 +57,7 @@ impl Rendered {
         camera.pixel = camera.mla_pitch * ratio / self.pitch_px;
         camera.rotation = self.rotation_deg.to_radians();
         camera.offset = self.offset.map(|x| x / ratio);
+        camera.focal_factors = self.focal_factors;
         (camera, joint.equivalent_distance)
     }
 
@@ -59,7 +65,8 @@ impl Rendered {
         let [w, h] = self.size;
         let noise = Noise { read_noise_levels: self.noise, ..Noise::default() };
         let options = RenderOptions { rays: self.rays, seed: self.seed };
-        expose(&render(camera, scene, options), w, h, &noise, 2 * self.seed)
+        let irradiance = Renderer::new(options).render_flawed(camera, scene, &self.flaws, None);
+        expose(&irradiance, w, h, &noise, 2 * self.seed)
     }
 
     /// A frame through the diffuser.

@@ -7,7 +7,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use plenalign::config::{Config, Texture};
-use plenalign::imaging::measurement::{FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frame};
+use plenalign::imaging::grid::GridError;
+use plenalign::imaging::measurement::{
+    FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frame, measure_frames,
+};
 use plenalign::imaging::spacing::SpacingError;
 use plenalign::raw::{self, RawImage};
 use plenalign::sim::exposure::{Noise, expose};
@@ -15,6 +18,8 @@ use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
 use plenalign::sim::scene::{Board, Scene, texel_for};
 use plenalign::sim::texture::TextureMap;
 use serde_json::Value;
+
+use super::rendered::{Rendered, centres_rms};
 
 const PIXEL_MM: f64 = 0.00345;
 
@@ -173,4 +178,23 @@ fn frames_without_an_answer_are_refused() {
     other.array = Some(plenalign::optics::ArrayKind::Square);
     let wrong = measure_frame(&raw, Some(&WhiteModel::new(&white).unwrap()), &other).unwrap_err();
     assert!(matches!(wrong, MeasurementError::OtherPitch { .. }), "{wrong}");
+}
+
+#[test]
+fn frames_of_changing_texture_share_the_grid_of_their_mean() {
+    let frames: Vec<RawImage> =
+        (1..=6).map(|seed| Rendered { seed, rays: 16, ..Rendered::default() }.textured(Texture::Natural)).collect();
+    let truth = Rendered::default().grid();
+    let measure = |frames: &[RawImage]| measure_frames(frames, None, &FrameOptions::new(100.0 / 3.45)).unwrap();
+    let [one, all] = [measure(&frames[..1]), measure(&frames)];
+    let [by_one, by_all] = [&one, &all].map(|m| centres_rms(&m.grid, &truth));
+    println!(
+        "centres {by_one:.4} px rms from one, {by_all:.4} from six; σ {:.4} and {:.4} px",
+        one.spacing.sigma_px, all.spacing.sigma_px
+    );
+    assert!(by_all < 0.6 * by_one && by_all < 0.05, "{by_one} and {by_all} px rms");
+    assert!(all.spacing.sigma_px < 0.7 * one.spacing.sigma_px);
+    let other = RawImage::from_u8(300, 400, vec![9; 120_000]);
+    let refused = measure_frames([&frames[0], &other], None, &FrameOptions::new(100.0 / 3.45));
+    assert!(matches!(refused, Err(MeasurementError::Grid(GridError::OtherFrameSize { .. }))), "{refused:?}");
 }

@@ -11,7 +11,7 @@ use super::Context;
 use crate::config::Config;
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frames};
-use crate::imaging::overlay;
+use crate::imaging::overlay::{self, Tint};
 use crate::optics::MlaMode;
 use crate::raw::{self, RawImage};
 
@@ -38,7 +38,7 @@ pub(super) struct Args {
     /// The frames were taken in air, without the shell.
     #[arg(long)]
     air: bool,
-    /// Draw micro-images, pairs, spacing error and rejected micro-images over the (first) frame, into this PNG.
+    /// Draw micro-images, pairs, spacing error, rejected micro-images and flawed microlenses over the (first) frame, into this PNG.
     #[arg(long, value_name = "FILE")]
     overlay: Option<PathBuf>,
     /// Print one JSON object instead of text.
@@ -63,10 +63,12 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let options = FrameOptions { map: true, ..frame_options(config) };
     let names = || args.raw.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
     let measured = measure_frames(&raws, white.as_ref(), &options).with_context(names)?;
-    let report = Report::new(config, &args, &raws, &measured);
+    let report = Report::new(config, &args, &raws, white.as_ref(), &measured);
     if let (Some(path), Some(map)) = (&args.overlay, &measured.map) {
         let range_px = OVERLAY_RANGE * config.assembly.blur_limit_px;
-        let picture = overlay::draw(&raws[0], map, measured.grid.pitch_px(), report.target_px(), range_px);
+        let tint = Tint { wanted_px: report.target_px(), range_px };
+        let flagged = white.as_ref().map_or(&[][..], |white| &white.flagged);
+        let picture = overlay::draw(&raws[0], map, flagged, measured.grid.pitch_px(), tint);
         picture.save(path).with_context(|| format!("{}: the overlay could not be written", path.display()))?;
         if !args.json {
             println!("overlay          {}: blue below the target, orange above, full at {range_px} px", path.display());

@@ -5,7 +5,8 @@ use serde::Serialize;
 use super::{Args, disagreements};
 use crate::config::{Config, SpacingTarget};
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::FrameMeasurement;
+use crate::imaging::measurement::{FrameMeasurement, WhiteModel};
+use crate::imaging::microlenses::{FlaggedMicrolens, MicrolensFlag};
 use crate::imaging::spacing::{LensSpacing, LensState, Spacing, SpacingMap};
 use crate::optics::MlaMode;
 use crate::raw::RawImage;
@@ -133,10 +134,46 @@ impl Targets {
     }
 }
 
+/// What the white frame says of the microlenses.
+#[derive(Debug, Serialize)]
+struct WhiteReport {
+    micro_images: usize,
+    residual_px: f64,
+    scatter_px: f64,
+    /// Those that are dead, missing or dirty.
+    flagged: Vec<FlaggedMicrolens>,
+}
+
+impl WhiteReport {
+    fn new(white: &WhiteModel) -> Self {
+        Self {
+            micro_images: white.grid.micro_images(),
+            residual_px: white.grid.residual_px,
+            scatter_px: white.grid.scatter_px,
+            flagged: white.flagged.clone(),
+        }
+    }
+
+    /// Such as `2 dead, 1 dirty of 1369`.
+    fn words(&self) -> String {
+        let kinds =
+            [(MicrolensFlag::Dead, "dead"), (MicrolensFlag::Missing, "missing"), (MicrolensFlag::Dirty, "dirty")];
+        let counts: Vec<String> = kinds
+            .iter()
+            .map(|(flag, word)| (self.flagged.iter().filter(|lens| lens.flag == *flag).count(), word))
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, word)| format!("{count} {word}"))
+            .collect();
+        let flagged = if counts.is_empty() { "none flagged".to_owned() } else { counts.join(", ") };
+        format!("{flagged} of {} in the white frame", self.micro_images)
+    }
+}
+
 /// What is printed, and the JSON object.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     grid: GridReport,
+    white: Option<WhiteReport>,
     spacing: SpacingReport,
     /// The target of the configuration: paraxial, or (where it asks for that and e is given) over the window.
     target_px: f64,
@@ -152,7 +189,13 @@ pub(super) struct Report {
 }
 
 impl Report {
-    pub(super) fn new(config: &Config, args: &Args, raws: &[RawImage], measured: &FrameMeasurement) -> Self {
+    pub(super) fn new(
+        config: &Config,
+        args: &Args,
+        raws: &[RawImage],
+        white: Option<&WhiteModel>,
+        measured: &FrameMeasurement,
+    ) -> Self {
         let pixel = config.pixel_pitch().millimetres();
         let mla_pitch_px = config.design().mla.pitch / pixel;
         let spacing_px = measured.spacing.on_axis_px;
@@ -173,6 +216,7 @@ impl Report {
         }
         Self {
             grid: GridReport::new(&measured.grid),
+            white: white.map(WhiteReport::new),
             spacing: SpacingReport::new(&measured.spacing, measured.map.as_ref(), mla_pitch_px, args.lenses),
             target_px,
             targets,
@@ -200,6 +244,9 @@ impl Report {
             "centre",
             format!("{:.3}, {:.3} px, residual {:.3} px", grid.centre_px[0], grid.centre_px[1], grid.residual_px),
         );
+        if let Some(white) = &self.white {
+            row("microlenses", white.words());
+        }
         let mode = match spacing.mode {
             MlaMode::Galilean => "Galilean",
             MlaMode::Keplerian => "Keplerian",

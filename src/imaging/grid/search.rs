@@ -21,6 +21,8 @@ const COHERENCE_KNOWN_LEAST: f64 = 0.3;
 pub(super) const CLEAN_SCATTER: f64 = 0.006;
 /// What a pitch may be beyond the bounds given for it: micro-images are a few per cent farther apart than microlenses.
 const PITCH_SLACK: f64 = 1.02;
+/// Finest pitch at which micro-images can be told from each other, px.
+const FINEST_PX: f64 = 4.0;
 /// Greatest degree of the polynomial map.
 const DEGREE_MAX: usize = 5;
 /// Largest relative change of the pitch that [`refine_grid`] takes for the same grid.
@@ -61,9 +63,12 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
             break;
         }
     }
-    let Some(grid) = best else {
+    let Some(mut grid) = best else {
         return Err(scarce.unwrap_or_else(|| no_lattice("its phases determine no lattice".to_owned())));
     };
+    while let Some(finer) = finer(&frame, &grid).and_then(|start| settle(&frame, start, part)) {
+        grid = finer;
+    }
     if grid.coherence < COHERENCE_LEAST {
         return Err(no_lattice(format!(
             "the best has a coherence of {:.2}, at least {COHERENCE_LEAST} is needed",
@@ -192,12 +197,54 @@ fn hides_fundamental(frame: &Frame, grid: &Grid) -> bool {
 /// A candidate's lattice, in canonical basis, with its centre still anywhere.
 fn start(candidate: &Candidate, frame_size: [usize; 2]) -> Grid {
     let centre = frame_size.map(|n| (n as f64 - 1.0) / 2.0);
-    let [a, b] = canonical(candidate.array, reciprocal(candidate.reciprocal));
-    // The exact array nearest to it: two peaks of a spectrum are not placed well enough to tell a shear.
-    let (sine, cosine) = symmetry(candidate.array).sin_cos();
+    exact(candidate.array, reciprocal(candidate.reciprocal), centre, frame_size)
+}
+
+/// The exact array nearest to a basis, which two peaks of a spectrum do not give well enough to tell a shear.
+fn exact(array: ArrayKind, basis: [[f64; 2]; 2], centre: [f64; 2], frame_size: [usize; 2]) -> Grid {
+    let [a, b] = canonical(array, basis);
+    let (sine, cosine) = symmetry(array).sin_cos();
     let a = [(a[0] + cosine * b[0] + sine * b[1]) / 2.0, (a[1] - sine * b[0] + cosine * b[1]) / 2.0];
     let b = [cosine * a[0] - sine * a[1], sine * a[0] + cosine * a[1]];
-    Grid::affine(candidate.array, centre, [a, b], frame_size)
+    Grid::affine(array, centre, [a, b], frame_size)
+}
+
+/// The lattice of all micro-images where this one has only those of one type: microlenses of several focal lengths repeat
+/// at √2, √3 or twice their pitch. The places between its micro-images are then as bright as they are, where one
+/// array would have its gaps.
+fn finer(frame: &Frame, grid: &Grid) -> Option<Grid> {
+    let [a, b] = grid.basis;
+    let along = |s: f64, t: f64| [s * a[0] + t * b[0], s * a[1] + t * b[1]];
+    let level = |places: &[[f64; 2]]| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        let mut value = [0.0f32];
+        for m in grid.micro_images_within(0.0) {
+            for place in places {
+                let [x, y] = [m.x + place[0], m.y + place[1]].map(f64::round);
+                if x >= 0.0 && y >= 0.0 && x < frame.width as f64 && y < frame.height as f64 {
+                    frame.row(y as usize, x as usize, &mut value);
+                    sum += f64::from(value[0]);
+                    count += 1.0;
+                }
+            }
+        }
+        sum / f64::max(count, 1.0)
+    };
+    let own = level(&[[0.0, 0.0]]);
+    let bright = |between: &[[f64; 2]], gap: &[[f64; 2]]| level(between) > f64::midpoint(own, level(gap));
+    let half = [along(0.5, 0.0), along(0.0, 0.5)];
+    let quarter = [along(0.25, 0.0), along(0.0, 0.25)];
+    let basis = match grid.array {
+        ArrayKind::Square if bright(&[along(0.5, 0.5)], &half) => [along(0.5, -0.5), along(0.5, 0.5)],
+        ArrayKind::Hexagonal if bright(&[along(1.0 / 3.0, 1.0 / 3.0), along(2.0 / 3.0, 2.0 / 3.0)], &half) => {
+            [along(2.0 / 3.0, -1.0 / 3.0), along(1.0 / 3.0, 1.0 / 3.0)]
+        }
+        _ if bright(&half, &quarter) => half,
+        _ => return None,
+    };
+    let finer = exact(grid.array, basis, grid.centre, grid.frame_size);
+    // Below the least pitch of any use there is nothing to be had.
+    (finer.pitch_px() > FINEST_PX).then_some(finer)
 }
 
 /// The angle by which an array turns into itself, radians.
