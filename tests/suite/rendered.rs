@@ -61,6 +61,20 @@ impl Rendered {
         (camera, joint.equivalent_distance)
     }
 
+    /// The MLA pitch, px of the frame.
+    pub(super) fn mla_pitch_px(&self) -> f64 {
+        let camera = self.camera().0;
+        camera.mla_pitch / camera.pixel
+    }
+
+    /// The spacing of the board's image points, px: what holds near the axis.
+    pub(super) fn spacing_px(&self) -> f64 {
+        let mut config = Config::default();
+        config.mla.array = self.array;
+        let (design, (camera, distance)) = (config.design(), self.camera());
+        design.exact_in_air(design.joint(0.0).delta_v, distance).paraxial_spacing() / camera.pixel
+    }
+
     fn exposed(&self, camera: &CameraTruth, scene: &Scene) -> RawImage {
         let [w, h] = self.size;
         let noise = Noise { read_noise_levels: self.noise, ..Noise::default() };

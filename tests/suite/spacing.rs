@@ -185,7 +185,9 @@ fn frames_of_changing_texture_share_the_grid_of_their_mean() {
     let frames: Vec<RawImage> =
         (1..=6).map(|seed| Rendered { seed, rays: 16, ..Rendered::default() }.textured(Texture::Natural)).collect();
     let truth = Rendered::default().grid();
-    let measure = |frames: &[RawImage]| measure_frames(frames, None, &FrameOptions::new(100.0 / 3.45)).unwrap();
+    let measure = |frames: &[RawImage]| {
+        measure_frames(frames, None, &FrameOptions::new(Rendered::default().mla_pitch_px())).unwrap()
+    };
     let [one, all] = [measure(&frames[..1]), measure(&frames)];
     let [by_one, by_all] = [&one, &all].map(|m| centres_rms(&m.grid, &truth));
     println!(
@@ -195,6 +197,21 @@ fn frames_of_changing_texture_share_the_grid_of_their_mean() {
     assert!(by_all < 0.6 * by_one && by_all < 0.05, "{by_one} and {by_all} px rms");
     assert!(all.spacing.sigma_px < 0.7 * one.spacing.sigma_px);
     let other = RawImage::from_u8(300, 400, vec![9; 120_000]);
-    let refused = measure_frames([&frames[0], &other], None, &FrameOptions::new(100.0 / 3.45));
+    let refused = measure_frames([&frames[0], &other], None, &FrameOptions::new(Rendered::default().mla_pitch_px()));
     assert!(matches!(refused, Err(MeasurementError::Grid(GridError::OtherFrameSize { .. }))), "{refused:?}");
+}
+
+#[test]
+fn flat_micro_images_without_noise_do_no_harm() {
+    // Most micro-images of a chequered board are black or white all over; in a noise-free frame their moments are
+    // rounding errors.
+    for seed in [4, 7, 10, 12] {
+        let frame = Rendered { seed, noise: 0.0, rays: 32, rotation_deg: 0.3, ..Rendered::default() };
+        let white = WhiteModel::new(&frame.white()).unwrap();
+        let options = FrameOptions::new(frame.mla_pitch_px());
+        let spacing = measure_frame(&frame.textured(Texture::Charuco), Some(&white), &options).unwrap().spacing;
+        let error = spacing.on_axis_px - frame.spacing_px();
+        println!("{seed}: error {error:+.5} ± {:.5} px", spacing.sigma_px);
+        assert!(error.abs() < 0.01 && spacing.sigma_px < 0.01, "{seed}: {error:+} ± {} px", spacing.sigma_px);
+    }
 }

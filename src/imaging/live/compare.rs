@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::shape::{LANES, Shape};
+use super::shape::Shape;
 use super::tile::Tile;
 use super::vector::{load, store, vectors};
 use crate::imaging::interpolation::{slope_weights, weights};
@@ -97,7 +97,7 @@ impl Overlap {
         shape: &Shape,
         warp: &mut Warp,
     ) -> Option<Moments> {
-        warp.fit(self.rows * self.columns.next_multiple_of(LANES));
+        warp.fit(self.rows * self.columns.next_multiple_of(shape.lanes));
         let stride = shape.stride;
         let [ux, uy] = self.unit;
         let (wx, wy) = (splat(simd, weights(self.fraction[0]), 1.0), splat(simd, weights(self.fraction[1]), 1.0));

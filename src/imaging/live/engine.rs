@@ -10,7 +10,7 @@ use super::run::{Clusters, Pass, Pool, run};
 use super::shape::Shape;
 use super::{LiveError, LiveOptions, LiveSpacing};
 use crate::imaging::grid::Grid;
-use crate::imaging::spacing::{LEAST_PAIRS, MASK_FRACTION, SpacingError};
+use crate::imaging::spacing::{LEAST_PAIRS, MASK_FRACTION, MODEL_SIGMA_PX, SpacingError};
 
 /// Pixels that a tile reaches beyond the largest mask, where the frame goes on so far.
 const MARGIN_PX: f64 = 4.0;
@@ -232,13 +232,14 @@ impl Engine {
             let Self { plan, random, normals: [_, normal], .. } = self;
             let setting = Setting { frame, plan, model: &before, normal, shape: &shape, noise };
             let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
-            let covariance = normal.scatter(&inverse, &step, model.unknowns());
+            let mut covariance = normal.scatter(&inverse, &step, model.unknowns());
+            // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
+            covariance[(0, 0)] = covariance[(0, 0)].max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2);
             self.state = Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });
             let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, row_column_px, diagonal_px] = model.terms.into();
             return Ok(LiveSpacing {
                 on_axis_px,
-                // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
-                sigma_px: covariance[(0, 0)].sqrt().max(sigma_random_px),
+                sigma_px: covariance[(0, 0)].sqrt(),
                 sigma_random_px,
                 tilt_x_px,
                 tilt_y_px,

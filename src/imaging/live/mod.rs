@@ -121,7 +121,8 @@ pub enum LiveError {
 pub struct LiveSpacing {
     /// l_0: the spacing on the axis, mean over the lattice directions, px.
     pub on_axis_px: f64,
-    /// Its standard uncertainty, px: noise and what the model cannot explain, from the scatter between field blocks.
+    /// Its standard uncertainty, px: noise and what the model cannot explain, from the scatter between field blocks and
+    /// from what is known of the model's own limits.
     pub sigma_px: f64,
     /// Its standard uncertainty from pixel noise alone, px.
     pub sigma_random_px: f64,

@@ -44,7 +44,8 @@ impl Order {
     #[inline(always)]
     pub(super) fn new(m: &Moments, noise: f64) -> Self {
         let share = noise * noise * m.pixels;
-        let clean = |moment: f64| (moment - share).max(0.25 * moment).max(1e-9);
+        // Where a micro-image is flat, its moments are rounding errors: never less than the noise would make.
+        let clean = |moment: f64| (moment - share).max(0.25 * moment).max(0.25 * share).max(1e-9);
         let (aa, bb) = (clean(m.aa), clean(m.bb));
         let gain = (aa / bb).sqrt().clamp(0.25, 4.0);
         let projection = m.ta / aa;

@@ -1,7 +1,7 @@
 //! How large tiles are, and how far the filters that make them reach.
 
-/// Pixels that are handled together at most: tiles are padded for vectors of this length.
-pub(super) const LANES: usize = 8;
+/// Pixels that the longest vectors hold.
+pub(super) const LANES: usize = 16;
 /// Reach of the horizontal half of the spline's prefilter, px: its tail is below 0.2 %.
 pub(super) const FIR: usize = 5;
 /// Pixels from the mask's edge that a warped neighbour's spline reaches.
@@ -23,14 +23,28 @@ pub(super) struct Shape {
     pub(super) rows: usize,
     /// From one row to the next, with room for the last vector of a row to reach beyond the mask.
     pub(super) stride: usize,
+    /// Pixels that this machine's vectors hold, which rows are padded for.
+    pub(super) lanes: usize,
+}
+
+/// How many numbers this machine's vectors hold.
+struct Lanes;
+
+impl pulp::WithSimd for Lanes {
+    type Output = usize;
+
+    fn with_simd<S: pulp::Simd>(self, _: S) -> usize {
+        S::F32_LANES
+    }
 }
 
 impl Shape {
     /// For masks of this radius, px.
     pub(super) fn new(radius: f64) -> Self {
         let disc = (radius + 1.0).floor().max(1.0) as usize;
-        let stride = (2 * (LEFT + disc) + 1 + 3).next_multiple_of(LANES);
-        Self { edge: (radius + 0.5) as f32, disc, rows: 2 * (ABOVE + disc) + 1, stride }
+        let lanes = pulp::Arch::new().dispatch(Lanes);
+        let stride = (2 * (LEFT + disc) + 1 + 3).next_multiple_of(lanes);
+        Self { edge: (radius + 0.5) as f32, disc, rows: 2 * (ABOVE + disc) + 1, stride, lanes }
     }
 
     /// Column and row of the pixel nearest the centre.
@@ -40,7 +54,7 @@ impl Shape {
 
     /// Columns that are cut, in whole vectors.
     pub(super) const fn columns(&self) -> usize {
-        (2 * (LEFT + self.disc) + 1).next_multiple_of(LANES)
+        (2 * (LEFT + self.disc) + 1).next_multiple_of(self.lanes)
     }
 
     pub(super) const fn size(&self) -> usize {

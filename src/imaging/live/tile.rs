@@ -46,10 +46,10 @@ impl Tile {
         if self.shape != Some(*shape) {
             self.shape = Some(*shape);
             let [x, y] = &mut self.slopes;
-            // What lies beyond the masks is never written: it must not count.
+            // What lies beyond the masks must not count, and the last row's last vector reaches beyond the row.
             for plane in [&mut self.values, &mut self.coefficients, &mut self.amplitudes, x, y] {
                 plane.clear();
-                plane.resize(shape.size(), 0.0);
+                plane.resize(shape.size() + LANES, 0.0);
             }
         }
     }
@@ -100,7 +100,7 @@ impl Tile {
         let [fx, fy] = self.fraction.map(|f| f as f32);
         let slope = 1.0 / (2.0 * shape.edge - 1.0);
         // Columns up to the mask's last; all loads are where stores were, or they would have to wait for them.
-        let wide = (LEFT + 2 * shape.disc + 1).next_multiple_of(LANES);
+        let wide = (LEFT + 2 * shape.disc + 1).next_multiple_of(shape.lanes);
         let Workspace { edge, planes: [causal, _], lines: [greys, factors], across } = work;
         let mut offset = -((LEFT + shape.disc) as f32) - fx;
         for square in &mut across[..wide] {
@@ -186,7 +186,7 @@ impl Tile {
         for k in 0..=FIR {
             taps[k] = simd.splat_f32s(taps_each[k]);
         }
-        let (first, wide) = (LEFT - SPLINE, (2 * (shape.disc + SPLINE) + 1).next_multiple_of(LANES));
+        let (first, wide) = (LEFT - SPLINE, (2 * (shape.disc + SPLINE) + 1).next_multiple_of(shape.lanes));
         // Rows that were written last come last: a load across two stores waits until both are through.
         for y in (ABOVE - SPLINE..=rows - 1 - (ABOVE - SPLINE)).rev() {
             let from = &plane[y * stride..];
@@ -212,13 +212,15 @@ impl Tile {
         let stride = shape.stride;
         let (two, four, six) = (simd.splat_f32s(2.0), simd.splat_f32s(4.0), simd.splat_f32s(6.0));
         let unit = simd.splat_f32s(1.0 / 128.0);
-        let wide = (2 * shape.disc + 1).next_multiple_of(LANES);
+        // The filter along the rows reaches two pixels beyond the mask on either side.
+        let reach = (2 * shape.disc + 1 + 4).next_multiple_of(shape.lanes);
+        let wide = (2 * shape.disc + 1).next_multiple_of(shape.lanes);
         let [smooth, steep] = &mut work.planes;
         for y in ABOVE..=ABOVE + 2 * shape.disc {
-            let rows = &self.values[(y - 2) * stride..(y + 3) * stride];
-            let smooth = &mut smooth[y * stride..][..wide + LANES];
-            let steep = &mut steep[y * stride..][..wide + LANES];
-            for k in 0..(wide + LANES) / S::F32_LANES {
+            let rows = &self.values[(y - 2) * stride..];
+            let smooth = &mut smooth[y * stride..][..reach];
+            let steep = &mut steep[y * stride..][..reach];
+            for k in 0..reach / S::F32_LANES {
                 let x = k * S::F32_LANES;
                 let x0 = x + LEFT - 2;
                 let v = [

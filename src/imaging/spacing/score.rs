@@ -59,7 +59,8 @@ pub(super) struct Order {
 
 pub(super) fn order(sums: &PairSums, noise: f64, slope_noise: f64) -> Order {
     let share = noise * noise * sums.pixels;
-    let clean = |moment: f64| (moment - share).max(0.25 * moment).max(1e-9);
+    // Where a micro-image is flat, its moments are rounding errors: never less than the noise would make.
+    let clean = |moment: f64| (moment - share).max(0.25 * moment).max(0.25 * share).max(1e-9);
     let (aa, bb) = (clean(sums.aa), clean(sums.bb));
     let gain = (aa / bb).sqrt().clamp(0.25, 4.0);
     let left = (sums.aa - 2.0 * gain * sums.ab + gain * gain * sums.bb).max(0.0);
