@@ -85,7 +85,7 @@ impl Engine {
     pub(super) fn new(grid: &Grid, vignetting: &[f32], options: &LiveOptions) -> Result<Self, SpacingError> {
         let pitch = grid.pitch_px();
         let radius = MASK_FRACTION * pitch / 2.0;
-        let plan = Plan::new(grid, radius + MARGIN_PX);
+        let plan = Plan::new(grid, radius + MARGIN_PX, options.micro_images_most);
         if plan.pairs < LEAST_PAIRS {
             return Err(SpacingError::TooFewMicroImages { pairs: plan.pairs, needed: LEAST_PAIRS });
         }

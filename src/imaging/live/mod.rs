@@ -56,6 +56,10 @@ pub struct LiveOptions {
     pub directions_alike: bool,
     /// How far a micro-image may lie from the known grid, px, before the grid no longer fits.
     pub grid_tolerance_px: f64,
+    /// About how many micro-images are measured at most: of larger frames whole lattice rows are left out, evenly. Beyond
+    /// ten thousand, noise is far below what the model itself is uncertain by, and the time is better spent on the next
+    /// frame.
+    pub micro_images_most: usize,
 }
 
 impl LiveOptions {
@@ -69,6 +73,7 @@ impl LiveOptions {
             field_held: None,
             directions_alike: false,
             grid_tolerance_px: 0.5,
+            micro_images_most: 10_000,
         }
     }
 }

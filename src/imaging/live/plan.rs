@@ -111,8 +111,9 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Plans for all micro-images whose centres are at least `margin` px from the frame's outermost pixel centres.
-    pub(super) fn new(grid: &Grid, margin: f64) -> Self {
+    /// Plans for the micro-images whose centres are at least `margin` px from the frame's outermost pixel centres: all of
+    /// them up to about `most`, else rows of them.
+    pub(super) fn new(grid: &Grid, margin: f64, most: usize) -> Self {
         let mut plan = Self {
             lenses: Vec::new(),
             jobs: Vec::new(),
@@ -122,7 +123,9 @@ impl Plan {
             indices: Vec::new(),
             places: HashMap::new(),
         };
-        for m in grid.micro_images_within(margin + 0.5) {
+        let all = grid.micro_images_within(margin + 0.5).count();
+        let (kept, period) = rows_kept(all, most);
+        for m in grid.micro_images_within(margin + 0.5).filter(|m| m.j.rem_euclid(period) < kept) {
             plan.places.insert([m.i, m.j], plan.lenses.len() as u32);
             plan.indices.push([m.i, m.j]);
             let nearest = [m.x.round(), m.y.round()];
@@ -275,6 +278,20 @@ fn turns(grid: &Grid) -> [[f64; 2]; 3] {
     })
 }
 
+/// How many rows side by side are kept, and of how many: about as many micro-images as `most` of `all`. At least three,
+/// so that most of their pairs are kept with them.
+fn rows_kept(all: usize, most: usize) -> (i32, i32) {
+    let share = most.max(1) as f64 / all.max(1) as f64;
+    if share >= 1.0 {
+        (1, 1)
+    } else if share >= 0.75 {
+        let period = (1.0 / (1.0 - share)).floor().min(1e6) as i32;
+        (period - 1, period)
+    } else {
+        (3, (3.0 / share).ceil().min(1e6) as i32)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -289,7 +306,7 @@ mod tests {
     #[test]
     fn every_pair_is_compared_once_with_its_tiles_at_hand() {
         for (array, angle) in [(ArrayKind::Square, 0.01), (ArrayKind::Square, 0.7), (ArrayKind::Hexagonal, -0.3)] {
-            let plan = Plan::new(&grid(array, 9.3, angle), 8.0);
+            let plan = Plan::new(&grid(array, 9.3, angle), 8.0, usize::MAX);
             let mut seen = std::collections::HashSet::new();
             for job in plan.jobs.iter().chain(&plan.clusters(20)) {
                 let mut ring = vec![None; job.slots];
@@ -316,9 +333,21 @@ mod tests {
     }
 
     #[test]
+    fn of_too_many_micro_images_whole_rows_are_left_out() {
+        let whole = Plan::new(&grid(ArrayKind::Square, 9.3, 0.01), 8.0, usize::MAX);
+        for share in [0.9, 0.8, 0.6, 0.3] {
+            let most = (share * whole.lenses.len() as f64) as usize;
+            let plan = Plan::new(&grid(ArrayKind::Square, 9.3, 0.01), 8.0, most);
+            let kept = plan.lenses.len() as f64 / whole.lenses.len() as f64;
+            assert!(kept < share + 0.05 && kept > share - 0.12, "{kept} for {share}");
+            assert!(plan.pairs as f64 > 0.6 * kept * whole.pairs as f64, "{share}");
+        }
+    }
+
+    #[test]
     fn stars_have_all_neighbours() {
         for (array, most) in [(ArrayKind::Square, 4), (ArrayKind::Hexagonal, 6)] {
-            let plan = Plan::new(&grid(array, 15.0, 0.1), 10.0);
+            let plan = Plan::new(&grid(array, 15.0, 0.1), 10.0, usize::MAX);
             let stars = plan.stars(50);
             assert!(stars.len() > 45);
             assert_eq!(stars.iter().map(|s| s.rays.len()).max(), Some(most));
