@@ -72,8 +72,26 @@ impl Default for BenchConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControllerDriver {
-    /// Grbl 1.1 over serial.
+    /// Grbl 1.1 and grblHAL.
     Grbl,
+}
+
+impl ControllerDriver {
+    /// The word used in configuration and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Grbl => "grbl",
+        }
+    }
+
+    /// The baud rate that the protocol's controllers leave the factory with.
+    #[must_use]
+    pub const fn usual_baud(self) -> u32 {
+        match self {
+            Self::Grbl => 115_200,
+        }
+    }
 }
 
 /// `[bench.controllers.NAME]`
@@ -82,15 +100,29 @@ pub enum ControllerDriver {
 pub struct ControllerConfig {
     /// Protocol.
     pub driver: ControllerDriver,
-    /// Serial port, best by its `/dev/serial/by-id` name.
+    /// Serial port: its `/dev/serial/by-id` name or another path, or `usb:` and a USB serial number.
     pub port: PathBuf,
-    /// Baud rate.
-    #[serde(default = "default_baud")]
-    pub baud: u32,
+    /// Baud rate; the protocol's usual one where it is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baud: Option<u32>,
+    /// What the controller's identity must contain, beyond being of the right kind: another one is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identity: Option<String>,
+    /// Address of the device on its line, where the protocol has addresses.
+    #[serde(default = "default_address")]
+    pub address: u8,
 }
 
-const fn default_baud() -> u32 {
-    115_200
+impl ControllerConfig {
+    /// Baud rate in force.
+    #[must_use]
+    pub fn baud(&self) -> u32 {
+        self.baud.unwrap_or(self.driver.usual_baud())
+    }
+}
+
+const fn default_address() -> u8 {
+    1
 }
 
 /// An end of an axis's travel.
@@ -122,7 +154,8 @@ pub struct AxisConfig {
     pub controller: String,
     /// Axis letter or number on that controller.
     pub axis: String,
-    /// Motor steps a millimetre: compared with the controller's own setting.
+    /// The controller's units of position a millimetre (Grbl, Zaber, TMCL: motor steps or microsteps; PI: 1 where it
+    /// counts in mm): compared with the controller's own setting, where it has one.
     pub steps_per_mm: f64,
     /// Whether the controller's positive direction is the coordinate's negative one.
     pub reversed: bool,
@@ -130,6 +163,8 @@ pub struct AxisConfig {
     pub low_limit_mm: f64,
     /// Greatest position, mm.
     pub high_limit_mm: f64,
+    /// Whether limits of the controller's own that are wider than these are accepted.
+    pub accept_wider_firmware_limits: bool,
     /// The end where the home switch is.
     pub home_side: Side,
     /// Position after homing and pulling off the switch, mm.
@@ -161,6 +196,7 @@ impl Default for AxisConfig {
             reversed: false,
             low_limit_mm: 0.0,
             high_limit_mm: 10.0,
+            accept_wider_firmware_limits: false,
             home_side: Side::Low,
             home_position_mm: 0.0,
             speed_mm_per_s: 2.0,

@@ -18,7 +18,10 @@ impl BenchConfig {
             faults.require(!controller.port.as_os_str().is_empty(), format!("{key}.port"), || {
                 "is empty: give the serial port, best by its /dev/serial/by-id name".to_owned()
             });
-            faults.require(controller.baud > 0, format!("{key}.baud"), || "must be at least 1".to_owned());
+            faults.require(controller.port.as_os_str() != "usb:", format!("{key}.port"), || {
+                "names no USB serial number: usb:A50285BI, for one".to_owned()
+            });
+            faults.require(controller.baud() > 0, format!("{key}.baud"), || "must be at least 1".to_owned());
         }
         self.camera.check(faults);
         self.simulation.check(faults);

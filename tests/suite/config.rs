@@ -56,7 +56,7 @@ fn the_shipped_file_shows_every_key() {
             _ => format!("{line}\n"),
         })
         .collect();
-    assert_eq!(uncommented, 10);
+    assert_eq!(uncommented, 12);
     // Only the water, given twice over, is at fault then.
     let faults = faults(&every);
     assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
@@ -82,7 +82,7 @@ fn the_shipped_file_shows_every_key() {
 fn the_hardware_example_loads() {
     let config = Config::load(&shipped("examples/grbl.toml")).unwrap();
     assert_eq!(config.bench.driver, BenchDriver::Hardware);
-    assert_eq!(config.bench.controllers["main"].baud, 115_200);
+    assert_eq!(config.bench.controllers["main"].baud(), 115_200);
     assert_eq!(config.notices(), Vec::<String>::new());
     // Quan and Fry at 20 °C, fresh, 550 nm.
     assert!((config.water.index() - 1.334_338_19).abs() < 5e-9, "{}", config.water.index());

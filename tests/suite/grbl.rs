@@ -7,10 +7,14 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use plenalign::config::{AxisConfig, BenchConfig};
-use plenalign::device::stage::grbl_controller::{AxisSetup, GrblController, GrblStage};
+use plenalign::device::serial::{Dial, SerialDial, Wire};
+use plenalign::device::stage::axis::AxisSetup;
+use plenalign::device::stage::grbl_controller::GrblDriver;
+use plenalign::device::stage::supervisor::{Controller, ControllerStage};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Plant;
-use plenalign::sim::stage::{ControllerTwin, FirmwareConfig, PULL_OFF_MM};
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::{Instant, sleep, timeout};
@@ -66,8 +70,8 @@ impl Plant for Slides {
 }
 
 struct Rig {
-    focus: GrblStage,
-    e: GrblStage,
+    focus: ControllerStage,
+    e: ControllerStage,
     twin: ControllerTwin,
     slides: Arc<Slides>,
 }
@@ -75,22 +79,32 @@ struct Rig {
 const START: [f64; 2] = [1.3, 20.4];
 
 fn setups(bench: &BenchConfig) -> Vec<AxisSetup> {
-    vec![
-        AxisSetup::new(AxisName::Focus, &bench.focus.axis, &bench.focus).unwrap(),
-        AxisSetup::new(AxisName::E, &bench.e.axis, &bench.e).unwrap(),
-    ]
+    vec![AxisSetup::new(AxisName::Focus, &bench.focus), AxisSetup::new(AxisName::E, &bench.e)]
+}
+
+async fn connect(dial: impl Dial + 'static, bench: &BenchConfig) -> Result<Controller, DeviceError> {
+    let controller = Controller::start("controller `main`", Box::new(GrblDriver), Arc::new(dial), None, setups(bench));
+    controller.first_attempt().await.map(|()| controller)
 }
 
 async fn rig_with(change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
-    let bench = BenchConfig::default();
+    rig_on(BenchConfig::default(), change).await
+}
+
+/// Where the firmware's limits may be wider than the configured ones.
+async fn accepting_rig_with(change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
+    let mut bench = BenchConfig::default();
+    bench.focus.accept_wider_firmware_limits = true;
+    bench.e.accept_wider_firmware_limits = true;
+    rig_on(bench, change).await
+}
+
+async fn rig_on(bench: BenchConfig, change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
     let slides = Slides::new(START, &bench);
     let mut config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
     change(&mut config);
-    let twin = ControllerTwin::new(config, slides.clone());
-    let (near, far) = tokio::io::duplex(1024);
-    let serving = twin.clone();
-    tokio::spawn(async move { serving.serve(far).await });
-    let controller = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)).await.unwrap();
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
+    let controller = connect(twin.dial(), &bench).await.unwrap();
     let stage = |axis| controller.stage(axis).unwrap();
     Rig { focus: stage(AxisName::Focus), e: stage(AxisName::E), twin, slides }
 }
@@ -256,7 +270,7 @@ async fn a_target_beyond_the_soft_limits_is_refused_without_motion() {
 async fn a_limit_switch_is_an_alarm_that_homing_leaves() {
     let bench = BenchConfig::default();
     // Soft limits that lie beyond the switch, as with a wrong pull-off.
-    let rig = rig_with(|config| {
+    let rig = accepting_rig_with(|config| {
         if let Some(axis) = &mut config.axes[1] {
             axis.travel_mm = 60.0;
         }
@@ -319,15 +333,28 @@ async fn an_unplugged_controller_is_disconnected_and_its_position_unknown() {
     assert_eq!(rig.e.stop().await, StopDelivery::Undeliverable);
 }
 
-/// A far end that says what it is told to and hears what is said.
-async fn connect_to(script: impl AsyncFnOnce(DuplexStream) + Send + 'static) -> Result<GrblController, DeviceError>
-where
-{
+/// Leads once to a stream that is there already.
+struct Once(Mutex<Option<Wire>>);
+
+#[async_trait::async_trait]
+impl Dial for Once {
+    fn location(&self) -> String {
+        "pipe".to_owned()
+    }
+
+    async fn open(&self) -> Result<Wire, DeviceError> {
+        let gone = || DeviceError::Disconnected { device: "pipe".to_owned(), reason: "it led there once".to_owned() };
+        self.0.lock().unwrap().take().ok_or_else(gone)
+    }
+}
+
+/// Connects to a far end that says what it is told to and hears what is said.
+async fn connect_to(script: impl AsyncFnOnce(DuplexStream) + Send + 'static) -> Result<Controller, DeviceError> {
     let (near, far) = tokio::io::duplex(1024);
     let local = async move { script(far).await };
     let bench = BenchConfig::default();
     tokio::select! {
-        result = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)) => result,
+        result = connect(Once(Mutex::new(Some(Box::new(near)))), &bench) => result,
         () = async { local.await; std::future::pending::<()>().await } => unreachable!(),
     }
 }
@@ -350,44 +377,9 @@ async fn another_device_is_named() {
     assert!(matches!(&error, DeviceError::Timeout { .. }), "{error}");
 }
 
-/// Passes bytes both ways, with noise before the first of them and every piece cut to `piece` bytes.
-async fn noisy_line(mut a: DuplexStream, mut b: DuplexStream, piece: usize) {
-    a.write_all(b"\xff\x00\xfe~~\x80Grb\r\n<Idle|MPos:1,2\r\n\xffxx").await.unwrap();
-    let (mut down, mut up) = ([0u8; 64], vec![0u8; piece]);
-    loop {
-        tokio::select! {
-            read = a.read(&mut down) => match read {
-                Ok(0) | Err(_) => return,
-                Ok(count) => b.write_all(&down[..count]).await.unwrap(),
-            },
-            read = b.read(&mut up) => match read {
-                Ok(0) | Err(_) => return,
-                Ok(count) => a.write_all(&up[..count]).await.unwrap(),
-            },
-        }
-    }
-}
-
-#[tokio::test(start_paused = true)]
-async fn noise_before_the_banner_and_fragments_do_no_harm() {
-    for piece in [1, 7] {
-        let bench = BenchConfig::default();
-        let slides = Slides::new(START, &bench);
-        let twin = ControllerTwin::new(FirmwareConfig::for_axes(&bench.focus, &bench.e), slides.clone());
-        let ((near, line_a), (line_b, far)) = (tokio::io::duplex(64), tokio::io::duplex(64));
-        tokio::spawn(noisy_line(line_a, line_b, piece));
-        tokio::spawn(async move { twin.serve(far).await });
-        let controller = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)).await.unwrap();
-        let focus = controller.stage(AxisName::Focus).unwrap();
-        focus.home().await.unwrap();
-        assert!(self::near(focus.move_to(Millimetres(2.5)).await.unwrap().value(), 2.5, 0.002));
-        assert!(self::near(slides.at(0), 2.5, 0.005));
-    }
-}
-
 #[tokio::test(start_paused = true)]
 async fn settings_that_differ_from_the_configuration_are_told() {
-    let rig = rig_with(|config| {
+    let rig = accepting_rig_with(|config| {
         if let Some(axis) = &mut config.axes[0] {
             axis.steps_per_mm = 80.0;
             axis.homes_negative = false;
@@ -403,7 +395,8 @@ async fn settings_that_differ_from_the_configuration_are_told() {
 async fn motion_under_way_at_opening_is_stopped() {
     let bench = BenchConfig::default();
     let slides = Slides::new(START, &bench);
-    let twin = ControllerTwin::new(FirmwareConfig::for_axes(&bench.focus, &bench.e), slides.clone());
+    let config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let (mut first, far) = tokio::io::duplex(1024);
     let serving = twin.clone();
     let before = tokio::spawn(async move { serving.serve(far).await });
@@ -411,11 +404,9 @@ async fn motion_under_way_at_opening_is_stopped() {
     sleep(Duration::from_millis(500)).await;
     assert!(slides.at(1) < START[1] - 0.5);
     // The program that started the motion dies; another opens the port.
-    before.abort();
-    let (near, far) = tokio::io::duplex(1024);
-    let serving = twin.clone();
-    tokio::spawn(async move { serving.serve(far).await });
-    let controller = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)).await.unwrap();
+    drop(first);
+    before.await.unwrap();
+    let controller = connect(twin.dial(), &bench).await.unwrap();
     let at = slides.at(1);
     assert!(at > START[1] - 4.0, "{at}");
     sleep(Duration::from_secs(3)).await;
@@ -434,12 +425,12 @@ async fn the_driver_moves_an_axis_over_a_pseudo_terminal() {
     let slides = Slides::new([-1.5, 20.0], &bench);
     let mut config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
     config.locate_rate_mm_per_min = 300.0;
-    let twin = ControllerTwin::new(config, slides.clone());
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let path = twin.serve_on_terminal().unwrap();
-    let port = plenalign::device::port::open_serial("controller `main`", &path, 115_200).unwrap();
-    let busy = plenalign::device::port::open_serial("controller `main`", &path, 115_200).unwrap_err();
+    let dial = SerialDial { device: "controller `main`".to_owned(), port: path, baud: 115_200 };
+    let controller = connect(dial.clone(), &bench).await.unwrap();
+    let busy = dial.open().await.err().unwrap();
     assert!(matches!(busy, DeviceError::Busy { .. }), "{busy}");
-    let controller = GrblController::connect(port, "controller `main`", "pty", setups(&bench)).await.unwrap();
     let focus = controller.stage(AxisName::Focus).unwrap();
     focus.home().await.unwrap();
     let readback = focus.move_to(Millimetres(3.0)).await.unwrap();

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::config::AxisConfig;
+use crate::sim::stage::PULL_OFF_MM;
 
 /// One axis of the machine that the firmware is configured for.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,12 +39,6 @@ pub struct FirmwareConfig {
     pub version: String,
 }
 
-/// Distance from the home switch after homing, mm: an axis's `home_position_mm` is this far off its switch.
-pub const PULL_OFF_MM: f64 = 2.0;
-
-/// Travel beyond the configured limit that the firmware's soft limits leave, mm.
-const SPARE_TRAVEL_MM: f64 = 1.0;
-
 impl FirmwareConfig {
     /// A firmware that suits the bench's axes, each at the letter it is configured for.
     #[must_use]
@@ -72,7 +67,8 @@ impl FirmwareAxis {
             steps_per_mm: axis.steps_per_mm,
             max_rate_mm_per_min: axis.speed_mm_per_s * 60.0,
             acceleration_mm_per_s2: axis.acceleration_mm_per_s2,
-            travel_mm: far.max(0.0) + PULL_OFF_MM + SPARE_TRAVEL_MM,
+            // What lies beyond the switch is none of it.
+            travel_mm: far.max(0.0) + PULL_OFF_MM,
             homes_negative: axis.home_side.sign() * direction < 0.0,
         }
     }

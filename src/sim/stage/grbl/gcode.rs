@@ -1,6 +1,6 @@
 //! What the firmware makes of a line: `$` commands, jogs, and the few words of G-code that move axes.
 
-use super::firmware::{Firmware, State};
+use super::{GrblFirmware, State};
 
 /// What becomes of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,7 +83,7 @@ impl Words {
     }
 }
 
-impl Firmware {
+impl GrblFirmware {
     /// Carries out a line.
     pub(super) fn execute(&mut self, line: &[u8]) -> Result<Answer, Refusal> {
         let text: String = String::from_utf8_lossy(line)

@@ -1,4 +1,4 @@
-//! The firmware itself: bytes in, bytes out, motors turned as time passes. No I/O and no clock of its own.
+//! Grbl 1.1's firmware. Blocks come to rest between one another: unlike Grbl it does not blend lines.
 //!
 //! ```text
 //!            $J=            end, 0x85, !
@@ -9,12 +9,18 @@
 //!   ALARM:1 (hard limit) and ALARM:2 (soft limit): deaf to everything but 0x18
 //! ```
 
+mod gcode;
+mod motion;
+mod settings;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::gcode;
-use super::motion::{Block, Homing, HomingPhase, Motion};
-use super::settings::{FirmwareConfig, Settings};
+use motion::{Block, Homing, HomingPhase, Motion};
+use settings::Settings;
+pub use settings::{FirmwareAxis, FirmwareConfig};
+
+use super::Firmware;
 use crate::sim::plant::Plant;
 
 /// Blocks that the planner holds; a line that needs another waits.
@@ -28,7 +34,7 @@ const TICK: f64 = 0.001;
 
 /// What the firmware is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum State {
+enum State {
     Idle,
     Jog,
     Run,
@@ -39,11 +45,11 @@ pub(super) enum State {
 }
 
 /// Grbl 1.1's behaviour over the axes of one controller.
-pub struct Firmware {
-    pub(super) config: FirmwareConfig,
+pub struct GrblFirmware {
+    config: FirmwareConfig,
     plant: Arc<dyn Plant>,
-    pub(super) settings: Settings,
-    pub(super) state: State,
+    settings: Settings,
+    state: State,
     /// In a critical alarm nothing is answered until the reset; the line that caused it gets its `ok` then.
     deaf: bool,
     owed_ok: bool,
@@ -58,18 +64,87 @@ pub struct Firmware {
     /// Machine position less motor position.
     origin: [i64; 3],
     motion: Option<Motion>,
-    pub(super) queue: VecDeque<Block>,
+    queue: VecDeque<Block>,
     homing: Option<Homing>,
     line: Vec<u8>,
     waiting: VecDeque<Vec<u8>>,
     waiting_bytes: usize,
     report_due: bool,
     reports: u32,
-    pub(super) modal: gcode::Modal,
+    modal: gcode::Modal,
     out: Vec<u8>,
 }
 
-impl Firmware {
+impl Firmware for GrblFirmware {
+    fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.out)
+    }
+
+    fn is_moving(&self) -> bool {
+        self.motion.is_some() || self.homing.is_some()
+    }
+
+    fn stall(&mut self, axis: usize, stalled: bool) {
+        if let Some(slot) = self.stalled.get_mut(axis) {
+            *slot = stalled;
+        }
+    }
+
+    fn receive(&mut self, byte: u8) {
+        match byte {
+            0x18 => self.reset(),
+            // Deaf, it takes nothing else.
+            _ if self.deaf => {}
+            b'?' => self.report(),
+            b'!' => self.hold(),
+            b'~' => self.resume(),
+            0x85 => {
+                if self.state == State::Jog {
+                    self.decelerate();
+                }
+            }
+            // Doors, overrides and the rest of the real-time bytes: taken out of the stream.
+            0x80..=0xFF => {}
+            b'\r' | b'\n' => {
+                let line = std::mem::take(&mut self.line);
+                self.waiting_bytes += 1;
+                self.waiting.push_back(line);
+                self.work();
+            }
+            _ => {
+                if self.waiting_bytes + self.line.len() < RECEIVE_BYTES {
+                    self.line.push(byte);
+                }
+            }
+        }
+    }
+
+    fn advance(&mut self, seconds: f64) {
+        let mut left = seconds;
+        while left > 0.0 && self.is_moving() {
+            let dt = left.min(TICK);
+            left -= dt;
+            if self.homing.is_some() {
+                self.advance_homing(dt);
+            } else {
+                self.advance_motion(dt);
+            }
+        }
+    }
+
+    fn power_cycle(&mut self) {
+        // The motors stay where they are; what the firmware knew of them is gone.
+        self.origin = std::array::from_fn(|i| -self.steps[i]);
+        self.state = State::Alarm;
+        self.deaf = false;
+        self.owed_ok = false;
+        self.reports = 0;
+        self.clear();
+        self.start();
+    }
+}
+
+impl GrblFirmware {
     /// A firmware just powered up: locked until homed, as Grbl is when homing is on.
     #[must_use]
     pub fn new(config: FirmwareConfig, plant: Arc<dyn Plant>) -> Self {
@@ -102,70 +177,8 @@ impl Firmware {
         firmware
     }
 
-    /// What the firmware has to say since it was asked last.
-    pub fn take_output(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.out)
-    }
-
-    /// Whether time makes a difference to it: whether anything moves.
-    #[must_use]
-    pub fn is_moving(&self) -> bool {
-        self.motion.is_some() || self.homing.is_some()
-    }
-
-    /// Makes a motor stand still whatever steps it is given, or follow them again.
-    pub fn stall(&mut self, axis: usize, stalled: bool) {
-        if let Some(slot) = self.stalled.get_mut(axis) {
-            *slot = stalled;
-        }
-    }
-
-    /// Takes a byte from the wire.
-    pub fn receive(&mut self, byte: u8) {
-        match byte {
-            0x18 => self.reset(),
-            // Deaf, it takes nothing else.
-            _ if self.deaf => {}
-            b'?' => self.report(),
-            b'!' => self.hold(),
-            b'~' => self.resume(),
-            0x85 => {
-                if self.state == State::Jog {
-                    self.decelerate();
-                }
-            }
-            // Doors, overrides and the rest of the real-time bytes: taken out of the stream.
-            0x80..=0xFF => {}
-            b'\r' | b'\n' => {
-                let line = std::mem::take(&mut self.line);
-                self.waiting_bytes += 1;
-                self.waiting.push_back(line);
-                self.work();
-            }
-            _ => {
-                if self.waiting_bytes + self.line.len() < RECEIVE_BYTES {
-                    self.line.push(byte);
-                }
-            }
-        }
-    }
-
-    /// Lets time pass, seconds.
-    pub fn advance(&mut self, seconds: f64) {
-        let mut left = seconds;
-        while left > 0.0 && self.is_moving() {
-            let dt = left.min(TICK);
-            left -= dt;
-            if self.homing.is_some() {
-                self.advance_homing(dt);
-            } else {
-                self.advance_motion(dt);
-            }
-        }
-    }
-
     /// Machine position, mm.
-    pub(super) fn machine_mm(&self) -> [f64; 3] {
+    fn machine_mm(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.mm(i, self.steps[i] + self.origin[i]))
     }
 
@@ -173,14 +186,15 @@ impl Firmware {
         steps as f64 / self.settings.of_axis(100, axis)
     }
 
-    pub(super) fn say(&mut self, line: &str) {
+    fn say(&mut self, line: &str) {
         self.out.extend_from_slice(line.as_bytes());
         self.out.extend_from_slice(b"\r\n");
     }
 
     /// What is printed after power-up and after every reset.
     fn start(&mut self) {
-        let banner = format!("\r\n{} ['$' for help]", self.config.version);
+        let help = if self.config.version.starts_with("GrblHAL") { "'$' or '$HELP'" } else { "'$'" };
+        let banner = format!("\r\n{} [{help} for help]", self.config.version);
         self.say(&banner);
         if self.state == State::Alarm {
             self.say("[MSG:'$H'|'$X' to unlock]");
@@ -204,6 +218,12 @@ impl Firmware {
             self.state = State::Idle;
         }
         self.deaf = false;
+        self.clear();
+        self.start();
+    }
+
+    /// Forgets what was under way and what waited.
+    fn clear(&mut self) {
         self.alarm_at_rest = None;
         self.motion = None;
         self.homing = None;
@@ -213,7 +233,6 @@ impl Firmware {
         self.waiting.clear();
         self.waiting_bytes = 0;
         self.modal = gcode::Modal::default();
-        self.start();
     }
 
     fn hold(&mut self) {
@@ -283,7 +302,7 @@ impl Firmware {
     }
 
     /// Queues a line and starts it if nothing moves.
-    pub(super) fn plan(&mut self, target_mm: [f64; 3], speed: f64, as_state: State) {
+    fn plan(&mut self, target_mm: [f64; 3], speed: f64, as_state: State) {
         let target = std::array::from_fn(|i| (target_mm[i] * self.settings.of_axis(100, i)).round() as i64);
         self.queue.push_back(Block { target, speed });
         if self.state == State::Idle {
@@ -292,7 +311,7 @@ impl Firmware {
     }
 
     /// Where the last queued line ends, machine mm.
-    pub(super) fn planned_mm(&self) -> [f64; 3] {
+    fn planned_mm(&self) -> [f64; 3] {
         match self.queue.back() {
             Some(block) => std::array::from_fn(|i| self.mm(i, block.target[i])),
             None => match &self.motion {
@@ -381,7 +400,7 @@ impl Firmware {
     }
 
     /// Starts homing one axis, or all that are fitted.
-    pub(super) fn home(&mut self, axis: Option<usize>) {
+    fn home(&mut self, axis: Option<usize>) {
         let axes: Vec<usize> =
             (0..3).filter(|&i| self.config.axes[i].is_some() && axis.is_none_or(|axis| axis == i)).collect();
         self.homing = Some(Homing::new(axes.into_iter()));
