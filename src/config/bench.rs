@@ -69,11 +69,17 @@ impl Default for BenchConfig {
 }
 
 /// Which protocol a stage controller speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum ControllerDriver {
     /// Grbl 1.1 and grblHAL.
     Grbl,
+    /// Zaber's ASCII protocol.
+    Zaber,
+    /// PI's General Command Set 2.
+    Pi,
+    /// Trinamic's TMCL.
+    Tmcl,
 }
 
 impl ControllerDriver {
@@ -82,14 +88,36 @@ impl ControllerDriver {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Grbl => "grbl",
+            Self::Zaber => "zaber",
+            Self::Pi => "pi",
+            Self::Tmcl => "tmcl",
         }
+    }
+
+    /// Whether an axis of this name can be on such a controller, and if not, which can.
+    ///
+    /// # Errors
+    /// The names that can, in words.
+    pub fn check_axis(self, name: &str) -> Result<(), &'static str> {
+        let number = |least: u8, most: u8| name.parse::<u8>().is_ok_and(|number| (least..=most).contains(&number));
+        let (possible, names) = match self {
+            Self::Grbl => (["X", "Y", "Z"].contains(&name), "X, Y or Z on a Grbl controller"),
+            Self::Zaber => (number(1, 9), "1 to 9 on a Zaber device"),
+            Self::Pi => (
+                !name.is_empty() && name.len() <= 8 && name.bytes().all(|byte| byte.is_ascii_alphanumeric()),
+                "letters and digits on a PI controller, 1 as a rule",
+            ),
+            Self::Tmcl => (number(0, 5), "0 to 5 on a Trinamic module"),
+        };
+        if possible { Ok(()) } else { Err(names) }
     }
 
     /// The baud rate that the protocol's controllers leave the factory with.
     #[must_use]
     pub const fn usual_baud(self) -> u32 {
         match self {
-            Self::Grbl => 115_200,
+            Self::Grbl | Self::Zaber | Self::Pi => 115_200,
+            Self::Tmcl => 9600,
         }
     }
 }

@@ -1,12 +1,10 @@
 //! Physical sense of `[bench]`.
 
 use super::check::Faults;
-use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig, ControllerDriver};
+use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig};
 
 /// Pixel formats that the V4L2 camera understands.
 const FORMATS: [&str; 2] = ["GREY", "YUYV"];
-/// Axes that a Grbl 1.1 controller drives.
-const GRBL_AXES: [&str; 3] = ["X", "Y", "Z"];
 
 impl BenchConfig {
     pub(super) fn check(&self, faults: &mut Faults) {
@@ -45,13 +43,11 @@ impl BenchConfig {
                         ),
                     );
                 }
-                Some(controller) => match controller.driver {
-                    ControllerDriver::Grbl => {
-                        faults.require(GRBL_AXES.contains(&axis.axis.as_str()), format!("bench.{name}.axis"), || {
-                            format!("{:?} is no axis of a Grbl controller: X, Y or Z", axis.axis)
-                        });
+                Some(controller) => {
+                    if let Err(names) = controller.driver.check_axis(&axis.axis) {
+                        faults.add(format!("bench.{name}.axis"), format!("{:?} is no axis: {names}", axis.axis));
                     }
-                },
+                }
             }
         }
         faults.require(

@@ -11,8 +11,11 @@ use super::camera::v4l2::{V4l2Camera, poses_of_stages};
 use super::serial::SerialDial;
 use super::stage::axis::AxisSetup;
 use super::stage::grbl_controller::GrblDriver;
+use super::stage::pi_controller::PiDriver;
 use super::stage::session::Driver;
 use super::stage::supervisor::Controller;
+use super::stage::tmcl_controller::TmclDriver;
+use super::stage::zaber_controller::ZaberDriver;
 use super::{AxisName, Bench, DeviceError, FrameSource, Stage};
 use crate::config::{AxisConfig, BenchConfig, CameraDriver, ControllerConfig, ControllerDriver};
 
@@ -38,6 +41,9 @@ pub async fn open_hardware(bench: &BenchConfig, frame_size: (usize, usize)) -> R
 pub fn driver(config: &ControllerConfig) -> Box<dyn Driver> {
     match config.driver {
         ControllerDriver::Grbl => Box::new(GrblDriver),
+        ControllerDriver::Zaber => Box::new(ZaberDriver { address: config.address }),
+        ControllerDriver::Pi => Box::new(PiDriver),
+        ControllerDriver::Tmcl => Box::new(TmclDriver { address: config.address }),
     }
 }
 

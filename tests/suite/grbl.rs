@@ -101,7 +101,7 @@ async fn accepting_rig_with(change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
 
 async fn rig_on(bench: BenchConfig, change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
     let slides = Slides::new(START, &bench);
-    let mut config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
+    let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
     change(&mut config);
     let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let controller = connect(twin.dial(), &bench).await.unwrap();
@@ -395,7 +395,7 @@ async fn settings_that_differ_from_the_configuration_are_told() {
 async fn motion_under_way_at_opening_is_stopped() {
     let bench = BenchConfig::default();
     let slides = Slides::new(START, &bench);
-    let config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
+    let config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
     let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let (mut first, far) = tokio::io::duplex(1024);
     let serving = twin.clone();
@@ -423,7 +423,7 @@ async fn the_driver_moves_an_axis_over_a_pseudo_terminal() {
         axis.acceleration_mm_per_s2 = 200.0;
     }
     let slides = Slides::new([-1.5, 20.0], &bench);
-    let mut config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
+    let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
     config.locate_rate_mm_per_min = 300.0;
     let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let path = twin.serve_on_terminal().unwrap();

@@ -20,6 +20,7 @@ mod optics;
 mod rendered;
 mod renderer;
 mod spacing;
+mod stages;
 mod stop;
 mod structure;
 mod view;

@@ -3,8 +3,16 @@
 //! it and connects it again.
 
 pub mod axis;
+pub mod exchange;
 pub mod grbl;
 pub mod grbl_controller;
 pub mod orders;
+pub mod pi;
+pub mod pi_controller;
+pub mod polled;
 pub mod session;
 pub mod supervisor;
+pub mod tmcl;
+pub mod tmcl_controller;
+pub mod zaber;
+pub mod zaber_controller;

@@ -27,6 +27,8 @@ use crate::units::Millimetres;
 
 /// First and longest pause before a controller that is not there is tried again.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(250), Duration::from_secs(5));
+/// Longest wait between a first reading and the end of connecting.
+const CONNECTING: Duration = Duration::from_secs(1);
 /// Pause after another device answered, or one that is refused: it is not to be pestered.
 const PAUSE_REFUSED: Duration = Duration::from_secs(15);
 
@@ -191,7 +193,16 @@ impl Shared {
         self.connection.send_replace(Connection::Absent(error));
     }
 
-    fn session(&self) -> Result<Arc<dyn Session>, DeviceError> {
+    /// The connected controller. Where a state says already that it is, its connection is waited for.
+    async fn session(&self) -> Result<Arc<dyn Session>, DeviceError> {
+        let mut connection = self.connection.subscribe();
+        let connecting = || self.axes.iter().any(|axis| axis.subscribe().borrow().connected);
+        let present = connection.wait_for(|connection| matches!(connection, Connection::Present(_)) || !connecting());
+        let _ = tokio::time::timeout(CONNECTING, present).await.is_ok();
+        self.session_now()
+    }
+
+    fn session_now(&self) -> Result<Arc<dyn Session>, DeviceError> {
         match &*self.connection.borrow() {
             Connection::Present(session) => match &*session.closed().borrow() {
                 Some(reason) => Err(DeviceError::Disconnected { device: self.name.clone(), reason: reason.clone() }),
@@ -229,7 +240,7 @@ impl ControllerStage {
         F: Future<Output = Result<R, DeviceError>> + Send + 'static,
     {
         let generation = self.shared.orders.generation();
-        let task = tokio::spawn(command(self.shared.session()?, self.index, generation));
+        let task = tokio::spawn(command(self.shared.session().await?, self.index, generation));
         task.await.unwrap_or_else(|_| {
             Err(DeviceError::Disconnected { device: self.shared.name.clone(), reason: "its task has ended".to_owned() })
         })
@@ -256,7 +267,7 @@ impl Stage for ControllerStage {
     }
 
     async fn read_state(&self) -> Result<StageState, DeviceError> {
-        self.shared.session()?.read_state(self.index).await
+        self.shared.session().await?.read_state(self.index).await
     }
 
     fn homes_also(&self) -> Option<AxisName> {
@@ -295,7 +306,7 @@ impl Stage for ControllerStage {
     async fn stop(&self) -> StopDelivery {
         // At once, before the task runs: what is commanded from now on waits for the end of the stop.
         let under_way = self.shared.orders.stop();
-        let Ok(session) = self.shared.session() else { return StopDelivery::Undeliverable };
+        let Ok(session) = self.shared.session().await else { return StopDelivery::Undeliverable };
         let stopped = tokio::spawn(async move {
             let delivery = session.bring_to_rest().await;
             drop(under_way);

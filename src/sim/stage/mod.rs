@@ -4,8 +4,12 @@
 //! A twin speaks bytes. Its motors take time, its switches and motors act on a [`Plant`], and it runs on tokio's clock,
 //! so that a paused clock makes simulated minutes short.
 
+pub mod drive;
 pub mod grbl;
 pub mod line;
+pub mod pi;
+pub mod tmcl;
+pub mod zaber;
 
 use std::io;
 use std::path::PathBuf;
@@ -18,18 +22,24 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_serial::{SerialPort, SerialStream};
 
-use crate::config::BenchConfig;
+use crate::config::{AxisConfig, BenchConfig, ControllerDriver};
 use crate::device::serial::{Dial, Wire};
 use crate::device::stage::axis::AxisSetup;
 use crate::device::stage::grbl_controller::GrblDriver;
 use crate::device::stage::supervisor::{Controller, ControllerStage};
 use crate::device::{AxisName, DeviceError};
 use crate::sim::plant::Plant;
+use drive::DriveConfig;
 use grbl::{FirmwareConfig, GrblFirmware};
 use line::Line;
+use pi::PiFirmware;
+use tmcl::TmclFirmware;
+use zaber::ZaberFirmware;
 
 /// How often a moving firmware is brought up to the clock.
 const TICK: Duration = Duration::from_millis(5);
+/// Silence after which a firmware gives up an unfinished frame.
+const PAUSE: Duration = Duration::from_millis(50);
 /// Distance from the home switch after homing, mm: an axis's `home_position_mm` is this far off its switch.
 pub const PULL_OFF_MM: f64 = 2.0;
 
@@ -37,6 +47,9 @@ pub const PULL_OFF_MM: f64 = 2.0;
 pub trait Firmware: Send {
     /// Takes a byte from the wire.
     fn receive(&mut self, byte: u8);
+
+    /// Notes that no byte came for a while.
+    fn pause(&mut self) {}
 
     /// What the firmware has to say since it was asked last.
     fn take_output(&mut self) -> Vec<u8>;
@@ -54,6 +67,18 @@ pub trait Firmware: Send {
     fn power_cycle(&mut self);
 }
 
+/// The firmware of a driver's controllers, set up for axes as configured.
+#[must_use]
+pub fn firmware(driver: ControllerDriver, axes: &[&AxisConfig], plant: Arc<dyn Plant>) -> ControllerTwin {
+    let drives = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
+    match driver {
+        ControllerDriver::Grbl => ControllerTwin::new(GrblFirmware::new(FirmwareConfig::for_axes(axes), plant)),
+        ControllerDriver::Zaber => ControllerTwin::new(ZaberFirmware::new(drives, &plant)),
+        ControllerDriver::Pi => ControllerTwin::new(PiFirmware::new(drives, &plant)),
+        ControllerDriver::Tmcl => ControllerTwin::new(TmclFirmware::new(drives, &plant)),
+    }
+}
+
 /// A controller twin: its firmware, and what can be made to go wrong with it.
 #[derive(Clone)]
 pub struct ControllerTwin {
@@ -62,6 +87,8 @@ pub struct ControllerTwin {
     line: Arc<Mutex<Line>>,
     /// How many streams are being served.
     served: Arc<watch::Sender<u32>>,
+    /// Up to when the firmware has run: with nobody connected it goes on.
+    reached: Arc<Mutex<Instant>>,
 }
 
 impl ControllerTwin {
@@ -73,17 +100,18 @@ impl ControllerTwin {
             plugged: Arc::new(watch::Sender::new(true)),
             line: Arc::default(),
             served: Arc::new(watch::Sender::new(0)),
+            reached: Arc::new(Mutex::new(Instant::now())),
         }
     }
 
     /// Makes a motor stand still whatever steps it is given, or follow them again. Axes count from 0.
     pub fn stall(&self, axis: usize, stalled: bool) {
-        self.with(|firmware| firmware.stall(axis, stalled));
+        self.now(|firmware| firmware.stall(axis, stalled));
     }
 
     /// Switches the controller off and on while its port stays.
     pub fn power_cycle(&self) {
-        self.with(|firmware| firmware.power_cycle());
+        self.now(|firmware| firmware.power_cycle());
     }
 
     /// Cuts the connection: [`ControllerTwin::serve`] returns and drops its stream.
@@ -112,17 +140,29 @@ impl ControllerTwin {
         self.served.send_modify(|count| *count -= 1);
     }
 
+    /// Brings the firmware up to the clock, and acts on it then.
+    fn now<R>(&self, act: impl FnOnce(&mut dyn Firmware) -> R) -> R {
+        let mut reached = self.reached.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        let passed = now - std::mem::replace(&mut *reached, now);
+        self.with(|firmware| {
+            firmware.advance(passed.as_secs_f64());
+            act(firmware)
+        })
+    }
+
     async fn run<T: AsyncRead + AsyncWrite + Unpin>(&self, io: T) {
         let (mut reader, mut writer) = tokio::io::split(io);
         let mut plugged = self.plugged.subscribe();
         let mut buffer = [0u8; 256];
         let mut unsent: Vec<u8> = Vec::new();
-        let mut reached = Instant::now();
+        let mut heard = Instant::now();
         loop {
-            let moving = self.with(|firmware| {
+            let moving = self.now(|firmware| {
                 unsent.extend(firmware.take_output());
                 firmware.is_moving()
             });
+            let tick = Instant::now() + TICK;
             tokio::select! {
                 _ = plugged.wait_for(|plugged| !plugged) => return,
                 read = reader.read(&mut buffer) => {
@@ -130,26 +170,22 @@ impl ControllerTwin {
                         Ok(0) | Err(_) => return,
                         Ok(count) => count,
                     };
-                    self.with(|firmware| {
-                        firmware.advance(reached.elapsed().as_secs_f64());
+                    let paused = heard.elapsed() > PAUSE;
+                    heard = Instant::now();
+                    self.now(|firmware| {
+                        if paused {
+                            firmware.pause();
+                        }
                         for &byte in &buffer[..count] {
                             firmware.receive(byte);
                         }
                     });
-                    reached = Instant::now();
                 }
                 wrote = writer.write(&unsent), if !unsent.is_empty() => match wrote {
                     Ok(0) | Err(_) => return,
                     Ok(count) => drop(unsent.drain(..count)),
                 },
-                () = tokio::time::sleep_until(reached + TICK), if moving => {
-                    let now = Instant::now();
-                    self.with(|firmware| firmware.advance((now - reached).as_secs_f64()));
-                    reached = now;
-                }
-            }
-            if !moving && !self.with(|firmware| firmware.is_moving()) {
-                reached = Instant::now();
+                () = tokio::time::sleep_until(tick), if moving => {}
             }
         }
     }
@@ -233,7 +269,7 @@ pub async fn simulated_stages(
             reason: format!("focus and e axis are both `{}`; the simulated bench has one controller", bench.e.axis),
         });
     }
-    let twin = ControllerTwin::new(GrblFirmware::new(FirmwareConfig::for_axes(&bench.focus, &bench.e), plant));
+    let twin = ControllerTwin::new(GrblFirmware::new(FirmwareConfig::for_axes(&[&bench.focus, &bench.e]), plant));
     let mut axes = vec![AxisSetup::new(AxisName::Focus, &bench.focus), AxisSetup::new(AxisName::E, &bench.e)];
     for axis in &mut axes {
         // The twin's limits begin at the switch, which is its own choice and not the configuration's.

@@ -67,6 +67,8 @@ struct Controller {
     poll_now: Arc<Notify>,
     /// When the controller last said something.
     heard: Mutex<Instant>,
+    /// When it last started anew.
+    restarted: Mutex<Option<Instant>>,
     work_offset: Mutex<Option<[f64; 3]>>,
     operation: tokio::sync::Mutex<()>,
     stopping: tokio::sync::Mutex<()>,

@@ -38,6 +38,10 @@ impl Controller {
         let name = axis.link.name();
         let _operation = self.operation.lock().await;
         self.ready(name, generation).await?;
+        if speed_mm_per_s.is_nan() || speed_mm_per_s <= 0.0 {
+            let reason = format!("{speed_mm_per_s} mm/s is no speed");
+            return Err(DeviceError::Refused { device: self.name.clone(), reason });
+        }
         if !target.value().is_finite() {
             return Err(DeviceError::Refused { device: self.name.clone(), reason: format!("{target} is no position") });
         }
@@ -52,12 +56,6 @@ impl Controller {
         let distance = (machine - from.machine[letter.index()]).abs();
         let AxisFacts { speed_mm_per_s: greatest, acceleration_mm_per_s2: acceleration, .. } = axis.facts;
         let speed = speed_mm_per_s.min(greatest);
-        if speed.is_nan() || speed <= 0.0 {
-            return Err(DeviceError::Refused {
-                device: self.name.clone(),
-                reason: format!("{speed} mm/s is no speed"),
-            });
-        }
         let allowed = MoveTime::of_trapezoid(distance, speed, acceleration).maximum;
 
         let line = grbl::jog(letter, machine, speed * 60.0);

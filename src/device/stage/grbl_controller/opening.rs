@@ -67,6 +67,7 @@ impl Driver for GrblDriver {
             watched: AtomicU64::new(0),
             poll_now: Arc::new(Notify::new()),
             heard: Mutex::new(Instant::now()),
+            restarted: Mutex::new(None),
             work_offset: Mutex::new(None),
             operation: tokio::sync::Mutex::new(()),
             stopping: tokio::sync::Mutex::new(()),

@@ -15,6 +15,8 @@ use crate::units::Millimetres;
 
 /// Time between status requests at rest: Grbl's interface document asks for 5 Hz at most as a rule.
 const POLL_AT_REST: Duration = Duration::from_millis(200);
+/// No board starts twice within this: the banner was doubled on its way.
+const DOUBLED: Duration = Duration::from_millis(50);
 /// Silence after which the controller is shown as lost.
 const SILENCE: Duration = Duration::from_millis(1500);
 /// Silence after which the port is closed, to be opened anew.
@@ -105,7 +107,9 @@ impl Controller {
         *locked(&self.heard) = Instant::now();
         match notice.kind {
             Kind::Started => {
-                if !self.restart_is_ours.swap(false, Ordering::SeqCst) && self.alarm.borrow().is_none() {
+                let ours = self.restart_is_ours.swap(false, Ordering::SeqCst);
+                let doubled = locked(&self.restarted).replace(Instant::now()).is_some_and(|at| at.elapsed() < DOUBLED);
+                if !ours && !doubled && self.alarm.borrow().is_none() {
                     tracing::warn!(controller = %self.name, "a stage controller has restarted by itself");
                     self.forget_positions();
                 }

@@ -42,8 +42,8 @@ pub struct FirmwareConfig {
 impl FirmwareConfig {
     /// A firmware that suits the bench's axes, each at the letter it is configured for.
     #[must_use]
-    pub fn for_axes(focus: &AxisConfig, e: &AxisConfig) -> Self {
-        let fitted = |letter: &str| [focus, e].into_iter().find(|axis| axis.axis.eq_ignore_ascii_case(letter));
+    pub fn for_axes(axes: &[&AxisConfig]) -> Self {
+        let fitted = |letter: &str| axes.iter().copied().find(|axis| axis.axis.eq_ignore_ascii_case(letter));
         Self {
             axes: ["X", "Y", "Z"].map(|letter| fitted(letter).map(FirmwareAxis::of)),
             pull_off_mm: PULL_OFF_MM,

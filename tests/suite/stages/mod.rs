@@ -1,0 +1,7 @@
+//! Every stage driver against its firmware's twin: the same list of behaviours for every protocol.
+
+mod conformance;
+mod faults;
+mod kit;
+mod lines;
+mod terminal;

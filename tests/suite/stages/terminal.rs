@@ -1,0 +1,72 @@
+//! Every driver over a pseudo-terminal, in real time: opened by a name that stays, lost, and found again under another.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::config::ControllerDriver;
+use plenalign::device::serial::{Dial, SerialDial};
+use plenalign::device::{DeviceError, Stage, StopDelivery};
+use plenalign::units::Millimetres;
+use tokio::time::{sleep, timeout};
+
+use super::kit::{Kit, bench, near};
+
+/// Points a link at another path.
+fn point(link: &Path, at: &Path) {
+    let _ = std::fs::remove_file(link);
+    std::os::unix::fs::symlink(at, link).unwrap();
+}
+
+async fn works_over_a_terminal(driver: ControllerDriver) {
+    let mut bench = bench(driver);
+    // Quick axes: this runs in real time.
+    for axis in [&mut bench.focus, &mut bench.e] {
+        axis.speed_mm_per_s = 40.0;
+        axis.acceleration_mm_per_s2 = 400.0;
+    }
+    let kit = Kit::with(driver, bench);
+    let folder = tempfile::tempdir().unwrap();
+    // As /dev/serial/by-id has it: a link whose name stays while the terminal's does not.
+    let link = folder.path().join("usb-controller");
+    point(&link, &kit.twin.serve_on_terminal().unwrap());
+    let dial = SerialDial { device: "controller `main`".to_owned(), port: link.clone(), baud: 115_200 };
+    let controller = kit.start_on(Arc::new(dial.clone()), None);
+    controller.first_attempt().await.unwrap();
+    let busy = dial.open().await.err().unwrap();
+    assert!(matches!(busy, DeviceError::Busy { .. }), "{busy}");
+    let rig = kit.rig(&controller);
+    rig.focus.home().await.unwrap();
+    let readback = rig.focus.move_to(Millimetres(3.0)).await.unwrap();
+    assert!(near(readback.value(), 3.0, 0.003) && near(rig.slides.at(0), 3.0, 0.006), "{readback}");
+    let mover = rig.focus.clone();
+    let moving = tokio::spawn(async move { mover.move_at(Millimetres(1.0), 1.0).await });
+    sleep(Duration::from_millis(400)).await;
+    assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
+    assert!(matches!(moving.await.unwrap(), Err(DeviceError::Stopped { .. })));
+
+    kit.twin.unplug();
+    let mut state = rig.focus.state();
+    let lost = timeout(Duration::from_secs(5), state.wait_for(|state| !state.connected)).await.is_ok();
+    assert!(lost, "the loss of the terminal is seen");
+    std::fs::remove_file(&link).unwrap();
+    sleep(Duration::from_millis(300)).await;
+    assert!(rig.focus.state().borrow().fault.is_some());
+    kit.twin.plug_in();
+    point(&link, &kit.twin.serve_on_terminal().unwrap());
+    let found = timeout(Duration::from_secs(10), state.wait_for(|state| state.connected)).await.is_ok();
+    assert!(found, "it is found under its new name: {:?}", rig.focus.state().borrow().clone());
+    let kept = matches!(driver, ControllerDriver::Zaber | ControllerDriver::Pi);
+    assert_eq!(rig.focus.read_state().await.unwrap().homed, kept);
+}
+
+macro_rules! over_a_terminal {
+    ($($name:ident: $driver:ident),*) => {
+        $(#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+        async fn $name() {
+            works_over_a_terminal(ControllerDriver::$driver).await;
+        })*
+    };
+}
+
+over_a_terminal!(grbl: Grbl, zaber: Zaber, pi: Pi, tmcl: Tmcl);
