@@ -4,4 +4,5 @@ mod conformance;
 mod faults;
 mod kit;
 mod lines;
+mod program;
 mod terminal;
