@@ -1,4 +1,4 @@
-//! The Grbl driver against the firmware twin: over a pipe on a paused clock, and over a pseudo-terminal in real time.
+//! What only the Grbl driver does, against its firmware's twin. What every driver does is in `stages`.
 
 // The helpers below are tests' code, too.
 #![allow(clippy::unwrap_used)]
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use plenalign::config::{AxisConfig, BenchConfig};
-use plenalign::device::serial::{Dial, SerialDial, Wire};
+use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::grbl_controller::GrblDriver;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
@@ -17,7 +17,7 @@ use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, sleep};
 
 /// Two slides with a home switch each: positions are the axes' own coordinates.
 struct Slides {
@@ -72,7 +72,6 @@ impl Plant for Slides {
 struct Rig {
     focus: ControllerStage,
     e: ControllerStage,
-    twin: ControllerTwin,
     slides: Arc<Slides>,
 }
 
@@ -106,7 +105,7 @@ async fn rig_on(bench: BenchConfig, change: impl FnOnce(&mut FirmwareConfig)) ->
     let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let controller = connect(twin.dial(), &bench).await.unwrap();
     let stage = |axis| controller.stage(axis).unwrap();
-    Rig { focus: stage(AxisName::Focus), e: stage(AxisName::E), twin, slides }
+    Rig { focus: stage(AxisName::Focus), e: stage(AxisName::E), slides }
 }
 
 async fn homed_rig() -> Rig {
@@ -118,36 +117,6 @@ async fn homed_rig() -> Rig {
 
 fn near(a: f64, b: f64, tolerance: f64) -> bool {
     (a - b).abs() <= tolerance
-}
-
-#[tokio::test(start_paused = true)]
-async fn homing_finds_the_switches_and_moves_arrive_where_they_say() {
-    let rig = rig_with(|_| {}).await;
-    assert_eq!(rig.focus.info().identity, "Grbl 1.1h");
-    assert_eq!(rig.focus.info().disagreements, Vec::<String>::new());
-    assert_eq!(rig.e.info().disagreements, Vec::<String>::new());
-    assert_eq!(rig.focus.move_to(Millimetres(1.0)).await, Err(DeviceError::NotHomed { axis: AxisName::Focus }));
-    assert_eq!(rig.slides.at(0), START[0], "nothing moves before homing");
-
-    rig.focus.home().await.unwrap();
-    assert!(near(rig.slides.at(0), 0.0, 0.003), "{}", rig.slides.at(0));
-    assert_eq!(rig.slides.at(1), START[1], "the other axis is left alone");
-    assert!(!rig.e.read_state().await.unwrap().homed);
-    rig.e.home().await.unwrap();
-    assert!(near(rig.slides.at(1), 30.0, 0.003), "{}", rig.slides.at(1));
-
-    for target in [0.7, -0.35, 4.9] {
-        let began = Instant::now();
-        let readback = rig.focus.move_to(Millimetres(target)).await.unwrap();
-        assert!(near(readback.value(), target, 0.002), "{readback}");
-        assert!(near(rig.slides.at(0), target, 0.005), "{}", rig.slides.at(0));
-        assert!(began.elapsed() < Duration::from_secs(6), "{:?}", began.elapsed());
-    }
-    let readback = rig.e.move_to(Millimetres(12.0)).await.unwrap();
-    assert!(near(readback.value(), 12.0, 0.002) && near(rig.slides.at(1), 12.0, 0.005));
-    let state = rig.e.read_state().await.unwrap();
-    assert!(state.homed && state.connected && !state.moving && state.at_rest_since.is_some(), "{state:?}");
-    assert_eq!(state.fault, None);
 }
 
 #[tokio::test(start_paused = true)]
@@ -173,51 +142,6 @@ async fn motors_report_to_the_plant_at_least_every_ten_milliseconds() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stop_in_mid_move_ends_it_within_its_deceleration_and_keeps_the_position() {
-    let rig = homed_rig().await;
-    let mover = rig.e.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
-    sleep(Duration::from_secs(2)).await;
-    assert!(rig.e.state().borrow().moving);
-    let (asked, at) = (Instant::now(), rig.slides.at(1));
-    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
-    // 250 ms of deceleration, two readings, a reset.
-    assert!(asked.elapsed() < Duration::from_millis(900), "{:?}", asked.elapsed());
-    let stopped = rig.slides.at(1);
-    assert!(near(stopped, at, 0.7), "5 mm/s and 20 mm/s² make 0.625 mm: {at} to {stopped}");
-    assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
-    sleep(Duration::from_secs(5)).await;
-    assert_eq!(rig.slides.at(1), stopped);
-    let state = rig.e.read_state().await.unwrap();
-    assert!(state.homed && near(state.position.value(), stopped, 0.003), "{state:?}");
-    // It goes on from there.
-    let readback = rig.e.move_to(Millimetres(25.0)).await.unwrap();
-    assert!(near(readback.value(), 25.0, 0.002) && near(rig.slides.at(1), 25.0, 0.005));
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_stop_cancels_the_moves_that_wait_and_works_at_rest() {
-    let rig = homed_rig().await;
-    let first = tokio::spawn({
-        let stage = rig.e.clone();
-        async move { stage.move_to(Millimetres(5.0)).await }
-    });
-    sleep(Duration::from_millis(500)).await;
-    let second = tokio::spawn({
-        let stage = rig.focus.clone();
-        async move { stage.move_to(Millimetres(3.0)).await }
-    });
-    sleep(Duration::from_millis(10)).await;
-    let (a, b) = tokio::join!(rig.focus.stop(), rig.e.stop());
-    assert_eq!((a, b), (StopDelivery::Confirmed, StopDelivery::Confirmed));
-    assert!(matches!(first.await.unwrap(), Err(DeviceError::Stopped { .. })));
-    assert!(matches!(second.await.unwrap(), Err(DeviceError::Stopped { .. })));
-    assert!(near(rig.slides.at(0), 0.0, 0.003));
-    assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
-    assert!(rig.focus.read_state().await.unwrap().homed);
-}
-
-#[tokio::test(start_paused = true)]
 async fn a_motion_commanded_during_a_stop_begins_after_it() {
     let rig = rig_with(|_| {}).await;
     // A stop at rest takes some status reports and a reset: the reset must not hit what is commanded on the way.
@@ -235,102 +159,6 @@ async fn a_motion_commanded_during_a_stop_begins_after_it() {
         });
         assert!(reached.is_ok(), "a move commanded {delay_ms} ms after the stop: {reached:?}");
     }
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_stop_while_homing_resets_and_the_position_stays_unknown() {
-    let rig = rig_with(|_| {}).await;
-    let homing = tokio::spawn({
-        let stage = rig.e.clone();
-        async move { stage.home().await }
-    });
-    sleep(Duration::from_secs(1)).await;
-    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
-    let at = rig.slides.at(1);
-    assert_eq!(homing.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
-    sleep(Duration::from_secs(3)).await;
-    assert_eq!(rig.slides.at(1), at);
-    let state = rig.e.read_state().await.unwrap();
-    assert!(!state.homed && state.fault.is_some(), "{state:?}");
-    rig.e.home().await.unwrap();
-    assert!(near(rig.slides.at(1), 30.0, 0.003));
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_target_beyond_the_soft_limits_is_refused_without_motion() {
-    let rig = homed_rig().await;
-    let at = rig.slides.at(1);
-    let error = rig.e.move_to(Millimetres(40.0)).await.unwrap_err();
-    assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("error:15")), "{error}");
-    assert_eq!(rig.slides.at(1), at);
-    assert!(rig.e.read_state().await.unwrap().homed);
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_limit_switch_is_an_alarm_that_homing_leaves() {
-    let bench = BenchConfig::default();
-    // Soft limits that lie beyond the switch, as with a wrong pull-off.
-    let rig = accepting_rig_with(|config| {
-        if let Some(axis) = &mut config.axes[1] {
-            axis.travel_mm = 60.0;
-        }
-        config.pull_off_mm = 4.0;
-    })
-    .await;
-    rig.e.home().await.unwrap();
-    // The driver takes the pull-off's end for 30 mm; the switch, 4 mm on, lies inside the travel.
-    let error = rig.e.move_to(Millimetres(bench.e.high_limit_mm + 1.99)).await;
-    assert!(error.is_ok(), "{error:?}");
-    rig.twin.stall(1, true);
-    rig.e.move_to(Millimetres(30.0)).await.unwrap();
-    rig.twin.stall(1, false);
-    // The motor lost steps: the switch now comes 4 mm early.
-    let error = rig.e.move_to(Millimetres(33.0)).await.unwrap_err();
-    assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("ALARM:1")), "{error}");
-    let state = rig.e.state().borrow().clone();
-    assert!(!state.homed && state.fault.is_some_and(|fault| fault.contains("limit switch")));
-    assert!(matches!(rig.e.move_to(Millimetres(20.0)).await, Err(DeviceError::Alarm { .. })));
-    rig.e.home().await.unwrap();
-    assert_eq!(rig.e.read_state().await.unwrap().fault, None);
-    assert!(near(rig.e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.002));
-}
-
-#[tokio::test(start_paused = true)]
-async fn homing_without_a_switch_fails_in_words() {
-    let rig = rig_with(|_| {}).await;
-    rig.twin.stall(0, true);
-    let error = rig.focus.home().await.unwrap_err();
-    assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("ALARM:9")), "{error}");
-    assert!(!rig.focus.state().borrow().homed);
-    rig.twin.stall(0, false);
-    rig.focus.home().await.unwrap();
-}
-
-#[tokio::test(start_paused = true)]
-async fn dropping_the_caller_of_a_move_leaves_driver_and_controller_in_step() {
-    let rig = homed_rig().await;
-    assert!(timeout(Duration::from_millis(700), rig.e.move_to(Millimetres(20.0))).await.is_err());
-    let readback = rig.e.move_to(Millimetres(22.0)).await.unwrap();
-    assert!(near(readback.value(), 22.0, 0.002) && near(rig.slides.at(1), 22.0, 0.005));
-}
-
-#[tokio::test(start_paused = true)]
-async fn an_unplugged_controller_is_disconnected_and_its_position_unknown() {
-    let rig = homed_rig().await;
-    let moving = tokio::spawn({
-        let stage = rig.e.clone();
-        async move { stage.move_to(Millimetres(5.0)).await }
-    });
-    sleep(Duration::from_secs(1)).await;
-    rig.twin.unplug();
-    let error = moving.await.unwrap().unwrap_err();
-    assert!(matches!(error, DeviceError::Disconnected { .. }), "{error}");
-    sleep(Duration::from_millis(10)).await;
-    let state = rig.e.state().borrow().clone();
-    assert!(!state.connected && !state.homed && !state.moving && state.fault.is_some(), "{state:?}");
-    assert!(matches!(rig.e.read_state().await, Err(DeviceError::Disconnected { .. })));
-    assert!(matches!(rig.focus.move_to(Millimetres(1.0)).await, Err(DeviceError::Disconnected { .. })));
-    assert_eq!(rig.e.stop().await, StopDelivery::Undeliverable);
 }
 
 /// Leads once to a stream that is there already.
@@ -414,30 +242,22 @@ async fn motion_under_way_at_opening_is_stopped() {
     assert!(!controller.stage(AxisName::E).unwrap().state().borrow().homed);
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_driver_moves_an_axis_over_a_pseudo_terminal() {
-    let mut bench = BenchConfig::default();
-    // Quick axes: this runs in real time.
-    for axis in [&mut bench.focus, &mut bench.e] {
-        axis.speed_mm_per_s = 20.0;
-        axis.acceleration_mm_per_s2 = 200.0;
-    }
-    let slides = Slides::new([-1.5, 20.0], &bench);
-    let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
-    config.locate_rate_mm_per_min = 300.0;
-    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
-    let path = twin.serve_on_terminal().unwrap();
-    let dial = SerialDial { device: "controller `main`".to_owned(), port: path, baud: 115_200 };
-    let controller = connect(dial.clone(), &bench).await.unwrap();
-    let busy = dial.open().await.err().unwrap();
-    assert!(matches!(busy, DeviceError::Busy { .. }), "{busy}");
-    let focus = controller.stage(AxisName::Focus).unwrap();
-    focus.home().await.unwrap();
-    let readback = focus.move_to(Millimetres(3.0)).await.unwrap();
-    assert!(near(readback.value(), 3.0, 0.002) && near(slides.at(0), 3.0, 0.005), "{readback}");
-    assert_eq!(focus.stop().await, StopDelivery::Confirmed);
-    twin.unplug();
-    let mut state = focus.state();
-    let lost = timeout(Duration::from_secs(5), state.wait_for(|state| !state.connected)).await;
-    assert!(lost.is_ok(), "the loss of the terminal is seen");
+#[tokio::test(start_paused = true)]
+async fn grblhal_is_driven_as_well() {
+    let rig = rig_with(|config| "GrblHAL 1.1f".clone_into(&mut config.version)).await;
+    assert_eq!(rig.focus.info().identity, "GrblHAL 1.1f");
+    rig.focus.home().await.unwrap();
+    let readback = rig.focus.move_to(Millimetres(2.5)).await.unwrap();
+    assert!(near(readback.value(), 2.5, 0.002) && near(rig.slides.at(0), 2.5, 0.005), "{readback}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_controller_that_takes_no_bytes_is_given_up_and_a_stop_does_not_hang() {
+    // A pipe that nobody reads: it fills, and so does every queue before it.
+    let (near, _far) = tokio::io::duplex(1);
+    let bench = BenchConfig::default();
+    let began = Instant::now();
+    let error = connect(Once(Mutex::new(Some(Box::new(near)))), &bench).await.err().unwrap();
+    assert!(matches!(error, DeviceError::Timeout { .. }), "{error}");
+    assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
 }

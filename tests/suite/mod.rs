@@ -16,6 +16,7 @@ mod grid;
 mod grid_check;
 mod live;
 mod measure_cli;
+mod motion;
 mod optics;
 mod rendered;
 mod renderer;

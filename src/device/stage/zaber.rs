@@ -276,7 +276,7 @@ mod tests {
     fn checksums_are_the_manuals() {
         // The manual's example: "/01 tools echo" has 8F.
         assert_eq!(checksum("01 tools echo"), 0x8F);
-        assert_eq!(command(1, 2, 7, "move abs 100"), b"/01 2 07 move abs 100:DC\n");
+        assert_eq!(command(1, 2, 7, "move abs 100"), b"/01 2 07 move abs 100:E8\n");
         let body = "01 2 07 move abs 100";
         assert_eq!(body.bytes().fold(checksum(body), u8::wrapping_add), 0);
     }

@@ -284,3 +284,52 @@ pub async fn simulated_stages(
     };
     Ok((stage(AxisName::Focus)?, stage(AxisName::E)?, twin))
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::sim::plant::Slides;
+
+    fn any_driver() -> impl Strategy<Value = ControllerDriver> {
+        use ControllerDriver::{Grbl, Pi, Tmcl, Zaber};
+        prop::sample::select(vec![Grbl, Zaber, Pi, Tmcl])
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_break_a_firmware(
+            driver in any_driver(),
+            words in proptest::collection::vec(
+                prop_oneof![
+                    proptest::collection::vec(any::<u8>(), 0..40),
+                    // What comes near to being understood.
+                    "[/$]?[0-9A-Za-z?=.# -]{0,24}\n".prop_map(String::into_bytes),
+                    "(/1 1 )?(move abs|home|MOV 1|FNL 1|SVO 1|\\$H|\\$J=X)[ -]?[0-9.]{0,12}\n"
+                        .prop_map(String::into_bytes),
+                ],
+                0..20,
+            ),
+        ) {
+            let mut bench = BenchConfig::default();
+            if driver != ControllerDriver::Grbl {
+                "1".clone_into(&mut bench.focus.axis);
+                "2".clone_into(&mut bench.e.axis);
+            }
+            let slides = Slides::new(&[(&bench.focus, 1.0), (&bench.e, 20.0)]);
+            let twin = firmware(driver, &[&bench.focus, &bench.e], slides.clone());
+            for word in words {
+                twin.with(|firmware| {
+                    for byte in word {
+                        firmware.receive(byte);
+                    }
+                    firmware.advance(0.05);
+                    let said = firmware.take_output();
+                    assert!(said.len() < 1 << 16, "{} bytes at once", said.len());
+                });
+            }
+            prop_assert!(slides.at(0).is_finite() && slides.at(1).is_finite());
+        }
+    }
+}

@@ -7,6 +7,8 @@ use std::time::Duration;
 use plenalign::config::ControllerDriver;
 use plenalign::device::serial::{Dial, SerialDial};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
+use plenalign::sim::stage::ControllerTwin;
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::units::Millimetres;
 use tokio::time::{sleep, timeout};
 
@@ -25,7 +27,12 @@ async fn works_over_a_terminal(driver: ControllerDriver) {
         axis.speed_mm_per_s = 40.0;
         axis.acceleration_mm_per_s2 = 400.0;
     }
-    let kit = Kit::with(driver, bench);
+    let mut kit = Kit::with(driver, bench);
+    if driver == ControllerDriver::Grbl {
+        let mut config = FirmwareConfig::for_axes(&[&kit.bench.focus, &kit.bench.e]);
+        (config.seek_rate_mm_per_min, config.locate_rate_mm_per_min) = (2400.0, 300.0);
+        kit.twin = ControllerTwin::new(GrblFirmware::new(config, kit.slides.clone()));
+    }
     let folder = tempfile::tempdir().unwrap();
     // As /dev/serial/by-id has it: a link whose name stays while the terminal's does not.
     let link = folder.path().join("usb-controller");
