@@ -261,3 +261,35 @@ async fn a_controller_that_takes_no_bytes_is_given_up_and_a_stop_does_not_hang()
     assert!(matches!(error, DeviceError::Timeout { .. }), "{error}");
     assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_controller_whose_settings_memory_was_blank_is_understood() {
+    let rig = rig_with(|config| config.blank_settings = true).await;
+    assert_eq!(rig.e.info().disagreements, Vec::<String>::new());
+    rig.e.home().await.unwrap();
+    assert!(near(rig.slides.at(1), 30.0, 0.003));
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_open_safety_door_ends_a_move_and_says_so() {
+    let bench = BenchConfig::default();
+    let slides = Slides::new(START, &bench);
+    let config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
+    let controller = connect(twin.dial(), &bench).await.unwrap();
+    let e = controller.stage(AxisName::E).unwrap();
+    e.home().await.unwrap();
+    let mover = e.clone();
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    sleep(Duration::from_secs(1)).await;
+    // The door's switch, which the real-time byte stands for.
+    twin.receive(b"\x84");
+    let error = moving.await.unwrap().unwrap_err();
+    assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("door")), "{error}");
+    let at = slides.at(1);
+    assert!(at < 28.0 && at > 22.0, "{at}");
+    sleep(Duration::from_secs(3)).await;
+    assert_eq!(slides.at(1), at);
+    e.home().await.unwrap();
+    assert!(near(e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.002));
+}

@@ -21,8 +21,7 @@ for client in zaber pi tmcl; do
   # Quick axes, so that it takes seconds: both at 20 mm/s.
   "$root/target/debug/plenalign" sim-stage --json --protocol "$client" \
     --set bench.focus.speed_mm_per_s=20 --set bench.focus.acceleration_mm_per_s2=200 \
-    --set bench.e.speed_mm_per_s=20 --set bench.e.acceleration_mm_per_s2=200 \
-    $([[ $client == zaber ]] && echo "--listen 127.0.0.1:0") >"$log" &
+    --set bench.e.speed_mm_per_s=20 --set bench.e.acceleration_mm_per_s2=200 >"$log" &
   twin=$!
   for _ in $(seq 100); do
     [[ -s $log ]] && break

@@ -1,4 +1,4 @@
-"""zaber-motion, Zaber's own library, against the twin."""
+"""zaber-motion, Zaber's own library, against the twin, over the pseudo-terminal."""
 
 import sys
 import time
@@ -10,8 +10,8 @@ SCALE = 400.0
 
 
 def main(port: str) -> None:
-    host, number = port.rsplit(":", 1)
-    with Connection.open_tcp(host, int(number)) as connection:
+    with Connection.open_serial_port(port) as connection:
+        # No database is asked: everything is in native units.
         devices = connection.detect_devices(identify_devices=False)
         assert [d.device_address for d in devices] == [1], devices
         device = devices[0]

@@ -111,10 +111,13 @@ impl PiDialogue {
         let line = last(&self.exchange, answer)?;
         match line.parse::<i32>() {
             Ok(0) => Ok(()),
-            Ok(error) => Err(DeviceError::Refused {
-                device: self.exchange.name.clone(),
-                reason: format!("error {error}: {} ({})", pi::error_meaning(error), commands.join(", ")),
-            }),
+            Ok(error) => {
+                self.note(error);
+                Err(DeviceError::Refused {
+                    device: self.exchange.name.clone(),
+                    reason: format!("error {error}: {} ({})", pi::error_meaning(error), commands.join(", ")),
+                })
+            }
             Err(_) => Err(self.exchange.senseless(format!("ERR?: `{line}`"))),
         }
     }
@@ -125,6 +128,14 @@ impl PiDialogue {
 
     fn set_fault(&self, fault: Option<String>) {
         *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = fault;
+    }
+
+    /// Keeps an error that is the controller's own, which asking has cleared: a negative one. The others are told to
+    /// whoever gave the command.
+    fn note(&self, error: i32) {
+        if error < 0 {
+            self.set_fault(Some(format!("error {error}: {}", pi::error_meaning(error))));
+        }
     }
 
     /// An axis's settings against its configuration.
@@ -226,10 +237,7 @@ impl Dialogue for PiDialogue {
         let position = self.number("POS?", name).await? / scale;
         let error = self.error().await?;
         let referenced = self.yes("FRF?", name).await?;
-        // What a command made is told to its giver; a negative error is the controller's own.
-        if error < 0 {
-            self.set_fault(Some(format!("error {error}: {}", pi::error_meaning(error))));
-        }
+        self.note(error);
         Ok(AxisReading { position, moving, referenced: Some(referenced), fault: self.fault() })
     }
 

@@ -256,10 +256,21 @@ pub fn fault(flag: &str) -> Option<String> {
     Some(format!("{flag}: {words}"))
 }
 
-/// Whether a flag lets an axis's position be believed: it has a reference, and from its own homing.
+/// Whether a flag lets an axis's position be believed: it has a reference, and from its own homing. `None` for a flag
+/// that may hide one of less weight.
 #[must_use]
-pub fn referenced(flag: &str) -> bool {
-    !matches!(flag, "WR" | "WH" | "FO" | "FD" | "FF")
+pub fn referenced(flag: &str) -> Option<bool> {
+    match flag {
+        "WR" | "WH" | "FO" | "FD" | "FF" => Some(false),
+        _ if flag == "--" || flag.starts_with('N') => Some(true),
+        _ => None,
+    }
+}
+
+/// The same for the answer to `warnings`, which has every flag: `02 WT WR`.
+#[must_use]
+pub fn all_referenced(flags: &str) -> bool {
+    flags.split(' ').skip(1).all(|flag| referenced(flag) != Some(false))
 }
 
 #[cfg(test)]
@@ -293,6 +304,10 @@ mod tests {
         assert_eq!(packet(&format!("@{body}:{:02X}", checksum(body) ^ 1)), None, "a wrong checksum");
         assert_eq!(packet("@01 1 07 OK BUS"), None);
         assert_eq!(read("!01 1 IDLE --").kind, Type::Alert);
+        assert_eq!([referenced("--"), referenced("NI"), referenced("WR")], [Some(true), Some(true), Some(false)]);
+        // Too hot, and behind that perhaps without a reference: every flag has to be asked for.
+        assert_eq!(referenced("WT"), None);
+        assert!(!all_referenced("02 WT WR") && all_referenced("01 WT") && all_referenced("00"));
     }
 
     #[test]

@@ -222,10 +222,14 @@ impl Dialogue for ZaberDialogue {
             .ok()
             .filter(|position: &f64| position.is_finite())
             .ok_or_else(|| self.exchange.senseless(format!("its position is `{}`", answer.data)))?;
+        let referenced = match zaber::referenced(&answer.flag) {
+            Some(referenced) => referenced,
+            None => zaber::all_referenced(&self.question(*number, "warnings").await?.data),
+        };
         Ok(AxisReading {
             position: position / scale,
             moving: answer.busy,
-            referenced: Some(zaber::referenced(&answer.flag)),
+            referenced: Some(referenced),
             fault: zaber::fault(&answer.flag),
         })
     }

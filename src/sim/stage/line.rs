@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::time::sleep;
 
 /// What goes wrong on a wire. By default nothing.
@@ -33,7 +33,11 @@ const fn garble(byte: u8) -> u8 {
 
 impl Line {
     /// Passes bytes between the driver's end and the controller's until either closes.
-    pub async fn run(self, mut driver: DuplexStream, mut controller: DuplexStream) {
+    pub async fn run<A, B>(self, mut driver: A, mut controller: B)
+    where
+        A: AsyncRead + AsyncWrite + Unpin,
+        B: AsyncRead + AsyncWrite + Unpin,
+    {
         if !self.noise.is_empty() && driver.write_all(&self.noise).await.is_err() {
             return;
         }

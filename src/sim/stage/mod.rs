@@ -114,6 +114,11 @@ impl ControllerTwin {
         self.now(|firmware| firmware.power_cycle());
     }
 
+    /// Gives the firmware bytes as if they came over the wire.
+    pub fn receive(&self, bytes: &[u8]) {
+        self.now(|firmware| bytes.iter().for_each(|&byte| firmware.receive(byte)));
+    }
+
     /// Cuts the connection: [`ControllerTwin::serve`] returns and drops its stream.
     pub fn unplug(&self) {
         self.plugged.send_replace(false);
@@ -124,7 +129,7 @@ impl ControllerTwin {
         self.plugged.send_replace(true);
     }
 
-    /// What goes wrong on the wire to it, of every stream opened by its dial from now on.
+    /// What goes wrong on the wire to it, of every stream opened by its dial and every terminal from now on.
     pub fn set_line(&self, line: Line) {
         *self.line.lock().unwrap_or_else(PoisonError::into_inner) = line;
     }
@@ -149,6 +154,17 @@ impl ControllerTwin {
             firmware.advance(passed.as_secs_f64());
             act(firmware)
         })
+    }
+
+    /// Serves with what goes wrong on the wire.
+    async fn serve_over_its_line<T: AsyncRead + AsyncWrite + Unpin>(&self, io: T) {
+        let line = self.line.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if line == Line::default() {
+            self.serve(io).await;
+        } else {
+            let (a, b) = tokio::io::duplex(1024);
+            tokio::join!(line.run(io, a), self.serve(b));
+        }
     }
 
     async fn run<T: AsyncRead + AsyncWrite + Unpin>(&self, io: T) {
@@ -208,7 +224,7 @@ impl ControllerTwin {
         tokio::spawn(async move {
             // Kept open: with no far end open, reads would fail as if unplugged.
             let _far = far;
-            twin.serve(near).await;
+            twin.serve_over_its_line(near).await;
         });
         Ok(PathBuf::from(path))
     }
@@ -238,15 +254,8 @@ impl Dial for TwinDial {
                 reason: "another stream is open".to_owned(),
             });
         }
-        let line = twin.line.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (near, far) = tokio::io::duplex(1024);
-        if line == Line::default() {
-            tokio::spawn(async move { twin.serve(far).await });
-        } else {
-            let (a, b) = tokio::io::duplex(1024);
-            tokio::spawn(line.run(far, a));
-            tokio::spawn(async move { twin.serve(b).await });
-        }
+        tokio::spawn(async move { twin.serve_over_its_line(far).await });
         Ok(Box::new(near))
     }
 }

@@ -1,14 +1,17 @@
 //! Every driver over a pseudo-terminal, in real time: opened by a name that stays, lost, and found again under another.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::config::ControllerDriver;
+use plenalign::config::{ControllerConfig, ControllerDriver};
+use plenalign::device::open::open_stages;
 use plenalign::device::serial::{Dial, SerialDial};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::stage::ControllerTwin;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::line::Line;
 use plenalign::units::Millimetres;
 use tokio::time::{sleep, timeout};
 
@@ -65,6 +68,45 @@ async fn works_over_a_terminal(driver: ControllerDriver) {
     assert!(found, "it is found under its new name: {:?}", rig.focus.state().borrow().clone());
     let kept = matches!(driver, ControllerDriver::Zaber | ControllerDriver::Pi);
     assert_eq!(rig.focus.read_state().await.unwrap().homed, kept);
+
+    // The same over a bad line.
+    kit.twin.unplug();
+    assert!(timeout(Duration::from_secs(5), state.wait_for(|state| !state.connected)).await.is_ok());
+    kit.twin.set_line(Line { noise: b"\xff\x00~Gr\r\n@01".to_vec(), fragment: 3, echo: true, ..Line::default() });
+    kit.twin.plug_in();
+    point(&link, &kit.twin.serve_on_terminal().unwrap());
+    let found = timeout(Duration::from_secs(10), state.wait_for(|state| state.connected)).await.is_ok();
+    assert!(found, "{:?}", rig.focus.state().borrow().clone());
+    rig.focus.home().await.unwrap();
+    assert!(near(rig.focus.move_to(Millimetres(2.0)).await.unwrap().value(), 2.0, 0.003));
+    assert!(near(rig.slides.at(0), 2.0, 0.006));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bench_of_two_kinds_of_controllers_opens_with_one_of_them_absent() {
+    let kit = Kit::new(ControllerDriver::Zaber);
+    let port = kit.twin.serve_on_terminal().unwrap();
+    let controller = |driver, port: &Path| ControllerConfig {
+        driver,
+        port: port.to_owned(),
+        baud: None,
+        identity: None,
+        address: 1,
+    };
+    let mut bench = kit.bench.clone();
+    "lens".clone_into(&mut bench.focus.controller);
+    "shell".clone_into(&mut bench.e.controller);
+    bench.controllers = BTreeMap::from([
+        ("lens".to_owned(), controller(ControllerDriver::Zaber, &port)),
+        ("shell".to_owned(), controller(ControllerDriver::Tmcl, Path::new("usb:there-is-none"))),
+    ]);
+    let (focus, e) = open_stages(&bench).await.unwrap();
+    assert!(focus.read_state().await.unwrap().connected);
+    assert_eq!((focus.info().driver.as_str(), e.info().driver.as_str()), ("zaber", "tmcl"));
+    let state = e.state().borrow().clone();
+    assert!(!state.connected && state.fault.as_ref().is_some_and(|fault| fault.contains("there-is-none")), "{state:?}");
+    let error = e.home().await.unwrap_err();
+    assert!(matches!(&error, DeviceError::Disconnected { device, .. } if device.contains("shell")), "{error}");
 }
 
 macro_rules! over_a_terminal {

@@ -232,6 +232,10 @@ impl Controller {
         loop {
             let reading = self.fresh_reading(after_line).await?;
             after_line = reading.line_number;
+            if reading.mode == Mode::Door {
+                let reason = "its safety door is open; close it, stop (which resets the controller), then home";
+                return Err(DeviceError::Alarm { device: self.name.clone(), reason: reason.to_owned() });
+            }
             // Locked but at rest: the alarm itself is reported by whoever asked for the motion.
             let resting = reading.mode.at_rest();
             let same = last.as_ref().is_some_and(|last| last.machine == reading.machine);

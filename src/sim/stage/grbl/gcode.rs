@@ -96,7 +96,9 @@ impl GrblFirmware {
         }
         match text.strip_prefix('$') {
             Some(command) => self.command(command),
-            None if matches!(self.state, State::Alarm | State::Jog | State::Sleep) => Err(Refusal::Error(9)),
+            None if matches!(self.state, State::Alarm | State::Door | State::Jog | State::Sleep) => {
+                Err(Refusal::Error(9))
+            }
             None => self.gcode(&text),
         }
     }
@@ -112,12 +114,7 @@ impl GrblFirmware {
         match command {
             "" => self.say("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"),
             "$" if matches!(self.state, State::Run | State::Hold) => return Err(Refusal::Error(8)),
-            "$" => {
-                let lines: Vec<String> = self.settings.lines().collect();
-                for line in lines {
-                    self.say(&line);
-                }
-            }
+            "$" => self.say_settings(),
             _ if !at_rest => return Err(Refusal::Error(8)),
             "I" => {
                 let version = self.config.version.trim_start_matches("Grbl ").to_owned();

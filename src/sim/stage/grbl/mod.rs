@@ -40,6 +40,7 @@ enum State {
     Run,
     Hold,
     Alarm,
+    Door,
     Home,
     Sleep,
 }
@@ -103,7 +104,8 @@ impl Firmware for GrblFirmware {
                     self.decelerate();
                 }
             }
-            // Doors, overrides and the rest of the real-time bytes: taken out of the stream.
+            0x84 => self.open_door(),
+            // Overrides and the rest of the real-time bytes: taken out of the stream.
             0x80..=0xFF => {}
             b'\r' | b'\n' => {
                 let line = std::mem::take(&mut self.line);
@@ -173,6 +175,10 @@ impl GrblFirmware {
             modal: gcode::Modal::default(),
             out: Vec::new(),
         };
+        if firmware.config.blank_settings {
+            firmware.say("error:7");
+            firmware.say_settings();
+        }
         firmware.start();
         firmware
     }
@@ -189,6 +195,13 @@ impl GrblFirmware {
     fn say(&mut self, line: &str) {
         self.out.extend_from_slice(line.as_bytes());
         self.out.extend_from_slice(b"\r\n");
+    }
+
+    pub(super) fn say_settings(&mut self) {
+        let lines: Vec<String> = self.settings.lines().collect();
+        for line in lines {
+            self.say(&line);
+        }
     }
 
     /// What is printed after power-up and after every reset.
@@ -244,12 +257,20 @@ impl GrblFirmware {
             }
             // A jog is cancelled by a hold, not held.
             State::Jog => self.decelerate(),
-            State::Hold | State::Alarm | State::Home | State::Sleep => {}
+            State::Hold | State::Alarm | State::Door | State::Home | State::Sleep => {}
+        }
+    }
+
+    fn open_door(&mut self) {
+        if matches!(self.state, State::Idle | State::Run | State::Jog | State::Hold) {
+            self.state = State::Door;
+            self.decelerate();
+            self.say("[MSG:Check Door]");
         }
     }
 
     fn resume(&mut self) {
-        if self.state == State::Hold && self.motion.is_none() {
+        if matches!(self.state, State::Hold | State::Door) && self.motion.is_none() {
             self.state = State::Idle;
             self.next_block(State::Run);
         }
@@ -360,7 +381,7 @@ impl GrblFirmware {
                 self.queue.clear();
                 self.state = State::Idle;
             }
-            (State::Hold, _) => {
+            (State::Hold | State::Door, _) => {
                 // What is left of the line comes first when the hold ends.
                 let target = motion.end_mm();
                 let rest = std::array::from_fn(|i| (target[i] * self.settings.of_axis(100, i)).round() as i64);
@@ -498,6 +519,8 @@ impl GrblFirmware {
             State::Hold if self.motion.is_some() => "Hold:1",
             State::Hold => "Hold:0",
             State::Alarm => "Alarm",
+            State::Door if self.motion.is_some() => "Door:2",
+            State::Door => "Door:0",
             State::Home => "Home",
             State::Sleep => "Sleep",
         };

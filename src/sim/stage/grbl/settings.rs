@@ -35,6 +35,8 @@ pub struct FirmwareConfig {
     pub single_axis_homing: bool,
     /// Whether the hard limit switches are wired and on.
     pub hard_limits: bool,
+    /// Whether its settings memory was blank when it was powered up: it says so, with every setting.
+    pub blank_settings: bool,
     /// What the firmware calls itself, e.g. `Grbl 1.1h`.
     pub version: String,
 }
@@ -51,6 +53,7 @@ impl FirmwareConfig {
             locate_rate_mm_per_min: 30.0,
             single_axis_homing: true,
             hard_limits: true,
+            blank_settings: false,
             version: "Grbl 1.1h".to_owned(),
         }
     }
