@@ -107,3 +107,87 @@ async fn end_of_file_closes_the_port_and_says_so() {
     assert!(matches!(port.request("b\n", SECOND, 0).await, Err(PortError::Closed(_))));
     assert!(port.urgent(b"!", false).is_err());
 }
+
+/// Lines whose answers repeat the request; urgent bytes must not cut one.
+#[derive(Default)]
+struct Framed(LineBuffer);
+
+impl Protocol for Framed {
+    type Message = String;
+    const RECOVERY: Recovery = Recovery::Required;
+    const URGENT_ANYWHERE: bool = false;
+
+    fn frame(&mut self, bytes: &[u8]) -> Vec<String> {
+        self.0.push(bytes)
+    }
+
+    fn classify(&self, message: &String, request: Option<&[u8]>) -> Kind {
+        let asked = request.is_some_and(|request| request.trim_ascii() == message.as_bytes());
+        if asked { Kind::Last } else { Kind::Noise }
+    }
+
+    fn text(&self, message: &String) -> String {
+        message.clone()
+    }
+}
+
+async fn read_all(far: &mut tokio::io::DuplexStream, count: usize) -> Vec<u8> {
+    let mut bytes = vec![0u8; count];
+    far.read_exact(&mut bytes).await.unwrap();
+    bytes
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_waits_for_the_end_of_the_message_being_written() {
+    let (near, mut far) = duplex(4);
+    let (port, _notices) = Port::start(near, Framed::default(), Arc::default());
+    let request = tokio::spawn({
+        let port = port.clone();
+        async move { port.request("abcdefgh\n", SECOND, 0).await }
+    });
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    port.generation.fetch_add(1, Ordering::SeqCst);
+    let written = port.urgent(b"!\n", false).unwrap();
+    assert_eq!(read_all(&mut far, 11).await, b"abcdefgh\n!\n");
+    written.await.unwrap();
+    far.write_all(b"abcdefgh\n").await.unwrap();
+    assert_eq!(request.await.unwrap().unwrap().lines, ["abcdefgh"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_command_of_which_nothing_is_written_yet_is_not_written_after_a_stop() {
+    let (near, mut far) = duplex(4);
+    let (port, _notices) = Port::start(near, Framed::default(), Arc::default());
+    // The line is full.
+    port.urgent(b"xxxx", false).unwrap().await.unwrap();
+    let request = tokio::spawn({
+        let port = port.clone();
+        async move { port.request("move\n", SECOND, 0).await }
+    });
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    port.generation.fetch_add(1, Ordering::SeqCst);
+    let written = port.urgent(b"!\n", false).unwrap();
+    assert_eq!(request.await.unwrap(), Err(PortError::Cancelled));
+    assert_eq!(read_all(&mut far, 6).await, b"xxxx!\n");
+    written.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_question_whose_answer_can_be_no_others_brings_a_port_back_into_step() {
+    let (near, mut far) = duplex(256);
+    let (port, _notices) = Port::start(near, Framed::default(), Arc::default());
+    assert_eq!(port.ask("a\n", SECOND).await, Err(PortError::Timeout(SECOND)));
+    assert_eq!(port.ask("b\n", SECOND).await, Err(PortError::OutOfStep));
+    let back = tokio::spawn({
+        let port = port.clone();
+        async move { port.resynchronise("who\n", SECOND).await }
+    });
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    // The late answer comes first.
+    far.write_all(b"a\nwho\n").await.unwrap();
+    assert_eq!(back.await.unwrap().unwrap().lines, ["who"]);
+    let asked = tokio::spawn(async move { port.ask("b\n", SECOND).await });
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    far.write_all(b"b\n").await.unwrap();
+    assert_eq!(asked.await.unwrap().unwrap().lines, ["b"]);
+}
