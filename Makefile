@@ -5,7 +5,7 @@ LISTEN ?= 127.0.0.1:8080
 # ONCE=1 ends `make run` after the report.
 ONCE ?=
 
-.PHONY: run test test-long bench web fmt clean
+.PHONY: run test test-long test-vendor-clients bench web fmt clean
 
 run:
 	@deploy/setup.sh build
@@ -19,6 +19,10 @@ test:
 
 test-long:
 	@tests/long.sh
+
+# The controller twins against the vendors' own clients.
+test-vendor-clients:
+	@tests/vendor-clients/run.sh
 
 bench:
 	@deploy/setup.sh bench

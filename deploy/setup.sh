@@ -15,7 +15,8 @@ set -euo pipefail
 build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates curl)
 # chromium          the browser in which the page is tested
 # python3           the table of `make test-long`
-test_packages=(chromium python3)
+# python3-venv      where the stage vendors' clients are put
+test_packages=(chromium python3 python3-venv)
 # python3-venv      where the comparison's OpenCV and NumPy are put
 bench_packages=(python3 python3-venv)
 

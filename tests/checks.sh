@@ -26,6 +26,7 @@ part "page checked" page
 part "clippy" cargo clippy --quiet --all-targets -- -D warnings
 part "tests" cargo test --quiet
 part "docs" docs
+part "vendors' clients" tests/vendor-clients/run.sh
 part "page in a browser" browser
 
 echo "== all checks passed in $SECONDS s"

@@ -14,6 +14,7 @@ mod remote;
 mod render;
 mod report;
 mod serve;
+mod sim_stage;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -53,6 +54,8 @@ enum Command {
     Render(render::Args),
     /// Serve the simulated bench and align it before your eyes.
     Demo(demo::Args),
+    /// Stand in for a stage controller, behind a pseudo-terminal or a TCP port.
+    SimStage(sim_stage::Args),
 }
 
 /// What every subcommand gets.
@@ -114,5 +117,6 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Calibrate(args) => calibrate::run(context, args),
         Command::Render(args) => render::run(context, args),
         Command::Demo(args) => demo::run(context, args),
+        Command::SimStage(args) => sim_stage::run(context, args),
     }
 }

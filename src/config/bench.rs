@@ -69,11 +69,57 @@ impl Default for BenchConfig {
 }
 
 /// Which protocol a stage controller speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum ControllerDriver {
-    /// Grbl 1.1 over serial.
+    /// Grbl 1.1 and grblHAL.
     Grbl,
+    /// Zaber's ASCII protocol.
+    Zaber,
+    /// PI's General Command Set 2.
+    Pi,
+    /// Trinamic's TMCL.
+    Tmcl,
+}
+
+impl ControllerDriver {
+    /// The word used in configuration and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Grbl => "grbl",
+            Self::Zaber => "zaber",
+            Self::Pi => "pi",
+            Self::Tmcl => "tmcl",
+        }
+    }
+
+    /// Whether an axis of this name can be on such a controller, and if not, which can.
+    ///
+    /// # Errors
+    /// The names that can, in words.
+    pub fn check_axis(self, name: &str) -> Result<(), &'static str> {
+        let number = |least: u8, most: u8| name.parse::<u8>().is_ok_and(|number| (least..=most).contains(&number));
+        let (possible, names) = match self {
+            Self::Grbl => (["X", "Y", "Z"].contains(&name), "X, Y or Z on a Grbl controller"),
+            Self::Zaber => (number(1, 9), "1 to 9 on a Zaber device"),
+            Self::Pi => (
+                !name.is_empty() && name.len() <= 8 && name.bytes().all(|byte| byte.is_ascii_alphanumeric()),
+                "letters and digits on a PI controller, 1 as a rule",
+            ),
+            Self::Tmcl => (number(0, 5), "0 to 5 on a Trinamic module"),
+        };
+        if possible { Ok(()) } else { Err(names) }
+    }
+
+    /// The baud rate that the protocol's controllers leave the factory with.
+    #[must_use]
+    pub const fn usual_baud(self) -> u32 {
+        match self {
+            Self::Grbl | Self::Zaber | Self::Pi => 115_200,
+            Self::Tmcl => 9600,
+        }
+    }
 }
 
 /// `[bench.controllers.NAME]`
@@ -82,15 +128,29 @@ pub enum ControllerDriver {
 pub struct ControllerConfig {
     /// Protocol.
     pub driver: ControllerDriver,
-    /// Serial port, best by its `/dev/serial/by-id` name.
+    /// Serial port: its `/dev/serial/by-id` name or another path, or `usb:` and a USB serial number.
     pub port: PathBuf,
-    /// Baud rate.
-    #[serde(default = "default_baud")]
-    pub baud: u32,
+    /// Baud rate; the protocol's usual one where it is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baud: Option<u32>,
+    /// What the controller's identity must contain, beyond being of the right kind: another one is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identity: Option<String>,
+    /// Address of the device on its line, where the protocol has addresses.
+    #[serde(default = "default_address")]
+    pub address: u8,
 }
 
-const fn default_baud() -> u32 {
-    115_200
+impl ControllerConfig {
+    /// Baud rate in force.
+    #[must_use]
+    pub fn baud(&self) -> u32 {
+        self.baud.unwrap_or(self.driver.usual_baud())
+    }
+}
+
+const fn default_address() -> u8 {
+    1
 }
 
 /// An end of an axis's travel.
@@ -122,7 +182,8 @@ pub struct AxisConfig {
     pub controller: String,
     /// Axis letter or number on that controller.
     pub axis: String,
-    /// Motor steps a millimetre: compared with the controller's own setting.
+    /// The controller's units of position a millimetre (Grbl, Zaber, TMCL: motor steps or microsteps; PI: 1 where it
+    /// counts in mm): compared with the controller's own setting, where it has one.
     pub steps_per_mm: f64,
     /// Whether the controller's positive direction is the coordinate's negative one.
     pub reversed: bool,
@@ -130,6 +191,8 @@ pub struct AxisConfig {
     pub low_limit_mm: f64,
     /// Greatest position, mm.
     pub high_limit_mm: f64,
+    /// Whether limits of the controller's own that are wider than these are accepted.
+    pub accept_wider_firmware_limits: bool,
     /// The end where the home switch is.
     pub home_side: Side,
     /// Position after homing and pulling off the switch, mm.
@@ -161,6 +224,7 @@ impl Default for AxisConfig {
             reversed: false,
             low_limit_mm: 0.0,
             high_limit_mm: 10.0,
+            accept_wider_firmware_limits: false,
             home_side: Side::Low,
             home_position_mm: 0.0,
             speed_mm_per_s: 2.0,

@@ -1,12 +1,10 @@
 //! Physical sense of `[bench]`.
 
 use super::check::Faults;
-use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig, ControllerDriver};
+use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig};
 
 /// Pixel formats that the V4L2 camera understands.
 const FORMATS: [&str; 2] = ["GREY", "YUYV"];
-/// Axes that a Grbl 1.1 controller drives.
-const GRBL_AXES: [&str; 3] = ["X", "Y", "Z"];
 
 impl BenchConfig {
     pub(super) fn check(&self, faults: &mut Faults) {
@@ -18,7 +16,10 @@ impl BenchConfig {
             faults.require(!controller.port.as_os_str().is_empty(), format!("{key}.port"), || {
                 "is empty: give the serial port, best by its /dev/serial/by-id name".to_owned()
             });
-            faults.require(controller.baud > 0, format!("{key}.baud"), || "must be at least 1".to_owned());
+            faults.require(controller.port.as_os_str() != "usb:", format!("{key}.port"), || {
+                "names no USB serial number: usb:A50285BI, for one".to_owned()
+            });
+            faults.require(controller.baud() > 0, format!("{key}.baud"), || "must be at least 1".to_owned());
         }
         self.camera.check(faults);
         self.simulation.check(faults);
@@ -42,13 +43,11 @@ impl BenchConfig {
                         ),
                     );
                 }
-                Some(controller) => match controller.driver {
-                    ControllerDriver::Grbl => {
-                        faults.require(GRBL_AXES.contains(&axis.axis.as_str()), format!("bench.{name}.axis"), || {
-                            format!("{:?} is no axis of a Grbl controller: X, Y or Z", axis.axis)
-                        });
+                Some(controller) => {
+                    if let Err(names) = controller.driver.check_axis(&axis.axis) {
+                        faults.add(format!("bench.{name}.axis"), format!("{:?} is no axis: {names}", axis.axis));
                     }
-                },
+                }
             }
         }
         faults.require(

@@ -29,7 +29,13 @@ pub(super) fn schema() -> Table {
     };
     full.bench.simulation.array_rotation_deg = Some(0.0);
     full.sensor.mosaic = Some(CfaPattern::Rggb);
-    let controller = ControllerConfig { driver: ControllerDriver::Grbl, port: PathBuf::new(), baud: 0 };
+    let controller = ControllerConfig {
+        driver: ControllerDriver::Grbl,
+        port: PathBuf::new(),
+        baud: Some(0),
+        identity: Some(String::new()),
+        address: 0,
+    };
     full.bench.controllers = BTreeMap::from([(ANY_NAME.to_owned(), controller)]);
     Table::try_from(full).unwrap_or_default()
 }

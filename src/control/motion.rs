@@ -12,11 +12,14 @@ use utoipa::ToSchema;
 use super::events::{ShellState, StopView};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
+use crate::device::jog::{Deadman, jog};
 use crate::device::{AxisName, Bench, DeviceError, StageInfo, StageState, StopDelivery};
 use crate::units::Millimetres;
 
 /// A readback this far from its target means that the controller did not do what it was told, mm.
 const READBACK_TOLERANCE_MM: f64 = 0.01;
+/// Positions are reported to a thousandth of a millimetre.
+const READOUT_MM: f64 = 1e-3;
 
 /// What became of a stop.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -193,8 +196,6 @@ impl Motion {
 
     /// Limits and wall; a move that leads back towards them from outside is allowed.
     fn check_range(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Result<(), Refusal> {
-        // Positions are reported to a thousandth of a millimetre.
-        const READOUT_MM: f64 = 1e-3;
         let config = self.axis(axis);
         let (low, high) = (config.low_limit_mm, config.high_limit_mm);
         let leads_back = |bound_low: f64, bound_high: f64| {
@@ -277,6 +278,33 @@ impl Motion {
         }
         self.state().approached[index(axis)] = true;
         Ok(readback)
+    }
+
+    /// Moves an axis towards a side at `speed_mm_per_s` while the deadman is held: no further than the limit of travel,
+    /// the e wall or the greatest step, and not at all while another command has the axis. Returns where it stands.
+    ///
+    /// # Errors
+    /// A refusal before anything moves; a device's error, or a stop, in mid-move.
+    pub async fn jog(
+        &self,
+        axis: AxisName,
+        towards: Side,
+        speed_mm_per_s: f64,
+        deadman: Deadman,
+    ) -> Result<Millimetres, ServiceError> {
+        let _claim = self.claim(axis)?;
+        let from = self.bench.stage(axis).state().borrow().position;
+        let (low, high) = self.range_mm(axis);
+        let far = from.value() + towards.sign() * self.axis(axis).max_step_mm;
+        let end = Millimetres(far.clamp(low, high));
+        self.check(axis, end)?;
+        if (end - from).value() * towards.sign() < -READOUT_MM {
+            // From outside the limits only the way back is open.
+            let (low, high) = (Millimetres(low), Millimetres(high));
+            return Err(Refusal::Limit { axis, target: Millimetres(far), low, high }.into());
+        }
+        self.state().approached[index(axis)] = false;
+        Ok(jog(self.bench.stage(axis), end, speed_mm_per_s, deadman).await?)
     }
 
     /// Whether homing an axis may start now: the e axis is not homed towards a shell that is on or may be.

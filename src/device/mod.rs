@@ -5,8 +5,10 @@
 //! stop) is decided by `control`, which alone commands motion.
 
 pub mod camera;
+pub mod jog;
 pub mod open;
 pub mod port;
+pub mod serial;
 pub mod stage;
 
 use std::sync::Arc;
@@ -157,6 +159,17 @@ pub struct StageInfo {
     pub location: String,
     /// What differs between the controller's settings and the configuration, one sentence each.
     pub disagreements: Vec<String>,
+    /// The controller's own limits of travel, least and greatest, in the axis's coordinate, where it has some.
+    pub firmware_limits: Option<(Millimetres, Millimetres)>,
+}
+
+/// How long a motion takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MoveTime {
+    /// By speed and acceleration.
+    pub predicted: Duration,
+    /// Past this it has failed.
+    pub maximum: Duration,
 }
 
 /// How sure it is that an axis was told to stop.
@@ -192,19 +205,38 @@ pub trait Stage: Send + Sync {
         None
     }
 
+    /// What a move between two positions takes, at the speed and acceleration that the axis really has.
+    fn move_time(&self, from: Millimetres, to: Millimetres) -> MoveTime;
+
     /// Runs the controller's homing on this axis and returns at its end.
     ///
     /// # Errors
     /// When the controller refuses, fails to find its switch, or is stopped.
     async fn home(&self) -> Result<(), DeviceError>;
 
-    /// Moves straight to `target` and returns when the axis has been reported at rest twice, with the readback.
-    /// Does not check limits beyond the controller's own, compensates no backlash.
+    /// Says that the axis stands at `position` now, where it cannot be homed: the position counts as known from then on.
+    /// Moves nothing, and writes nothing into the controller.
+    ///
+    /// # Errors
+    /// When the controller does not answer, is in alarm, or the axis moves.
+    async fn set_position(&self, position: Millimetres) -> Result<(), DeviceError>;
+
+    /// Moves straight to `target` at `speed_mm_per_s`, or at the axis's greatest speed where that is less, and returns
+    /// when the axis has been reported at rest twice, with the readback. Does not check limits beyond the controller's
+    /// own, compensates no backlash.
     ///
     /// # Errors
     /// [`DeviceError::NotHomed`], [`DeviceError::Stopped`], [`DeviceError::Timeout`] past the move's maximum duration,
     /// or what the controller reports.
-    async fn move_to(&self, target: Millimetres) -> Result<Millimetres, DeviceError>;
+    async fn move_at(&self, target: Millimetres, speed_mm_per_s: f64) -> Result<Millimetres, DeviceError>;
+
+    /// [`Stage::move_at`] the axis's greatest speed.
+    ///
+    /// # Errors
+    /// As there.
+    async fn move_to(&self, target: Millimetres) -> Result<Millimetres, DeviceError> {
+        self.move_at(target, f64::INFINITY).await
+    }
 
     /// Switches the motor off so that the axis can be moved by hand. The position is unknown until homed again.
     ///

@@ -1,23 +1,31 @@
 //! From configuration to the devices of a hardware bench: the one place that names concrete drivers.
 //!
-//! Missing hardware is an error that names it; nothing here ever falls back to the simulated bench.
+//! Missing hardware is no error here: its state says why it is missing, and it is opened when it comes. Nothing ever
+//! falls back to the simulated bench.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::camera::v4l2::{V4l2Camera, poses_of_stages};
-use super::port::open_serial;
-use super::stage::grbl_controller::{AxisSetup, GrblController};
+use super::serial::SerialDial;
+use super::stage::axis::AxisSetup;
+use super::stage::grbl_controller::GrblDriver;
+use super::stage::pi_controller::PiDriver;
+use super::stage::session::Driver;
+use super::stage::supervisor::Controller;
+use super::stage::tmcl_controller::TmclDriver;
+use super::stage::zaber_controller::ZaberDriver;
 use super::{AxisName, Bench, DeviceError, FrameSource, Stage};
-use crate::config::{AxisConfig, BenchConfig, CameraDriver, ControllerDriver};
+use crate::config::{AxisConfig, BenchConfig, CameraDriver, ControllerConfig, ControllerDriver};
+
+/// Longest wait at the start for the controllers that are there.
+const FIRST_ATTEMPT: Duration = Duration::from_secs(10);
 
 /// Opens every device of a hardware bench; frames must have `frame_size` columns and rows.
 ///
-/// A camera that is not there yet is no error: its state says so, and it is opened when it comes.
-///
 /// # Errors
-/// What keeps a stage controller from being used, naming the controller.
+/// What in the configuration keeps a device from ever being used.
 pub async fn open_hardware(bench: &BenchConfig, frame_size: (usize, usize)) -> Result<Bench, DeviceError> {
     let (focus, e) = open_stages(bench).await?;
     let settle = |axis: &AxisConfig| Duration::from_millis(axis.settle_ms);
@@ -28,7 +36,19 @@ pub async fn open_hardware(bench: &BenchConfig, frame_size: (usize, usize)) -> R
     Ok(Bench { focus, e, camera, simulated: None })
 }
 
-/// Opens the controllers that the two axes are on: one that has both, or one for each.
+/// The driver of a controller.
+#[must_use]
+pub fn driver(config: &ControllerConfig) -> Box<dyn Driver> {
+    match config.driver {
+        ControllerDriver::Grbl => Box::new(GrblDriver),
+        ControllerDriver::Zaber => Box::new(ZaberDriver { address: config.address }),
+        ControllerDriver::Pi => Box::new(PiDriver),
+        ControllerDriver::Tmcl => Box::new(TmclDriver { address: config.address }),
+    }
+}
+
+/// Opens the controllers that the two axes are on: one that has both, or one for each. Returns when each has been tried
+/// once; what is not there then is connected when it comes.
 ///
 /// # Errors
 /// As [`open_hardware`].
@@ -42,34 +62,34 @@ pub async fn open_stages(bench: &BenchConfig) -> Result<(Arc<dyn Stage>, Arc<dyn
     }
     let mut wanted: BTreeMap<&str, Vec<AxisSetup>> = BTreeMap::new();
     for (axis, config) in axes {
-        wanted.entry(&config.controller).or_default().push(AxisSetup::new(axis, &config.axis, config)?);
+        wanted.entry(&config.controller).or_default().push(AxisSetup::new(axis, config));
     }
-    let mut stages: BTreeMap<AxisName, Arc<dyn Stage>> = BTreeMap::new();
+    let mut controllers = Vec::new();
     for (name, setups) in wanted {
         let device = controller_name(name);
         let config = bench.controllers.get(name).ok_or_else(|| DeviceError::Disconnected {
             device: device.clone(),
             reason: format!("there is no [bench.controllers.{name}] in the configuration; add it, with its `port`"),
         })?;
-        let controller = match config.driver {
-            ControllerDriver::Grbl => {
-                let port = open_serial(&device, &config.port, config.baud)?;
-                GrblController::connect(port, &device, &config.port.display().to_string(), setups).await?
-            }
-        };
-        for axis in AxisName::ALL {
-            if let Some(stage) = controller.stage(axis) {
-                stages.insert(axis, Arc::new(stage));
-            }
-        }
+        let dial = SerialDial { device: device.clone(), port: config.port.clone(), baud: config.baud() };
+        let identity = config.identity.clone();
+        controllers.push(Controller::start(&device, driver(config), Arc::new(dial), identity, setups));
     }
-    let mut take = |axis| {
-        stages.remove(&axis).ok_or_else(|| DeviceError::Disconnected {
+    let tried = async {
+        for controller in &controllers {
+            // The reason is in the state.
+            let _ = controller.first_attempt().await;
+        }
+    };
+    let _ = tokio::time::timeout(FIRST_ATTEMPT, tried).await;
+    let stage = |axis| {
+        let found = controllers.iter().find_map(|controller| controller.stage(axis));
+        found.map(|stage| Arc::new(stage) as Arc<dyn Stage>).ok_or_else(|| DeviceError::Disconnected {
             device: format!("the {axis} axis"),
             reason: "no controller has it".to_owned(),
         })
     };
-    Ok((take(AxisName::Focus)?, take(AxisName::E)?))
+    Ok((stage(AxisName::Focus)?, stage(AxisName::E)?))
 }
 
 fn controller_name(name: &str) -> String {

@@ -1,5 +1,10 @@
 //! The mechanics that a stage twin's motors turn: what a controller's firmware can act on and sense.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::stage::PULL_OFF_MM;
+use crate::config::AxisConfig;
+
 /// Motors and switches of one controller's axes, numbered from 0 as the controller numbers them.
 pub trait Plant: Send + Sync {
     /// The motor of `axis` now stands `position_mm` from where it stood at power-up, by the firmware's own count of
@@ -11,4 +16,75 @@ pub trait Plant: Send + Sync {
 
     /// Whether the axis stands against a hard limit switch (either end).
     fn limit_switch_closed(&self, axis: usize) -> bool;
+}
+
+/// Plain slides, one an axis: a motor, a home switch, a hard stop's switch at either end. Positions are the axes' own
+/// coordinates.
+#[derive(Debug)]
+pub struct Slides {
+    slides: Vec<Slide>,
+    at: Mutex<Vec<f64>>,
+}
+
+#[derive(Debug)]
+struct Slide {
+    start: f64,
+    direction: f64,
+    home_switch: f64,
+    homes_below: bool,
+    far_switch: f64,
+}
+
+impl Slides {
+    /// The slides of axes as configured, each standing at its start (mm) at power-up. The home switch closes
+    /// [`PULL_OFF_MM`] beyond the home position, the other end's a millimetre beyond the limit of travel.
+    #[must_use]
+    pub fn new(axes: &[(&AxisConfig, f64)]) -> Arc<Self> {
+        let slides = axes.iter().map(|(config, start)| {
+            let side = config.home_side.sign();
+            Slide {
+                start: *start,
+                direction: if config.reversed { -1.0 } else { 1.0 },
+                home_switch: config.home_position_mm + side * PULL_OFF_MM,
+                homes_below: side < 0.0,
+                far_switch: if side < 0.0 { config.high_limit_mm + 1.0 } else { config.low_limit_mm - 1.0 },
+            }
+        });
+        let slides: Vec<Slide> = slides.collect();
+        let at = Mutex::new(slides.iter().map(|slide| slide.start).collect());
+        Arc::new(Self { slides, at })
+    }
+
+    /// Where a slide stands, mm.
+    #[must_use]
+    pub fn at(&self, axis: usize) -> f64 {
+        self.at.lock().unwrap_or_else(PoisonError::into_inner).get(axis).copied().unwrap_or(f64::NAN)
+    }
+}
+
+impl Plant for Slides {
+    fn motor_moved(&self, axis: usize, position_mm: f64) {
+        if let (Some(slide), Some(at)) =
+            (self.slides.get(axis), self.at.lock().unwrap_or_else(PoisonError::into_inner).get_mut(axis))
+        {
+            *at = slide.start + slide.direction * position_mm;
+        }
+    }
+
+    fn home_switch_closed(&self, axis: usize) -> bool {
+        let at = self.at(axis);
+        self.slides.get(axis).is_some_and(|s| if s.homes_below { at <= s.home_switch } else { at >= s.home_switch })
+    }
+
+    fn limit_switch_closed(&self, axis: usize) -> bool {
+        // A micrometre beyond, so that a soft limit, which is at the home switch, can be reached.
+        let at = self.at(axis);
+        self.slides.get(axis).is_some_and(|s| {
+            if s.homes_below {
+                at < s.home_switch - 1e-3 || at > s.far_switch
+            } else {
+                at > s.home_switch + 1e-3 || at < s.far_switch
+            }
+        })
+    }
 }

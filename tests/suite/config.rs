@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use plenalign::config::{BenchDriver, Config, ConfigError, ConfigOrigin, Position, Side};
+use plenalign::config::{BenchDriver, Config, ConfigError, ConfigOrigin, ControllerDriver, Position, Side};
 
 fn shipped(name: &str) -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(name)
@@ -56,7 +56,7 @@ fn the_shipped_file_shows_every_key() {
             _ => format!("{line}\n"),
         })
         .collect();
-    assert_eq!(uncommented, 10);
+    assert_eq!(uncommented, 12);
     // Only the water, given twice over, is at fault then.
     let faults = faults(&every);
     assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
@@ -82,11 +82,47 @@ fn the_shipped_file_shows_every_key() {
 fn the_hardware_example_loads() {
     let config = Config::load(&shipped("examples/grbl.toml")).unwrap();
     assert_eq!(config.bench.driver, BenchDriver::Hardware);
-    assert_eq!(config.bench.controllers["main"].baud, 115_200);
+    assert_eq!(config.bench.controllers["main"].baud(), 115_200);
     assert_eq!(config.notices(), Vec::<String>::new());
     // Quan and Fry at 20 °C, fresh, 550 nm.
     assert!((config.water.index() - 1.334_338_19).abs() < 5e-9, "{}", config.water.index());
     assert_eq!(config.design().shell.n_water, config.water.index());
+}
+
+#[test]
+fn every_kind_of_stage_has_an_example_that_loads() {
+    for (name, driver) in [
+        ("grbl", ControllerDriver::Grbl),
+        ("zaber", ControllerDriver::Zaber),
+        ("pi", ControllerDriver::Pi),
+        ("tmcl", ControllerDriver::Tmcl),
+    ] {
+        let config = Config::load(&shipped(&format!("examples/{name}.toml"))).unwrap();
+        assert_eq!(config.bench.driver, BenchDriver::Hardware, "{name}");
+        for axis in [&config.bench.focus, &config.bench.e] {
+            assert_eq!(config.bench.controllers[&axis.controller].driver, driver, "{name}");
+        }
+        assert_eq!(config.notices(), Vec::<String>::new(), "{name}");
+    }
+}
+
+#[test]
+fn axes_that_a_controller_cannot_have_are_refused() {
+    for (driver, axis, words) in [
+        ("grbl", "A", "X, Y or Z"),
+        ("zaber", "0", "1 to 9"),
+        ("pi", "1-2", "letters and digits"),
+        ("tmcl", "6", "0 to 5"),
+    ] {
+        let text = format!(
+            "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"{driver}\"\nport = \"/dev/x\"\n\
+             [bench.focus]\naxis = \"1\"\n[bench.e]\naxis = \"{axis}\"\n"
+        );
+        let text = if driver == "grbl" { text.replace("axis = \"1\"", "axis = \"X\"") } else { text };
+        refused(&text, "bench.e.axis", words);
+    }
+    let text = "[bench.controllers.main]\ndriver = \"pi\"\nport = \"usb:\"\n";
+    refused(text, "bench.controllers.main.port", "USB serial number");
 }
 
 #[test]

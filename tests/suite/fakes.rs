@@ -1,10 +1,12 @@
 //! A bench of stand-ins for tests of the wire: axes that stand where they are told, a camera fed by the test.
 
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use plenalign::device::{
-    AxisName, AxisPose, Bench, CameraState, DeviceError, Frame, FrameSource, Stage, StageInfo, StageState, StopDelivery,
+    AxisName, AxisPose, Bench, CameraState, DeviceError, Frame, FrameSource, MoveTime, Stage, StageInfo, StageState,
+    StopDelivery,
 };
 use plenalign::raw::RawImage;
 use plenalign::units::Millimetres;
@@ -42,6 +44,7 @@ impl Stage for StillStage {
             identity: "stand-in".into(),
             location: "test".into(),
             disagreements: vec![],
+            firmware_limits: None,
         }
     }
 
@@ -61,7 +64,16 @@ impl Stage for StillStage {
         Ok(())
     }
 
-    async fn move_to(&self, target: Millimetres) -> Result<Millimetres, DeviceError> {
+    fn move_time(&self, _: Millimetres, _: Millimetres) -> MoveTime {
+        MoveTime { predicted: Duration::ZERO, maximum: Duration::ZERO }
+    }
+
+    async fn set_position(&self, position: Millimetres) -> Result<(), DeviceError> {
+        self.state.send_modify(|state| state.position = position);
+        Ok(())
+    }
+
+    async fn move_at(&self, target: Millimetres, _: f64) -> Result<Millimetres, DeviceError> {
         self.state.send_modify(|state| state.position = target);
         Ok(target)
     }
@@ -90,7 +102,7 @@ impl FedCamera {
         let frame = Frame {
             image: Arc::new(RawImage::from_u8(64, 48, vec![seq as u8; 64 * 48])),
             seq,
-            exposed_from: now - std::time::Duration::from_millis(10),
+            exposed_from: now - Duration::from_millis(10),
             exposed_to: now,
             exposure_assumed: true,
             captured_at: jiff::Timestamp::now(),

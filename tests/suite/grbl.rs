@@ -1,4 +1,4 @@
-//! The Grbl driver against the firmware twin: over a pipe on a paused clock, and over a pseudo-terminal in real time.
+//! What only the Grbl driver does, against its firmware's twin. What every driver does is in `stages`.
 
 // The helpers below are tests' code, too.
 #![allow(clippy::unwrap_used)]
@@ -7,13 +7,17 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use plenalign::config::{AxisConfig, BenchConfig};
-use plenalign::device::stage::grbl_controller::{AxisSetup, GrblController, GrblStage};
+use plenalign::device::serial::{Dial, Wire};
+use plenalign::device::stage::axis::AxisSetup;
+use plenalign::device::stage::grbl_controller::GrblDriver;
+use plenalign::device::stage::supervisor::{Controller, ControllerStage};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Plant;
-use plenalign::sim::stage::{ControllerTwin, FirmwareConfig, PULL_OFF_MM};
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, sleep};
 
 /// Two slides with a home switch each: positions are the axes' own coordinates.
 struct Slides {
@@ -66,33 +70,42 @@ impl Plant for Slides {
 }
 
 struct Rig {
-    focus: GrblStage,
-    e: GrblStage,
-    twin: ControllerTwin,
+    focus: ControllerStage,
+    e: ControllerStage,
     slides: Arc<Slides>,
 }
 
 const START: [f64; 2] = [1.3, 20.4];
 
 fn setups(bench: &BenchConfig) -> Vec<AxisSetup> {
-    vec![
-        AxisSetup::new(AxisName::Focus, &bench.focus.axis, &bench.focus).unwrap(),
-        AxisSetup::new(AxisName::E, &bench.e.axis, &bench.e).unwrap(),
-    ]
+    vec![AxisSetup::new(AxisName::Focus, &bench.focus), AxisSetup::new(AxisName::E, &bench.e)]
+}
+
+async fn connect(dial: impl Dial + 'static, bench: &BenchConfig) -> Result<Controller, DeviceError> {
+    let controller = Controller::start("controller `main`", Box::new(GrblDriver), Arc::new(dial), None, setups(bench));
+    controller.first_attempt().await.map(|()| controller)
 }
 
 async fn rig_with(change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
-    let bench = BenchConfig::default();
+    rig_on(BenchConfig::default(), change).await
+}
+
+/// Where the firmware's limits may be wider than the configured ones.
+async fn accepting_rig_with(change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
+    let mut bench = BenchConfig::default();
+    bench.focus.accept_wider_firmware_limits = true;
+    bench.e.accept_wider_firmware_limits = true;
+    rig_on(bench, change).await
+}
+
+async fn rig_on(bench: BenchConfig, change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
     let slides = Slides::new(START, &bench);
-    let mut config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
+    let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
     change(&mut config);
-    let twin = ControllerTwin::new(config, slides.clone());
-    let (near, far) = tokio::io::duplex(1024);
-    let serving = twin.clone();
-    tokio::spawn(async move { serving.serve(far).await });
-    let controller = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)).await.unwrap();
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
+    let controller = connect(twin.dial(), &bench).await.unwrap();
     let stage = |axis| controller.stage(axis).unwrap();
-    Rig { focus: stage(AxisName::Focus), e: stage(AxisName::E), twin, slides }
+    Rig { focus: stage(AxisName::Focus), e: stage(AxisName::E), slides }
 }
 
 async fn homed_rig() -> Rig {
@@ -104,36 +117,6 @@ async fn homed_rig() -> Rig {
 
 fn near(a: f64, b: f64, tolerance: f64) -> bool {
     (a - b).abs() <= tolerance
-}
-
-#[tokio::test(start_paused = true)]
-async fn homing_finds_the_switches_and_moves_arrive_where_they_say() {
-    let rig = rig_with(|_| {}).await;
-    assert_eq!(rig.focus.info().identity, "Grbl 1.1h");
-    assert_eq!(rig.focus.info().disagreements, Vec::<String>::new());
-    assert_eq!(rig.e.info().disagreements, Vec::<String>::new());
-    assert_eq!(rig.focus.move_to(Millimetres(1.0)).await, Err(DeviceError::NotHomed { axis: AxisName::Focus }));
-    assert_eq!(rig.slides.at(0), START[0], "nothing moves before homing");
-
-    rig.focus.home().await.unwrap();
-    assert!(near(rig.slides.at(0), 0.0, 0.003), "{}", rig.slides.at(0));
-    assert_eq!(rig.slides.at(1), START[1], "the other axis is left alone");
-    assert!(!rig.e.read_state().await.unwrap().homed);
-    rig.e.home().await.unwrap();
-    assert!(near(rig.slides.at(1), 30.0, 0.003), "{}", rig.slides.at(1));
-
-    for target in [0.7, -0.35, 4.9] {
-        let began = Instant::now();
-        let readback = rig.focus.move_to(Millimetres(target)).await.unwrap();
-        assert!(near(readback.value(), target, 0.002), "{readback}");
-        assert!(near(rig.slides.at(0), target, 0.005), "{}", rig.slides.at(0));
-        assert!(began.elapsed() < Duration::from_secs(6), "{:?}", began.elapsed());
-    }
-    let readback = rig.e.move_to(Millimetres(12.0)).await.unwrap();
-    assert!(near(readback.value(), 12.0, 0.002) && near(rig.slides.at(1), 12.0, 0.005));
-    let state = rig.e.read_state().await.unwrap();
-    assert!(state.homed && state.connected && !state.moving && state.at_rest_since.is_some(), "{state:?}");
-    assert_eq!(state.fault, None);
 }
 
 #[tokio::test(start_paused = true)]
@@ -159,51 +142,6 @@ async fn motors_report_to_the_plant_at_least_every_ten_milliseconds() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stop_in_mid_move_ends_it_within_its_deceleration_and_keeps_the_position() {
-    let rig = homed_rig().await;
-    let mover = rig.e.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
-    sleep(Duration::from_secs(2)).await;
-    assert!(rig.e.state().borrow().moving);
-    let (asked, at) = (Instant::now(), rig.slides.at(1));
-    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
-    // 250 ms of deceleration, two readings, a reset.
-    assert!(asked.elapsed() < Duration::from_millis(900), "{:?}", asked.elapsed());
-    let stopped = rig.slides.at(1);
-    assert!(near(stopped, at, 0.7), "5 mm/s and 20 mm/s² make 0.625 mm: {at} to {stopped}");
-    assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
-    sleep(Duration::from_secs(5)).await;
-    assert_eq!(rig.slides.at(1), stopped);
-    let state = rig.e.read_state().await.unwrap();
-    assert!(state.homed && near(state.position.value(), stopped, 0.003), "{state:?}");
-    // It goes on from there.
-    let readback = rig.e.move_to(Millimetres(25.0)).await.unwrap();
-    assert!(near(readback.value(), 25.0, 0.002) && near(rig.slides.at(1), 25.0, 0.005));
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_stop_cancels_the_moves_that_wait_and_works_at_rest() {
-    let rig = homed_rig().await;
-    let first = tokio::spawn({
-        let stage = rig.e.clone();
-        async move { stage.move_to(Millimetres(5.0)).await }
-    });
-    sleep(Duration::from_millis(500)).await;
-    let second = tokio::spawn({
-        let stage = rig.focus.clone();
-        async move { stage.move_to(Millimetres(3.0)).await }
-    });
-    sleep(Duration::from_millis(10)).await;
-    let (a, b) = tokio::join!(rig.focus.stop(), rig.e.stop());
-    assert_eq!((a, b), (StopDelivery::Confirmed, StopDelivery::Confirmed));
-    assert!(matches!(first.await.unwrap(), Err(DeviceError::Stopped { .. })));
-    assert!(matches!(second.await.unwrap(), Err(DeviceError::Stopped { .. })));
-    assert!(near(rig.slides.at(0), 0.0, 0.003));
-    assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
-    assert!(rig.focus.read_state().await.unwrap().homed);
-}
-
-#[tokio::test(start_paused = true)]
 async fn a_motion_commanded_during_a_stop_begins_after_it() {
     let rig = rig_with(|_| {}).await;
     // A stop at rest takes some status reports and a reset: the reset must not hit what is commanded on the way.
@@ -223,111 +161,28 @@ async fn a_motion_commanded_during_a_stop_begins_after_it() {
     }
 }
 
-#[tokio::test(start_paused = true)]
-async fn a_stop_while_homing_resets_and_the_position_stays_unknown() {
-    let rig = rig_with(|_| {}).await;
-    let homing = tokio::spawn({
-        let stage = rig.e.clone();
-        async move { stage.home().await }
-    });
-    sleep(Duration::from_secs(1)).await;
-    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
-    let at = rig.slides.at(1);
-    assert_eq!(homing.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
-    sleep(Duration::from_secs(3)).await;
-    assert_eq!(rig.slides.at(1), at);
-    let state = rig.e.read_state().await.unwrap();
-    assert!(!state.homed && state.fault.is_some(), "{state:?}");
-    rig.e.home().await.unwrap();
-    assert!(near(rig.slides.at(1), 30.0, 0.003));
+/// Leads once to a stream that is there already.
+struct Once(Mutex<Option<Wire>>);
+
+#[async_trait::async_trait]
+impl Dial for Once {
+    fn location(&self) -> String {
+        "pipe".to_owned()
+    }
+
+    async fn open(&self) -> Result<Wire, DeviceError> {
+        let gone = || DeviceError::Disconnected { device: "pipe".to_owned(), reason: "it led there once".to_owned() };
+        self.0.lock().unwrap().take().ok_or_else(gone)
+    }
 }
 
-#[tokio::test(start_paused = true)]
-async fn a_target_beyond_the_soft_limits_is_refused_without_motion() {
-    let rig = homed_rig().await;
-    let at = rig.slides.at(1);
-    let error = rig.e.move_to(Millimetres(40.0)).await.unwrap_err();
-    assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("error:15")), "{error}");
-    assert_eq!(rig.slides.at(1), at);
-    assert!(rig.e.read_state().await.unwrap().homed);
-}
-
-#[tokio::test(start_paused = true)]
-async fn a_limit_switch_is_an_alarm_that_homing_leaves() {
-    let bench = BenchConfig::default();
-    // Soft limits that lie beyond the switch, as with a wrong pull-off.
-    let rig = rig_with(|config| {
-        if let Some(axis) = &mut config.axes[1] {
-            axis.travel_mm = 60.0;
-        }
-        config.pull_off_mm = 4.0;
-    })
-    .await;
-    rig.e.home().await.unwrap();
-    // The driver takes the pull-off's end for 30 mm; the switch, 4 mm on, lies inside the travel.
-    let error = rig.e.move_to(Millimetres(bench.e.high_limit_mm + 1.99)).await;
-    assert!(error.is_ok(), "{error:?}");
-    rig.twin.stall(1, true);
-    rig.e.move_to(Millimetres(30.0)).await.unwrap();
-    rig.twin.stall(1, false);
-    // The motor lost steps: the switch now comes 4 mm early.
-    let error = rig.e.move_to(Millimetres(33.0)).await.unwrap_err();
-    assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("ALARM:1")), "{error}");
-    let state = rig.e.state().borrow().clone();
-    assert!(!state.homed && state.fault.is_some_and(|fault| fault.contains("limit switch")));
-    assert!(matches!(rig.e.move_to(Millimetres(20.0)).await, Err(DeviceError::Alarm { .. })));
-    rig.e.home().await.unwrap();
-    assert_eq!(rig.e.read_state().await.unwrap().fault, None);
-    assert!(near(rig.e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.002));
-}
-
-#[tokio::test(start_paused = true)]
-async fn homing_without_a_switch_fails_in_words() {
-    let rig = rig_with(|_| {}).await;
-    rig.twin.stall(0, true);
-    let error = rig.focus.home().await.unwrap_err();
-    assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("ALARM:9")), "{error}");
-    assert!(!rig.focus.state().borrow().homed);
-    rig.twin.stall(0, false);
-    rig.focus.home().await.unwrap();
-}
-
-#[tokio::test(start_paused = true)]
-async fn dropping_the_caller_of_a_move_leaves_driver_and_controller_in_step() {
-    let rig = homed_rig().await;
-    assert!(timeout(Duration::from_millis(700), rig.e.move_to(Millimetres(20.0))).await.is_err());
-    let readback = rig.e.move_to(Millimetres(22.0)).await.unwrap();
-    assert!(near(readback.value(), 22.0, 0.002) && near(rig.slides.at(1), 22.0, 0.005));
-}
-
-#[tokio::test(start_paused = true)]
-async fn an_unplugged_controller_is_disconnected_and_its_position_unknown() {
-    let rig = homed_rig().await;
-    let moving = tokio::spawn({
-        let stage = rig.e.clone();
-        async move { stage.move_to(Millimetres(5.0)).await }
-    });
-    sleep(Duration::from_secs(1)).await;
-    rig.twin.unplug();
-    let error = moving.await.unwrap().unwrap_err();
-    assert!(matches!(error, DeviceError::Disconnected { .. }), "{error}");
-    sleep(Duration::from_millis(10)).await;
-    let state = rig.e.state().borrow().clone();
-    assert!(!state.connected && !state.homed && !state.moving && state.fault.is_some(), "{state:?}");
-    assert!(matches!(rig.e.read_state().await, Err(DeviceError::Disconnected { .. })));
-    assert!(matches!(rig.focus.move_to(Millimetres(1.0)).await, Err(DeviceError::Disconnected { .. })));
-    assert_eq!(rig.e.stop().await, StopDelivery::Undeliverable);
-}
-
-/// A far end that says what it is told to and hears what is said.
-async fn connect_to(script: impl AsyncFnOnce(DuplexStream) + Send + 'static) -> Result<GrblController, DeviceError>
-where
-{
+/// Connects to a far end that says what it is told to and hears what is said.
+async fn connect_to(script: impl AsyncFnOnce(DuplexStream) + Send + 'static) -> Result<Controller, DeviceError> {
     let (near, far) = tokio::io::duplex(1024);
     let local = async move { script(far).await };
     let bench = BenchConfig::default();
     tokio::select! {
-        result = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)) => result,
+        result = connect(Once(Mutex::new(Some(Box::new(near)))), &bench) => result,
         () = async { local.await; std::future::pending::<()>().await } => unreachable!(),
     }
 }
@@ -350,44 +205,9 @@ async fn another_device_is_named() {
     assert!(matches!(&error, DeviceError::Timeout { .. }), "{error}");
 }
 
-/// Passes bytes both ways, with noise before the first of them and every piece cut to `piece` bytes.
-async fn noisy_line(mut a: DuplexStream, mut b: DuplexStream, piece: usize) {
-    a.write_all(b"\xff\x00\xfe~~\x80Grb\r\n<Idle|MPos:1,2\r\n\xffxx").await.unwrap();
-    let (mut down, mut up) = ([0u8; 64], vec![0u8; piece]);
-    loop {
-        tokio::select! {
-            read = a.read(&mut down) => match read {
-                Ok(0) | Err(_) => return,
-                Ok(count) => b.write_all(&down[..count]).await.unwrap(),
-            },
-            read = b.read(&mut up) => match read {
-                Ok(0) | Err(_) => return,
-                Ok(count) => a.write_all(&up[..count]).await.unwrap(),
-            },
-        }
-    }
-}
-
-#[tokio::test(start_paused = true)]
-async fn noise_before_the_banner_and_fragments_do_no_harm() {
-    for piece in [1, 7] {
-        let bench = BenchConfig::default();
-        let slides = Slides::new(START, &bench);
-        let twin = ControllerTwin::new(FirmwareConfig::for_axes(&bench.focus, &bench.e), slides.clone());
-        let ((near, line_a), (line_b, far)) = (tokio::io::duplex(64), tokio::io::duplex(64));
-        tokio::spawn(noisy_line(line_a, line_b, piece));
-        tokio::spawn(async move { twin.serve(far).await });
-        let controller = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)).await.unwrap();
-        let focus = controller.stage(AxisName::Focus).unwrap();
-        focus.home().await.unwrap();
-        assert!(self::near(focus.move_to(Millimetres(2.5)).await.unwrap().value(), 2.5, 0.002));
-        assert!(self::near(slides.at(0), 2.5, 0.005));
-    }
-}
-
 #[tokio::test(start_paused = true)]
 async fn settings_that_differ_from_the_configuration_are_told() {
-    let rig = rig_with(|config| {
+    let rig = accepting_rig_with(|config| {
         if let Some(axis) = &mut config.axes[0] {
             axis.steps_per_mm = 80.0;
             axis.homes_negative = false;
@@ -403,7 +223,8 @@ async fn settings_that_differ_from_the_configuration_are_told() {
 async fn motion_under_way_at_opening_is_stopped() {
     let bench = BenchConfig::default();
     let slides = Slides::new(START, &bench);
-    let twin = ControllerTwin::new(FirmwareConfig::for_axes(&bench.focus, &bench.e), slides.clone());
+    let config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let (mut first, far) = tokio::io::duplex(1024);
     let serving = twin.clone();
     let before = tokio::spawn(async move { serving.serve(far).await });
@@ -411,11 +232,9 @@ async fn motion_under_way_at_opening_is_stopped() {
     sleep(Duration::from_millis(500)).await;
     assert!(slides.at(1) < START[1] - 0.5);
     // The program that started the motion dies; another opens the port.
-    before.abort();
-    let (near, far) = tokio::io::duplex(1024);
-    let serving = twin.clone();
-    tokio::spawn(async move { serving.serve(far).await });
-    let controller = GrblController::connect(near, "controller `main`", "pipe", setups(&bench)).await.unwrap();
+    drop(first);
+    before.await.unwrap();
+    let controller = connect(twin.dial(), &bench).await.unwrap();
     let at = slides.at(1);
     assert!(at > START[1] - 4.0, "{at}");
     sleep(Duration::from_secs(3)).await;
@@ -423,30 +242,54 @@ async fn motion_under_way_at_opening_is_stopped() {
     assert!(!controller.stage(AxisName::E).unwrap().state().borrow().homed);
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_driver_moves_an_axis_over_a_pseudo_terminal() {
-    let mut bench = BenchConfig::default();
-    // Quick axes: this runs in real time.
-    for axis in [&mut bench.focus, &mut bench.e] {
-        axis.speed_mm_per_s = 20.0;
-        axis.acceleration_mm_per_s2 = 200.0;
-    }
-    let slides = Slides::new([-1.5, 20.0], &bench);
-    let mut config = FirmwareConfig::for_axes(&bench.focus, &bench.e);
-    config.locate_rate_mm_per_min = 300.0;
-    let twin = ControllerTwin::new(config, slides.clone());
-    let path = twin.serve_on_terminal().unwrap();
-    let port = plenalign::device::port::open_serial("controller `main`", &path, 115_200).unwrap();
-    let busy = plenalign::device::port::open_serial("controller `main`", &path, 115_200).unwrap_err();
-    assert!(matches!(busy, DeviceError::Busy { .. }), "{busy}");
-    let controller = GrblController::connect(port, "controller `main`", "pty", setups(&bench)).await.unwrap();
-    let focus = controller.stage(AxisName::Focus).unwrap();
-    focus.home().await.unwrap();
-    let readback = focus.move_to(Millimetres(3.0)).await.unwrap();
-    assert!(near(readback.value(), 3.0, 0.002) && near(slides.at(0), 3.0, 0.005), "{readback}");
-    assert_eq!(focus.stop().await, StopDelivery::Confirmed);
-    twin.unplug();
-    let mut state = focus.state();
-    let lost = timeout(Duration::from_secs(5), state.wait_for(|state| !state.connected)).await;
-    assert!(lost.is_ok(), "the loss of the terminal is seen");
+#[tokio::test(start_paused = true)]
+async fn grblhal_is_driven_as_well() {
+    let rig = rig_with(|config| "GrblHAL 1.1f".clone_into(&mut config.version)).await;
+    assert_eq!(rig.focus.info().identity, "GrblHAL 1.1f");
+    rig.focus.home().await.unwrap();
+    let readback = rig.focus.move_to(Millimetres(2.5)).await.unwrap();
+    assert!(near(readback.value(), 2.5, 0.002) && near(rig.slides.at(0), 2.5, 0.005), "{readback}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_controller_that_takes_no_bytes_is_given_up_and_a_stop_does_not_hang() {
+    // A pipe that nobody reads: it fills, and so does every queue before it.
+    let (near, _far) = tokio::io::duplex(1);
+    let bench = BenchConfig::default();
+    let began = Instant::now();
+    let error = connect(Once(Mutex::new(Some(Box::new(near)))), &bench).await.err().unwrap();
+    assert!(matches!(error, DeviceError::Timeout { .. }), "{error}");
+    assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_controller_whose_settings_memory_was_blank_is_understood() {
+    let rig = rig_with(|config| config.blank_settings = true).await;
+    assert_eq!(rig.e.info().disagreements, Vec::<String>::new());
+    rig.e.home().await.unwrap();
+    assert!(near(rig.slides.at(1), 30.0, 0.003));
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_open_safety_door_ends_a_move_and_says_so() {
+    let bench = BenchConfig::default();
+    let slides = Slides::new(START, &bench);
+    let config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
+    let controller = connect(twin.dial(), &bench).await.unwrap();
+    let e = controller.stage(AxisName::E).unwrap();
+    e.home().await.unwrap();
+    let mover = e.clone();
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    sleep(Duration::from_secs(1)).await;
+    // The door's switch, which the real-time byte stands for.
+    twin.receive(b"\x84");
+    let error = moving.await.unwrap().unwrap_err();
+    assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("door")), "{error}");
+    let at = slides.at(1);
+    assert!(at < 28.0 && at > 22.0, "{at}");
+    sleep(Duration::from_secs(3)).await;
+    assert_eq!(slides.at(1), at);
+    e.home().await.unwrap();
+    assert!(near(e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.002));
 }

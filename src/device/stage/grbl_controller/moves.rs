@@ -6,65 +6,62 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::super::grbl::{self, Alarm, Letter, Mode};
-use super::{ANSWER, Axis, AxisSetup, Controller, START_UP, device_error, locked};
+use super::{ANSWER, Axis, AxisFacts, Controller, START_UP, device_error, locked};
 use crate::device::port::PortError;
-use crate::device::{AxisName, DeviceError};
+use crate::device::{AxisName, DeviceError, MoveTime};
 use crate::units::Millimetres;
 
 /// Distance between target and readback that is no arrival, mm: Grbl reports three decimals of whole motor steps.
 const ARRIVAL_MM: f64 = 0.01;
 
 impl Controller {
-    /// Speed (mm/s) and acceleration (mm/s²) that an axis really has.
-    pub(super) fn dynamics(&self, axis: &Axis) -> (f64, f64) {
-        let AxisSetup { letter, config, .. } = &axis.setup;
-        let rate = self.settings.of_axis(110, *letter).map_or(f64::INFINITY, |rate| rate / 60.0);
-        let acceleration = self.settings.of_axis(120, *letter).unwrap_or(f64::INFINITY);
-        (config.speed_mm_per_s.min(rate).max(1e-6), config.acceleration_mm_per_s2.min(acceleration).max(1e-6))
-    }
-
     /// Waits until no stop is under way, and tells what keeps an operation from starting.
     pub(super) async fn ready(&self, axis: AxisName, generation: u64) -> Result<(), DeviceError> {
-        self.no_stop_under_way().await;
+        self.orders.no_stop_under_way().await;
         if let Some(error) = self.closed_error() {
             return Err(error);
         }
-        if self.port.generation() != generation {
+        if self.orders.generation() != generation {
             return Err(DeviceError::Stopped { axis });
         }
         Ok(())
     }
 
-    pub(super) async fn move_to(
+    pub(super) async fn move_axis(
         &self,
         index: usize,
         target: Millimetres,
+        speed_mm_per_s: f64,
         generation: u64,
     ) -> Result<Millimetres, DeviceError> {
         let axis = &self.axes[index];
-        let name = axis.setup.axis;
+        let name = axis.link.name();
         let _operation = self.operation.lock().await;
         self.ready(name, generation).await?;
+        if speed_mm_per_s.is_nan() || speed_mm_per_s <= 0.0 {
+            let reason = format!("{speed_mm_per_s} mm/s is no speed");
+            return Err(DeviceError::Refused { device: self.name.clone(), reason });
+        }
         if !target.value().is_finite() {
             return Err(DeviceError::Refused { device: self.name.clone(), reason: format!("{target} is no position") });
         }
         if let Some(alarm) = *self.alarm.borrow() {
             return Err(DeviceError::Alarm { device: self.name.clone(), reason: alarm.to_string() });
         }
-        let Some(home) = *locked(&axis.home) else { return Err(DeviceError::NotHomed { axis: name }) };
+        let Some(home) = axis.link.home() else { return Err(DeviceError::NotHomed { axis: name }) };
         let _watching = self.watching();
         let from = self.fresh_reading(self.latest_line()).await?;
-        let letter = axis.setup.letter;
-        let machine = axis.setup.machine(target.value(), home);
+        let letter = axis.letter;
+        let machine = axis.link.setup().machine(target.value(), home);
         let distance = (machine - from.machine[letter.index()]).abs();
-        let (speed, acceleration) = self.dynamics(axis);
-        // A trapezoid takes distance/speed + speed/acceleration; half as much again, and the time to see its end.
-        let allowed = Duration::from_secs_f64(2.0 + 1.5 * (distance / speed + speed / acceleration));
+        let AxisFacts { speed_mm_per_s: greatest, acceleration_mm_per_s2: acceleration, .. } = axis.facts;
+        let speed = speed_mm_per_s.min(greatest);
+        let allowed = MoveTime::of_trapezoid(distance, speed, acceleration).maximum;
 
         let line = grbl::jog(letter, machine, speed * 60.0);
         let answer = match self.port.request(line, ANSWER, generation).await {
             Ok(answer) => answer,
-            Err(_) if self.port.generation() != generation => return self.stopped(name).await,
+            Err(_) if self.orders.generation() != generation => return self.stopped(name).await,
             Err(error) => {
                 if matches!(error, PortError::Timeout(_) | PortError::OutOfStep) {
                     self.stop().await;
@@ -81,7 +78,7 @@ impl Controller {
         };
         let reading = tokio::select! {
             biased;
-            () = self.stop_after(generation) => return self.stopped(name).await,
+            () = self.orders.outdated(generation) => return self.stopped(name).await,
             alarm = alarmed => {
                 let reason = alarm.unwrap_or(Alarm(0)).to_string();
                 return Err(DeviceError::Alarm { device: self.name.clone(), reason });
@@ -96,10 +93,10 @@ impl Controller {
                 return Err(error);
             }
         };
-        if locked(&axis.home).is_none() {
+        if axis.link.home().is_none() {
             return Err(DeviceError::NotHomed { axis: name });
         }
-        let reached = axis.setup.coordinate(reading.machine[letter.index()], home);
+        let reached = axis.link.setup().coordinate(reading.machine[letter.index()], home);
         if (reached - target.value()).abs() > ARRIVAL_MM {
             return Err(DeviceError::Protocol {
                 device: self.name.clone(),
@@ -109,21 +106,14 @@ impl Controller {
         Ok(Millimetres(reached))
     }
 
-    /// Returns once a stop has outdated a generation.
-    async fn stop_after(&self, generation: u64) {
-        if self.stops.subscribe().wait_for(|&count| count > generation).await.is_err() {
-            std::future::pending::<()>().await;
-        }
-    }
-
     /// Waits for the end of the stop that ended an operation.
     async fn stopped<T>(&self, axis: AxisName) -> Result<T, DeviceError> {
         let _stopping = self.stopping.lock().await;
         Err(DeviceError::Stopped { axis })
     }
 
-    pub(super) async fn home(&self, index: usize, generation: u64) -> Result<(), DeviceError> {
-        let name = self.axes[index].setup.axis;
+    pub(super) async fn home_axis(&self, index: usize, generation: u64) -> Result<(), DeviceError> {
+        let name = self.axes[index].link.name();
         let _operation = self.operation.lock().await;
         self.ready(name, generation).await?;
         let locked_up = self.alarm.borrow().is_some_and(Alarm::needs_reset);
@@ -134,10 +124,10 @@ impl Controller {
         let single = self.homes_single_axes || self.axes.len() == 1;
         let homed: Vec<&Axis> =
             self.axes.iter().enumerate().filter(|(i, _)| !single || *i == index).map(|(_, axis)| axis).collect();
-        let letter = self.homes_single_axes.then(|| self.axes[index].setup.letter);
+        let letter = self.homes_single_axes.then(|| self.axes[index].letter);
         for axis in &homed {
-            *locked(&axis.home) = None;
-            axis.state.send_modify(|state| {
+            axis.link.forget_home();
+            axis.link.modify(|state| {
                 state.homed = false;
                 state.moving = true;
                 state.at_rest_since = None;
@@ -148,14 +138,10 @@ impl Controller {
         let answer = self.port.request(grbl::home(letter), self.homing_time(), generation).await;
         self.homing.store(false, Ordering::SeqCst);
         // It was silent while it homed: that is not to be taken for a loss.
-        self.readings.send_modify(|reading| {
-            if let Some(reading) = reading {
-                reading.at = Instant::now();
-            }
-        });
+        *locked(&self.heard) = Instant::now();
         let answer = match answer {
             Ok(answer) => answer,
-            Err(_) if self.port.generation() != generation => return self.stopped(name).await,
+            Err(_) if self.orders.generation() != generation => return self.stopped(name).await,
             Err(error) => {
                 if matches!(error, PortError::Timeout(_) | PortError::OutOfStep) {
                     self.stop().await;
@@ -166,19 +152,30 @@ impl Controller {
         let _watching = self.watching();
         let reading = tokio::select! {
             biased;
-            () = self.stop_after(generation) => return self.stopped(name).await,
+            () = self.orders.outdated(generation) => return self.stopped(name).await,
             reading = self.rest(answer.line_number) => reading?,
         };
         for axis in homed {
-            let at = reading.machine[axis.setup.letter.index()];
-            *locked(&axis.home) = Some(at);
-            axis.state.send_modify(|state| {
-                state.homed = true;
-                state.position = Millimetres(axis.setup.config.home_position_mm);
+            let at = reading.machine[axis.letter.index()];
+            axis.link.set_home(at);
+            axis.link.modify(|state| {
+                state.position = Millimetres(axis.link.setup().config.home_position_mm);
                 state.moving = false;
                 state.fault = None;
                 state.at_rest_since = Some(reading.at);
             });
+        }
+        Ok(())
+    }
+
+    /// Leaves the lock that the controller starts in, without homing; an alarm that needs a reset stays.
+    pub(super) async fn unlock(&self) -> Result<(), DeviceError> {
+        if let Some(alarm) = *self.alarm.borrow() {
+            return Err(DeviceError::Alarm { device: self.name.clone(), reason: alarm.to_string() });
+        }
+        if self.fresh_reading(self.latest_line()).await?.mode == Mode::Alarm {
+            let answer = self.port.ask(grbl::UNLOCK, ANSWER).await;
+            answer.map_err(|error| device_error(&self.name, "unlock", error))?;
         }
         Ok(())
     }

@@ -1,78 +1,73 @@
-//! Opening a controller: what it is, what its settings say, and where they disagree with the configuration.
+//! Opening a controller: what it is and what its settings say.
 
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncWrite};
+use async_trait::async_trait;
 use tokio::sync::{Notify, mpsc, watch};
 use tokio::time::Instant;
 
-use super::super::grbl::{self, Grbl, Settings};
+use super::super::axis::{AxisLink, AxisSetup};
+use super::super::grbl::{self, Grbl, Letter, Settings};
+use super::super::session::{AxisFacts, Driver, Session, Wanted};
 use super::reports::{listen, poll};
-use super::{ANSWER, Axis, AxisSetup, Controller, GrblController, POLL_MOVING, START_UP, device_error};
-use crate::device::port::{Answer, LineKind, Notice, Port, PortError};
-use crate::device::{DeviceError, StageState};
-use crate::units::Millimetres;
+use super::{ANSWER, Axis, Controller, POLL_MOVING, START_UP, checks, device_error};
+use crate::device::port::{Answer, Kind, Lines, Notice, Port, PortError};
+use crate::device::serial::Wire;
+use crate::device::{AxisName, DeviceError};
 
 /// Time given to whatever moves when the port is opened.
 const OPENING_STOP: Duration = Duration::from_millis(300);
 
-impl GrblController {
-    /// Stops whatever moves, resets the controller, checks what it is and reads its settings. Positions are unknown
-    /// until the axes are homed.
-    ///
-    /// # Errors
-    /// [`DeviceError::WrongDevice`] when something other than Grbl 1.1 answers, [`DeviceError::Timeout`] when nothing
-    /// does, [`DeviceError::Disconnected`] when the stream ends, [`DeviceError::Refused`] when its settings cannot be
-    /// worked with.
-    pub async fn connect<T>(io: T, name: &str, location: &str, axes: Vec<AxisSetup>) -> Result<Self, DeviceError>
-    where
-        T: AsyncRead + AsyncWrite + Send + Unpin + 'static,
-    {
-        let (port, mut notices) = Port::start(io, Grbl);
-        let identity = start_up(&port, &mut notices, name).await?;
-        let options = ask(&port, name, grbl::BUILD_INFO).await?;
-        let settings = Settings::from_lines(&ask(&port, name, grbl::SETTINGS).await?.lines);
+/// Drives Grbl 1.1 and grblHAL.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct GrblDriver;
+
+#[async_trait]
+impl Driver for GrblDriver {
+    fn name(&self) -> &'static str {
+        "grbl"
+    }
+
+    /// Resets the controller: positions are unknown until the axes are homed.
+    async fn connect(&self, wire: Wire, wanted: Wanted) -> Result<Arc<dyn Session>, DeviceError> {
+        let name = wanted.name;
+        let (port, mut notices) = Port::start(wire, Lines::new(Grbl), wanted.orders.shared());
+        let identity = start_up(&port, &mut notices, &name).await?;
+        let options = ask(&port, &name, grbl::BUILD_INFO).await?;
+        let settings = Settings::from_lines(&ask(&port, &name, grbl::SETTINGS).await?.lines);
         if settings.is_on(13) {
-            return Err(DeviceError::Refused {
-                device: name.to_owned(),
-                reason: "it reports inches; set $13=0".to_owned(),
-            });
+            return Err(DeviceError::Refused { device: name, reason: "it reports inches; set $13=0".to_owned() });
         }
-        let axes = axes
-            .into_iter()
-            .map(|setup| Axis {
-                disagreements: disagreements(&setup, &settings),
-                state: watch::Sender::new(StageState {
-                    connected: true,
-                    homed: false,
-                    position: Millimetres(0.0),
-                    moving: false,
-                    at_rest_since: None,
-                    fault: None,
-                }),
-                home: Mutex::new(None),
-                setup,
-            })
-            .collect();
+        let homes_single_axes = grbl::homes_single_axes(&options.lines);
+        let zero = grbl::homes_to_zero(&options.lines);
+        let names: Vec<AxisName> = wanted.axes.iter().map(AxisLink::name).collect();
+        let mut axes = Vec::new();
+        for link in wanted.axes {
+            let letter = letter(&name, link.setup())?;
+            let homes_also = names.iter().copied().find(|other| *other != link.name() && !homes_single_axes);
+            let facts = AxisFacts { homes_also, ..checks::facts(&name, link.setup(), letter, &settings, zero)? };
+            link.forget_home();
+            axes.push(Axis { link, letter, facts });
+        }
         let controller = Arc::new(Controller {
-            name: name.to_owned(),
-            location: location.to_owned(),
+            name,
             identity,
             settings,
-            homes_single_axes: grbl::homes_single_axes(&options.lines),
+            homes_single_axes,
             axes,
             port,
+            orders: wanted.orders,
             readings: watch::Sender::new(None),
             alarm: watch::Sender::new(None),
-            stops: watch::Sender::new(0),
-            stops_under_way: watch::Sender::new(0),
             restarts: watch::Sender::new(0),
             restart_is_ours: AtomicBool::new(false),
             homing: AtomicBool::new(false),
             watched: AtomicU64::new(0),
             poll_now: Arc::new(Notify::new()),
+            heard: Mutex::new(Instant::now()),
+            restarted: Mutex::new(None),
             work_offset: Mutex::new(None),
             operation: tokio::sync::Mutex::new(()),
             stopping: tokio::sync::Mutex::new(()),
@@ -80,8 +75,15 @@ impl GrblController {
         tokio::spawn(listen(Arc::downgrade(&controller), notices, controller.port.closed()));
         tokio::spawn(poll(Arc::downgrade(&controller), Arc::clone(&controller.poll_now)));
         controller.fresh_reading(0).await?;
-        Ok(Self { controller })
+        Ok(controller)
     }
+}
+
+fn letter(name: &str, setup: &AxisSetup) -> Result<Letter, DeviceError> {
+    Letter::from_name(&setup.config.axis).ok_or_else(|| DeviceError::Refused {
+        device: name.to_owned(),
+        reason: format!("a Grbl controller has no axis `{}`; its axes are X, Y and Z", setup.config.axis),
+    })
 }
 
 /// Stops and resets, and returns what the controller calls itself.
@@ -103,15 +105,15 @@ async fn start_up(port: &Port, notices: &mut mpsc::Receiver<Notice>, name: &str)
                     let reason = port.closed().borrow().clone().unwrap_or_else(|| "the port was closed".to_owned());
                     return Err(DeviceError::Disconnected { device: name.to_owned(), reason });
                 }
-                Ok(Some(Notice { kind: LineKind::Started, line, .. })) => {
+                Ok(Some(Notice { kind: Kind::Started, line, .. })) => {
                     let version = grbl::banner(&line).unwrap_or_default();
-                    if version.starts_with("Grbl 1.1") {
+                    if version.starts_with("Grbl 1.1") || version.starts_with("GrblHAL 1.1") {
                         return Ok(version.to_owned());
                     }
                     return Err(wrong_device(name, version));
                 }
                 Ok(Some(notice)) => {
-                    if notice.kind == LineKind::Noise && heard.is_none() {
+                    if notice.kind == Kind::Noise && heard.is_none() {
                         heard = Some(notice.line.chars().take(60).collect());
                     }
                 }
@@ -119,7 +121,7 @@ async fn start_up(port: &Port, notices: &mut mpsc::Receiver<Notice>, name: &str)
         }
     }
     match heard {
-        Some(line) => Err(wrong_device(name, &format!("something that says `{}`", line.escape_debug()))),
+        Some(line) => Err(wrong_device(name, &unreadable(&line))),
         None => Err(DeviceError::Timeout {
             device: name.to_owned(),
             what: "answer a reset".to_owned(),
@@ -128,8 +130,18 @@ async fn start_up(port: &Port, notices: &mut mpsc::Receiver<Notice>, name: &str)
     }
 }
 
+/// What was heard instead of an answer, and what it hints at.
+fn unreadable(line: &str) -> String {
+    let hint = if line.contains('\u{fffd}') { " (is the baud rate right?)" } else { "" };
+    format!("something that says `{}`{hint}", line.escape_debug())
+}
+
 fn wrong_device(name: &str, found: &str) -> DeviceError {
-    DeviceError::WrongDevice { device: name.to_owned(), expected: "Grbl 1.1".to_owned(), found: found.to_owned() }
+    DeviceError::WrongDevice {
+        device: name.to_owned(),
+        expected: "Grbl 1.1 or grblHAL".to_owned(),
+        found: found.to_owned(),
+    }
 }
 
 /// Asks once the controller has started; a board may start twice when its port is opened.
@@ -142,61 +154,4 @@ async fn ask(port: &Port, name: &str, line: &[u8]) -> Result<Answer, DeviceError
         }
     }
     port.request(line, ANSWER, port.generation()).await.map_err(|error| device_error(name, "tell its settings", error))
-}
-
-/// What differs between a controller's settings and an axis's configuration, one sentence each.
-fn disagreements(setup: &AxisSetup, settings: &Settings) -> Vec<String> {
-    let AxisSetup { axis, letter, config } = setup;
-    let number = |group: u16| group + letter.index() as u16;
-    let mut sentences = Vec::new();
-    match settings.of_axis(100, *letter) {
-        Some(steps) if (steps / config.steps_per_mm - 1.0).abs() > 1e-6 => sentences.push(format!(
-            "The controller makes {steps} steps/mm on {} (${}), the configuration of the {axis} axis says {}.",
-            letter.name(),
-            number(100),
-            config.steps_per_mm
-        )),
-        None => sentences.push(format!("The controller has no setting ${} for the {axis} axis.", number(100))),
-        Some(_) => {}
-    }
-    if let Some(rate) = settings.of_axis(110, *letter).map(|rate| rate / 60.0).filter(|r| *r < config.speed_mm_per_s) {
-        sentences.push(format!(
-            "The controller moves the {axis} axis at {rate:.3} mm/s at most (${}), the configuration says {} mm/s.",
-            number(110),
-            config.speed_mm_per_s
-        ));
-    }
-    match settings.of_axis(120, *letter) {
-        Some(acceleration) if (acceleration / config.acceleration_mm_per_s2 - 1.0).abs() > 1e-6 => {
-            sentences.push(format!(
-                "The controller accelerates the {axis} axis at {acceleration} mm/s² (${}), the configuration says {} \
-                 mm/s².",
-                number(120),
-                config.acceleration_mm_per_s2
-            ));
-        }
-        _ => {}
-    }
-    let travel = config.high_limit_mm - config.low_limit_mm;
-    if let Some(length) = settings.of_axis(130, *letter).filter(|length| *length + 1e-6 < travel) {
-        sentences.push(format!(
-            "The controller's travel of the {axis} axis is {length} mm (${}), less than the {travel} mm between the \
-             configured limits.",
-            number(130)
-        ));
-    }
-    if !settings.is_on(22) {
-        sentences.push(format!("Homing is off in the controller ($22): the {axis} axis cannot be homed."));
-    }
-    if !settings.is_on(20) {
-        sentences.push(format!("Soft limits are off in the controller ($20): it does not bound the {axis} axis."));
-    }
-    let homes_negative = settings.get(23).is_some_and(|mask| (mask as u32) & (1 << letter.index()) != 0);
-    if homes_negative != (config.home_side.sign() * setup.direction() < 0.0) {
-        sentences.push(format!(
-            "The controller homes the {axis} axis towards its {} end ($23), the configuration says the other.",
-            if homes_negative { "negative" } else { "positive" }
-        ));
-    }
-    sentences
 }

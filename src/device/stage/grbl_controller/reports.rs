@@ -9,14 +9,18 @@ use tokio::time::Instant;
 
 use super::super::grbl::{self, Alarm, Mode};
 use super::{ANSWER, Controller, POLL_MOVING, Reading, locked};
-use crate::device::port::{LineKind, Notice};
+use crate::device::port::{Kind, Notice};
 use crate::device::{DeviceError, StageState};
 use crate::units::Millimetres;
 
 /// Time between status requests at rest: Grbl's interface document asks for 5 Hz at most as a rule.
 const POLL_AT_REST: Duration = Duration::from_millis(200);
-/// Silence after which the controller counts as lost.
+/// No board starts twice within this: the banner was doubled on its way.
+const DOUBLED: Duration = Duration::from_millis(50);
+/// Silence after which the controller is shown as lost.
 const SILENCE: Duration = Duration::from_millis(1500);
+/// Silence after which the port is closed, to be opened anew.
+const LOSS: Duration = Duration::from_secs(6);
 
 /// Takes what the controller says by itself, until the port closes or every stage is dropped.
 pub(super) async fn listen(
@@ -89,28 +93,30 @@ impl Controller {
 
     fn set_states(&self, change: impl Fn(&mut StageState)) {
         for axis in &self.axes {
-            axis.state.send_modify(&change);
+            axis.link.modify(&change);
         }
     }
 
     pub(super) fn forget_positions(&self) {
         for axis in &self.axes {
-            *locked(&axis.home) = None;
-            axis.state.send_modify(|state| state.homed = false);
+            axis.link.forget_home();
         }
     }
 
     fn take_notice(&self, notice: &Notice) {
+        *locked(&self.heard) = Instant::now();
         match notice.kind {
-            LineKind::Started => {
-                if !self.restart_is_ours.swap(false, Ordering::SeqCst) && self.alarm.borrow().is_none() {
+            Kind::Started => {
+                let ours = self.restart_is_ours.swap(false, Ordering::SeqCst);
+                let doubled = locked(&self.restarted).replace(Instant::now()).is_some_and(|at| at.elapsed() < DOUBLED);
+                if !ours && !doubled && self.alarm.borrow().is_none() {
                     tracing::warn!(controller = %self.name, "a stage controller has restarted by itself");
                     self.forget_positions();
                 }
                 self.alarm.send_replace(None);
                 self.restarts.send_modify(|count| *count += 1);
             }
-            LineKind::Halted => {
+            Kind::Halted => {
                 let alarm = Alarm::from_line(&notice.line).unwrap_or(Alarm(0));
                 tracing::warn!(controller = %self.name, alarm = %alarm, "a stage controller is in alarm");
                 self.forget_positions();
@@ -139,10 +145,10 @@ impl Controller {
         let Some(machine) = machine else { return };
         let now = Instant::now();
         for axis in &self.axes {
-            let home = *locked(&axis.home);
-            let at = machine[axis.setup.letter.index()];
-            let position = Millimetres(axis.setup.coordinate(at, home.unwrap_or(at)));
-            axis.state.send_modify(|state| {
+            let home = axis.link.home();
+            let at = machine[axis.letter.index()];
+            let position = Millimetres(axis.link.setup().coordinate(at, home.unwrap_or(at)));
+            axis.link.modify(|state| {
                 let moved = state.position != position;
                 state.connected = true;
                 state.position = position;
@@ -168,8 +174,11 @@ impl Controller {
     }
 
     fn note_silence(&self) {
-        let silent = self.readings.borrow().as_ref().is_some_and(|reading| reading.at.elapsed() > SILENCE);
-        if silent && self.axes.iter().any(|axis| axis.state.borrow().connected) {
+        let silent = locked(&self.heard).elapsed();
+        if silent > LOSS {
+            self.port.close("the controller does not answer");
+        }
+        if silent > SILENCE && self.axes.iter().any(|axis| axis.link.state().connected) {
             self.set_states(|state| {
                 state.connected = false;
                 state.at_rest_since = None;
@@ -223,6 +232,10 @@ impl Controller {
         loop {
             let reading = self.fresh_reading(after_line).await?;
             after_line = reading.line_number;
+            if reading.mode == Mode::Door {
+                let reason = "its safety door is open; close it, stop (which resets the controller), then home";
+                return Err(DeviceError::Alarm { device: self.name.clone(), reason: reason.to_owned() });
+            }
             // Locked but at rest: the alarm itself is reported by whoever asked for the motion.
             let resting = reading.mode.at_rest();
             let same = last.as_ref().is_some_and(|last| last.machine == reading.machine);

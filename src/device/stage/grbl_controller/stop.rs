@@ -1,6 +1,5 @@
 //! Stopping a controller at once, out of band, and proving that it rests.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -11,29 +10,7 @@ use crate::device::StopDelivery;
 /// Time beyond its own deceleration that an axis may take to stop before the controller is reset under it.
 const STOP_SPARE: Duration = Duration::from_millis(200);
 
-/// Counts a stop as under way while it lives.
-pub(super) struct UnderWay(Arc<Controller>);
-
-impl UnderWay {
-    pub(super) fn new(controller: &Arc<Controller>) -> Self {
-        controller.stops_under_way.send_modify(|count| *count += 1);
-        Self(Arc::clone(controller))
-    }
-}
-
-impl Drop for UnderWay {
-    fn drop(&mut self) {
-        self.0.stops_under_way.send_modify(|count| *count -= 1);
-    }
-}
-
 impl Controller {
-    /// Waits until no stop is under way: its reset would end a motion that began meanwhile, homing in an alarm.
-    pub(super) async fn no_stop_under_way(&self) {
-        // The sender lives as long as the controller.
-        let _ = self.stops_under_way.subscribe().wait_for(|&count| count == 0).await;
-    }
-
     /// Resets the controller and waits for its start; tells whether that came.
     pub(super) async fn restart(&self) -> bool {
         let mut restarts = self.restarts.subscribe();
@@ -45,20 +22,13 @@ impl Controller {
         matches!(tokio::time::timeout(START_UP, restarts.wait_for(|&count| count > before)).await, Ok(Ok(_)))
     }
 
-    /// Stops what moves and what waits to move.
+    /// Stops what moves and what waits to move, without having been asked to.
     pub(super) async fn stop(&self) -> StopDelivery {
-        self.outdate_commands();
-        self.bring_to_rest().await
+        self.orders.outdate();
+        self.rest_now().await
     }
 
-    /// Whatever was commanded before no longer begins.
-    pub(super) fn outdate_commands(&self) {
-        self.port.cancel_requests();
-        let generation = self.port.generation();
-        self.stops.send_modify(|count| *count = (*count).max(generation));
-    }
-
-    pub(super) async fn bring_to_rest(&self) -> StopDelivery {
+    pub(super) async fn rest_now(&self) -> StopDelivery {
         let blind = self.homing.load(Ordering::SeqCst) || self.alarm.borrow().is_some_and(Alarm::needs_reset);
         // In homing, and after a critical alarm, a reset is all that the controller obeys.
         let bytes: &[u8] = if blind { &[] } else { &[grbl::JOG_CANCEL, grbl::HOLD] };
@@ -75,7 +45,11 @@ impl Controller {
         let after_line = self.latest_line();
         let _watching = self.watching();
         let _stopping = self.stopping.lock().await;
-        let deceleration = self.axes.iter().map(|axis| self.dynamics(axis)).map(|(v, a)| v / a).fold(0.0, f64::max);
+        let deceleration = self
+            .axes
+            .iter()
+            .map(|axis| axis.facts.speed_mm_per_s / axis.facts.acceleration_mm_per_s2)
+            .fold(0.0, f64::max);
         let allowed = STOP_SPARE + Duration::from_secs_f64(deceleration.min(5.0));
         let rested = if blind {
             None

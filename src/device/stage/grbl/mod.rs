@@ -3,10 +3,13 @@
 //! Source: Grbl 1.1's interface and commands documents. Lengths are millimetres and rates millimetres a minute, as the
 //! controller has them.
 
-use std::collections::BTreeMap;
-use std::fmt;
+mod words;
 
-use crate::device::port::{LineKind, LineProtocol};
+use std::collections::BTreeMap;
+
+pub use words::{Alarm, error_meaning};
+
+use crate::device::port::{Kind, LineProtocol};
 
 /// Real-time byte: report the status.
 pub const STATUS: u8 = b'?';
@@ -20,6 +23,8 @@ pub const RESET: u8 = 0x18;
 pub const SETTINGS: &[u8] = b"$$\n";
 /// Asks for version and build options.
 pub const BUILD_INFO: &[u8] = b"$I\n";
+/// Leaves the lock that the controller starts in.
+pub const UNLOCK: &[u8] = b"$X\n";
 /// Puts the controller to sleep: every motor is switched off.
 pub const SLEEP: &[u8] = b"$SLP\n";
 
@@ -87,34 +92,41 @@ pub fn home(axis: Option<Letter>) -> Vec<u8> {
 pub struct Grbl;
 
 impl LineProtocol for Grbl {
-    fn classify(&self, line: &str) -> LineKind {
+    fn classify(&self, line: &str) -> Kind {
+        let line = without_echo(line);
         if line == "ok" {
-            LineKind::Done
+            Kind::Done
         } else if line.starts_with("error:") {
-            LineKind::Refused
+            Kind::Refused
         } else if line.starts_with("ALARM:") {
-            LineKind::Halted
+            Kind::Halted
         } else if banner(line).is_some() {
-            LineKind::Started
+            Kind::Started
         } else if line.starts_with('<') || line.starts_with("[MSG:") {
-            LineKind::Notice
+            Kind::Notice
         } else if line.starts_with('$') || line.starts_with('[') {
-            LineKind::Data
+            Kind::Data
         } else {
-            LineKind::Noise
+            Kind::Noise
         }
     }
 }
 
-/// The version in a start-up line, e.g. `Grbl 1.1h`. Noise before it on the line is passed over: a board that resets
+/// A line without the real-time bytes that an echoing adapter sends back in front of it.
+#[must_use]
+pub fn without_echo(line: &str) -> &str {
+    line.trim_start_matches(['?', '!', '~', '\u{18}', '\u{fffd}'])
+}
+
+/// The version in a start-up line, e.g. `Grbl 1.1h` or `GrblHAL 1.1f`. Noise before it on the line is passed over: a board that resets
 /// when its port is opened spits some.
 #[must_use]
 pub fn banner(line: &str) -> Option<&str> {
-    let start = line.find("Grbl ")?;
+    let start = line.find("Grbl ").or_else(|| line.find("GrblHAL "))?;
     let rest = &line[start..];
     let end = rest.find(" [")?;
     let version = &rest[..end];
-    let digits = version.strip_prefix("Grbl ")?;
+    let (_, digits) = version.split_once(' ')?;
     (digits.starts_with(|c: char| c.is_ascii_digit()) && digits.len() <= 12).then_some(version)
 }
 
@@ -165,7 +177,7 @@ pub struct Status {
 /// Reads a status report, `<Idle|MPos:0.000,0.000,0.000|FS:0,0>`; `None` for anything else or anything damaged.
 #[must_use]
 pub fn status(line: &str) -> Option<Status> {
-    let body = line.strip_prefix('<')?.strip_suffix('>')?;
+    let body = without_echo(line).strip_prefix('<')?.strip_suffix('>')?;
     let mut fields = body.split('|');
     let mode = mode(fields.next()?)?;
     let mut status = Status { mode, machine: None, work: None, work_offset: None };
@@ -254,78 +266,25 @@ pub fn setting(line: &str) -> Option<(u16, f64)> {
     Some((number.parse().ok()?, value.parse().ok().filter(|value: &f64| value.is_finite())?))
 }
 
-/// Whether the answer to `$I` says that single axes can be homed (`H` among the build options).
-#[must_use]
-pub fn homes_single_axes(lines: &[String]) -> bool {
+/// Whether a letter is among the build options in the answer to `$I`.
+fn built_with(lines: &[String], option: char) -> bool {
     lines
         .iter()
         .filter_map(|line| line.strip_prefix("[OPT:"))
         .filter_map(|options| options.split(',').next())
-        .any(|letters| letters.contains('H'))
+        .any(|letters| letters.contains(option))
 }
 
-/// An alarm, by its number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Alarm(pub u8);
-
-impl Alarm {
-    /// Reads `ALARM:n`.
-    #[must_use]
-    pub fn from_line(line: &str) -> Option<Self> {
-        line.strip_prefix("ALARM:")?.trim().parse().ok().map(Self)
-    }
-
-    /// Whether the controller answers nothing at all until it is reset.
-    #[must_use]
-    pub const fn needs_reset(self) -> bool {
-        matches!(self.0, 1 | 2)
-    }
-}
-
-impl fmt::Display for Alarm {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let words = match self.0 {
-            1 => "a limit switch was hit; move the axis off it, then stop (which resets the controller) and home",
-            2 => "the target was beyond the controller's soft limits; stop (which resets the controller), then home",
-            3 => "it was reset while moving and its position is lost; home it",
-            4 | 5 => "a probe cycle failed; home it",
-            6 => "it was reset while homing; home it again",
-            7 => "the safety door was opened while homing; close it and home again",
-            8 => "homing could not pull off the switch; check the pull-off distance ($27) and the switch, home again",
-            9 => "homing found no switch within the travel; check switch, wiring and travel ($130 to $132), home again",
-            10 => "homing found no second switch; check the switches and home again",
-            _ => "an alarm unknown to this driver; home it",
-        };
-        write!(f, "ALARM:{}: {words}", self.0)
-    }
-}
-
-/// What an `error:n` line means.
+/// Whether the answer to `$I` says that single axes can be homed (`H` among the build options).
 #[must_use]
-pub fn error_meaning(line: &str) -> &'static str {
-    match line.strip_prefix("error:").and_then(|number| number.trim().parse::<u8>().ok()) {
-        Some(1) => "a word without its letter",
-        Some(2) => "a number is missing or malformed",
-        Some(3) => "the command is not known to it",
-        Some(4) => "a negative value where a positive one is needed",
-        Some(5) => "homing is not enabled in its settings ($22)",
-        Some(6) => "the step pulse is too short",
-        Some(7) => "its settings memory could not be read and was reset",
-        Some(8) => "it is not idle",
-        Some(9) => "it is locked by an alarm; home it",
-        Some(10) => "soft limits ($20) need homing ($22)",
-        Some(11) => "the line is too long",
-        Some(12) => "the setting asks for more steps a second than it can make",
-        Some(13) => "the safety door is open",
-        Some(14) => "the text is too long for its memory",
-        Some(15) => "the target is beyond its travel",
-        Some(16) => "the jog command is malformed",
-        Some(17) => "laser mode needs a variable spindle",
-        Some(20) => "a G-code word is not supported",
-        Some(22) => "no feed rate was given",
-        Some(33) => "the motion's target is invalid",
-        _ => "see Grbl's table of errors",
-    }
+pub fn homes_single_axes(lines: &[String]) -> bool {
+    built_with(lines, 'H')
+}
+
+/// Whether the answer to `$I` says that homing makes its end the machine's zero (`Z` among the build options).
+#[must_use]
+pub fn homes_to_zero(lines: &[String]) -> bool {
+    built_with(lines, 'Z')
 }
 
 #[cfg(test)]
@@ -357,17 +316,20 @@ mod tests {
     #[test]
     fn lines_are_told_apart() {
         let kind = |line| Grbl.classify(line);
-        assert_eq!(kind("ok"), LineKind::Done);
-        assert_eq!(kind("error:15"), LineKind::Refused);
-        assert_eq!(kind("ALARM:1"), LineKind::Halted);
-        assert_eq!(kind("Grbl 1.1h ['$' for help]"), LineKind::Started);
-        assert_eq!(kind("\u{fffd}xGrbl 1.1h ['$' for help]"), LineKind::Started);
-        assert_eq!(kind("Grbl something else"), LineKind::Noise);
-        assert_eq!(kind("<Idle|MPos:0,0,0>"), LineKind::Notice);
-        assert_eq!(kind("[MSG:Reset to continue]"), LineKind::Notice);
-        assert_eq!(kind("$100=400.000"), LineKind::Data);
-        assert_eq!(kind("[VER:1.1h.20190825:]"), LineKind::Data);
-        assert_eq!(kind("\u{fffd}"), LineKind::Noise);
+        assert_eq!(kind("ok"), Kind::Done);
+        assert_eq!(kind("error:15"), Kind::Refused);
+        assert_eq!(kind("ALARM:1"), Kind::Halted);
+        assert_eq!(kind("Grbl 1.1h ['$' for help]"), Kind::Started);
+        assert_eq!(kind("\u{fffd}xGrbl 1.1h ['$' for help]"), Kind::Started);
+        assert_eq!(kind("GrblHAL 1.1f ['$' or '$HELP' for help]"), Kind::Started);
+        assert_eq!(kind("Grbl something else"), Kind::Noise);
+        assert_eq!(kind("?<Idle|MPos:0,0,0>"), Kind::Notice, "an echo of what was asked");
+        assert_eq!(status("?<Idle|MPos:1.000,0.000,0.000>").unwrap().machine, Some([1.0, 0.0, 0.0]));
+        assert_eq!(kind("<Idle|MPos:0,0,0>"), Kind::Notice);
+        assert_eq!(kind("[MSG:Reset to continue]"), Kind::Notice);
+        assert_eq!(kind("$100=400.000"), Kind::Data);
+        assert_eq!(kind("[VER:1.1h.20190825:]"), Kind::Data);
+        assert_eq!(kind("\u{fffd}"), Kind::Noise);
     }
 
     #[test]

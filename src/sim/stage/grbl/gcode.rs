@@ -1,6 +1,6 @@
 //! What the firmware makes of a line: `$` commands, jogs, and the few words of G-code that move axes.
 
-use super::firmware::{Firmware, State};
+use super::{GrblFirmware, State};
 
 /// What becomes of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,7 +83,7 @@ impl Words {
     }
 }
 
-impl Firmware {
+impl GrblFirmware {
     /// Carries out a line.
     pub(super) fn execute(&mut self, line: &[u8]) -> Result<Answer, Refusal> {
         let text: String = String::from_utf8_lossy(line)
@@ -96,7 +96,9 @@ impl Firmware {
         }
         match text.strip_prefix('$') {
             Some(command) => self.command(command),
-            None if matches!(self.state, State::Alarm | State::Jog | State::Sleep) => Err(Refusal::Error(9)),
+            None if matches!(self.state, State::Alarm | State::Door | State::Jog | State::Sleep) => {
+                Err(Refusal::Error(9))
+            }
             None => self.gcode(&text),
         }
     }
@@ -112,12 +114,7 @@ impl Firmware {
         match command {
             "" => self.say("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"),
             "$" if matches!(self.state, State::Run | State::Hold) => return Err(Refusal::Error(8)),
-            "$" => {
-                let lines: Vec<String> = self.settings.lines().collect();
-                for line in lines {
-                    self.say(&line);
-                }
-            }
+            "$" => self.say_settings(),
             _ if !at_rest => return Err(Refusal::Error(8)),
             "I" => {
                 let version = self.config.version.trim_start_matches("Grbl ").to_owned();

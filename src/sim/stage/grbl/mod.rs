@@ -1,4 +1,4 @@
-//! The firmware itself: bytes in, bytes out, motors turned as time passes. No I/O and no clock of its own.
+//! Grbl 1.1's firmware. Blocks come to rest between one another: unlike Grbl it does not blend lines.
 //!
 //! ```text
 //!            $J=            end, 0x85, !
@@ -9,12 +9,20 @@
 //!   ALARM:1 (hard limit) and ALARM:2 (soft limit): deaf to everything but 0x18
 //! ```
 
+mod gcode;
+mod homing;
+mod motion;
+mod report;
+mod settings;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::gcode;
-use super::motion::{Block, Homing, HomingPhase, Motion};
-use super::settings::{FirmwareConfig, Settings};
+use motion::{Block, Homing, Motion};
+use settings::Settings;
+pub use settings::{FirmwareAxis, FirmwareConfig};
+
+use super::Firmware;
 use crate::sim::plant::Plant;
 
 /// Blocks that the planner holds; a line that needs another waits.
@@ -28,22 +36,23 @@ const TICK: f64 = 0.001;
 
 /// What the firmware is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum State {
+enum State {
     Idle,
     Jog,
     Run,
     Hold,
     Alarm,
+    Door,
     Home,
     Sleep,
 }
 
 /// Grbl 1.1's behaviour over the axes of one controller.
-pub struct Firmware {
-    pub(super) config: FirmwareConfig,
+pub struct GrblFirmware {
+    config: FirmwareConfig,
     plant: Arc<dyn Plant>,
-    pub(super) settings: Settings,
-    pub(super) state: State,
+    settings: Settings,
+    state: State,
     /// In a critical alarm nothing is answered until the reset; the line that caused it gets its `ok` then.
     deaf: bool,
     owed_ok: bool,
@@ -58,18 +67,88 @@ pub struct Firmware {
     /// Machine position less motor position.
     origin: [i64; 3],
     motion: Option<Motion>,
-    pub(super) queue: VecDeque<Block>,
+    queue: VecDeque<Block>,
     homing: Option<Homing>,
     line: Vec<u8>,
     waiting: VecDeque<Vec<u8>>,
     waiting_bytes: usize,
     report_due: bool,
     reports: u32,
-    pub(super) modal: gcode::Modal,
+    modal: gcode::Modal,
     out: Vec<u8>,
 }
 
-impl Firmware {
+impl Firmware for GrblFirmware {
+    fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.out)
+    }
+
+    fn is_moving(&self) -> bool {
+        self.motion.is_some() || self.homing.is_some()
+    }
+
+    fn stall(&mut self, axis: usize, stalled: bool) {
+        if let Some(slot) = self.stalled.get_mut(axis) {
+            *slot = stalled;
+        }
+    }
+
+    fn receive(&mut self, byte: u8) {
+        match byte {
+            0x18 => self.reset(),
+            // Deaf, it takes nothing else.
+            _ if self.deaf => {}
+            b'?' => self.report(),
+            b'!' => self.hold(),
+            b'~' => self.resume(),
+            0x85 => {
+                if self.state == State::Jog {
+                    self.decelerate();
+                }
+            }
+            0x84 => self.open_door(),
+            // Overrides and the rest of the real-time bytes: taken out of the stream.
+            0x80..=0xFF => {}
+            b'\r' | b'\n' => {
+                let line = std::mem::take(&mut self.line);
+                self.waiting_bytes += 1;
+                self.waiting.push_back(line);
+                self.work();
+            }
+            _ => {
+                if self.waiting_bytes + self.line.len() < RECEIVE_BYTES {
+                    self.line.push(byte);
+                }
+            }
+        }
+    }
+
+    fn advance(&mut self, seconds: f64) {
+        let mut left = seconds;
+        while left > 0.0 && self.is_moving() {
+            let dt = left.min(TICK);
+            left -= dt;
+            if self.homing.is_some() {
+                self.advance_homing(dt);
+            } else {
+                self.advance_motion(dt);
+            }
+        }
+    }
+
+    fn power_cycle(&mut self) {
+        // The motors stay where they are; what the firmware knew of them is gone.
+        self.origin = std::array::from_fn(|i| -self.steps[i]);
+        self.state = State::Alarm;
+        self.deaf = false;
+        self.owed_ok = false;
+        self.reports = 0;
+        self.clear();
+        self.start();
+    }
+}
+
+impl GrblFirmware {
     /// A firmware just powered up: locked until homed, as Grbl is when homing is on.
     #[must_use]
     pub fn new(config: FirmwareConfig, plant: Arc<dyn Plant>) -> Self {
@@ -98,74 +177,16 @@ impl Firmware {
             modal: gcode::Modal::default(),
             out: Vec::new(),
         };
+        if firmware.config.blank_settings {
+            firmware.say("error:7");
+            firmware.say_settings();
+        }
         firmware.start();
         firmware
     }
 
-    /// What the firmware has to say since it was asked last.
-    pub fn take_output(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.out)
-    }
-
-    /// Whether time makes a difference to it: whether anything moves.
-    #[must_use]
-    pub fn is_moving(&self) -> bool {
-        self.motion.is_some() || self.homing.is_some()
-    }
-
-    /// Makes a motor stand still whatever steps it is given, or follow them again.
-    pub fn stall(&mut self, axis: usize, stalled: bool) {
-        if let Some(slot) = self.stalled.get_mut(axis) {
-            *slot = stalled;
-        }
-    }
-
-    /// Takes a byte from the wire.
-    pub fn receive(&mut self, byte: u8) {
-        match byte {
-            0x18 => self.reset(),
-            // Deaf, it takes nothing else.
-            _ if self.deaf => {}
-            b'?' => self.report(),
-            b'!' => self.hold(),
-            b'~' => self.resume(),
-            0x85 => {
-                if self.state == State::Jog {
-                    self.decelerate();
-                }
-            }
-            // Doors, overrides and the rest of the real-time bytes: taken out of the stream.
-            0x80..=0xFF => {}
-            b'\r' | b'\n' => {
-                let line = std::mem::take(&mut self.line);
-                self.waiting_bytes += 1;
-                self.waiting.push_back(line);
-                self.work();
-            }
-            _ => {
-                if self.waiting_bytes + self.line.len() < RECEIVE_BYTES {
-                    self.line.push(byte);
-                }
-            }
-        }
-    }
-
-    /// Lets time pass, seconds.
-    pub fn advance(&mut self, seconds: f64) {
-        let mut left = seconds;
-        while left > 0.0 && self.is_moving() {
-            let dt = left.min(TICK);
-            left -= dt;
-            if self.homing.is_some() {
-                self.advance_homing(dt);
-            } else {
-                self.advance_motion(dt);
-            }
-        }
-    }
-
     /// Machine position, mm.
-    pub(super) fn machine_mm(&self) -> [f64; 3] {
+    fn machine_mm(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.mm(i, self.steps[i] + self.origin[i]))
     }
 
@@ -173,14 +194,22 @@ impl Firmware {
         steps as f64 / self.settings.of_axis(100, axis)
     }
 
-    pub(super) fn say(&mut self, line: &str) {
+    fn say(&mut self, line: &str) {
         self.out.extend_from_slice(line.as_bytes());
         self.out.extend_from_slice(b"\r\n");
     }
 
+    pub(super) fn say_settings(&mut self) {
+        let lines: Vec<String> = self.settings.lines().collect();
+        for line in lines {
+            self.say(&line);
+        }
+    }
+
     /// What is printed after power-up and after every reset.
     fn start(&mut self) {
-        let banner = format!("\r\n{} ['$' for help]", self.config.version);
+        let help = if self.config.version.starts_with("GrblHAL") { "'$' or '$HELP'" } else { "'$'" };
+        let banner = format!("\r\n{} [{help} for help]", self.config.version);
         self.say(&banner);
         if self.state == State::Alarm {
             self.say("[MSG:'$H'|'$X' to unlock]");
@@ -204,6 +233,12 @@ impl Firmware {
             self.state = State::Idle;
         }
         self.deaf = false;
+        self.clear();
+        self.start();
+    }
+
+    /// Forgets what was under way and what waited.
+    fn clear(&mut self) {
         self.alarm_at_rest = None;
         self.motion = None;
         self.homing = None;
@@ -213,7 +248,6 @@ impl Firmware {
         self.waiting.clear();
         self.waiting_bytes = 0;
         self.modal = gcode::Modal::default();
-        self.start();
     }
 
     fn hold(&mut self) {
@@ -225,12 +259,20 @@ impl Firmware {
             }
             // A jog is cancelled by a hold, not held.
             State::Jog => self.decelerate(),
-            State::Hold | State::Alarm | State::Home | State::Sleep => {}
+            State::Hold | State::Alarm | State::Door | State::Home | State::Sleep => {}
+        }
+    }
+
+    fn open_door(&mut self) {
+        if matches!(self.state, State::Idle | State::Run | State::Jog | State::Hold) {
+            self.state = State::Door;
+            self.decelerate();
+            self.say("[MSG:Check Door]");
         }
     }
 
     fn resume(&mut self) {
-        if self.state == State::Hold && self.motion.is_none() {
+        if matches!(self.state, State::Hold | State::Door) && self.motion.is_none() {
             self.state = State::Idle;
             self.next_block(State::Run);
         }
@@ -283,7 +325,7 @@ impl Firmware {
     }
 
     /// Queues a line and starts it if nothing moves.
-    pub(super) fn plan(&mut self, target_mm: [f64; 3], speed: f64, as_state: State) {
+    fn plan(&mut self, target_mm: [f64; 3], speed: f64, as_state: State) {
         let target = std::array::from_fn(|i| (target_mm[i] * self.settings.of_axis(100, i)).round() as i64);
         self.queue.push_back(Block { target, speed });
         if self.state == State::Idle {
@@ -292,7 +334,7 @@ impl Firmware {
     }
 
     /// Where the last queued line ends, machine mm.
-    pub(super) fn planned_mm(&self) -> [f64; 3] {
+    fn planned_mm(&self) -> [f64; 3] {
         match self.queue.back() {
             Some(block) => std::array::from_fn(|i| self.mm(i, block.target[i])),
             None => match &self.motion {
@@ -341,7 +383,7 @@ impl Firmware {
                 self.queue.clear();
                 self.state = State::Idle;
             }
-            (State::Hold, _) => {
+            (State::Hold | State::Door, _) => {
                 // What is left of the line comes first when the hold ends.
                 let target = motion.end_mm();
                 let rest = std::array::from_fn(|i| (target[i] * self.settings.of_axis(100, i)).round() as i64);
@@ -378,123 +420,5 @@ impl Firmware {
             }
         }
         hit && self.settings.is_on(21)
-    }
-
-    /// Starts homing one axis, or all that are fitted.
-    pub(super) fn home(&mut self, axis: Option<usize>) {
-        let axes: Vec<usize> =
-            (0..3).filter(|&i| self.config.axes[i].is_some() && axis.is_none_or(|axis| axis == i)).collect();
-        self.homing = Some(Homing::new(axes.into_iter()));
-        self.state = State::Home;
-    }
-
-    fn homes_negative(&self, axis: usize) -> bool {
-        (self.settings.get(23) as u32) & (1 << axis) != 0
-    }
-
-    fn advance_homing(&mut self, dt: f64) {
-        let Some(mut homing) = self.homing.take() else { return };
-        let phase = homing.phase;
-        let pull_off = self.settings.get(27);
-        for axis in &mut homing.axes {
-            let index = axis.axis;
-            let rate = match phase {
-                HomingPhase::Locate => self.settings.get(24),
-                _ => self.settings.get(25),
-            };
-            let steps_per_mm = self.settings.of_axis(100, index);
-            axis.due += rate.min(self.settings.of_axis(110, index)) / 60.0 * steps_per_mm * dt;
-            // Grbl's bounds: 1.5 travels for the search, five pull-offs for the slow approach.
-            let longest_mm = match phase {
-                HomingPhase::Seek => 1.5 * self.settings.of_axis(130, index),
-                HomingPhase::Locate => 5.0 * pull_off,
-                HomingPhase::PullOff | HomingPhase::Settle => pull_off,
-            };
-            let longest = (longest_mm * steps_per_mm).round() as i64;
-            let towards = if self.homes_negative(index) { -1 } else { 1 };
-            let direction = if phase.approaches() { towards } else { -towards };
-            while !axis.done && axis.steps < axis.due as i64 {
-                if phase.approaches() && self.plant.home_switch_closed(index) {
-                    axis.done = true;
-                } else if axis.steps >= longest {
-                    if phase.approaches() {
-                        self.fail_homing(9);
-                        return;
-                    }
-                    axis.done = true;
-                } else {
-                    axis.steps += 1;
-                    self.turn(index, self.steps[index] + direction);
-                }
-            }
-        }
-        if homing.axes.iter().any(|axis| !axis.done) {
-            self.homing = Some(homing);
-            return;
-        }
-        if !phase.approaches() && homing.axes.iter().any(|axis| self.plant.home_switch_closed(axis.axis)) {
-            self.fail_homing(8);
-            return;
-        }
-        if let Some(next) = phase.next() {
-            homing.enter(next);
-            self.homing = Some(homing);
-            return;
-        }
-        for axis in &homing.axes {
-            let index = axis.axis;
-            // Machine space is negative: zero is the positive end of the travel.
-            let machine_mm = match self.homes_negative(index) {
-                true => -self.settings.of_axis(130, index) + pull_off,
-                false => -pull_off,
-            };
-            self.origin[index] = (machine_mm * self.settings.of_axis(100, index)).round() as i64 - self.steps[index];
-            self.limit_closed[index] = self.plant.limit_switch_closed(index);
-        }
-        self.state = State::Idle;
-        self.say("ok");
-        if std::mem::take(&mut self.report_due) {
-            self.report();
-        }
-        self.work();
-    }
-
-    fn fail_homing(&mut self, alarm: u8) {
-        self.say(&format!("ALARM:{alarm}"));
-        self.state = State::Alarm;
-        self.homing = None;
-        self.reset();
-    }
-
-    fn report(&mut self) {
-        if self.homing.is_some() {
-            // The homing loop answers nothing; the report comes after it.
-            self.report_due = true;
-            return;
-        }
-        let state = match self.state {
-            State::Idle => "Idle",
-            State::Jog => "Jog",
-            State::Run => "Run",
-            State::Hold if self.motion.is_some() => "Hold:1",
-            State::Hold => "Hold:0",
-            State::Alarm => "Alarm",
-            State::Home => "Home",
-            State::Sleep => "Sleep",
-        };
-        let [x, y, z] = self.machine_mm();
-        let position = if self.settings.get(10) as u32 & 1 != 0 { "MPos" } else { "WPos" };
-        let feed = self.motion.as_ref().map_or(0.0, |motion| motion.speed() * 60.0);
-        let mut report = format!("<{state}|{position}:{x:.3},{y:.3},{z:.3}|FS:{feed:.0},0");
-        // Grbl adds the offset to one report in ten at rest and one in thirty in motion, the overrides to the next.
-        let period = if self.is_moving() { 30 } else { 10 };
-        match self.reports % period {
-            0 => report.push_str("|WCO:0.000,0.000,0.000"),
-            1 => report.push_str("|Ov:100,100,100"),
-            _ => {}
-        }
-        self.reports = self.reports.wrapping_add(1);
-        report.push('>');
-        self.say(&report);
     }
 }

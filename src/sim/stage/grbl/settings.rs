@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::config::AxisConfig;
+use crate::sim::stage::PULL_OFF_MM;
 
 /// One axis of the machine that the firmware is configured for.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,21 +35,17 @@ pub struct FirmwareConfig {
     pub single_axis_homing: bool,
     /// Whether the hard limit switches are wired and on.
     pub hard_limits: bool,
+    /// Whether its settings memory was blank when it was powered up: it says so, with every setting.
+    pub blank_settings: bool,
     /// What the firmware calls itself, e.g. `Grbl 1.1h`.
     pub version: String,
 }
 
-/// Distance from the home switch after homing, mm: an axis's `home_position_mm` is this far off its switch.
-pub const PULL_OFF_MM: f64 = 2.0;
-
-/// Travel beyond the configured limit that the firmware's soft limits leave, mm.
-const SPARE_TRAVEL_MM: f64 = 1.0;
-
 impl FirmwareConfig {
     /// A firmware that suits the bench's axes, each at the letter it is configured for.
     #[must_use]
-    pub fn for_axes(focus: &AxisConfig, e: &AxisConfig) -> Self {
-        let fitted = |letter: &str| [focus, e].into_iter().find(|axis| axis.axis.eq_ignore_ascii_case(letter));
+    pub fn for_axes(axes: &[&AxisConfig]) -> Self {
+        let fitted = |letter: &str| axes.iter().copied().find(|axis| axis.axis.eq_ignore_ascii_case(letter));
         Self {
             axes: ["X", "Y", "Z"].map(|letter| fitted(letter).map(FirmwareAxis::of)),
             pull_off_mm: PULL_OFF_MM,
@@ -56,6 +53,7 @@ impl FirmwareConfig {
             locate_rate_mm_per_min: 30.0,
             single_axis_homing: true,
             hard_limits: true,
+            blank_settings: false,
             version: "Grbl 1.1h".to_owned(),
         }
     }
@@ -72,7 +70,8 @@ impl FirmwareAxis {
             steps_per_mm: axis.steps_per_mm,
             max_rate_mm_per_min: axis.speed_mm_per_s * 60.0,
             acceleration_mm_per_s2: axis.acceleration_mm_per_s2,
-            travel_mm: far.max(0.0) + PULL_OFF_MM + SPARE_TRAVEL_MM,
+            // What lies beyond the switch is none of it.
+            travel_mm: far.max(0.0) + PULL_OFF_MM,
             homes_negative: axis.home_side.sign() * direction < 0.0,
         }
     }

@@ -1,0 +1,113 @@
+//! `plenalign sim-stage`: the twin of a stage controller behind a pseudo-terminal or a TCP port, to try a set-up with.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use tokio::net::TcpListener;
+
+use super::Context;
+use super::serve::Signals;
+use crate::config::{AxisConfig, ControllerDriver};
+use crate::sim::plant::Slides;
+use crate::sim::stage::{ControllerTwin, firmware};
+
+/// Arguments of `plenalign sim-stage`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// What the controller speaks.
+    #[arg(long, value_enum)]
+    protocol: ControllerDriver,
+    /// A link to the pseudo-terminal, made anew, to have a name that stays.
+    #[arg(long, value_name = "PATH", conflicts_with = "listen")]
+    link: Option<PathBuf>,
+    /// Serve on a TCP port instead, one connection at a time.
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<String>,
+    /// Print one JSON object instead of text once it serves: `protocol`, `port`.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The bench's axes as a twin of this protocol can have them: under names of its own where the configured ones are
+/// another protocol's.
+fn axes(context: &Context, protocol: ControllerDriver) -> [AxisConfig; 2] {
+    let mut axes = [context.config.bench.focus.clone(), context.config.bench.e.clone()];
+    let names = match protocol {
+        ControllerDriver::Grbl => ["X", "Y"],
+        ControllerDriver::Zaber | ControllerDriver::Pi => ["1", "2"],
+        ControllerDriver::Tmcl => ["0", "1"],
+    };
+    for (axis, name) in axes.iter_mut().zip(names) {
+        let controller = context.config.bench.controllers.get(&axis.controller);
+        if controller.is_none_or(|controller| controller.driver != protocol) {
+            name.clone_into(&mut axis.axis);
+            if protocol == ControllerDriver::Pi {
+                // It counts in mm.
+                axis.steps_per_mm = 1.0;
+            }
+        }
+    }
+    axes
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
+    runtime.block_on(serve(&context, &args))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn serve(context: &Context, args: &Args) -> anyhow::Result<()> {
+    let mut signals = Signals::new()?;
+    let axes = axes(context, args.protocol);
+    // A little off home, as after any other day.
+    let starts = axes.iter().map(|axis| (axis, axis.home_position_mm - axis.home_side.sign()));
+    let slides = Slides::new(&starts.collect::<Vec<_>>());
+    let twin = firmware(args.protocol, &axes.each_ref(), slides);
+    let port = match &args.listen {
+        Some(address) => listen(twin, address).await?,
+        None => {
+            let path = twin.serve_on_terminal().context("no pseudo-terminal")?;
+            match &args.link {
+                Some(link) => make_link(&path, link)?,
+                None => path.display().to_string(),
+            }
+        }
+    };
+    if args.json {
+        println!("{}", serde_json::json!({ "protocol": args.protocol.name(), "port": port }));
+    } else {
+        println!("plenalign: SIMULATED {} controller at {port}; end it with Ctrl-C", args.protocol.name());
+        for (axis, name) in axes.iter().zip(["focus", "e"]) {
+            println!("  axis {} is the {name} axis, {} units/mm", axis.axis, axis.steps_per_mm);
+        }
+    }
+    let _ = std::io::stdout().flush();
+    signals.next().await;
+    if let Some(link) = &args.link {
+        let _ = std::fs::remove_file(link);
+    }
+    Ok(())
+}
+
+async fn listen(twin: ControllerTwin, address: &str) -> anyhow::Result<String> {
+    let listener = TcpListener::bind(address).await.with_context(|| format!("cannot listen on {address}"))?;
+    let address = listener.local_addr()?.to_string();
+    tokio::spawn(async move {
+        while let Ok((stream, _)) = listener.accept().await {
+            let _ = stream.set_nodelay(true);
+            twin.serve(stream).await;
+        }
+    });
+    Ok(address)
+}
+
+fn make_link(path: &Path, link: &Path) -> anyhow::Result<String> {
+    // Only a link of an earlier run is replaced.
+    if std::fs::symlink_metadata(link).is_ok_and(|found| found.file_type().is_symlink()) {
+        std::fs::remove_file(link).with_context(|| format!("cannot replace {}", link.display()))?;
+    }
+    std::os::unix::fs::symlink(path, link).with_context(|| format!("cannot make the link {}", link.display()))?;
+    Ok(link.display().to_string())
+}

@@ -1,0 +1,105 @@
+//! What a protocol's driver is to the rest: a way to make a connected controller of a stream, and that controller.
+
+use std::sync::Arc;
+
+use async_trait::async_trait;
+use tokio::sync::watch;
+
+use super::axis::AxisLink;
+use super::orders::Orders;
+use crate::device::serial::Wire;
+use crate::device::{AxisName, DeviceError, StageState, StopDelivery};
+use crate::units::Millimetres;
+
+/// What a connection is made for.
+pub struct Wanted {
+    /// The controller's name, for errors.
+    pub name: String,
+    /// The axes configured on it.
+    pub axes: Vec<AxisLink>,
+    /// Its commands and stops.
+    pub orders: Arc<Orders>,
+}
+
+/// Speaks one protocol.
+#[async_trait]
+pub trait Driver: Send + Sync {
+    /// The driver's name in the configuration, e.g. `grbl`.
+    fn name(&self) -> &'static str;
+
+    /// Stops whatever moves, checks what answers, reads its settings and compares them with the configuration. Nothing
+    /// that was under way before goes on.
+    ///
+    /// # Errors
+    /// [`DeviceError::WrongDevice`] when something else answers, [`DeviceError::Timeout`] when nothing does,
+    /// [`DeviceError::Disconnected`] when the stream ends, [`DeviceError::Refused`] when the controller's settings
+    /// cannot be worked with.
+    async fn connect(&self, wire: Wire, wanted: Wanted) -> Result<Arc<dyn Session>, DeviceError>;
+}
+
+/// What is known of an axis from connecting.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct AxisFacts {
+    /// What differs between the controller's settings and the configuration, one sentence each.
+    pub disagreements: Vec<String>,
+    /// The other axis, where the controller can home only both at once.
+    pub homes_also: Option<AxisName>,
+    /// Speed that the axis really has, mm/s.
+    pub speed_mm_per_s: f64,
+    /// Acceleration that the axis really has, mm/s².
+    pub acceleration_mm_per_s2: f64,
+    /// The controller's own limits, in the axis's coordinate, where it has some.
+    pub limits_mm: Option<(f64, f64)>,
+}
+
+/// A controller that is connected and identified. Axes are numbered as in [`Wanted`].
+#[async_trait]
+pub trait Session: Send + Sync {
+    /// What the controller says it is, version included; the same one says the same after a reconnection.
+    fn identity(&self) -> String;
+
+    /// What is known of an axis from connecting.
+    fn facts(&self, axis: usize) -> AxisFacts;
+
+    /// Why the connection has ended, once it has.
+    fn closed(&self) -> watch::Receiver<Option<String>>;
+
+    /// See [`Stage::read_state`](crate::device::Stage::read_state).
+    ///
+    /// # Errors
+    /// As there.
+    async fn read_state(&self, axis: usize) -> Result<StageState, DeviceError>;
+
+    /// See [`Stage::home`](crate::device::Stage::home); `generation` is when it was commanded.
+    ///
+    /// # Errors
+    /// As there.
+    async fn home(&self, axis: usize, generation: u64) -> Result<(), DeviceError>;
+
+    /// See [`Stage::set_position`](crate::device::Stage::set_position); `generation` is when it was commanded.
+    ///
+    /// # Errors
+    /// As there.
+    async fn set_position(&self, axis: usize, position: Millimetres, generation: u64) -> Result<(), DeviceError>;
+
+    /// See [`Stage::move_at`](crate::device::Stage::move_at); `generation` is when it was commanded.
+    ///
+    /// # Errors
+    /// As there.
+    async fn move_at(
+        &self,
+        axis: usize,
+        target: Millimetres,
+        speed_mm_per_s: f64,
+        generation: u64,
+    ) -> Result<Millimetres, DeviceError>;
+
+    /// See [`Stage::release`](crate::device::Stage::release); `generation` is when it was commanded.
+    ///
+    /// # Errors
+    /// As there.
+    async fn release(&self, axis: usize, generation: u64) -> Result<(), DeviceError>;
+
+    /// Brings every axis to rest, past every queue. What was commanded before has been outdated already.
+    async fn bring_to_rest(&self) -> StopDelivery;
+}

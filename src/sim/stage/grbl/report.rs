@@ -1,0 +1,41 @@
+//! Status reports.
+
+use super::{GrblFirmware, State};
+use crate::sim::stage::Firmware as _;
+
+impl GrblFirmware {
+    /// Answers `?`.
+    pub(super) fn report(&mut self) {
+        if self.homing.is_some() {
+            // The homing loop answers nothing; the report comes after it.
+            self.report_due = true;
+            return;
+        }
+        let state = match self.state {
+            State::Idle => "Idle",
+            State::Jog => "Jog",
+            State::Run => "Run",
+            State::Hold if self.motion.is_some() => "Hold:1",
+            State::Hold => "Hold:0",
+            State::Alarm => "Alarm",
+            State::Door if self.motion.is_some() => "Door:2",
+            State::Door => "Door:0",
+            State::Home => "Home",
+            State::Sleep => "Sleep",
+        };
+        let [x, y, z] = self.machine_mm();
+        let position = if self.settings.get(10) as u32 & 1 != 0 { "MPos" } else { "WPos" };
+        let feed = self.motion.as_ref().map_or(0.0, |motion| motion.speed() * 60.0);
+        let mut report = format!("<{state}|{position}:{x:.3},{y:.3},{z:.3}|FS:{feed:.0},0");
+        // Grbl adds the offset to one report in ten at rest and one in thirty in motion, the overrides to the next.
+        let period = if self.is_moving() { 30 } else { 10 };
+        match self.reports % period {
+            0 => report.push_str("|WCO:0.000,0.000,0.000"),
+            1 => report.push_str("|Ov:100,100,100"),
+            _ => {}
+        }
+        self.reports = self.reports.wrapping_add(1);
+        report.push('>');
+        self.say(&report);
+    }
+}

@@ -1,0 +1,312 @@
+//! What every driver does on a good day: identify, home, move, stop, jog, refuse.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::config::ControllerDriver;
+use plenalign::device::jog::{deadman, jog};
+use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
+use plenalign::units::Millimetres;
+use tokio::time::{Instant, sleep, timeout};
+
+use super::kit::{Kit, START, bench, every_protocol, homed, near};
+
+every_protocol!(
+    it_says_what_it_is_and_moves_nothing_before_homing,
+    homing_and_moves_end_where_they_say_and_when,
+    a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position,
+    a_stop_passes_what_waits,
+    a_stop_while_homing_leaves_the_position_unknown,
+    a_motion_commanded_during_a_stop_begins_after_it,
+    a_slower_move_is_slower,
+    a_jog_goes_on_while_it_is_held,
+    dropping_the_caller_of_a_move_leaves_it_in_step,
+    a_released_motor_has_to_be_homed,
+    a_position_is_set_where_the_controller_can_do_without_homing,
+    the_state_is_renewed_five_times_a_second_in_motion,
+    wider_limits_are_refused_until_accepted,
+    a_target_beyond_the_controllers_limits_is_refused_without_motion,
+);
+
+async fn it_says_what_it_is_and_moves_nothing_before_homing(driver: ControllerDriver) {
+    let kit = Kit::new(driver);
+    let rig = kit.connect().await.unwrap();
+    let info = rig.focus.info();
+    let identity = match driver {
+        ControllerDriver::Grbl => "Grbl 1.1h",
+        ControllerDriver::Zaber => "Zaber device 50081, serial number 104233, firmware 7.36",
+        ControllerDriver::Pi => "(c)2013 Physik Instrumente (PI) GmbH & Co. KG, C-863.12, 0115500218, 1.2.5.3",
+        ControllerDriver::Tmcl => "TMCM-6214, firmware 1.07",
+    };
+    assert_eq!((info.identity.as_str(), info.driver.as_str()), (identity, driver.name()));
+    assert_eq!(info.disagreements, Vec::<String>::new());
+    assert_eq!(rig.e.info().disagreements, Vec::<String>::new());
+    let limits = info.firmware_limits.map(|(low, high)| (low.value(), high.value()));
+    if driver == ControllerDriver::Tmcl {
+        assert_eq!(limits, None, "TMCL has none in numbers");
+    } else {
+        let (low, high) = limits.unwrap();
+        assert!(near(low, kit.bench.focus.low_limit_mm, 1e-3) && near(high, 5.0, 1e-3), "{low} {high}");
+    }
+    let state = rig.e.read_state().await.unwrap();
+    assert!(state.connected && !state.homed && !state.moving, "{state:?}");
+    assert_eq!(rig.focus.move_to(Millimetres(1.0)).await, Err(DeviceError::NotHomed { axis: AxisName::Focus }));
+    assert_eq!([rig.slides.at(0), rig.slides.at(1)], START);
+}
+
+async fn homing_and_moves_end_where_they_say_and_when(driver: ControllerDriver) {
+    let rig = Kit::new(driver).connect().await.unwrap();
+    rig.focus.home().await.unwrap();
+    assert!(near(rig.slides.at(0), 0.0, 0.004), "{}", rig.slides.at(0));
+    assert_eq!(rig.slides.at(1), START[1], "the other axis is left alone");
+    assert!(!rig.e.read_state().await.unwrap().homed);
+    rig.e.home().await.unwrap();
+    assert!(near(rig.slides.at(1), 30.0, 0.004), "{}", rig.slides.at(1));
+    let mut from = Millimetres(0.0);
+    for target in [0.7, 0.05, 4.9, 4.9] {
+        let target = Millimetres(target);
+        let (time, began) = (rig.focus.move_time(from, target), Instant::now());
+        let readback = rig.focus.move_to(target).await.unwrap();
+        let took = began.elapsed();
+        assert!(near(readback.value(), target.value(), 0.003), "{readback}");
+        assert!(near(rig.slides.at(0), target.value(), 0.006), "{}", rig.slides.at(0));
+        // The end is seen by two readings, a tenth of a second each and more.
+        let longest = time.predicted + Duration::from_millis(600);
+        assert!(took + Duration::from_millis(5) >= time.predicted && took < longest, "{took:?} against {time:?}");
+        from = target;
+    }
+    let readback = rig.e.move_to(Millimetres(12.0)).await.unwrap();
+    assert!(near(readback.value(), 12.0, 0.003) && near(rig.slides.at(1), 12.0, 0.006), "{readback}");
+    let state = rig.e.read_state().await.unwrap();
+    assert!(state.homed && state.connected && !state.moving && state.at_rest_since.is_some(), "{state:?}");
+    assert_eq!(state.fault, None);
+}
+
+async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    let mover = rig.e.clone();
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    sleep(Duration::from_secs(2)).await;
+    assert!(rig.e.state().borrow().moving);
+    let (asked, at) = (Instant::now(), rig.slides.at(1));
+    // When the motor really stands still, a millisecond resolved.
+    let slides = rig.slides.clone();
+    let still = tokio::spawn(async move {
+        let mut last = slides.at(1);
+        let mut since = Instant::now();
+        loop {
+            sleep(Duration::from_millis(5)).await;
+            if slides.at(1) != last {
+                (last, since) = (slides.at(1), Instant::now());
+            } else if since.elapsed() > Duration::from_millis(100) {
+                return since;
+            }
+        }
+    });
+    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
+    assert!(asked.elapsed() < Duration::from_millis(1000), "{:?}", asked.elapsed());
+    let latency = still.await.unwrap() - asked;
+    // 5 mm/s at 20 mm/s² are 250 ms.
+    assert!(latency < Duration::from_millis(290), "{latency:?}");
+    let stopped = rig.slides.at(1);
+    assert!(near(stopped, at, 0.7), "5 mm/s and 20 mm/s² make 0.625 mm: {at} to {stopped}");
+    assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
+    sleep(Duration::from_secs(5)).await;
+    assert_eq!(rig.slides.at(1), stopped);
+    let state = rig.e.read_state().await.unwrap();
+    assert!(state.homed && near(state.position.value(), stopped, 0.004), "{state:?}");
+    assert_eq!(state.fault, None);
+    // It goes on from there.
+    let readback = rig.e.move_to(Millimetres(25.0)).await.unwrap();
+    assert!(near(readback.value(), 25.0, 0.003) && near(rig.slides.at(1), 25.0, 0.006));
+}
+
+async fn a_stop_passes_what_waits(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    let first = tokio::spawn({
+        let stage = rig.e.clone();
+        async move { stage.move_to(Millimetres(5.0)).await }
+    });
+    sleep(Duration::from_millis(500)).await;
+    let second = tokio::spawn({
+        let stage = rig.e.clone();
+        async move { stage.move_to(Millimetres(29.0)).await }
+    });
+    sleep(Duration::from_millis(10)).await;
+    // In the same moment as the stop, before its task can have run.
+    let third = rig.focus.move_to(Millimetres(3.0));
+    let (third, a, b) = tokio::join!(third, rig.focus.stop(), rig.e.stop());
+    assert_eq!((a, b), (StopDelivery::Confirmed, StopDelivery::Confirmed));
+    assert_eq!(third, Err(DeviceError::Stopped { axis: AxisName::Focus }));
+    assert_eq!(first.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
+    assert_eq!(second.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
+    let at = [rig.slides.at(0), rig.slides.at(1)];
+    sleep(Duration::from_secs(5)).await;
+    assert_eq!([rig.slides.at(0), rig.slides.at(1)], at);
+    assert!(near(at[0], 0.0, 0.004), "the focus axis never began: {}", at[0]);
+    assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed, "at rest, too");
+    assert!(rig.focus.read_state().await.unwrap().homed);
+}
+
+async fn a_stop_while_homing_leaves_the_position_unknown(driver: ControllerDriver) {
+    let rig = Kit::new(driver).connect().await.unwrap();
+    let homing = tokio::spawn({
+        let stage = rig.e.clone();
+        async move { stage.home().await }
+    });
+    sleep(Duration::from_secs(1)).await;
+    assert!(rig.e.state().borrow().moving);
+    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
+    let at = rig.slides.at(1);
+    assert_eq!(homing.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
+    sleep(Duration::from_secs(3)).await;
+    assert_eq!(rig.slides.at(1), at);
+    assert!(!rig.e.read_state().await.unwrap().homed);
+    rig.e.home().await.unwrap();
+    assert!(near(rig.slides.at(1), 30.0, 0.004));
+}
+
+async fn a_motion_commanded_during_a_stop_begins_after_it(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    for delay_ms in [0, 90, 250] {
+        let (delivery, reached) = tokio::join!(rig.focus.stop(), async {
+            sleep(Duration::from_millis(delay_ms)).await;
+            // Not the very moment of the stop: what is commanded then is stopped.
+            rig.e.move_to(Millimetres(30.0)).await
+        });
+        assert_eq!(delivery, StopDelivery::Confirmed);
+        assert!(reached.is_ok(), "a move commanded {delay_ms} ms after the stop: {reached:?}");
+    }
+}
+
+async fn a_slower_move_is_slower(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    let began = Instant::now();
+    rig.e.move_at(Millimetres(29.0), 0.5).await.unwrap();
+    assert!(began.elapsed() > Duration::from_millis(1950), "{:?}", began.elapsed());
+    for speed in [0.0, -1.0, f64::NAN] {
+        assert!(matches!(rig.e.move_at(Millimetres(28.0), speed).await, Err(DeviceError::Refused { .. })), "{speed}");
+    }
+    assert!(near(rig.slides.at(1), 29.0, 0.006));
+}
+
+async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    let stage: Arc<dyn Stage> = Arc::new(rig.e.clone());
+    let hold = Duration::from_millis(500);
+    let (grip, dead) = deadman(hold);
+    let jogging = tokio::spawn({
+        let stage = stage.clone();
+        async move { jog(&stage, Millimetres(10.0), 2.0, dead).await }
+    });
+    for _ in 0..8 {
+        sleep(Duration::from_millis(250)).await;
+        grip.renew(hold);
+    }
+    assert!(rig.e.state().borrow().moving, "held for two seconds");
+    let at = rig.slides.at(1);
+    assert!(near(at, 26.1, 0.4), "{at}");
+    // Nobody renews it: half a second on, and the deceleration.
+    let reached = timeout(Duration::from_secs(3), jogging).await.unwrap().unwrap().unwrap();
+    assert!(near(reached.value(), rig.slides.at(1), 0.004), "{reached}");
+    assert!(rig.slides.at(1) > at - 1.4 && rig.slides.at(1) < at - 0.9, "{at} to {}", rig.slides.at(1));
+    drop(grip);
+
+    // Dropped, with its caller: it stops at once.
+    let (grip, dead) = deadman(Duration::from_secs(60));
+    let caller = tokio::spawn(async move { jog(&stage, Millimetres(10.0), 2.0, dead).await });
+    sleep(Duration::from_secs(1)).await;
+    caller.abort();
+    drop(grip);
+    let at = rig.slides.at(1);
+    sleep(Duration::from_secs(3)).await;
+    assert!(near(rig.slides.at(1), at, 0.3) && !rig.e.state().borrow().moving, "{at} to {}", rig.slides.at(1));
+}
+
+async fn dropping_the_caller_of_a_move_leaves_it_in_step(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    assert!(timeout(Duration::from_millis(700), rig.e.move_to(Millimetres(20.0))).await.is_err());
+    let readback = rig.e.move_to(Millimetres(22.0)).await.unwrap();
+    assert!(near(readback.value(), 22.0, 0.003) && near(rig.slides.at(1), 22.0, 0.006));
+}
+
+async fn a_released_motor_has_to_be_homed(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    rig.e.release().await.unwrap();
+    assert!(!rig.e.read_state().await.unwrap().homed);
+    let refused = rig.e.move_to(Millimetres(20.0)).await.unwrap_err();
+    assert!(matches!(refused, DeviceError::NotHomed { .. } | DeviceError::Alarm { .. }), "{refused}");
+    assert!(near(rig.slides.at(1), 30.0, 0.004));
+    rig.e.home().await.unwrap();
+    assert!(near(rig.e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.003));
+}
+
+async fn a_position_is_set_where_the_controller_can_do_without_homing(driver: ControllerDriver) {
+    let rig = Kit::new(driver).connect().await.unwrap();
+    let set = rig.e.set_position(Millimetres(START[1])).await;
+    if matches!(driver, ControllerDriver::Zaber | ControllerDriver::Pi) {
+        assert!(matches!(&set, Err(DeviceError::Refused { reason, .. }) if reason.contains("home")), "{set:?}");
+        assert!(!rig.e.read_state().await.unwrap().homed);
+        return;
+    }
+    set.unwrap();
+    let state = rig.e.read_state().await.unwrap();
+    assert!(state.homed && near(state.position.value(), START[1], 1e-3), "{state:?}");
+    assert_eq!(rig.slides.at(1), START[1], "nothing moves");
+    // Machine space is negative on Grbl: unhomed, its soft limits allow that way only.
+    let readback = rig.e.move_to(Millimetres(START[1] - 2.0)).await.unwrap();
+    assert!(near(readback.value(), 18.4, 0.003) && near(rig.slides.at(1), 18.4, 0.006), "{readback}");
+}
+
+async fn the_state_is_renewed_five_times_a_second_in_motion(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    let mover = rig.e.clone();
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(15.0)).await });
+    sleep(Duration::from_millis(500)).await;
+    let (mut state, mut count, until) = (rig.e.state(), 0, Instant::now() + Duration::from_secs(2));
+    let mut last = state.borrow().position;
+    while tokio::time::timeout_at(until, state.changed()).await.is_ok() {
+        let now = state.borrow_and_update().position;
+        count += u32::from(now != last);
+        last = now;
+    }
+    assert!(count >= 10, "{count} in two seconds");
+    moving.await.unwrap().unwrap();
+}
+
+async fn wider_limits_are_refused_until_accepted(driver: ControllerDriver) {
+    if driver == ControllerDriver::Tmcl {
+        // It has no limits in numbers.
+        return;
+    }
+    let mut kit = Kit::new(driver);
+    kit.bench.e.low_limit_mm += 1.0;
+    let error = kit.connect().await.err().unwrap();
+    assert!(error.to_string().contains("accept_wider_firmware_limits"), "{error}");
+    let mut kit = Kit::with(driver, bench(driver));
+    kit.bench.e.low_limit_mm += 1.0;
+    kit.bench.e.accept_wider_firmware_limits = true;
+    let rig = kit.connect().await.unwrap();
+    let told = rig.e.info().disagreements.join(" ");
+    assert!(told.contains("wider") && told.contains("-5.000"), "{told}");
+    assert_eq!(rig.focus.info().disagreements, Vec::<String>::new());
+    rig.e.home().await.unwrap();
+}
+
+async fn a_target_beyond_the_controllers_limits_is_refused_without_motion(driver: ControllerDriver) {
+    if driver == ControllerDriver::Tmcl {
+        return;
+    }
+    let rig = homed(driver).await;
+    let at = rig.slides.at(1);
+    let error = rig.e.move_to(Millimetres(40.0)).await.unwrap_err();
+    let words = match driver {
+        ControllerDriver::Grbl => "error:15",
+        ControllerDriver::Zaber => "BADDATA",
+        _ => "error 7",
+    };
+    assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains(words)), "{error}");
+    assert_eq!(rig.slides.at(1), at);
+    assert!(rig.e.read_state().await.unwrap().homed);
+    assert!(near(rig.e.move_to(Millimetres(29.0)).await.unwrap().value(), 29.0, 0.003));
+}

@@ -1,0 +1,133 @@
+//! A bench's two axes on one twin of any protocol, with the real driver in front of it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::config::{AxisConfig, BenchConfig, ControllerConfig, ControllerDriver};
+use plenalign::device::serial::Dial;
+use plenalign::device::stage::axis::AxisSetup;
+use plenalign::device::stage::supervisor::{Controller, ControllerStage};
+use plenalign::device::{AxisName, DeviceError, Stage, StageState, open};
+use plenalign::sim::plant::Slides;
+use plenalign::sim::stage::{ControllerTwin, firmware};
+use tokio::time::{Instant, timeout};
+
+/// Where the slides stand at power-up.
+pub(super) const START: [f64; 2] = [1.3, 20.4];
+
+/// Runs an async test of the kit for every protocol.
+macro_rules! every_protocol {
+    ($($test:ident),* $(,)?) => {
+        mod grbl { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Grbl).await; })* }
+        mod zaber { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Zaber).await; })* }
+        mod pi { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Pi).await; })* }
+        mod tmcl { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Tmcl).await; })* }
+    };
+}
+pub(super) use every_protocol;
+
+/// A bench whose axes a controller of this kind can have.
+pub(super) fn bench(driver: ControllerDriver) -> BenchConfig {
+    let mut bench = BenchConfig::default();
+    let names = match driver {
+        ControllerDriver::Grbl => ["X", "Y"],
+        ControllerDriver::Zaber | ControllerDriver::Pi => ["1", "2"],
+        ControllerDriver::Tmcl => ["0", "1"],
+    };
+    for (axis, name) in [&mut bench.focus, &mut bench.e].into_iter().zip(names) {
+        name.clone_into(&mut axis.axis);
+    }
+    match driver {
+        // Zaber's homing runs towards the controller's negative end.
+        ControllerDriver::Zaber => {
+            bench.e.reversed = true;
+            (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (20_000.0, 20_000.0);
+        }
+        ControllerDriver::Pi => {
+            // It counts in mm, and its limits begin where a reference move ends.
+            (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (1.0, 1.0);
+            bench.focus.low_limit_mm = bench.focus.home_position_mm;
+            bench.e.high_limit_mm = bench.e.home_position_mm;
+        }
+        ControllerDriver::Grbl | ControllerDriver::Tmcl => {}
+    }
+    bench
+}
+
+/// A twin and what its motors turn.
+pub(super) struct Kit {
+    pub(super) driver: ControllerDriver,
+    pub(super) bench: BenchConfig,
+    pub(super) slides: Arc<Slides>,
+    pub(super) twin: ControllerTwin,
+}
+
+/// The stages of a connected kit.
+pub(super) struct Rig {
+    pub(super) focus: ControllerStage,
+    pub(super) e: ControllerStage,
+    pub(super) slides: Arc<Slides>,
+    pub(super) twin: ControllerTwin,
+}
+
+impl Kit {
+    pub(super) fn new(driver: ControllerDriver) -> Self {
+        Self::with(driver, bench(driver))
+    }
+
+    pub(super) fn with(driver: ControllerDriver, bench: BenchConfig) -> Self {
+        let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, START[0]), (&bench.e, START[1])];
+        let slides = Slides::new(&axes);
+        let twin = firmware(driver, &[&bench.focus, &bench.e], slides.clone());
+        Self { driver, bench, slides, twin }
+    }
+
+    pub(super) fn start_on(&self, dial: Arc<dyn Dial>, expected: Option<&str>) -> Controller {
+        let config =
+            ControllerConfig { driver: self.driver, port: "/dev/null".into(), baud: None, identity: None, address: 1 };
+        let setups =
+            vec![AxisSetup::new(AxisName::Focus, &self.bench.focus), AxisSetup::new(AxisName::E, &self.bench.e)];
+        Controller::start("controller `main`", open::driver(&config), dial, expected.map(str::to_owned), setups)
+    }
+
+    pub(super) fn start(&self) -> Controller {
+        self.start_on(Arc::new(self.twin.dial()), None)
+    }
+
+    pub(super) fn rig(&self, controller: &Controller) -> Rig {
+        let stage = |axis| controller.stage(axis).unwrap();
+        Rig {
+            focus: stage(AxisName::Focus),
+            e: stage(AxisName::E),
+            slides: self.slides.clone(),
+            twin: self.twin.clone(),
+        }
+    }
+
+    pub(super) async fn connect(&self) -> Result<Rig, DeviceError> {
+        let controller = self.start();
+        controller.first_attempt().await?;
+        Ok(self.rig(&controller))
+    }
+}
+
+/// A connected rig with both axes homed.
+pub(super) async fn homed(driver: ControllerDriver) -> Rig {
+    let rig = Kit::new(driver).connect().await.unwrap();
+    rig.focus.home().await.unwrap();
+    rig.e.home().await.unwrap();
+    rig
+}
+
+/// Waits for a state of a stage.
+pub(super) async fn wait_for(stage: &ControllerStage, what: &str, is: impl Fn(&StageState) -> bool) -> Duration {
+    let began = Instant::now();
+    let mut state = stage.state();
+    let waited = timeout(Duration::from_secs(60), state.wait_for(|state| is(state))).await.is_ok();
+    assert!(waited, "never {what}: {:?}", stage.state().borrow().clone());
+    began.elapsed()
+}
+
+pub(super) fn near(a: f64, b: f64, tolerance: f64) -> bool {
+    (a - b).abs() <= tolerance
+}

@@ -1,0 +1,8 @@
+//! Every stage driver against its firmware's twin: the same list of behaviours for every protocol.
+
+mod conformance;
+mod faults;
+mod kit;
+mod lines;
+mod program;
+mod terminal;

@@ -1,0 +1,57 @@
+//! `plenalign sim-stage`: the real drivers at the twin that the program serves.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::config::ControllerDriver;
+use plenalign::device::Stage;
+use plenalign::device::serial::SerialDial;
+use tokio::time::timeout;
+
+use super::kit::Kit;
+
+struct Program(Child);
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_program_serves_a_twin_of_every_protocol() {
+    let folder = tempfile::tempdir().unwrap();
+    for driver in [ControllerDriver::Grbl, ControllerDriver::Zaber, ControllerDriver::Pi, ControllerDriver::Tmcl] {
+        let link = folder.path().join(driver.name());
+        // Left over from an earlier run.
+        std::os::unix::fs::symlink("/nowhere", &link).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_plenalign"))
+            .args(["sim-stage", "--json", "--protocol", driver.name(), "--link"])
+            .arg(&link)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let program = Program(child);
+        let said: serde_json::Value = serde_json::from_str(&line).unwrap();
+        assert_eq!(said["protocol"], driver.name());
+        let port = PathBuf::from(said["port"].as_str().unwrap());
+        assert_eq!(port, link);
+
+        let mut kit = Kit::new(driver);
+        // The program's limits are the preset's, whose low ends homing on Zaber and PI begins at.
+        (kit.bench.focus.accept_wider_firmware_limits, kit.bench.e.accept_wider_firmware_limits) = (true, true);
+        let dial = SerialDial { device: "controller `main`".to_owned(), port, baud: 115_200 };
+        let controller = kit.start_on(Arc::new(dial), None);
+        timeout(Duration::from_secs(20), controller.first_attempt()).await.unwrap().unwrap();
+        let stage = kit.rig(&controller).focus;
+        assert!(stage.read_state().await.unwrap().connected);
+        assert!(!stage.info().identity.is_empty());
+        drop(program);
+    }
+}

@@ -1,0 +1,69 @@
+"""PIPython, PI's own library, against the twin, over the pseudo-terminal."""
+
+import sys
+import time
+
+from pipython import GCSDevice, GCSError, gcserror
+from pipython.pidevice.interfaces.piserial import PISerial
+
+
+def wait(device, axis: str) -> None:
+    deadline = time.monotonic() + 30
+    while any(device.IsMoving(axis).values()):
+        assert time.monotonic() < deadline, "it moves on for ever"
+        time.sleep(0.05)
+
+
+def refused(call, code: int, what: str) -> None:
+    try:
+        call()
+    except GCSError as error:
+        assert error == code, f"{what}: {error}"
+    else:
+        raise AssertionError(f"{what} was taken")
+
+
+def main(port: str) -> None:
+    with PISerial(port, 115200) as gateway:
+        device = GCSDevice(gateway=gateway)
+        identity = device.qIDN()
+        assert "Physik Instrumente" in identity and "C-863" in identity, identity
+        assert device.axes == ["1", "2"], device.axes
+        assert device.IsControllerReady()
+
+        # Before homing: servo off, not referenced.
+        assert not device.qFRF("1")["1"] and not device.qSVO("1")["1"]
+        refused(lambda: device.MOV("1", 1.0), gcserror.E5_PI_CNTR_MOVE_WITHOUT_REF_OR_NO_SERVO, "a move unreferenced")
+        device.SVO("1", True)
+        device.FNL("1")
+        wait(device, "1")
+        assert device.qFRF("1")["1"]
+        low, high = device.qTMN("1")["1"], device.qTMX("1")["1"]
+        assert (low, high) == (0.0, 5.0), (low, high)
+
+        device.VEL("1", 10.0)
+        device.MOV("1", 2.5)
+        assert device.IsMoving("1")["1"]
+        wait(device, "1")
+        assert device.qONT("1")["1"] and abs(device.qPOS("1")["1"] - 2.5) < 1e-3
+        device.MVR("1", -1.0)
+        wait(device, "1")
+        assert abs(device.qPOS("1")["1"] - 1.5) < 1e-3
+
+        refused(lambda: device.MOV("1", high + 0.1), gcserror.E7_PI_CNTR_POS_OUT_OF_LIMITS, "a move beyond the limit")
+        refused(lambda: device.send("XYZ"), gcserror.E2_PI_CNTR_UNKNOWN_COMMAND, "an unknown command")
+        refused(lambda: device.send("MOV 9 1"), gcserror.E15_PI_CNTR_INVALID_AXIS_IDENTIFIER, "an axis not there")
+
+        # A stop in mid-move: #24, and the error it leaves behind.
+        device.VEL("1", 1.0)
+        device.MOV("1", 4.5)
+        time.sleep(0.5)
+        refused(device.StopAll, gcserror.E10_PI_CNTR_STOP, "a stop without its error")
+        at = device.qPOS("1")["1"]
+        assert not device.IsMoving("1")["1"] and 1.6 < at < 3.5, at
+        # An answer of several lines.
+        assert set(device.qPOS()) == {"1", "2"}
+    print("pipython: connected, homed, moved, stopped, read limits, was refused rightly")
+
+
+main(sys.argv[1])

@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# The controller twins checked by the vendors' own clients, in a Python environment of their own: if a twin speaks the
+# protocol well enough for them, it is worth testing our drivers against.
+set -euo pipefail
+cd "$(dirname "$0")"
+root=$(cd ../.. && pwd)
+venv=$root/target/vendor-clients
+
+if ! cmp -s requirements.txt "$venv/requirements.txt"; then
+  echo "vendor clients: installing $(paste -sd' ' requirements.txt)"
+  rm -rf "$venv"
+  python3 -m venv "$venv"
+  "$venv/bin/pip" install --quiet --disable-pip-version-check -r requirements.txt
+  cp requirements.txt "$venv/requirements.txt"
+fi
+
+cargo build --quiet --manifest-path "$root/Cargo.toml"
+failed=0
+for client in zaber pi tmcl; do
+  log=$(mktemp)
+  # Quick axes, so that it takes seconds: both at 20 mm/s.
+  "$root/target/debug/plenalign" sim-stage --json --protocol "$client" \
+    --set bench.focus.speed_mm_per_s=20 --set bench.focus.acceleration_mm_per_s2=200 \
+    --set bench.e.speed_mm_per_s=20 --set bench.e.acceleration_mm_per_s2=200 >"$log" &
+  twin=$!
+  for _ in $(seq 100); do
+    [[ -s $log ]] && break
+    kill -0 "$twin" 2>/dev/null || break
+    sleep 0.05
+  done
+  port=$(sed -n 's/.*"port":"\([^"]*\)".*/\1/p' "$log")
+  if [[ -z $port ]]; then
+    echo "vendor clients: the $client twin did not start" >&2
+    failed=1
+  elif ! timeout 120 "$venv/bin/python" "$client.py" "$port"; then
+    echo "vendor clients: $client FAILED" >&2
+    failed=1
+  fi
+  kill -INT "$twin" 2>/dev/null || true
+  wait "$twin" 2>/dev/null || true
+  rm -f "$log"
+done
+exit "$failed"
