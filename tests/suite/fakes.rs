@@ -98,6 +98,7 @@ impl FedCamera {
             e: AxisPose { position: None, settled: true },
             preview: true,
             simulated: false,
+            replayed: false,
         };
         self.live.send_replace(Some(Arc::new(frame)));
     }
@@ -136,6 +137,9 @@ pub(crate) fn fakes() -> Fakes {
         online: true,
         fault: None,
         frames_lost: 0,
+        frames_damaged: 0,
+        notes: Vec::new(),
+        replay: false,
         size: None,
     };
     let camera = Arc::new(FedCamera { state: watch::channel(state).0, live: watch::channel(None).0 });

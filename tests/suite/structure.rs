@@ -73,7 +73,7 @@ fn optics_and_imaging_are_pure() {
 }
 
 /// Every place that lifts the ban on unsafe code, each with its reason in the comment above it.
-const UNSAFE_EXCEPTIONS: &[&str] = &[];
+const UNSAFE_EXCEPTIONS: &[&str] = &["device/camera/kernel.rs"];
 
 #[test]
 fn unsafe_code_is_listed() {
