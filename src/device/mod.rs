@@ -274,6 +274,8 @@ pub struct CameraState {
     pub notes: Vec<String>,
     /// Whether frames of old are played from files: nothing of what is seen is now.
     pub replay: bool,
+    /// Why [`FrameSource::frame`] gives none of its frames, however many come: they are not fit to be measured.
+    pub unfit: Option<String>,
 }
 
 impl CameraState {
@@ -290,6 +292,7 @@ impl CameraState {
             size: None,
             notes: Vec::new(),
             replay: false,
+            unfit: None,
         }
     }
 }

@@ -56,6 +56,7 @@ impl SimulatedCamera {
             frames_damaged: 0,
             notes: Vec::new(),
             replay: false,
+            unfit: None,
             size: Some(size),
         };
         let shared = Arc::new(Shared {

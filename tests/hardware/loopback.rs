@@ -32,14 +32,18 @@ impl Writer {
     /// Writes what `frame` makes for each count, some twenty times a second.
     fn start(device: &str, format: &str, frame: impl Fn(u16) -> Vec<u8> + Send + 'static) -> Self {
         let code = FourCC::new(&PixelFormat::from_name(format).unwrap().fourcc());
-        let mut device = Device::with_path(device).unwrap();
         let format = Format::new(SIZE.0 as u32, SIZE.1 as u32, code);
         let until = Instant::now() + PATIENCE;
-        // It keeps the format of before while somebody still reads that.
-        while device.set_format(&format).unwrap().fourcc != code {
+        // It keeps the format of before until everybody has closed it, this writer too.
+        let mut device = loop {
+            let opened = Device::with_path(device).unwrap();
+            if opened.set_format(&format).unwrap().fourcc == code {
+                break opened;
+            }
             assert!(Instant::now() < until, "the loopback does not take {code}");
-            std::thread::sleep(Duration::from_millis(100));
-        }
+            drop(opened);
+            std::thread::sleep(Duration::from_millis(300));
+        };
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);
         let thread = std::thread::spawn(move || {

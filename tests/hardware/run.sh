@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# The camera's driver against a real kernel: vivid and v4l2loopback in a guest under QEMU, with the faults that they
-# inject. No hardware is needed, nor a kernel that loads modules.
+# The drivers against a real kernel, in a guest under QEMU: the camera's against vivid and v4l2loopback with the faults
+# that they inject; then a whole alignment by a daemon in the guest, whose world is rendered here. No hardware is needed,
+# nor a kernel that loads modules.
 #
 #   tests/hardware/run.sh          every test
-#   tests/hardware/run.sh NAME...  those whose names contain one of these
+#   tests/hardware/run.sh NAME...  the camera's whose names contain one of these; `chain`: the alignment
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 skip() {
@@ -29,14 +30,23 @@ tests/hardware/image.sh "$PWD/target/hardware/plenalign-hardware" >target/hardwa
   exit 1
 }
 
-cp tests/hardware/cameras.sh target/hardware/share/
-printf '%s\n' "$@" >target/hardware/share/filters
-rm -f target/hardware/share/exit-code
-console=target/hardware/console.log
-tests/hardware/qemu.sh cameras.sh 2>&1 | tr -d '\r' | tee "$console" | grep --line-buffered '^hardware: ' || true
-if [[ $(cat target/hardware/share/exit-code 2>/dev/null) != 0 ]]; then
-  echo "hardware tests FAILED after $((SECONDS - started)) s; the end of $console:" >&2
-  tail -n 40 "$console" >&2
+share=target/hardware/share
+cp tests/hardware/{cameras,chain}.sh "$share/"
+strip -o "$share/plenalign" target/debug/plenalign
+failed() {
+  echo "hardware tests FAILED after $((SECONDS - started)) s; the end of $1:" >&2
+  tail -n 40 "$1" >&2
   exit 1
+}
+
+if [[ $* != chain ]]; then
+  printf '%s\n' "$@" >"$share/filters"
+  rm -f "$share/exit-code"
+  console=target/hardware/console.log
+  tests/hardware/qemu.sh cameras.sh 2>&1 | tr -d '\r' | tee "$console" | grep --line-buffered '^hardware: ' || true
+  [[ $(cat "$share/exit-code" 2>/dev/null) == 0 ]] || failed "$console"
+fi
+if [[ $# == 0 || $* == chain ]]; then
+  target/hardware/plenalign-hardware chain "$share" || failed target/hardware/chain.log
 fi
 echo "hardware tests passed in $((SECONDS - started)) s"

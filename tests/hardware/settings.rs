@@ -1,6 +1,7 @@
 //! What is configured reaches the camera, and what cannot be is refused with the choices.
 
 use plenalign::config::{CameraConfig, ControlValue};
+use plenalign::device::FrameSource as _;
 use plenalign::device::camera::find;
 
 use crate::Test;
@@ -15,6 +16,7 @@ pub(crate) const TESTS: &[Test] = &[
     ("scaling_is_said", scaled),
     ("exposure_is_judged", exposure),
     ("cameras_are_found_by_card", found),
+    ("cameras_are_listed_on_the_command_line", listed),
     ("clock_in_the_future_is_not_believed", clock),
     ("clock_that_wraps_is_not_believed", wrapping_clock),
 ];
@@ -57,7 +59,7 @@ fn refused_controls() {
         let camera = Camera::start(&with(name, value));
         let fault = camera.until_fault(words);
         println!("{fault}");
-        assert!(camera.measured().is_err());
+        assert!(camera.camera.newest().is_none());
     }
 }
 
@@ -119,6 +121,43 @@ fn found() {
     assert!(find::resolve("usb:1234").unwrap_err().contains("no camera is"));
     let camera = Camera::start(&config("card:Loop Z", "GREY"));
     camera.until_fault("no camera is \"card:Loop Z\"");
+}
+
+fn listed() {
+    let plenalign = |arguments: &[&str]| {
+        let done = std::process::Command::new("/mnt/host/plenalign").args(arguments).output().unwrap();
+        let (out, error) = (String::from_utf8(done.stdout).unwrap(), String::from_utf8(done.stderr).unwrap());
+        (done.status.success(), out, error)
+    };
+    let json = |arguments: &[&str]| -> serde_json::Value {
+        let (ok, out, error) = plenalign(arguments);
+        assert!(ok, "{arguments:?}: {error}");
+        serde_json::from_str(&out).unwrap()
+    };
+    let cameras = json(&["camera", "list", "--json"])["cameras"].as_array().unwrap().clone();
+    let webcam = cameras.iter().find(|camera| camera["path"] == WEBCAM).unwrap();
+    let formats = webcam["formats"].as_array().unwrap();
+    assert!(formats.iter().any(|format| format["format"] == "Y12" && format["readable"] == true), "{webcam}");
+    let (_, text, _) = plenalign(&["camera", "list"]);
+    assert!(text.contains("  device = \"card:Loop A\"") && text.contains("  format = \"Y12\""), "{text}");
+    assert!(text.lines().any(|line| line.starts_with("    640x360  ")), "{text}");
+    // Only listing changes nothing; applying sets what is configured.
+    set(WEBCAM, "gain", 3);
+    let controls = json(&["camera", "controls", WEBCAM, "--json"])["controls"].as_array().unwrap().clone();
+    let gain = controls.iter().find(|control| control["key"] == "gain").unwrap();
+    assert_eq!((&gain["minimum"], &gain["maximum"]), (&0.into(), &255.into()));
+    let setting = ["--set", "bench.camera.controls.gain=91", "camera", "controls", WEBCAM, "--apply"];
+    let (ok, text, error) = plenalign(&setting);
+    assert!(
+        ok && text.lines().any(|line| line.trim_start().starts_with("gain ") && line.contains("= 91 ")),
+        "{text}{error}"
+    );
+    assert_eq!(get(WEBCAM, "gain"), 91);
+    let (ok, _, error) =
+        plenalign(&["--set", "bench.camera.controls.gain=900", "camera", "controls", WEBCAM, "--apply"]);
+    assert!(!ok && error.contains("`gain` cannot be 900: it takes 0 to 255"), "{error}");
+    let (ok, _, error) = plenalign(&["camera", "controls", "card:Loop Z"]);
+    assert!(!ok && error.contains("no camera is") && error.lines().count() == 1, "{error}");
 }
 
 fn clock() {

@@ -140,6 +140,7 @@ pub(crate) fn fakes() -> Fakes {
         frames_damaged: 0,
         notes: Vec::new(),
         replay: false,
+        unfit: None,
         size: None,
     };
     let camera = Arc::new(FedCamera { state: watch::channel(state).0, live: watch::channel(None).0 });

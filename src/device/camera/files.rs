@@ -18,6 +18,9 @@ use crate::raw::{self, RawImage};
 const ENDINGS: [&str; 5] = ["png", "tif", "tiff", "pgm", "pnm"];
 /// So many refused files are named; the others are counted.
 const NAMED: usize = 3;
+/// Why no job is given a frame.
+const UNFIT: &str = "frames of old say nothing of where the axes are now: they can be viewed, and measured one by one with \
+                     `plenalign measure`, but no axis is driven by them";
 /// Without a file that can be played, the folder is looked at again this often.
 const LOOK_AGAIN: Duration = Duration::from_secs(2);
 
@@ -46,6 +49,7 @@ impl FilesCamera {
         let (state, state_out) = watch::channel(CameraState {
             identity: format!("REPLAY of {}", config.files),
             replay: true,
+            unfit: Some(UNFIT.to_owned()),
             ..CameraState::not_yet("files", "no file has been played yet")
         });
         let (live, live_out) = watch::channel(None);
@@ -178,7 +182,10 @@ impl Player {
     }
 
     fn tell(&self, files: usize, refused: &[String]) {
-        let mut notes = vec![format!("a replay of {files} files: frames of old, whose time and pose are not known")];
+        let mut notes = vec![format!(
+            "a replay of {files} file{}: frames of old, whose time and pose are not known",
+            if files == 1 { "" } else { "s" }
+        )];
         if !refused.is_empty() {
             notes.push(format!("not played: {}", listed(refused)));
         }
@@ -227,13 +234,7 @@ impl FrameSource for FilesCamera {
     }
 
     async fn frame(&self, _: Instant) -> Result<Arc<Frame>, DeviceError> {
-        Err(DeviceError::Refused {
-            device: format!("the replay of {}", self.files),
-            reason:
-                "frames of old say nothing of where the axes are now: they can be viewed, and measured one by one with \
-                     `plenalign measure`, but no axis is driven by them"
-                    .to_owned(),
-        })
+        Err(DeviceError::Refused { device: format!("the replay of {}", self.files), reason: UNFIT.to_owned() })
     }
 }
 

@@ -1,5 +1,6 @@
 //! Making a camera deliver what is configured, and refusing one that does not.
 
+use std::io;
 use std::time::Duration;
 
 use v4l::format::{FieldOrder, Quantization};
@@ -79,7 +80,10 @@ fn set_format(device: &Device, format: PixelFormat, (width, height): (usize, usi
     let code = FourCC::new(&format.fourcc());
     // Made anew, with stride and size zero: a driver keeps an old stride that it is handed.
     let asked = Format { field_order: FieldOrder::Progressive, ..Format::new(width as u32, height as u32, code) };
-    let got = guarded(|| device.set_format(&asked)).map_err(|error| format!("its format cannot be set: {error}"))?;
+    let got = guarded(|| device.set_format(&asked)).map_err(|error| match error.kind() {
+        io::ErrorKind::ResourceBusy => "its format cannot be set: another program is capturing from it".to_owned(),
+        _ => format!("its format cannot be set: {error}"),
+    })?;
     if got.fourcc != code || (got.width as usize, got.height as usize) != (width, height) {
         return Err(format!(
             "it delivers {}x{} {} instead of the configured {width}x{height} {}; it offers {}",

@@ -22,7 +22,6 @@ const RETURN_ALLOWED: Duration = Duration::from_secs(30);
 /// A V4L2 capture device.
 pub struct V4l2Camera {
     name: String,
-    format: PixelFormat,
     timeout: Duration,
     state: watch::Receiver<CameraState>,
     live: watch::Receiver<Option<Arc<Frame>>>,
@@ -43,7 +42,15 @@ impl V4l2Camera {
             device: name.clone(),
             reason: format!("frames in `{}` are not read; `plenalign camera list` shows what is", config.format),
         })?;
-        let (state, state_out) = watch::channel(CameraState::not_yet("v4l2", "not opened yet"));
+        let unfit = format.is_recompressed().then(|| {
+            format!(
+                "its frames are for viewing only: {} has been through a lossy code; set bench.camera.format to one of its \
+                 raw formats",
+                format.name()
+            )
+        });
+        let (state, state_out) =
+            watch::channel(CameraState { unfit, ..CameraState::not_yet("v4l2", "not opened yet") });
         let (live, live_out) = watch::channel(None);
         let (seen_at, seen_at_out) = watch::channel(None);
         let ended = Arc::new(AtomicBool::new(false));
@@ -64,7 +71,7 @@ impl V4l2Camera {
         // What passes besides the wait for the camera: exposure, read-out, and what its pictures are late by.
         let intervals = Duration::try_from_secs_f64(3.0 / config.frame_rate_hz).unwrap_or_default();
         let timeout = Duration::from_millis(config.timeout_ms + config.pipeline_delay_ms) + intervals;
-        Ok(Self { name, format, timeout, state: state_out, live: live_out, seen_at: seen_at_out, ended })
+        Ok(Self { name, timeout, state: state_out, live: live_out, seen_at: seen_at_out, ended })
     }
 }
 
@@ -90,15 +97,8 @@ impl FrameSource for V4l2Camera {
     }
 
     async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
-        if self.format.is_recompressed() {
-            return Err(DeviceError::Refused {
-                device: self.name.clone(),
-                reason: format!(
-                    "its frames are for viewing only: {} has been through a lossy code; set bench.camera.format to one \
-                     of its raw formats",
-                    self.format.name()
-                ),
-            });
+        if let Some(reason) = self.state.borrow().unfit.clone() {
+            return Err(DeviceError::Refused { device: self.name.clone(), reason });
         }
         let mut until = Instant::now().max(not_before) + self.timeout;
         loop {
@@ -144,4 +144,50 @@ pub fn poses_of_stages(
         }
     };
     Arc::new(move |from, _to| (pose(&focus, from), pose(&e, from)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(device: &str, format: &str) -> V4l2Camera {
+        let config = CameraConfig {
+            device: device.to_owned(),
+            format: format.to_owned(),
+            timeout_ms: 50,
+            ..CameraConfig::default()
+        };
+        let unknown = AxisPose { position: None, settled: false };
+        V4l2Camera::start(&config, (64, 48), Arc::new(move |_, _| (unknown, unknown))).unwrap()
+    }
+
+    #[tokio::test]
+    async fn a_camera_that_is_not_there_says_so() {
+        let absent = camera("/dev/plenalign-no-such-camera", "GREY");
+        let mut state = absent.state();
+        let told =
+            state.wait_for(|state| state.fault.as_ref().is_some_and(|fault| fault.contains("connect the camera")));
+        tokio::time::timeout(Duration::from_secs(20), told).await.unwrap().unwrap();
+        let error = absent.frame(Instant::now()).await.unwrap_err();
+        assert!(matches!(error, DeviceError::Disconnected { .. }), "{error}");
+        assert!(error.to_string().contains("there is no /dev/plenalign-no-such-camera"), "{error}");
+        assert!(absent.newest().is_none());
+    }
+
+    #[tokio::test]
+    async fn a_file_that_is_no_camera_says_so() {
+        let none = camera("/dev/null", "Y12");
+        let mut state = none.state();
+        let told = state.wait_for(|state| state.fault.as_ref().is_some_and(|fault| fault.contains("no video device")));
+        tokio::time::timeout(Duration::from_secs(20), told).await.unwrap().unwrap();
+    }
+
+    #[tokio::test]
+    async fn recompressed_frames_are_not_measured() {
+        let error = camera("/dev/null", "MJPG").frame(Instant::now()).await.unwrap_err();
+        assert!(
+            matches!(error, DeviceError::Refused { .. }) && error.to_string().contains("for viewing only"),
+            "{error}"
+        );
+    }
 }
