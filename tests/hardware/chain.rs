@@ -30,8 +30,8 @@ const FEEDER: &str = "127.0.0.1:18081";
 const DELAY: Duration = Duration::from_millis(1500);
 /// Between frames, at least: rendering must leave the guest some of the machine.
 const INTERVAL: Duration = Duration::from_millis(250);
-/// The whole alignment, in emulation.
-const LIMIT: Duration = Duration::from_secs(600);
+/// The whole alignment: some minutes in emulation, several times that on a machine that is busy.
+const LIMIT: Duration = Duration::from_secs(1200);
 /// How long the camera's plug is pulled.
 const PULLED: Duration = Duration::from_secs(9);
 
@@ -113,7 +113,7 @@ impl Guest {
         command.args(["-chardev", &format!("serial,id=stage,path={terminal}")]);
         command.args(["-device", "usb-serial,chardev=stage,id=stage"]);
         command.args(["-qmp", &format!("unix:{},server=on,wait=off", share.join("../qmp").display())]);
-        command.env("LIMIT", "700").stdout(log).stderr(copy);
+        command.env("LIMIT", "1300").stdout(log).stderr(copy);
         command.spawn().map(Self).map_err(|error| format!("the guest does not boot: {error}"))
     }
 

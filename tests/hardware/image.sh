@@ -9,13 +9,24 @@ work=$(cd "$here/../.." && pwd)/target/hardware
 mkdir -p "$work/debs"
 cd "$work"
 
-package=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: *\(linux-image-[^ ]*\).*/\1/p' | head -n 1)
-[[ -n $package ]] || { echo "image: apt knows no linux-image-amd64; run apt-get update" >&2; exit 1; }
+depends_on() { apt-cache depends "$1" | sed -n "s/^ *Depends: *\($2[^ ]*\).*/\1/p" | head -n 1; }
+# Lists of packages that are missing or old are fetched anew, where that may be done.
+new_lists() { [[ $(id -u) == 0 ]] && apt-get update -qq; }
+package=$(depends_on linux-image-amd64 linux-image-)
+if [[ -z $package ]]; then
+  new_lists || true
+  package=$(depends_on linux-image-amd64 linux-image-)
+fi
+[[ -n $package ]] || { echo "image: Unable to locate linux-image-amd64; run apt-get update" >&2; exit 1; }
 version=${package#linux-image-}
-if [[ ! -e debs/$package.done ]]; then
-  kbuild=$(apt-cache depends "linux-headers-$version" | sed -n "s/^ *Depends: *\(linux-kbuild-[^ ]*\).*/\1/p")
+download() {
   (cd debs && apt-get download -qq "$package" v4l2loopback-dkms "linux-headers-$version" \
-    "linux-headers-${version%-amd64}-common" "$kbuild" && touch "$package.done")
+    "linux-headers-${version%-amd64}-common" "$(depends_on "linux-headers-$version" linux-kbuild-)")
+}
+if [[ ! -e debs/$package.done ]]; then
+  rm -rf kernel v4l2loopback debs/*.deb
+  download || { new_lists && download; }
+  touch "debs/$package.done"
 fi
 if [[ ! -d kernel/lib/modules/$version ]]; then
   rm -rf kernel && dpkg-deb -x debs/"${package}"_*.deb kernel

@@ -81,7 +81,10 @@ fn set_format(device: &Device, format: PixelFormat, (width, height): (usize, usi
     // Made anew, with stride and size zero: a driver keeps an old stride that it is handed.
     let asked = Format { field_order: FieldOrder::Progressive, ..Format::new(width as u32, height as u32, code) };
     let got = guarded(|| device.set_format(&asked)).map_err(|error| match error.kind() {
-        io::ErrorKind::ResourceBusy => "its format cannot be set: another program is capturing from it".to_owned(),
+        io::ErrorKind::ResourceBusy => {
+            "its format cannot be set: another program captures from it, or nothing feeds it, if it is a loopback"
+                .to_owned()
+        }
         _ => format!("its format cannot be set: {error}"),
     })?;
     if got.fourcc != code || (got.width as usize, got.height as usize) != (width, height) {
