@@ -5,7 +5,7 @@ LISTEN ?= 127.0.0.1:8080
 # ONCE=1 ends `make run` after the report.
 ONCE ?=
 
-.PHONY: run test test-long test-vendor-clients bench web fmt clean
+.PHONY: run test test-long test-hardware test-vendor-clients bench web fmt clean
 
 run:
 	@deploy/setup.sh build
@@ -16,6 +16,10 @@ run:
 
 test:
 	@tests/checks.sh
+
+# The camera's driver against a real kernel's virtual cameras, in a guest under QEMU.
+test-hardware:
+	@tests/hardware/run.sh $(TESTS)
 
 test-long:
 	@tests/long.sh

@@ -4,6 +4,7 @@
 #   deploy/setup.sh build   what `make run` needs
 #   deploy/setup.sh test    that, and what `make test` needs besides
 #   deploy/setup.sh bench   what `make run` needs, and what `make bench` needs besides
+#   deploy/setup.sh hardware  what `make run` needs, and what `make test-hardware` needs besides
 #
 # Says what it is going to install before it does, and does nothing where everything is there.
 set -euo pipefail
@@ -19,13 +20,19 @@ build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates 
 test_packages=(chromium python3 python3-venv)
 # python3-venv      where the comparison's OpenCV and NumPy are put
 bench_packages=(python3 python3-venv)
+# qemu-system-x86   emulates the machine that the virtual cameras run on
+# busybox-static, cpio, zstd, kmod   its root in memory
+# gcc-12, make, python3   build v4l2loopback and unpack the kernel
+# v4l-utils         the tests' own hand on a camera's controls
+hardware_packages=(qemu-system-x86 busybox-static cpio zstd kmod gcc-12 make python3 v4l-utils)
 
 what=${1:-test}
 case "$what" in
   build) packages=("${build_packages[@]}") ;;
   test) packages=("${build_packages[@]}" "${test_packages[@]}") ;;
   bench) packages=("${build_packages[@]}" "${bench_packages[@]}") ;;
-  *) echo "setup: '$what' is none of 'build', 'test' and 'bench'" >&2; exit 2 ;;
+  hardware) packages=("${build_packages[@]}" "${hardware_packages[@]}") ;;
+  *) echo "setup: '$what' is none of 'build', 'test', 'bench' and 'hardware'" >&2; exit 2 ;;
 esac
 
 for tool in cargo node npm; do

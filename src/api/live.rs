@@ -284,5 +284,6 @@ fn picture_message(frame: &Frame, jpeg: axum::body::Bytes, frames_skipped: u64, 
         width_px: frame.image.width() as u32,
         height_px: frame.image.height() as u32,
         reduce: reduce.number(),
+        replayed: frame.replayed,
     }
 }

@@ -184,6 +184,7 @@ mod tests {
             e: pose,
             preview: false,
             simulated: true,
+            replayed: false,
         })
     }
 

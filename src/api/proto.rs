@@ -48,4 +48,7 @@ pub struct Frame {
     /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
     #[prost(uint32, tag = "15")]
     pub reduce: u32,
+    /// Whether the frame is of old, played from a file.
+    #[prost(bool, tag = "16")]
+    pub replayed: bool,
 }

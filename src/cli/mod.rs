@@ -5,6 +5,7 @@
 
 mod align;
 mod calibrate;
+mod camera;
 mod demo;
 mod design;
 mod lock;
@@ -52,6 +53,8 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Render a raw frame of the configured camera by exact rays.
     Render(render::Args),
+    /// Show the cameras that are connected, what they offer and how they can be set.
+    Camera(camera::Args),
     /// Serve the simulated bench and align it before your eyes.
     Demo(demo::Args),
     /// Stand in for a stage controller, behind a pseudo-terminal or a TCP port.
@@ -116,6 +119,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Measure(args) => measure::run(context, args),
         Command::Calibrate(args) => calibrate::run(context, args),
         Command::Render(args) => render::run(context, args),
+        Command::Camera(args) => camera::run(context, args),
         Command::Demo(args) => demo::run(context, args),
         Command::SimStage(args) => sim_stage::run(context, args),
     }

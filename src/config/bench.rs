@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::SimulationConfig;
+use super::{CameraConfig, SimulationConfig};
 
 /// Whether the bench is real.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -235,45 +235,6 @@ impl Default for AxisConfig {
             max_step_mm: 40.0,
             scale_uncertainty: 0.05,
             zero_uncertainty_mm: 0.2,
-        }
-    }
-}
-
-/// Where frames come from on a hardware bench.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CameraDriver {
-    /// Video4Linux2.
-    V4l2,
-}
-
-/// `[bench.camera]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CameraConfig {
-    /// Driver (hardware only).
-    pub driver: CameraDriver,
-    /// Device file, best by its `/dev/v4l/by-id` name.
-    pub device: PathBuf,
-    /// Pixel format, a V4L2 four-character code: GREY or YUYV.
-    pub format: String,
-    /// Frames a second asked for.
-    pub frame_rate_hz: f64,
-    /// Longest wait for a frame before the camera counts as lost, ms.
-    pub timeout_ms: u64,
-    /// Time a picture spends between exposure and the driver's timestamp, ms.
-    pub pipeline_delay_ms: u64,
-}
-
-impl Default for CameraConfig {
-    fn default() -> Self {
-        Self {
-            driver: CameraDriver::V4l2,
-            device: PathBuf::from("/dev/video0"),
-            format: "GREY".to_owned(),
-            frame_rate_hz: 30.0,
-            timeout_ms: 2000,
-            pipeline_delay_ms: 0,
         }
     }
 }

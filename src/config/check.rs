@@ -84,6 +84,7 @@ impl Config {
             self.check_assembly(&mut faults);
             self.bench.check(&mut faults);
             self.check_rotation(&mut faults);
+            self.check_mosaic(&mut faults);
         }
         // A design can be worked out only of parts that make sense each for itself.
         if faults.0.is_empty() {

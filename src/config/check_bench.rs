@@ -1,10 +1,7 @@
 //! Physical sense of `[bench]`.
 
 use super::check::Faults;
-use super::{AxisConfig, BenchConfig, BenchDriver, CameraConfig};
-
-/// Pixel formats that the V4L2 camera understands.
-const FORMATS: [&str; 2] = ["GREY", "YUYV"];
+use super::{AxisConfig, BenchConfig, BenchDriver, CameraDriver};
 
 impl BenchConfig {
     pub(super) fn check(&self, faults: &mut Faults) {
@@ -22,6 +19,9 @@ impl BenchConfig {
             faults.require(controller.baud() > 0, format!("{key}.baud"), || "must be at least 1".to_owned());
         }
         self.camera.check(faults);
+        if self.driver == BenchDriver::Hardware || self.camera.driver == CameraDriver::Files {
+            self.camera.check_source(faults);
+        }
         self.simulation.check(faults);
         if self.driver == BenchDriver::Hardware {
             self.check_wiring(faults);
@@ -55,9 +55,6 @@ impl BenchConfig {
             "bench.e.axis",
             || format!("is the focus axis's: both are {} of controller {}", self.e.axis, self.e.controller),
         );
-        faults.require(!self.camera.device.as_os_str().is_empty(), "bench.camera.device", || {
-            "is empty: give the device file, best by its /dev/v4l/by-id name".to_owned()
-        });
     }
 }
 
@@ -81,15 +78,5 @@ impl AxisConfig {
         faults.require((0.0..1.0).contains(&self.scale_uncertainty), key("scale_uncertainty"), || {
             format!("{} is not a relative uncertainty from 0 to below 1", self.scale_uncertainty)
         });
-    }
-}
-
-impl CameraConfig {
-    fn check(&self, faults: &mut Faults) {
-        faults.require(FORMATS.contains(&self.format.as_str()), "bench.camera.format", || {
-            format!("{:?} is not understood: {}", self.format, FORMATS.join(" or "))
-        });
-        faults.positive("bench.camera.frame_rate_hz", self.frame_rate_hz);
-        faults.require(self.timeout_ms > 0, "bench.camera.timeout_ms", || "must be at least 1".to_owned());
     }
 }

@@ -9,6 +9,7 @@
 mod assembly;
 mod bench;
 mod camera;
+mod capture;
 mod check;
 mod check_bench;
 mod check_simulation;
@@ -23,10 +24,9 @@ mod simulation;
 use serde::{Deserialize, Serialize};
 
 pub use assembly::{AssemblyConfig, LBoundSource, ShellStep, SpacingTarget};
-pub use bench::{
-    AxisConfig, BenchConfig, BenchDriver, CameraConfig, CameraDriver, ControllerConfig, ControllerDriver, Side,
-};
+pub use bench::{AxisConfig, BenchConfig, BenchDriver, ControllerConfig, ControllerDriver, Side};
 pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellConfig, WaterConfig};
+pub use capture::{CameraConfig, CameraDriver, ControlValue};
 pub use error::{ConfigError, Position, Violation};
 pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
 pub use origin::ConfigOrigin;

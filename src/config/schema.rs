@@ -6,13 +6,13 @@ use std::path::PathBuf;
 use toml::de::DeTable;
 use toml::{Table, Value};
 
-use super::{Config, ControllerConfig, ControllerDriver, Position, Violation, WaterConfig};
+use super::{Config, ControlValue, ControllerConfig, ControllerDriver, Position, Violation, WaterConfig};
 use crate::raw::CfaPattern;
 
-/// Stands for any name of a controller.
+/// Stands for any name of a controller, or of a camera's control.
 const ANY_NAME: &str = "NAME";
-/// The section whose keys are names of the user's.
-const NAMED_SECTION: &str = "bench.controllers";
+/// The sections whose keys are names of the user's.
+const NAMED_SECTIONS: [&str; 2] = ["bench.controllers", "bench.camera.controls"];
 /// Similarity (0 to 1) above which a known key is offered for an unknown one.
 const NEAR: f64 = 0.6;
 
@@ -36,6 +36,9 @@ pub(super) fn schema() -> Table {
         identity: Some(String::new()),
         address: 0,
     };
+    full.bench.camera.crop_left_px = Some(0);
+    full.bench.camera.crop_top_px = Some(0);
+    full.bench.camera.controls = BTreeMap::from([(ANY_NAME.to_owned(), ControlValue::Number(0))]);
     full.bench.controllers = BTreeMap::from([(ANY_NAME.to_owned(), controller)]);
     Table::try_from(full).unwrap_or_default()
 }
@@ -58,7 +61,7 @@ pub(super) fn lookup<'s>(schema: &'s Table, key: &str) -> Option<&'s Value> {
 
 /// The schema's entry for a key of the section at `path`.
 fn child<'s>(table: &'s Table, path: &str, key: &str) -> Option<&'s Value> {
-    if path == NAMED_SECTION { table.get(ANY_NAME) } else { table.get(key) }
+    if NAMED_SECTIONS.contains(&path) { table.get(ANY_NAME) } else { table.get(key) }
 }
 
 pub(super) fn joined(path: &str, key: &str) -> String {
@@ -130,7 +133,7 @@ fn suggestion(schema: &Table, key: &str) -> Option<String> {
 fn collect(table: &Table, path: &str, keys: &mut Vec<String>) {
     for (key, value) in table {
         let full = joined(path, key);
-        if path == NAMED_SECTION {
+        if NAMED_SECTIONS.contains(&path) {
             return;
         }
         if let Value::Table(inner) = value {

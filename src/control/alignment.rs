@@ -100,6 +100,7 @@ impl Alignment<'_> {
 
     async fn prepare(&mut self) -> Result<(), JobEnd> {
         self.context.stage(Stage::Preparation);
+        self.eye.check_camera()?;
         self.context.doing("devices and homing");
         for axis in AxisName::ALL {
             let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;

@@ -48,8 +48,14 @@ pub struct CameraView {
     pub online: bool,
     /// Why not.
     pub fault: Option<String>,
-    /// Frames lost so far.
+    /// Frames lost so far, damaged ones included.
     pub frames_lost: u64,
+    /// Frames that came damaged so far: none of them is shown or measured.
+    pub frames_damaged: u64,
+    /// What is to be known about its frames, one sentence each: a clock that lies, pixels saturated.
+    pub notes: Vec<String>,
+    /// Whether frames of old are played from files: nothing of what is seen is now.
+    pub replay: bool,
     /// Sequence number of the newest frame.
     pub frame_seq: Option<u64>,
     /// Age of the newest frame when this was said, ms.

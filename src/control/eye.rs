@@ -107,6 +107,14 @@ impl Eye {
         self.sight().ok_or_else(|| JobEnd::failed("no white frame has been taken"))
     }
 
+    /// Whether the camera's frames may be measured at all: asked before anything moves for them.
+    pub(super) fn check_camera(&self) -> Result<(), JobEnd> {
+        match &self.bench.camera.state().borrow().unfit {
+            Some(why) => Err(JobEnd::failed(format!("the camera's frames are not measured: {why}"))),
+            None => Ok(()),
+        }
+    }
+
     /// A frame exposed wholly while both axes stood settled.
     async fn frame(&self) -> Result<Arc<Frame>, JobEnd> {
         for _ in 0..FRAME_TRIES {

@@ -281,6 +281,8 @@ pub struct Frame {
     pub preview: bool,
     /// Whether this frame was simulated.
     pub simulated: bool,
+    /// Whether this frame is of old, played from a file.
+    pub replayed: bool,
 }
 
 /// What a frame source is and how it fares.
@@ -294,10 +296,37 @@ pub struct CameraState {
     pub online: bool,
     /// Why not, in words.
     pub fault: Option<String>,
-    /// Frames lost so far, by gaps in the sequence.
+    /// Frames lost so far, by gaps in the sequence; damaged ones included.
     pub frames_lost: u64,
+    /// Frames that came damaged so far, by their driver's word or their bytes: none of them was shown or measured.
+    pub frames_damaged: u64,
     /// Columns and rows of a frame, once known.
     pub size: Option<(usize, usize)>,
+    /// What is to be known about its frames, one sentence each: a clock that lies, pixels saturated.
+    pub notes: Vec<String>,
+    /// Whether frames of old are played from files: nothing of what is seen is now.
+    pub replay: bool,
+    /// Why [`FrameSource::frame`] gives none of its frames, however many come: they are not fit to be measured.
+    pub unfit: Option<String>,
+}
+
+impl CameraState {
+    /// A source that has sent nothing yet, and why.
+    #[must_use]
+    pub fn not_yet(driver: &str, why: &str) -> Self {
+        Self {
+            driver: driver.to_owned(),
+            identity: String::new(),
+            online: false,
+            fault: Some(why.to_owned()),
+            frames_lost: 0,
+            frames_damaged: 0,
+            size: None,
+            notes: Vec::new(),
+            replay: false,
+            unfit: None,
+        }
+    }
 }
 
 /// A source of raw frames.
@@ -315,7 +344,7 @@ pub trait FrameSource: Send + Sync {
     /// A frame of full quality whose exposure began at or after `not_before`: what a measurement uses.
     ///
     /// # Errors
-    /// When the camera is lost or sends nothing within its time-out.
+    /// When the camera is lost or sends nothing within its time-out, or its frames are not fit to be measured.
     async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError>;
 }
 

@@ -6,9 +6,11 @@
 mod cfa;
 mod depth;
 mod file;
+mod format;
 
 pub use cfa::{CfaPattern, Channel};
 pub use file::{RawFileError, read, write};
+pub use format::{Layout, PixelFormat};
 
 /// A raw frame of one sample a pixel, row by row from the top: monochrome, or a mosaic whose [`CfaPattern`] is known to
 /// whoever configured the camera.

@@ -53,6 +53,10 @@ impl SimulatedCamera {
             online: true,
             fault: None,
             frames_lost: 0,
+            frames_damaged: 0,
+            notes: Vec::new(),
+            replay: false,
+            unfit: None,
             size: Some(size),
         };
         let shared = Arc::new(Shared {
@@ -124,6 +128,7 @@ impl Shared {
             e: AxisPose { settled: e.settled && still, ..e },
             preview,
             simulated: true,
+            replayed: false,
         }))
     }
 }

@@ -1,6 +1,6 @@
 //! Whole alignments on the simulated bench, judged by the simulated truth.
 
-use plenalign::config::{Config, LBoundSource, ShellStep};
+use plenalign::config::{CameraDriver, Config, LBoundSource, ShellStep};
 use plenalign::control::job::{JobSnapshot, JobState};
 use plenalign::optics::MlaMode;
 
@@ -87,6 +87,21 @@ async fn a_reversed_focus_axis_is_named_after_the_probe() {
     let reason = job.reason.clone().unwrap();
     assert!(reason.contains("focus axis") && reason.contains("wrong way"), "{reason}");
     assert!(number(truth(&job), "delta_v_mm").abs() < 0.6, "nothing moves after the probe");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_replay_moves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = plenalign::raw::RawImage::from_u8(560, 560, vec![90; 560 * 560]);
+    plenalign::raw::write(&folder.path().join("a.png"), &frame).unwrap();
+    let mut config = small_config(6);
+    config.bench.camera.driver = CameraDriver::Files;
+    config.bench.camera.files = folder.path().display().to_string();
+    let service = service(config).await;
+    let job = align(&service).await;
+    assert_eq!(job.state, JobState::Failed);
+    assert!(job.reason.as_ref().unwrap().contains("no axis is driven by them"), "{:?}", job.reason);
+    assert!(service.bench_view().axes.iter().all(|axis| !axis.homed), "an axis was homed for a replay");
 }
 
 #[tokio::test(start_paused = true)]

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use plenalign::config::{BenchDriver, Config, ConfigError, ConfigOrigin, ControllerDriver, Position, Side};
+use plenalign::config::{
+    BenchDriver, CameraDriver, Config, ConfigError, ConfigOrigin, ControlValue, ControllerDriver, Position, Side,
+};
 
 fn shipped(name: &str) -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(name)
@@ -56,7 +58,7 @@ fn the_shipped_file_shows_every_key() {
             _ => format!("{line}\n"),
         })
         .collect();
-    assert_eq!(uncommented, 12);
+    assert_eq!(uncommented, 15);
     // Only the water, given twice over, is at fault then.
     let faults = faults(&every);
     assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
@@ -79,6 +81,19 @@ fn the_shipped_file_shows_every_key() {
 }
 
 #[test]
+fn the_camera_examples_load() {
+    let config = Config::load(&shipped("examples/v4l2.toml")).unwrap();
+    let camera = &config.bench.camera;
+    assert_eq!((config.bench.driver, camera.driver), (BenchDriver::Hardware, CameraDriver::V4l2));
+    assert_eq!((camera.format.as_str(), camera.crop()), ("Y12", Some((380, 0))));
+    assert_eq!(camera.controls["auto_exposure"], ControlValue::Item("Manual Mode".to_owned()));
+    assert_eq!(config.notices(), Vec::<String>::new());
+    let config = Config::load(&shipped("examples/files.toml")).unwrap();
+    assert_eq!(config.bench.camera.driver, CameraDriver::Files);
+    assert_eq!(config.notices(), Vec::<String>::new());
+}
+
+#[test]
 fn the_hardware_example_loads() {
     let config = Config::load(&shipped("examples/grbl.toml")).unwrap();
     assert_eq!(config.bench.driver, BenchDriver::Hardware);
@@ -87,6 +102,55 @@ fn the_hardware_example_loads() {
     // Quan and Fry at 20 °C, fresh, 550 nm.
     assert!((config.water.index() - 1.334_338_19).abs() < 5e-9, "{}", config.water.index());
     assert_eq!(config.design().shell.n_water, config.water.index());
+}
+
+/// A hardware bench whose camera has these keys.
+fn hardware(camera: &str) -> String {
+    format!(
+        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/ttyUSB0\"\n\
+         [bench.camera]\n{camera}\n"
+    )
+}
+
+#[test]
+fn a_camera_is_named_by_file_card_or_serial_number() {
+    for device in ["/dev/video2", "/dev/v4l/by-path/pci-0000:00:14.0-usb", "card:Mono Camera", "usb:SN 42"] {
+        let config = Config::from_toml(&hardware(&format!("device = {device:?}")), "t").unwrap();
+        assert_eq!(config.bench.camera.device, device);
+    }
+    for device in ["", "card:", "usb: ", "serial:12"] {
+        refused(&hardware(&format!("device = {device:?}")), "bench.camera.device", "names no device");
+    }
+    refused(&hardware("driver = \"files\""), "bench.camera.files", "is empty");
+}
+
+#[test]
+fn controls_are_numbers_switches_and_items() {
+    let text = "[bench.camera.controls]\ngain = -3\nauto_exposure = \"Manual Mode\"\ntrigger = true\n";
+    let mut config = Config::from_toml(text, "t").unwrap();
+    let controls = &config.bench.camera.controls;
+    assert_eq!(controls["gain"], ControlValue::Number(-3));
+    assert_eq!(controls["auto_exposure"], ControlValue::Item("Manual Mode".to_owned()));
+    assert_eq!(controls["trigger"], ControlValue::Switch(true));
+    config.set("bench.camera.controls.gain", "12").unwrap();
+    config.set("bench.camera.controls.white_balance_automatic", "false").unwrap();
+    assert_eq!(config.bench.camera.controls["gain"], ControlValue::Number(12));
+    assert_eq!(config.bench.camera.controls["white_balance_automatic"], ControlValue::Switch(false));
+    refused("[bench.camera.controls]\ngain = 1.5\n", "bench.camera.controls.gain", "a whole number or the name");
+}
+
+#[test]
+fn format_and_sensor_agree_on_the_mosaic() {
+    let with =
+        |format: &str, mosaic: &str| format!("{}[sensor]\n{mosaic}\n", hardware(&format!("format = {format:?}")));
+    for (format, mosaic) in [("RG10", "mosaic = \"rggb\""), ("pBCC", "mosaic = \"bggr\""), ("GREY", ""), ("YUYV", "")] {
+        Config::from_toml(&with(format, mosaic), "t").unwrap();
+    }
+    // A mosaic camera that calls its pixels grey is believed.
+    Config::from_toml(&with("Y12", "mosaic = \"gbrg\""), "t").unwrap();
+    refused(&with("RG10", ""), "bench.camera.format", "set sensor.mosaic = \"rggb\"");
+    refused(&with("BG12", "mosaic = \"rggb\""), "bench.camera.format", "set sensor.mosaic = \"bggr\"");
+    refused(&with("YUYV", "mosaic = \"rggb\""), "bench.camera.format", "already interpolated");
 }
 
 #[test]
@@ -205,7 +269,7 @@ fn impossible_values_are_refused_with_the_reason() {
         ("[bench.e]\nspeed_mm_per_s = 0", "bench.e.speed_mm_per_s", "greater than 0"),
         ("[bench.e]\nbacklash_mm = -0.1", "bench.e.backlash_mm", "negative"),
         ("[bench.e]\nscale_uncertainty = 1", "bench.e.scale_uncertainty", "relative"),
-        ("[bench.camera]\nformat = \"RGB3\"", "bench.camera.format", "GREY or YUYV"),
+        ("[bench.camera]\nformat = \"H264\"", "bench.camera.format", "these are: GREY, Y10"),
         ("[bench.camera]\nframe_rate_hz = 0", "bench.camera.frame_rate_hz", "greater than 0"),
         ("[bench.simulation]\ne_scale_error = -1", "bench.simulation.e_scale_error", "relative"),
         ("[bench.simulation]\nrays = 0", "bench.simulation.rays", "at least 1"),

@@ -110,6 +110,7 @@ impl FedCamera {
             e: AxisPose { position: None, settled: true },
             preview: true,
             simulated: false,
+            replayed: false,
         };
         self.live.send_replace(Some(Arc::new(frame)));
     }
@@ -148,6 +149,10 @@ pub(crate) fn fakes() -> Fakes {
         online: true,
         fault: None,
         frames_lost: 0,
+        frames_damaged: 0,
+        notes: Vec::new(),
+        replay: false,
+        unfit: None,
         size: None,
     };
     let camera = Arc::new(FedCamera { state: watch::channel(state).0, live: watch::channel(None).0 });

@@ -6,6 +6,8 @@ export const strings = {
   title: "Plenalign",
   simulatedTitle: "SIMULATED · Plenalign",
   simulated: "SIMULATED BENCH",
+  replay: "REPLAY",
+  replayMore: "Frames of old are played from files: nothing of what is seen is now.",
   simulatedMore: "No hardware is attached: every picture and figure here is computed.",
   connecting: "Connecting…",
   lost: "Connection lost. What is shown below is old; trying again…",

@@ -55,6 +55,8 @@ export interface PictureFacts {
   settled: boolean;
   preview: boolean;
   simulated: boolean;
+  /** Of old, played from a file. */
+  replayed: boolean;
   framesSkipped: number;
   widthPx: number;
   heightPx: number;
@@ -85,6 +87,7 @@ export function parsePicture(bytes: Uint8Array): Picture | null {
       settled: frame.settled,
       preview: frame.preview,
       simulated: frame.simulated,
+      replayed: frame.replayed,
       framesSkipped: Number(frame.framesSkipped),
       widthPx: frame.widthPx,
       heightPx: frame.heightPx,

@@ -5,13 +5,60 @@ use std::time::Duration;
 /// A driver's time for a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stamp {
-    /// How long before the frame's arrival the timestamp lies, s; negative for a time in the future.
-    pub age_s: f64,
+    /// The time, s, on the system's monotonic clock; `None` where the driver says that it is of another clock.
+    pub at_s: Option<f64>,
+    /// What that clock says now, s.
+    pub now_s: f64,
     /// Whether it marks the start of the exposure (else the end of the frame).
     pub at_start: bool,
 }
 
-/// An exposure window, as ages before the frame's arrival.
+/// What one driver's clock is worth. A clock that has told one impossible time is not believed any more: its other
+/// times are off by as much, and only look possible.
+#[derive(Debug, Clone, Default)]
+pub struct Clock {
+    last_s: Option<f64>,
+    lie: Option<String>,
+}
+
+impl Clock {
+    /// The age of a frame's stamp and whether it is of the exposure's start; `None` where the frame's arrival must
+    /// stand in for it. No stamp is believed that lies in the future (drivers that stamp the end of a frame have been
+    /// seen most of an interval ahead), more than `longest_age` back, or not after the one before.
+    pub fn judge(&mut self, stamp: Stamp, longest_age: Duration) -> Option<(Duration, bool)> {
+        let lie = match (stamp.at_s, self.last_s) {
+            (None, _) => Some("are not of the monotonic clock".to_owned()),
+            (Some(at), _) if !at.is_finite() => Some("are no numbers".to_owned()),
+            (Some(at), _) if at > stamp.now_s => {
+                Some(format!("lie in the future, by {:.1} ms", (at - stamp.now_s) * 1e3))
+            }
+            (Some(at), _) if stamp.now_s - at > longest_age.as_secs_f64() => {
+                Some(format!("lie {:.1} s back", stamp.now_s - at))
+            }
+            (Some(at), Some(last)) if at <= last => Some("do not grow from frame to frame".to_owned()),
+            _ => None,
+        };
+        self.last_s = stamp.at_s;
+        if self.lie.is_none() {
+            self.lie = lie;
+        }
+        match stamp.at_s {
+            Some(at) if self.lie.is_none() => {
+                Some((Duration::from_secs_f64((stamp.now_s - at).max(0.0)), stamp.at_start))
+            }
+            _ => None,
+        }
+    }
+
+    /// Why the clock is not believed, as a sentence.
+    #[must_use]
+    pub fn complaint(&self) -> Option<String> {
+        let lie = self.lie.as_ref()?;
+        Some(format!("the driver's timestamps {lie}: the time of a frame's arrival stands in for them"))
+    }
+}
+
+/// An exposure window, as ages before now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Window {
     /// Age of the window's begin.
@@ -22,23 +69,24 @@ pub struct Window {
     pub assumed: bool,
 }
 
-/// The window in which a frame that has just arrived was exposed. The exposure time is at most a frame interval and
-/// not known better, so the window is an interval long: too long rather than too short.
+/// The window in which a frame was exposed. Exposure and read-out are at most a frame interval each and not known
+/// better, so the window is too long rather than too short.
 ///
-/// A timestamp is believed when it lies neither in the future (drivers that stamp the end of a frame have been seen
-/// most of an interval ahead) nor more than `longest_age` back. Otherwise the frame is taken to have been exposed
-/// within the two intervals before it arrived: one of exposure and one of read-out.
+/// `stamp` is what [`Clock::judge`] believes. Without it the frame is taken to have been exposed within the two
+/// intervals before it arrived, at most `arrived_age` ago: since then it may have waited in the queue. `delay` is what
+/// passes between exposure and stamp, or arrival, besides.
 #[must_use]
-pub fn window(stamp: Option<Stamp>, interval: Duration, delay: Duration, longest_age: Duration) -> Window {
-    let believed = stamp.filter(|stamp| stamp.age_s >= 0.0 && stamp.age_s <= longest_age.as_secs_f64());
-    match believed {
-        Some(stamp) => {
-            let age = Duration::from_secs_f64(stamp.age_s) + delay;
-            let (from_age, to_age) =
-                if stamp.at_start { (age, age.saturating_sub(interval)) } else { (age + interval, age) };
-            Window { from_age, to_age, assumed: false }
+pub fn window(stamp: Option<(Duration, bool)>, arrived_age: Duration, interval: Duration, delay: Duration) -> Window {
+    match stamp {
+        Some((age, true)) => {
+            let from_age = age + delay;
+            Window { from_age, to_age: from_age.saturating_sub(interval), assumed: false }
         }
-        None => Window { from_age: 2 * interval + delay, to_age: Duration::ZERO, assumed: true },
+        Some((age, false)) => {
+            let to_age = age + delay;
+            Window { from_age: to_age + 2 * interval, to_age, assumed: false }
+        }
+        None => Window { from_age: arrived_age + 2 * interval + delay, to_age: Duration::ZERO, assumed: true },
     }
 }
 
@@ -49,23 +97,56 @@ mod tests {
     const INTERVAL: Duration = Duration::from_millis(40);
     const LONGEST: Duration = Duration::from_secs(1);
 
-    fn ages(stamp: Option<Stamp>, delay_ms: u64) -> (u128, u128, bool) {
-        let window = window(stamp, INTERVAL, Duration::from_millis(delay_ms), LONGEST);
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    fn at(at_s: f64) -> Stamp {
+        Stamp { at_s: Some(at_s), now_s: 100.0, at_start: true }
+    }
+
+    fn ages(stamp: Option<(Duration, bool)>, arrived_age: u64, delay: u64) -> (u128, u128, bool) {
+        let window = window(stamp, ms(arrived_age), INTERVAL, ms(delay));
         (window.from_age.as_millis(), window.to_age.as_millis(), window.assumed)
     }
 
     #[test]
-    fn a_plausible_time_is_believed() {
-        assert_eq!(ages(Some(Stamp { age_s: 0.05, at_start: true }), 0), (50, 10, false));
-        assert_eq!(ages(Some(Stamp { age_s: 0.01, at_start: false }), 5), (55, 15, false));
-        assert_eq!(ages(Some(Stamp { age_s: 0.01, at_start: true }), 0), (10, 0, false), "never ends in the future");
+    fn a_window_holds_exposure_and_read_out() {
+        assert_eq!(ages(Some((ms(50), true)), 3, 0), (50, 10, false));
+        assert_eq!(ages(Some((ms(10), false)), 3, 5), (95, 15, false));
+        assert_eq!(ages(Some((ms(10), true)), 3, 0), (10, 0, false), "never ends in the future");
     }
 
     #[test]
-    fn any_other_is_replaced_by_a_window_that_holds_the_exposure() {
-        for age_s in [-0.028, 2.0, f64::NAN, f64::INFINITY] {
-            assert_eq!(ages(Some(Stamp { age_s, at_start: false }), 0), (80, 0, true));
+    fn without_a_stamp_the_time_in_the_queue_counts() {
+        assert_eq!(ages(None, 0, 10), (90, 0, true));
+        assert_eq!(ages(None, 700, 0), (780, 0, true));
+    }
+
+    #[test]
+    fn a_plausible_clock_is_believed() {
+        let mut clock = Clock::default();
+        let age = |judged: Option<(Duration, bool)>| judged.map(|(age, start)| (age.as_millis(), start));
+        assert_eq!(age(clock.judge(at(99.75), LONGEST)), Some((250, true)));
+        assert_eq!(age(clock.judge(Stamp { at_start: false, ..at(99.875) }, LONGEST)), Some((125, false)));
+        assert_eq!(clock.complaint(), None);
+    }
+
+    #[test]
+    fn a_clock_that_lied_once_is_not_believed_again() {
+        for (lie, words) in [
+            (at(100.028), "in the future, by 28.0 ms"),
+            (at(90.0), "lie 10.0 s back"),
+            (at(99.5), "do not grow"),
+            (at(99.4), "do not grow"),
+            (at(f64::NAN), "no numbers"),
+            (Stamp { at_s: None, ..at(0.0) }, "not of the monotonic clock"),
+        ] {
+            let mut clock = Clock::default();
+            assert!(clock.judge(at(99.5), LONGEST).is_some());
+            assert_eq!(clock.judge(lie, LONGEST), None, "{words}");
+            assert_eq!(clock.judge(at(99.9), LONGEST), None, "{words}");
+            assert!(clock.complaint().unwrap().contains(words), "{:?}", clock.complaint());
         }
-        assert_eq!(ages(None, 10), (90, 0, true));
     }
 }

@@ -417,13 +417,22 @@ export interface components {
       frame_seq?: number | null;
       /**
        * Format: int64
-       * @description Frames lost so far.
+       * @description Frames that came damaged so far: none of them is shown or measured.
+       */
+      frames_damaged: number;
+      /**
+       * Format: int64
+       * @description Frames lost so far, damaged ones included.
        */
       frames_lost: number;
       /** @description What the device says it is. */
       identity: string;
+      /** @description What is to be known about its frames, one sentence each: a clock that lies, pixels saturated. */
+      notes: string[];
       /** @description Whether frames arrive. */
       online: boolean;
+      /** @description Whether frames of old are played from files: nothing of what is seen is now. */
+      replay: boolean;
     };
     /** @description The configuration in force and where it came from. */
     ConfigView: {
@@ -1539,6 +1548,8 @@ export interface operations {
           "Plenalign-Frame-Seq"?: number;
           /** @description Whether this is a coarse picture for viewing only */
           "Plenalign-Preview"?: boolean;
+          /** @description Whether the frame is of old, played from a file */
+          "Plenalign-Replayed"?: boolean;
           /** @description Whether both axes were at rest during the exposure */
           "Plenalign-Settled"?: boolean;
           /** @description Whether the frame was simulated */

@@ -34,6 +34,11 @@ export function App({ state, now, update }: Props) {
             <b>{strings.simulated}</b> <span>{strings.simulatedMore}</span>
           </p>
         )}
+        {state.bench?.camera.replay && (
+          <p class="simulated" role="note">
+            <b>{strings.replay}</b> <span>{strings.replayMore}</span>
+          </p>
+        )}
         <div class="bar">
           <h1>{strings.title}</h1>
           <p class="design">{state.bench?.design_origin}</p>

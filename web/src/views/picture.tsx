@@ -32,6 +32,7 @@ export function LivePicture({ state, now }: { state: State; now: number }) {
       <div class="frame">
         <canvas id={CANVAS_ID} width={1160} height={1160} />
         {facts?.simulated && <span class="stamp">{strings.simulated}</span>}
+        {facts?.replayed && <span class="stamp">{strings.replay}</span>}
         {shown === "none" && <p class="over">{strings.noPicture}</p>}
         {shown === "stale" && age !== null && <p class="over">{strings.stale(fixed(age / 1000, 0))}</p>}
       </div>
@@ -46,6 +47,11 @@ export function LivePicture({ state, now }: { state: State; now: number }) {
           </span>
         )}
       </p>
+      {state.bench?.camera.notes.map((note) => (
+        <p class="facts" role="note" key={note}>
+          {note}
+        </p>
+      ))}
     </section>
   );
 }

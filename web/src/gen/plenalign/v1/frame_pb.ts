@@ -14,7 +14,7 @@ import type { Message } from "@bufbuild/protobuf";
 export const file_plenalign_v1_frame: GenFile =
   /*@__PURE__*/
   fileDesc(
-    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSK9AgoFRnJhbWUSDAoEanBlZxgBIAEoDBILCgNzZXEYAiABKAQSGAoQY2FwdHVyZWRfdW5peF91cxgDIAEoAxITCgtleHBvc3VyZV91cxgEIAEoBBIYChBleHBvc3VyZV9hc3N1bWVkGAUgASgIEhUKCGZvY3VzX21tGAYgASgBSACIAQESEQoEZV9tbRgHIAEoAUgBiAEBEg8KB3NldHRsZWQYCCABKAgSDwoHcHJldmlldxgJIAEoCBIRCglzaW11bGF0ZWQYCiABKAgSDgoGYWdlX21zGAsgASgBEhYKDmZyYW1lc19za2lwcGVkGAwgASgEEhAKCHdpZHRoX3B4GA0gASgNEhEKCWhlaWdodF9weBgOIAEoDRIOCgZyZWR1Y2UYDyABKA1CCwoJX2ZvY3VzX21tQgcKBV9lX21tYgZwcm90bzM",
+    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSLPAgoFRnJhbWUSDAoEanBlZxgBIAEoDBILCgNzZXEYAiABKAQSGAoQY2FwdHVyZWRfdW5peF91cxgDIAEoAxITCgtleHBvc3VyZV91cxgEIAEoBBIYChBleHBvc3VyZV9hc3N1bWVkGAUgASgIEhUKCGZvY3VzX21tGAYgASgBSACIAQESEQoEZV9tbRgHIAEoAUgBiAEBEg8KB3NldHRsZWQYCCABKAgSDwoHcHJldmlldxgJIAEoCBIRCglzaW11bGF0ZWQYCiABKAgSDgoGYWdlX21zGAsgASgBEhYKDmZyYW1lc19za2lwcGVkGAwgASgEEhAKCHdpZHRoX3B4GA0gASgNEhEKCWhlaWdodF9weBgOIAEoDRIOCgZyZWR1Y2UYDyABKA0SEAoIcmVwbGF5ZWQYECABKAhCCwoJX2ZvY3VzX21tQgcKBV9lX21tYgZwcm90bzM",
   );
 
 /**
@@ -128,6 +128,13 @@ export type Frame = Message<"plenalign.v1.Frame"> & {
    * @generated from field: uint32 reduce = 15;
    */
   reduce: number;
+
+  /**
+   * Whether the frame is of old, played from a file.
+   *
+   * @generated from field: bool replayed = 16;
+   */
+  replayed: boolean;
 };
 
 /**

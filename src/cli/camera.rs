@@ -1,0 +1,215 @@
+//! `plenalign camera`: the cameras that are connected, what they offer, and their controls.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::process::ExitCode;
+
+use anyhow::{Context as _, anyhow};
+use serde::Serialize;
+
+use super::Context;
+use crate::config::CameraDriver;
+use crate::device::camera::controls::{self, Control};
+use crate::device::camera::find::{self, Node};
+use crate::device::camera::offer::{self, Offer};
+
+/// Arguments of `plenalign camera`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// List every camera with its formats, sizes and frame rates.
+    List(ListArgs),
+    /// List a camera's controls with their values and ranges.
+    Controls(ControlsArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct ListArgs {
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct ControlsArgs {
+    /// The camera, as `bench.camera.device` names it: a device file, card:NAME or usb:SERIAL; the configured one unless
+    /// given.
+    device: Option<String>,
+    /// Set what [bench.camera.controls] says and switch the camera's automatics off, as the daemon does, then list.
+    #[arg(long)]
+    apply: bool,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A camera and what it offers.
+#[derive(Debug, Serialize)]
+struct Listed {
+    #[serde(flatten)]
+    node: Node,
+    formats: Vec<Offer>,
+}
+
+#[derive(Debug, Serialize)]
+struct Cameras {
+    cameras: Vec<Listed>,
+}
+
+/// A camera's controls.
+#[derive(Debug, Serialize)]
+struct Controls {
+    device: String,
+    controls: Vec<Control>,
+    /// What came of setting the configured ones.
+    notes: Vec<String>,
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let text = match args.command {
+        Command::List(args) => {
+            let cameras = Cameras { cameras: find::nodes().into_iter().map(listed).collect() };
+            if args.json { json(&cameras)? } else { cameras_text(&cameras.cameras)? }
+        }
+        Command::Controls(args) => {
+            let controls = read_controls(&context, &args)?;
+            if args.json { json(&controls)? } else { controls_text(&controls)? }
+        }
+    };
+    std::io::stdout().write_all(text.as_bytes())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn json(view: &impl Serialize) -> anyhow::Result<String> {
+    Ok(serde_json::to_string_pretty(view)? + "\n")
+}
+
+fn listed(node: Node) -> Listed {
+    let formats = match (&node.unusable, find::open(&node.path)) {
+        (None, Ok(device)) => offer::offers(&device),
+        _ => Vec::new(),
+    };
+    Listed { node, formats }
+}
+
+fn read_controls(context: &Context, args: &ControlsArgs) -> anyhow::Result<Controls> {
+    let camera = &context.config.bench.camera;
+    let device = match &args.device {
+        Some(device) => device,
+        None if camera.driver == CameraDriver::Files => {
+            return Err(anyhow!("bench.camera.driver = \"files\" has no controls; name a camera"));
+        }
+        None => &camera.device,
+    };
+    let path = find::resolve(device).map_err(|why| anyhow!(why))?;
+    let opened = find::open(&path).map_err(|why| anyhow!(why))?;
+    let notes = match args.apply {
+        true => controls::apply(&opened, &camera.controls).map_err(|why| anyhow!(why)).context("nothing was set")?,
+        false => Vec::new(),
+    };
+    Ok(Controls { device: path.display().to_string(), controls: controls::list(&opened), notes })
+}
+
+fn cameras_text(cameras: &[Listed]) -> Result<String, std::fmt::Error> {
+    let mut out = String::new();
+    if cameras.is_empty() {
+        writeln!(out, "no video device is connected")?;
+    }
+    for Listed { node, formats } in cameras {
+        writeln!(out, "{}  {} ({}, {})", node.path.display(), node.card, node.driver, node.bus)?;
+        for link in &node.by_id {
+            writeln!(out, "  device = \"{}\"", link.display())?;
+        }
+        if let Some(serial) = &node.usb_serial {
+            writeln!(out, "  device = \"usb:{serial}\"")?;
+        }
+        if !node.card.is_empty() {
+            writeln!(out, "  device = \"card:{}\"", node.card)?;
+        }
+        if let Some(why) = &node.unusable {
+            writeln!(out, "  cannot be used: {why}")?;
+        }
+        let unread: Vec<&str> = formats.iter().filter(|f| !f.readable).map(|f| f.format.as_str()).collect();
+        for format in formats.iter().filter(|format| format.readable) {
+            let worth = if format.recompressed { ", for viewing only" } else { "" };
+            writeln!(out, "  format = \"{}\"  {}{worth}", format.format, format.description)?;
+            for size in &format.sizes {
+                let mut rates = size.rates_hz.clone();
+                rates.sort_by(f64::total_cmp);
+                let rates: Vec<String> = rates.iter().map(|rate| format!("{rate:.4}")).collect();
+                let rates: Vec<&str> =
+                    rates.iter().map(|rate| rate.trim_end_matches('0').trim_end_matches('.')).collect();
+                let rates = if rates.is_empty() { String::new() } else { format!("  {} Hz", rates.join(", ")) };
+                writeln!(out, "    {size}{rates}")?;
+            }
+        }
+        if !unread.is_empty() {
+            writeln!(out, "  not read: {}", unread.join(", "))?;
+        }
+    }
+    Ok(out)
+}
+
+fn controls_text(controls: &Controls) -> Result<String, std::fmt::Error> {
+    let mut out = String::new();
+    writeln!(out, "{}, as in [bench.camera.controls]:", controls.device)?;
+    let width = controls.controls.iter().map(|control| control.key.len()).max().unwrap_or(0);
+    for control in &controls.controls {
+        let value = control.value.map_or_else(|| "-".to_owned(), |value| control.said(value));
+        let locked = control.locked.map_or_else(String::new, |why| format!("  ({why})"));
+        writeln!(out, "  {:<width$} = {value:<20}  {}{locked}", control.key, control.choices())?;
+    }
+    if controls.controls.is_empty() {
+        writeln!(out, "  it has none")?;
+    }
+    for note in &controls.notes {
+        writeln!(out, "{note}")?;
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::camera::offer::Size;
+
+    #[test]
+    fn a_camera_is_shown_with_every_way_to_name_it() {
+        let node = Node {
+            path: "/dev/video2".into(),
+            by_id: vec!["/dev/v4l/by-id/usb-Mono-index0".into()],
+            card: "Mono".to_owned(),
+            driver: "uvcvideo".to_owned(),
+            bus: "usb-1".to_owned(),
+            usb_serial: Some("A1".to_owned()),
+            unusable: None,
+        };
+        let format = |name: &str, readable| Offer {
+            format: name.to_owned(),
+            description: "of the driver".to_owned(),
+            readable,
+            recompressed: name == "MJPG",
+            sizes: vec![Size { least_px: [640, 480], most_px: [640, 480], step_px: [0, 0], rates_hz: vec![30.0, 7.5] }],
+        };
+        let formats = vec![format("Y12", true), format("MJPG", true), format("H264", false)];
+        let text = cameras_text(&[Listed { node, formats }]).unwrap();
+        for line in [
+            "/dev/video2  Mono (uvcvideo, usb-1)",
+            "  device = \"/dev/v4l/by-id/usb-Mono-index0\"",
+            "  device = \"usb:A1\"",
+            "  device = \"card:Mono\"",
+            "  format = \"Y12\"  of the driver",
+            "    640x480  7.5, 30 Hz",
+            "  format = \"MJPG\"  of the driver, for viewing only",
+            "  not read: H264",
+        ] {
+            assert!(text.lines().any(|shown| shown == line), "{line}\n{text}");
+        }
+        assert_eq!(cameras_text(&[]).unwrap(), "no video device is connected\n");
+    }
+}
