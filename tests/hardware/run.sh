@@ -4,7 +4,8 @@
 # nor a kernel that loads modules.
 #
 #   tests/hardware/run.sh          every test
-#   tests/hardware/run.sh NAME...  the camera's whose names contain one of these; `chain`: the alignment
+#   tests/hardware/run.sh NAME...  the camera's whose names contain one of these; `cameras`: all of them; `chain`: the
+#                                  alignment
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 skip() {
@@ -12,6 +13,7 @@ skip() {
   exit 0
 }
 started=$SECONDS
+wanted=$*
 [[ $(uname -m) == x86_64 ]] || skip "the guest's kernel is for x86_64 and this machine is $(uname -m)"
 command -v apt-get >/dev/null || skip "the guest is made of Debian packages and there is no apt-get here"
 mkdir -p target/hardware/share
@@ -40,13 +42,14 @@ failed() {
 }
 
 if [[ $* != chain ]]; then
+  [[ $* != cameras ]] || set --
   printf '%s\n' "$@" >"$share/filters"
   rm -f "$share/exit-code"
   console=target/hardware/console.log
   tests/hardware/qemu.sh cameras.sh 2>&1 | tr -d '\r' | tee "$console" | grep --line-buffered '^hardware: ' || true
   [[ $(cat "$share/exit-code" 2>/dev/null) == 0 ]] || failed "$console"
 fi
-if [[ $# == 0 || $* == chain ]]; then
+if [[ $wanted == "" || $wanted == chain ]]; then
   target/hardware/plenalign-hardware chain "$share" || failed target/hardware/chain.log
 fi
 echo "hardware tests passed in $((SECONDS - started)) s"
