@@ -16,6 +16,11 @@ part() {
 }
 
 page() { (cd web && npm run --silent check && npm test --silent); }
+# The hardware tests are a target that "all" does not take in.
+lints() {
+  cargo clippy --quiet --all-targets -- -D warnings &&
+    cargo clippy --quiet --test hardware -- -D warnings
+}
 browser() { (cd web && npm run --silent e2e); }
 docs() { RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --document-private-items; }
 
@@ -23,7 +28,7 @@ part "set-up" deploy/setup.sh test
 part "format" cargo fmt --check
 part "page built" make --no-print-directory web
 part "page checked" page
-part "clippy" cargo clippy --quiet --all-targets -- -D warnings
+part "clippy" lints
 part "tests" cargo test --quiet
 part "docs" docs
 part "vendors' clients" tests/vendor-clients/run.sh

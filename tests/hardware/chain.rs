@@ -13,11 +13,12 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 use plenalign::config::{BenchDriver, Config, ControllerConfig, ControllerDriver};
 use plenalign::device::{
-    AxisName, DeviceError, FrameSource as _, Setup, SimulatedOperator as _, Stage, StageInfo, StageState, StopDelivery,
+    AxisName, DeviceError, FrameSource as _, MoveTime, Setup, SimulatedOperator as _, Stage, StageInfo, StageState,
+    StopDelivery,
 };
 use plenalign::raw::Samples;
 use plenalign::sim::camera::SimulatedCamera;
-use plenalign::sim::stage::{ControllerTwin, FirmwareConfig};
+use plenalign::sim::stage::firmware;
 use plenalign::sim::truth::Truth;
 use plenalign::units::Millimetres;
 use serde_json::{Value, json};
@@ -35,11 +36,14 @@ const LIMIT: Duration = Duration::from_secs(1200);
 /// How long the camera's plug is pulled.
 const PULLED: Duration = Duration::from_secs(9);
 
-/// Runs the chain; `share` is the guest's share. With `serial` the stage's adapter is unplugged on the way, too.
-pub(crate) fn run(share: &str, serial: bool) -> ExitCode {
+/// USB serial number of the stage's adapter: what the daemon finds it by, whatever its port is called after a replug.
+const ADAPTER: &str = "CHAIN1";
+
+/// Runs the chain; `share` is the guest's share.
+pub(crate) fn run(share: &str) -> ExitCode {
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().expect("a runtime");
-    match runtime.block_on(chain(Path::new(share), serial)) {
+    match runtime.block_on(chain(Path::new(share))) {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
             println!("hardware: FAILED chain: {why}");
@@ -61,8 +65,8 @@ fn hardware(world: &Config) -> Config {
     let mut config = world.clone();
     config.bench.driver = BenchDriver::Hardware;
     config.bench.simulation = Config::default().bench.simulation;
-    let port = "/dev/ttyUSB0".into();
-    let controller = ControllerConfig { driver: ControllerDriver::Grbl, port, baud: 115_200 };
+    let port = format!("usb:{ADAPTER}").into();
+    let controller = ControllerConfig { driver: ControllerDriver::Grbl, port, baud: None, identity: None, address: 1 };
     config.bench.controllers.insert("main".to_owned(), controller);
     let camera = &mut config.bench.camera;
     camera.device = "card:Chain camera".to_owned();
@@ -72,11 +76,11 @@ fn hardware(world: &Config) -> Config {
     config
 }
 
-async fn chain(share: &Path, serial: bool) -> Result<(), String> {
+async fn chain(share: &Path) -> Result<(), String> {
     let config = Arc::new(world());
     let truth = Truth::new(&config);
-    let firmware = FirmwareConfig::for_axes(&config.bench.focus, &config.bench.e);
-    let twin = ControllerTwin::new(firmware, Arc::clone(&truth) as _);
+    let axes = [&config.bench.focus, &config.bench.e];
+    let twin = firmware(ControllerDriver::Grbl, &axes, Arc::clone(&truth) as _);
     let terminal = twin.serve_on_terminal().map_err(|error| error.to_string())?;
     let told = toml::to_string(&hardware(&config)).map_err(|error| error.to_string())?;
     std::fs::write(share.join("chain.toml"), told).map_err(|error| error.to_string())?;
@@ -84,7 +88,7 @@ async fn chain(share: &Path, serial: bool) -> Result<(), String> {
     let mut guest = Guest::boot(share, &terminal.display().to_string())?;
 
     let camera = Arc::new(Camera::start(&truth, &config));
-    let result = tokio::time::timeout(LIMIT, align(&truth, &camera, serial.then_some(share))).await;
+    let result = tokio::time::timeout(LIMIT, align(&truth, &camera, share)).await;
     camera.ended.store(true, Ordering::Relaxed);
     guest.stop(share);
     let report = result.map_err(|_| format!("no end within {LIMIT:?}"))??;
@@ -111,7 +115,7 @@ impl Guest {
         let mut command = Command::new("tests/hardware/qemu.sh");
         command.args(["chain.sh", "-device", "qemu-xhci"]);
         command.args(["-chardev", &format!("serial,id=stage,path={terminal}")]);
-        command.args(["-device", "usb-serial,chardev=stage,id=stage"]);
+        command.args(["-device", &format!("usb-serial,chardev=stage,id=stage,serial={ADAPTER}")]);
         command.args(["-qmp", &format!("unix:{},server=on,wait=off", share.join("../qmp").display())]);
         command.env("LIMIT", "1300").stdout(log).stderr(copy);
         command.spawn().map(Self).map_err(|error| format!("the guest does not boot: {error}"))
@@ -154,7 +158,8 @@ fn replug_stage(share: &Path) -> std::io::Result<()> {
     order(json!({"execute": "qmp_capabilities"}))?;
     order(json!({"execute": "device_del", "arguments": {"id": "stage"}}))?;
     std::thread::sleep(Duration::from_secs(5));
-    order(json!({"execute": "device_add", "arguments": {"driver": "usb-serial", "chardev": "stage", "id": "stage"}}))
+    let adapter = json!({"driver": "usb-serial", "chardev": "stage", "id": "stage", "serial": ADAPTER});
+    order(json!({"execute": "device_add", "arguments": adapter}))
 }
 
 /// What films the world and sends it to the guest.
@@ -232,9 +237,9 @@ impl Camera {
     }
 }
 
-/// Drives the job as an operator does, and pulls the camera's plug once on the way; the stage's, too, while the job waits
-/// for the operator, where `replug` has the share.
-async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, replug: Option<&Path>) -> Result<Value, String> {
+/// Drives a job as an operator does and pulls the stage's plug while it waits: its axes come back, their positions do not,
+/// and the job ends before it moves any. The next job homes and goes through, the camera's plug pulled once on the way.
+async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, share: &Path) -> Result<Value, String> {
     let client =
         reqwest::Client::builder().timeout(Duration::from_secs(20)).build().map_err(|error| error.to_string())?;
     let get = async |path: &str| -> Result<Value, String> {
@@ -260,9 +265,10 @@ async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, replug: Option<&Path>) 
     }
     println!("chain: {} with {}", bench["camera"]["identity"], bench["axes"][0]["identity"]);
     let job = post("/jobs", json!({"kind": "joint_alignment"})).await?;
-    let path = format!("/jobs/{}", job["id"].as_str().unwrap_or_default());
+    let path_of = |job: &Value| format!("/jobs/{}", job["id"].as_str().unwrap_or_default());
+    let mut path = path_of(&job);
     let begun = Instant::now();
-    let (mut confirmed, mut said, mut pulled) = (0, 0, false);
+    let (mut confirmed, mut said, mut pulled, mut replugged, mut again) = (0, 0, false, false, false);
     loop {
         tokio::time::sleep(Duration::from_millis(300)).await;
         // The daemon's answers wait while it measures, in emulation.
@@ -282,7 +288,8 @@ async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, replug: Option<&Path>) 
                 if number > confirmed {
                     truth.obey(&setup(step)?);
                     confirmed = number;
-                    if let Some(share) = replug.filter(|_| step["name"] == "aperture") {
+                    if !replugged {
+                        replugged = true;
                         println!("chain: the stage is unplugged and plugged in again");
                         replug_stage(share).map_err(|error| error.to_string())?;
                         until_connected(&get).await?;
@@ -298,21 +305,33 @@ async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, replug: Option<&Path>) 
                 }
             }
             Some("converged") if pulled => return Ok(job),
+            Some("failed") if replugged && !again => {
+                again = true;
+                let reason = job["reason"].as_str().unwrap_or_default();
+                if !reason.contains("not homed") {
+                    return Err(format!("the job ended with another reason than that an axis is not homed: {reason}"));
+                }
+                println!("chain: the job has ended ({reason}), another is started");
+                path = path_of(&post("/jobs", json!({"kind": "joint_alignment"})).await?);
+                (confirmed, said) = (0, 0);
+            }
             Some("pending" | "cancelling") | None => {}
             Some(_) => return Err(format!("the job ended: {} {}", job["state"], job["reason"])),
         }
     }
 }
 
-/// Waits until the daemon has both axes again.
+/// Waits until the daemon has both axes again, without their positions.
 async fn until_connected(get: &impl AsyncFn(&str) -> Result<Value, String>) -> Result<(), String> {
     let until = Instant::now() + Duration::from_secs(60);
     loop {
         tokio::time::sleep(Duration::from_millis(500)).await;
         let bench = get("/bench").await.unwrap_or_default();
         let axes = bench["axes"].as_array();
-        if axes.is_some_and(|axes| axes.len() == 2 && axes.iter().all(|axis| axis["connected"] == true)) {
-            return Ok(());
+        if let Some(axes) = axes.filter(|axes| axes.len() == 2 && axes.iter().all(|axis| axis["connected"] == true)) {
+            println!("chain: both axes are back");
+            let homed = axes.iter().any(|axis| axis["homed"] != false);
+            return if homed { Err(format!("an axis kept its position through a replug: {axes:?}")) } else { Ok(()) };
         }
         if Instant::now() > until {
             return Err(format!("the stage did not come back: {}", bench["axes"]));
@@ -388,7 +407,14 @@ struct Unseen(AxisName);
 impl Stage for Unseen {
     fn info(&self) -> StageInfo {
         let unseen = String::new;
-        StageInfo { axis: self.0, driver: unseen(), identity: unseen(), location: unseen(), disagreements: vec![] }
+        StageInfo {
+            axis: self.0,
+            driver: unseen(),
+            identity: unseen(),
+            location: unseen(),
+            disagreements: vec![],
+            firmware_limits: None,
+        }
     }
 
     fn state(&self) -> watch::Receiver<StageState> {
@@ -411,7 +437,15 @@ impl Stage for Unseen {
         Err(DeviceError::NotHomed { axis: self.0 })
     }
 
-    async fn move_to(&self, _: Millimetres) -> Result<Millimetres, DeviceError> {
+    fn move_time(&self, _: Millimetres, _: Millimetres) -> MoveTime {
+        MoveTime { predicted: Duration::ZERO, maximum: Duration::ZERO }
+    }
+
+    async fn set_position(&self, _: Millimetres) -> Result<(), DeviceError> {
+        Err(DeviceError::NotHomed { axis: self.0 })
+    }
+
+    async fn move_at(&self, _: Millimetres, _: f64) -> Result<Millimetres, DeviceError> {
         Err(DeviceError::NotHomed { axis: self.0 })
     }
 

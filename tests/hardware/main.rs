@@ -3,6 +3,9 @@
 //!
 //! Emulation is slow and uneven, so no test asserts a frame rate, and all wait long before they give up.
 
+// Tests may panic: that is how they fail.
+#![allow(clippy::unwrap_used)]
+
 mod bench;
 mod chain;
 mod faults;
@@ -22,8 +25,7 @@ fn main() -> ExitCode {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     match words[..] {
         ["feed", address, device] => feed::run(address, device),
-        ["chain", share] => chain::run(share, false),
-        ["chain", share, "serial"] => chain::run(share, true),
+        ["chain", share] => chain::run(share),
         ref filters => cameras(filters),
     }
 }
