@@ -111,10 +111,13 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerD
     // The controller goes on by itself meanwhile; the first thing after the reconnection is a stop.
     sleep(Duration::from_millis(1500)).await;
     rig.twin.plug_in();
-    let back = wait_for(&rig.e, "connected again", |state| state.connected && state.fault.is_none() || state.homed);
-    let back = tokio::time::timeout(Duration::from_secs(20), back).await;
-    assert!(back.is_ok() || driver == ControllerDriver::Grbl, "{:?}", rig.e.state().borrow().clone());
+    let back = wait_for(&rig.e, "connected again", |state| state.connected);
+    tokio::time::timeout(Duration::from_secs(20), back).await.unwrap();
     sleep(Duration::from_secs(1)).await;
+    // Grbl may be locked after the reset; why it was not there is no fault of now.
+    let fault = rig.e.state().borrow().fault.clone();
+    let locked = |fault: &String| driver == ControllerDriver::Grbl && fault.contains("home");
+    assert!(fault.as_ref().is_none_or(locked), "{fault:?}");
     let at = rig.slides.at(1);
     assert!(at > -3.0, "it was stopped on its way: {at}");
     sleep(Duration::from_secs(10)).await;
@@ -155,6 +158,8 @@ async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(dri
     let came = wait_for(&rig.focus, "connected", |state| state.connected).await;
     // The pause between two tries, and what connecting takes.
     assert!(came < Duration::from_secs(8), "{came:?}");
+    let fault = rig.focus.read_state().await.unwrap().fault;
+    assert!(!fault.as_deref().unwrap_or_default().contains("unplugged"), "{fault:?}");
     rig.focus.home().await.unwrap();
     assert!(!rig.focus.info().identity.is_empty());
 }

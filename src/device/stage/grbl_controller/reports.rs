@@ -150,7 +150,8 @@ impl Controller {
             let position = Millimetres(axis.link.setup().coordinate(at, home.unwrap_or(at)));
             axis.link.modify(|state| {
                 let moved = state.position != position;
-                state.connected = true;
+                // Why it was not there is no reason of now.
+                let back = !std::mem::replace(&mut state.connected, true);
                 state.position = position;
                 state.moving = !status.mode.at_rest();
                 if state.moving {
@@ -159,7 +160,7 @@ impl Controller {
                     state.at_rest_since = Some(now);
                 }
                 match status.mode {
-                    Mode::Alarm if state.fault.is_none() => {
+                    Mode::Alarm if back || state.fault.is_none() => {
                         state.fault = Some("the controller is locked until it is homed".to_owned());
                     }
                     Mode::Alarm => {}
