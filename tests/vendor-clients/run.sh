@@ -14,7 +14,8 @@ if ! cmp -s requirements.txt "$venv/requirements.txt"; then
   cp requirements.txt "$venv/requirements.txt"
 fi
 
-cargo build --quiet --manifest-path "$root/Cargo.toml"
+# As the tests build it: a plain build would compile every dependency anew, without what the tests need of it.
+cargo test --quiet --no-run --test integration --manifest-path "$root/Cargo.toml"
 failed=0
 for client in zaber pi tmcl; do
   log=$(mktemp)
