@@ -41,6 +41,14 @@ impl AxisSetup {
         self.config.home_position_mm + self.direction() * (machine - home)
     }
 
+    /// Least and greatest coordinate between two of the controller's positions, in either order, given its position at
+    /// home; all mm.
+    #[must_use]
+    pub fn range(&self, ends: (f64, f64), home: f64) -> (f64, f64) {
+        let (a, b) = (self.coordinate(ends.0, home), self.coordinate(ends.1, home));
+        (a.min(b), a.max(b))
+    }
+
     /// Controller's position for a coordinate, given the controller's position at home; all mm.
     #[must_use]
     pub fn machine(&self, coordinate: f64, home: f64) -> f64 {

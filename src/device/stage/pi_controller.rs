@@ -172,8 +172,7 @@ impl PiDialogue {
         let homes_negative = setup.homes_negative();
         // A reference move to a limit ends there; should it end elsewhere, the limits are compared again after it.
         let home = if homes_negative { limits.0 } else { limits.1 };
-        let (a, b) = (setup.coordinate(limits.0, home), setup.coordinate(limits.1, home));
-        let limits_mm = (a.min(b), a.max(b));
+        let limits_mm = setup.range(limits, home);
         disagreements.extend(setup.compare_limits(device, limits_mm.0, limits_mm.1)?);
         let acceleration = self.number("ACC?", &name).await.map(|acceleration| acceleration / scale);
         if let Ok(acceleration) = acceleration
@@ -256,13 +255,7 @@ impl Dialogue for PiDialogue {
     }
 
     async fn homing(&self, axis: usize) -> Result<Homing, DeviceError> {
-        let reading = self.read(axis).await?;
-        Ok(match reading {
-            AxisReading { moving: true, .. } => Homing::Running,
-            AxisReading { fault: Some(fault), .. } => Homing::Failed(fault),
-            AxisReading { referenced: Some(true), position, .. } => Homing::Done(position),
-            _ => Homing::Failed("it came to rest without having found its limit switch; check it, home again".into()),
-        })
+        Ok(self.read(axis).await?.homing("limit switch"))
     }
 
     async fn start_move(&self, axis: usize, position: f64, speed: f64, generation: u64) -> Result<(), DeviceError> {

@@ -137,8 +137,7 @@ impl ZaberDialogue {
         let speed = self.value(number, "maxspeed").await? / SPEED_UNIT / scale;
         let acceleration = self.value(number, "accel").await? / ACCELERATION_UNIT / scale;
         // Zaber's homing ends at position 0, at the negative end.
-        let (a, b) = (setup.coordinate(limits.0, 0.0), setup.coordinate(limits.1, 0.0));
-        let limits_mm = (a.min(b), a.max(b));
+        let limits_mm = setup.range(limits, 0.0);
         let mut disagreements = Vec::new();
         disagreements.extend(setup.compare_limits(device, limits_mm.0, limits_mm.1)?);
         if !setup.homes_negative() {
@@ -244,15 +243,7 @@ impl Dialogue for ZaberDialogue {
     }
 
     async fn homing(&self, axis: usize) -> Result<Homing, DeviceError> {
-        let reading = self.read(axis).await?;
-        Ok(match reading {
-            AxisReading { moving: true, .. } => Homing::Running,
-            AxisReading { fault: Some(fault), .. } => Homing::Failed(fault),
-            AxisReading { referenced: Some(true), position, .. } => Homing::Done(position),
-            _ => {
-                Homing::Failed("it came to rest without having found its home sensor; check it, home again".to_owned())
-            }
-        })
+        Ok(self.read(axis).await?.homing("home sensor"))
     }
 
     async fn start_move(&self, axis: usize, position: f64, speed: f64, generation: u64) -> Result<(), DeviceError> {

@@ -45,8 +45,7 @@ fn soft_limits(setup: &AxisSetup, letter: Letter, settings: &Settings, zero: boo
         (true, true) => (0.0, travel, 0.0),
         (false, true) => (-travel, 0.0, 0.0),
     };
-    let (a, b) = (setup.coordinate(low, home), setup.coordinate(high, home));
-    Some((a.min(b), a.max(b)))
+    Some(setup.range((low, high), home))
 }
 
 fn homes_negative(letter: Letter, settings: &Settings) -> bool {

@@ -33,6 +33,19 @@ pub struct AxisReading {
     pub fault: Option<String>,
 }
 
+impl AxisReading {
+    /// How far homing is, of a controller that says itself whether it has found what it homes to.
+    #[must_use]
+    pub fn homing(self, what: &str) -> Homing {
+        match self {
+            Self { moving: true, .. } => Homing::Running,
+            Self { fault: Some(fault), .. } => Homing::Failed(fault),
+            Self { referenced: Some(true), position, .. } => Homing::Done(position),
+            _ => Homing::Failed(format!("it came to rest without having found its {what}; check it, home again")),
+        }
+    }
+}
+
 /// How far homing is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Homing {

@@ -140,11 +140,11 @@ impl<D: Dialogue> Polled<D> {
                 return Err(error);
             }
         };
-        if let Some((a, b)) = self.dialogue.limits(index) {
+        if let Some(ends) = self.dialogue.limits(index) {
             // Only now is it certain where the controller's own limits lie.
             let setup = axis.link.setup();
-            let (a, b) = (setup.coordinate(a, home), setup.coordinate(b, home));
-            setup.compare_limits(&self.name, a.min(b), a.max(b))?;
+            let (low, high) = setup.range(ends, home);
+            setup.compare_limits(&self.name, low, high)?;
         }
         axis.link.set_home(home);
         self.look(index).await.map(|_| ())
