@@ -155,7 +155,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let config = &context.config;
     let design = config.design();
     let raw = raw::read(&args.raw)?;
-    let white = read_white(config, args.white.as_deref())?;
+    let white = read_white(config, args.white.as_deref())?.map(|(_, model)| model);
     let pitch = pitch(config, &args, white.as_ref())?;
     let options = options(config, &args, pitch);
     let calibration =

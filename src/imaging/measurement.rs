@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use super::grid::{Grid, GridError, GridOptions, find_grid, refine_grid};
-use super::microlenses::{FlaggedMicrolens, flagged_microlenses};
 use super::mosaic::balanced;
 use super::spacing::{
     SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingMap, SpacingOptions, measure_spacing,
@@ -55,8 +54,6 @@ pub struct WhiteModel {
     pub grid: Grid,
     /// The noise-free profile of a micro-image.
     pub vignetting: Vignetting,
-    /// Microlenses that are dead, missing or dirty.
-    pub flagged: Vec<FlaggedMicrolens>,
 }
 
 impl WhiteModel {
@@ -76,8 +73,7 @@ impl WhiteModel {
         let white = &*evened(white, mosaic);
         let grid = find_grid(white, &GridOptions::default())?;
         let vignetting = Vignetting::from_white(white, &grid)?;
-        let flagged = flagged_microlenses(white, &grid, &vignetting);
-        Ok(Self { grid, vignetting, flagged })
+        Ok(Self { grid, vignetting })
     }
 }
 

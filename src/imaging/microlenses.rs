@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::grid::{Grid, MicroImage};
+use super::grid::{Grid, MicroImage, median};
 use super::vignetting::Vignetting;
 use crate::raw::{RawImage, Samples};
 
@@ -71,13 +71,14 @@ pub fn flagged_microlenses(white: &RawImage, grid: &Grid, vignetting: &Vignettin
         Samples::U8(samples) => lenses.par_iter().map(|&at| shape(samples, grid, vignetting, at)).collect(),
         Samples::U16(samples) => lenses.par_iter().map(|&at| shape(samples, grid, vignetting, at)).collect(),
     };
-    let dark = median(shapes.iter().map(|s| s.pedestal).collect());
+    let dark = median(&mut shapes.iter().map(|s| s.pedestal).collect::<Vec<_>>());
     let light = |s: &Shape| s.height + s.pedestal - dark;
     let all: HashMap<(i32, i32), &Shape> = shapes.iter().map(|s| ((s.at.i, s.at.j), s)).collect();
     // Light and profile change slowly over the field: what is usual is what the neighbours have.
     let usual = |s: &Shape, of: &dyn Fn(&Shape) -> f64| {
         let about = (-2..=2).flat_map(|dj| (-2..=2).map(move |di| (di, dj))).filter(|&d| d != (0, 0));
-        median(about.filter_map(|(di, dj)| all.get(&(s.at.i + di, s.at.j + dj)).map(|s| of(s))).collect())
+        let found = about.filter_map(|(di, dj)| all.get(&(s.at.i + di, s.at.j + dj)).map(|s| of(s)));
+        median(&mut found.collect::<Vec<_>>())
     };
     shapes
         .iter()
@@ -130,12 +131,4 @@ fn shape<T: Copy + Into<u16>>(samples: &[T], grid: &Grid, vignetting: &Vignettin
     let pedestal = (v1 - height * t1) / n;
     let left = (v2 - v1 * v1 / n - height * height * spread).max(0.0) / n;
     Shape { at, height, pedestal, left: left.sqrt() }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

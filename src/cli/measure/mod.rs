@@ -10,7 +10,8 @@ use anyhow::Context as _;
 use super::Context;
 use crate::config::Config;
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frames};
+use crate::imaging::measurement::{FrameOptions, WhiteModel, evened, measure_frames};
+use crate::imaging::microlenses::flagged_microlenses;
 use crate::imaging::overlay::{self, Tint};
 use crate::optics::MlaMode;
 use crate::raw::{self, RawImage};
@@ -60,14 +61,19 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     }
     let raws = args.raw.iter().map(|path| raw::read(path)).collect::<Result<Vec<_>, _>>()?;
     let white = read_white(config, args.white.as_deref())?;
+    let flagged = white
+        .as_ref()
+        .map(|(raw, model)| flagged_microlenses(&evened(raw, config.sensor.mosaic), &model.grid, &model.vignetting));
+    let white = white.map(|(_, model)| model);
     let options = FrameOptions { map: true, ..frame_options(config) };
     let names = || args.raw.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
     let measured = measure_frames(&raws, white.as_ref(), &options).with_context(names)?;
-    let report = Report::new(config, &args, &raws, white.as_ref(), &measured);
+    let white = white.as_ref().zip(flagged.as_deref());
+    let report = Report::new(config, &args, &raws, white, &measured);
     if let (Some(path), Some(map)) = (&args.overlay, &measured.map) {
         let range_px = OVERLAY_RANGE * config.assembly.blur_limit_px;
         let tint = Tint { wanted_px: report.target_px(), range_px };
-        let flagged = white.as_ref().map_or(&[][..], |white| &white.flagged);
+        let flagged = flagged.as_deref().unwrap_or_default();
         let picture = overlay::draw(&raws[0], map, flagged, measured.grid.pitch_px(), tint);
         picture.save(path).with_context(|| format!("{}: the overlay could not be written", path.display()))?;
         if !args.json {
@@ -82,11 +88,12 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The model of a white frame's file, where there is one.
-pub(super) fn read_white(config: &Config, path: Option<&Path>) -> anyhow::Result<Option<WhiteModel>> {
+/// A white frame's file and its model, where there is one.
+pub(super) fn read_white(config: &Config, path: Option<&Path>) -> anyhow::Result<Option<(RawImage, WhiteModel)>> {
     let Some(path) = path else { return Ok(None) };
     let white = raw::read(path)?;
-    WhiteModel::of(&white, config.sensor.mosaic).with_context(|| path.display().to_string()).map(Some)
+    let model = WhiteModel::of(&white, config.sensor.mosaic).with_context(|| path.display().to_string())?;
+    Ok(Some((white, model)))
 }
 
 /// What the configuration says about a frame: only the MLA pitch and the mosaic. Array and mode are found, and compared.

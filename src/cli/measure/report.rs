@@ -145,12 +145,12 @@ struct WhiteReport {
 }
 
 impl WhiteReport {
-    fn new(white: &WhiteModel) -> Self {
+    fn new((white, flagged): (&WhiteModel, &[FlaggedMicrolens])) -> Self {
         Self {
             micro_images: white.grid.micro_images(),
             residual_px: white.grid.residual_px,
             scatter_px: white.grid.scatter_px,
-            flagged: white.flagged.clone(),
+            flagged: flagged.to_vec(),
         }
     }
 
@@ -193,7 +193,7 @@ impl Report {
         config: &Config,
         args: &Args,
         raws: &[RawImage],
-        white: Option<&WhiteModel>,
+        white: Option<(&WhiteModel, &[FlaggedMicrolens])>,
         measured: &FrameMeasurement,
     ) -> Self {
         let pixel = config.pixel_pitch().millimetres();

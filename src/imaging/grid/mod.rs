@@ -27,6 +27,8 @@ mod spectrum;
 
 use crate::optics::ArrayKind;
 
+pub(super) use phases::median;
+
 pub use check::{GridCheck, GridState, check_grid};
 pub use search::{find_grid, lens_residuals, refine_grid};
 

@@ -216,7 +216,8 @@ pub(super) fn cycles(sum: Complex<f64>) -> f64 {
     sum.arg() / std::f64::consts::TAU
 }
 
-pub(super) fn median(values: &mut [f64]) -> f64 {
+/// The middle one of some values, the upper of two; 0 of none.
+pub(in crate::imaging) fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return 0.0;
     }
