@@ -17,6 +17,7 @@
 //!
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
 //!  config                read once, immutable afterwards
+//!  telemetry             what the program counts about itself, called from anywhere
 //! ```
 //!
 //! Deliberately absent: `optics` and `imaging` know no I/O, clock or async; `sim` knows nothing of `imaging`; nothing
@@ -31,4 +32,5 @@ pub mod imaging;
 pub mod optics;
 pub mod raw;
 pub mod sim;
+pub mod telemetry;
 pub mod units;

@@ -8,26 +8,32 @@ use uuid::Uuid;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::{JsonBody, PathParam};
+use super::extract::{JsonBody, LeaseKey, PathParam};
 use super::types::{ConfirmRequest, JobList, JobResource};
 use crate::control::job::JobRequest;
 
 /// Starts a job.
 ///
-/// A bench does one job at a time: while one is under way another is refused, and the refusal names it.
+/// A bench does one job at a time: while one is under way another is refused, and the refusal names it. The job holds
+/// the control lease that was shown until its end, and needs no heartbeat for it.
 #[utoipa::path(
     post, path = "/api/v1/jobs", operation_id = "create_job", tag = "jobs", request_body = JobRequest,
+    params(LeaseKey),
     responses(
         (status = 201, body = JobResource, headers(("Location" = String, description = "Path of the job"))),
         (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
+        (status = 412, description = "The lease's key is not the holder's", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Shutting down", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn create(
     State(app): State<App>,
+    key: LeaseKey,
     JsonBody(request): JsonBody<JobRequest>,
 ) -> Result<impl IntoResponse> {
-    let job = JobResource::from(app.service.create_job(request)?);
+    let job = JobResource::from(app.service.create_job(&app.permit(&key)?, request)?);
     Ok((StatusCode::CREATED, [(header::LOCATION, job.href.clone())], Json(job)))
 }
 

@@ -16,6 +16,8 @@ mod render;
 mod report;
 mod serve;
 mod sim_stage;
+mod stop_axes;
+mod supervised;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -59,6 +61,8 @@ enum Command {
     Demo(demo::Args),
     /// Stand in for a stage controller, behind a pseudo-terminal or a TCP port.
     SimStage(sim_stage::Args),
+    /// Stop the configured axes straight over their ports, where no daemon runs.
+    StopAxes(stop_axes::Args),
 }
 
 /// What every subcommand gets.
@@ -122,5 +126,6 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Camera(args) => camera::run(context, args),
         Command::Demo(args) => demo::run(context, args),
         Command::SimStage(args) => sim_stage::run(context, args),
+        Command::StopAxes(args) => stop_axes::run(context, args),
     }
 }

@@ -25,15 +25,16 @@ fn sources() -> Vec<(PathBuf, String)> {
 /// Modules that the module in the first place may name.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("units", &[]),
+    ("telemetry", &[]),
     ("raw", &[]),
     ("optics", &["units"]),
     ("imaging", &["optics", "units", "raw"]),
     ("config", &["optics", "units", "raw"]),
-    ("device", &["optics", "units", "raw", "config"]),
+    ("device", &["optics", "units", "raw", "config", "telemetry"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
-    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim"]),
-    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control"]),
-    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api"]),
+    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "telemetry"]),
+    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control", "telemetry"]),
+    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api", "telemetry"]),
 ];
 
 #[test]

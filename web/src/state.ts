@@ -74,6 +74,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
     case "measurement":
       return { ...heard, seq, measurement: message.measurement, measurementAt: now };
     case "tick":
+    case "gap":
       return { ...heard, seq };
     case "problem":
       return { ...heard, seq, problem: message.problem };
@@ -112,7 +113,7 @@ export function pictureState(state: State, now: number): PictureState {
 }
 
 export function isFinal(state: JobState): boolean {
-  return state === "converged" || state === "not_converged" || state === "cancelled" || state === "failed";
+  return ["converged", "succeeded", "not_converged", "cancelled", "failed"].includes(state);
 }
 
 /** The job under way, or else the newest. */
