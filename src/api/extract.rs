@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 use std::str::FromStr;
+use std::time::Duration;
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
@@ -16,6 +17,9 @@ use super::error::Problem;
 /// Longest body of a request, bytes.
 pub(super) const BODY_LIMIT_BYTES: usize = 16 * 1024;
 
+/// How long a request's body may take to come.
+const BODY_ALLOWED: Duration = Duration::from_secs(10);
+
 /// A JSON body.
 pub(super) struct JsonBody<T>(pub T);
 
@@ -28,7 +32,10 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
         if !essence.is_some_and(|essence| essence.eq_ignore_ascii_case("application/json")) {
             return Err(Problem::unsupported_media_type(content_type));
         }
-        let bytes = Bytes::from_request(request, state).await.map_err(body_problem)?;
+        let bytes = tokio::time::timeout(BODY_ALLOWED, Bytes::from_request(request, state))
+            .await
+            .map_err(|_| Problem::slow_body(BODY_ALLOWED))?
+            .map_err(body_problem)?;
         parse(&bytes).map(Self)
     }
 }

@@ -6,6 +6,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
@@ -23,6 +24,7 @@ use super::hub::text;
 use super::picture::{Encoding, Reduce, age};
 use super::proto;
 use super::types::{ServerMessage, ViewerMessage};
+use crate::access::Principal;
 use crate::device::Frame;
 
 /// Between signs of life.
@@ -49,6 +51,7 @@ type Frames = watch::Receiver<Option<Arc<Frame>>>;
 )]
 pub(super) async fn ws(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     upgrade: std::result::Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response> {
     let upgrade = upgrade.map_err(|rejection| Problem::upgrade_required(rejection.body_text()))?;
@@ -56,7 +59,7 @@ pub(super) async fn ws(
     Ok(upgrade
         .max_message_size(MESSAGE_LIMIT)
         .max_frame_size(MESSAGE_LIMIT)
-        .on_upgrade(move |socket| viewers.track_future(async move { Viewer::new(app, socket).run().await })))
+        .on_upgrade(move |socket| viewers.track_future(async move { Viewer::new(app, principal, socket).run().await })))
 }
 
 /// What a viewer wants to see.
@@ -92,14 +95,15 @@ enum End {
 
 struct Viewer {
     app: App,
+    principal: Principal,
     socket: WebSocket,
     watching: Option<Watching>,
     heard_at: Instant,
 }
 
 impl Viewer {
-    fn new(app: App, socket: WebSocket) -> Self {
-        Self { app, socket, watching: None, heard_at: Instant::now() }
+    fn new(app: App, principal: Principal, socket: WebSocket) -> Self {
+        Self { app, principal, socket, watching: None, heard_at: Instant::now() }
     }
 
     async fn run(mut self) {
@@ -156,6 +160,9 @@ impl Viewer {
     async fn tick(&mut self) -> std::result::Result<(), End> {
         if self.heard_at.elapsed() > SILENCE {
             return Err(End::Close(close_code::POLICY, "nothing was heard for 30 s"));
+        }
+        if !self.app.gate.knows(&self.principal) {
+            return Err(End::Close(close_code::POLICY, "the token was revoked, or has expired"));
         }
         let newest = self.watching.as_ref().and_then(|watching| watching.frames.borrow().clone());
         let tick = ServerMessage::Tick {

@@ -5,6 +5,9 @@
 
 mod axes;
 mod bench;
+mod client;
+mod config;
+mod credentials;
 pub mod error;
 mod extract;
 mod frame;
@@ -13,13 +16,20 @@ mod hub;
 mod info;
 mod jobs;
 mod live;
+mod origin;
 mod page;
 mod picture;
 /// Messages of `proto/plenalign/v1`, written by `prost-build`; a test compares.
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
+mod scopes;
+mod security;
+pub mod server;
+mod session;
 mod stop;
+mod tickets;
+mod tokens;
 pub mod types;
 
 use std::net::SocketAddr;
@@ -42,6 +52,7 @@ use error::Problem;
 use hub::Hub;
 use picture::Pictures;
 
+use crate::access::Gate;
 use crate::config::ConfigOrigin;
 use crate::control::Service;
 
@@ -52,6 +63,11 @@ struct App {
     hub: Arc<Hub>,
     pictures: Arc<Pictures>,
     origin: Arc<ConfigOrigin>,
+    config: Arc<config::ConfigFile>,
+    gate: Arc<Gate>,
+    /// Name of the cookie that holds a browser's session. Browsers send a host's cookies to all of its ports, so that
+    /// the daemons of two benches on one machine need names of their own.
+    cookie: Arc<str>,
     loopback_only: bool,
     shutdown: CancellationToken,
     viewers: TaskTracker,
@@ -69,18 +85,24 @@ pub struct Api {
 }
 
 impl Api {
-    /// The API over `service`. `address` is where it will listen; `origin` is where the configuration came from.
-    /// Has to be called within a tokio runtime.
+    /// The API over `service`. `gate` says who may ask; `address` is where it will listen; `origin` is where the
+    /// configuration came from. Has to be called within a tokio runtime.
     #[must_use]
-    pub fn new(service: Arc<Service>, address: SocketAddr, origin: ConfigOrigin) -> Self {
+    pub fn new(service: Arc<Service>, gate: Arc<Gate>, address: SocketAddr, origin: ConfigOrigin) -> Self {
         let hub = Arc::new(Hub::new());
         let shutdown = CancellationToken::new();
         tokio::spawn(hub::pump(hub.clone(), service.clone(), shutdown.clone()));
+        let (following, until) = (Arc::clone(&gate).follow(), shutdown.clone());
+        tokio::spawn(async move { until.run_until_cancelled(following).await });
+        let config = Arc::new(config::ConfigFile::of(&origin, service.config()));
         let app = App {
             service,
+            config,
             hub,
             pictures: Arc::default(),
             origin: Arc::new(origin),
+            gate,
+            cookie: format!("plenalign_session_{}", address.port()).into(),
             loopback_only: address.ip().is_loopback(),
             shutdown,
             viewers: TaskTracker::new(),
@@ -101,7 +123,11 @@ impl Api {
             .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
             .layer(header(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
             .layer(header(header::CACHE_CONTROL, "no-store"))
-            .layer(TraceLayer::new_for_http())
+            .layer(header(header::REFERRER_POLICY, "no-referrer"))
+            // The path alone: a query may hold a ticket or a key, and a log is read by many.
+            .layer(TraceLayer::new_for_http().make_span_with(|request: &Request| {
+                tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
+            }))
             .with_state(self.app.clone())
     }
 
@@ -143,8 +169,14 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stop::stop, stop::get, stop::reset))
         .routes(routes!(frame::png))
         .routes(routes!(frame::jpg))
+        .routes(routes!(session::sign_in, session::get, session::sign_out))
+        .routes(routes!(tickets::create))
+        .routes(routes!(tokens::create, tokens::list))
+        .routes(routes!(tokens::revoke))
         .routes(routes!(info::measurement))
-        .routes(routes!(info::config))
+        .routes(routes!(config::get, config::put))
+        .routes(routes!(config::schema))
+        .routes(routes!(config::validate))
         .routes(routes!(info::design))
         .routes(routes!(info::openapi))
         .routes(routes!(info::health))
@@ -155,6 +187,7 @@ fn routes() -> OpenApiRouter<App> {
 #[must_use]
 pub fn openapi() -> utoipa::openapi::OpenApi {
     let mut contract = routes().to_openapi();
+    security::describe(&mut contract);
     // Every request with a body can fail in these ways, wherever it goes.
     for item in contract.paths.paths.values_mut() {
         for operation in [&mut item.post, &mut item.put].into_iter().flatten() {

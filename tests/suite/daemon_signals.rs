@@ -6,7 +6,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::{JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
-use reqwest::{Client, Method, Response};
+use reqwest::{Method, Response};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -59,8 +59,7 @@ impl Program {
     }
 
     async fn ask(&self, method: Method, path: &str, body: Option<Value>) -> Response {
-        let mut request =
-            Client::builder().no_proxy().build().unwrap().request(method, format!("http://{}{path}", self.address));
+        let mut request = super::daemon::client().request(method, format!("http://{}{path}", self.address));
         if let Some(body) = body {
             request = request.json(&body);
         }

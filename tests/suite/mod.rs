@@ -1,11 +1,13 @@
 //! The suite, a module for each subject; `bench`, `daemon` and `fakes` are what they share.
 
+mod access;
 mod alignment;
 mod analytic;
 mod api;
 mod bench;
 mod calibration;
 mod config;
+mod config_api;
 mod contract;
 mod daemon;
 mod daemon_signals;
@@ -15,6 +17,7 @@ mod grbl;
 mod grid;
 mod grid_arrays;
 mod grid_check;
+mod limits;
 mod live;
 mod measure_cli;
 mod microlenses;
@@ -27,6 +30,7 @@ mod spacing;
 mod stages;
 mod stop;
 mod structure;
+mod tls;
 mod view;
 mod vignetting;
 mod websocket;

@@ -28,12 +28,13 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("raw", &[]),
     ("optics", &["units"]),
     ("imaging", &["optics", "units", "raw"]),
-    ("config", &["optics", "units", "raw"]),
+    ("access", &[]),
+    ("config", &["optics", "units", "raw", "access"]),
     ("device", &["optics", "units", "raw", "config"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
-    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim"]),
-    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control"]),
-    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api"]),
+    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "access"]),
+    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control", "access"]),
+    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api", "access"]),
 ];
 
 #[test]
