@@ -16,6 +16,7 @@
 //!  units, raw            lengths with units; a raw frame's pixels
 //!
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
+//!  access                who asks and what they may do; tokens, sessions, tickets
 //!  config                read once, immutable afterwards
 //!  telemetry             what the program counts about itself, called from anywhere
 //! ```
@@ -23,6 +24,7 @@
 //! Deliberately absent: `optics` and `imaging` know no I/O, clock or async; `sim` knows nothing of `imaging`; nothing
 //! below `api` knows a status code; nothing but `control` commands motion.
 
+pub mod access;
 pub mod api;
 pub mod cli;
 pub mod config;

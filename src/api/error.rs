@@ -1,5 +1,8 @@
 //! Errors on the wire: the one place that knows status codes and turns an error into `application/problem+json`.
 
+use std::net::IpAddr;
+use std::time::Duration;
+
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -7,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
+use crate::access::{Principal, Scope, TokenError, TooMany, Unauthorised};
 use crate::control::{Refusal, ServiceError};
 use crate::device::DeviceError;
 
@@ -96,8 +100,10 @@ impl Problem {
 
     /// The `Host` named is not this machine: a page elsewhere has had its name point here.
     #[must_use]
-    pub fn wrong_host(host: &str) -> Self {
-        let detail = format!("this daemon listens on loopback only and is not {host:?}; use 127.0.0.1 or localhost");
+    pub fn wrong_host(host: &str, loopback_only: bool) -> Self {
+        let right =
+            if loopback_only { "use 127.0.0.1 or localhost" } else { "use its address, or one of server.names" };
+        let detail = format!("this daemon is not {host:?}; {right}");
         Self::new(StatusCode::MISDIRECTED_REQUEST, "wrong-host", "Another host is meant", detail)
     }
 
@@ -106,6 +112,131 @@ impl Problem {
     pub fn cross_origin(origin: &str) -> Self {
         let detail = format!("a page from {origin:?} may not command this bench; use the page served here");
         Self::new(StatusCode::FORBIDDEN, "cross-origin", "Not from this origin", detail)
+    }
+
+    /// The request says that a proxy forwarded it, and none is trusted there.
+    #[must_use]
+    pub fn untrusted_proxy(header: &str, address: IpAddr) -> Self {
+        let detail = format!(
+            "the header {header} says that a proxy forwarded this, and {address} is none of server.trusted_proxies; \
+             name it there, or ask directly"
+        );
+        Self::new(StatusCode::FORBIDDEN, "untrusted-proxy", "Not through this proxy", detail)
+    }
+
+    /// A trusted proxy does not say whom it asks for.
+    #[must_use]
+    pub fn nameless_proxy() -> Self {
+        let detail = "the proxy has to say in X-Forwarded-For whom it asks for: an address, or several with commas";
+        Self::new(StatusCode::BAD_REQUEST, "nameless-proxy", "Whom the proxy asks for is not known", detail)
+    }
+
+    /// Who asks is not let in.
+    #[must_use]
+    pub fn unauthorised(why: Unauthorised) -> Self {
+        let detail = match why {
+            Unauthorised::Nothing => "sign in on the page, or send a token: Authorization: Bearer plenalign_…",
+            Unauthorised::Wrong => "this token, ticket or session opens nothing; it may have expired or been revoked",
+            Unauthorised::TooMany(wait) => return Self::too_many(wait),
+        };
+        Self::new(StatusCode::UNAUTHORIZED, "unauthorised", "Who asks is not known", detail)
+    }
+
+    /// Who asks is known, and may not do this.
+    #[must_use]
+    pub fn scope(principal: &Principal, needed: Scope) -> Self {
+        let detail = format!("{} has the scope {}; this needs {needed}", principal.name, principal.scope);
+        Self::new(StatusCode::FORBIDDEN, "scope", "Not allowed", detail)
+            .with(json!({ "scope": principal.scope, "needed": needed }))
+    }
+
+    /// Something comes too often.
+    #[must_use]
+    pub fn too_many(TooMany(wait): TooMany) -> Self {
+        let seconds = wait.as_secs_f64().ceil().max(1.0) as u64;
+        let detail = format!("too many requests; try again in {seconds} s");
+        Self::new(StatusCode::TOO_MANY_REQUESTS, "too-many-requests", "Too many requests", detail)
+            .with(json!({ "retry_after_s": seconds }))
+    }
+
+    /// Every connection that may ask for anything is taken; this one can only stop.
+    #[must_use]
+    pub fn crowded() -> Self {
+        let detail = "every connection is taken; a stop still gets through here: POST /api/v1/stop";
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "crowded", "Too many connections", detail)
+    }
+
+    /// Plain HTTP where TLS is spoken.
+    #[must_use]
+    pub fn tls_required() -> Self {
+        let detail =
+            "TLS is spoken here, and this was plain HTTP: use https://. A token sent like this should be revoked";
+        Self::new(StatusCode::BAD_REQUEST, "tls-required", "Plain HTTP on a TLS port", detail)
+    }
+
+    /// The body did not come in time.
+    #[must_use]
+    pub fn slow_body(allowed: Duration) -> Self {
+        let detail = format!("a request's body has to come within {} s", allowed.as_secs());
+        Self::new(StatusCode::REQUEST_TIMEOUT, "slow-body", "The body is late", detail)
+    }
+
+    /// A token's name is taken.
+    #[must_use]
+    pub fn taken(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::CONFLICT, "taken", "There is one already", detail)
+    }
+
+    /// The state folder cannot be written.
+    #[must_use]
+    pub fn not_kept(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "not-kept", "The change cannot be kept", detail)
+    }
+
+    /// The daemon runs without a configuration file, so that there is none to write.
+    #[must_use]
+    pub fn no_config_file() -> Self {
+        let detail = "the daemon runs without a configuration file; start it with one to write it from here: \
+            plenalign serve --config /etc/plenalign/plenalign.toml, which may be empty at first";
+        Self::new(StatusCode::CONFLICT, "no-config-file", "There is no configuration file", detail)
+    }
+
+    /// The configuration file cannot be read or written into as it is.
+    #[must_use]
+    pub fn config_unreadable(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::CONFLICT, "config-unreadable", "The configuration file cannot be used", detail)
+    }
+
+    /// The request does not say which state of the file it changes.
+    #[must_use]
+    pub fn if_match_missing(now: &str) -> Self {
+        let detail = "read the configuration first and send its ETag as If-Match, so that nobody's change is lost";
+        Self::new(StatusCode::PRECONDITION_REQUIRED, "if-match-missing", "Which state is changed?", detail)
+            .with(json!({ "etag": now }))
+    }
+
+    /// The file is no longer in the state that was changed.
+    #[must_use]
+    pub fn config_changed(now: &str) -> Self {
+        let detail = "the configuration file has changed since it was read; read it again";
+        Self::new(StatusCode::PRECONDITION_FAILED, "config-changed", "The file has changed", detail)
+            .with(json!({ "etag": now }))
+    }
+
+    /// The configuration makes no sense; `problems` says key by key why.
+    #[must_use]
+    pub fn config_invalid(problems: Value) -> Self {
+        let detail = "the configuration is not written: problems says what is wrong with it, key by key";
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "config-invalid", "The configuration makes no sense", detail)
+            .with(json!({ "problems": problems }))
+    }
+
+    /// The configuration changes what is changed only on the machine itself.
+    #[must_use]
+    pub fn config_locked(problems: Value) -> Self {
+        let detail = "the configuration is not written: it changes keys that are locked, which problems names";
+        Self::new(StatusCode::FORBIDDEN, "config-locked", "The key is locked", detail)
+            .with(json!({ "problems": problems }))
     }
 
     /// The WebSocket's path was asked for without an upgrade.
@@ -260,14 +391,34 @@ impl From<ServiceError> for Problem {
     }
 }
 
+impl From<TokenError> for Problem {
+    fn from(error: TokenError) -> Self {
+        let said = error.to_string();
+        match error {
+            TokenError::Name(_) => Self::invalid("name", said),
+            TokenError::Past(_) => Self::invalid("expires_at", said),
+            TokenError::Taken(_) | TokenError::Full => Self::taken(said),
+            TokenError::Unknown(_) => Self::not_found(said),
+            TokenError::File { .. } => Self::not_kept(said),
+        }
+    }
+}
+
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let wait = self.members.get("retry_after_s").and_then(Value::as_u64);
         let mut response = (status, Json(self)).into_response();
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         if status == StatusCode::SERVICE_UNAVAILABLE {
             headers.insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
+        }
+        if let Some(seconds) = wait {
+            headers.insert(header::RETRY_AFTER, seconds.into());
+        }
+        if status == StatusCode::UNAUTHORIZED {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"plenalign\""));
         }
         if status == StatusCode::UPGRADE_REQUIRED {
             headers.insert(header::UPGRADE, HeaderValue::from_static("websocket"));

@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 use std::fmt::Display;
 use std::str::FromStr;
+use std::time::Duration;
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
@@ -17,6 +18,9 @@ use super::error::{LEASE_HEADER, Problem};
 /// Longest body of a request, bytes.
 pub(super) const BODY_LIMIT_BYTES: usize = 16 * 1024;
 
+/// How long a request's body may take to come.
+const BODY_ALLOWED: Duration = Duration::from_secs(10);
+
 /// A JSON body.
 pub(super) struct JsonBody<T>(pub T);
 
@@ -29,7 +33,10 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
         if !essence.is_some_and(|essence| essence.eq_ignore_ascii_case("application/json")) {
             return Err(Problem::unsupported_media_type(content_type));
         }
-        let bytes = Bytes::from_request(request, state).await.map_err(body_problem)?;
+        let bytes = tokio::time::timeout(BODY_ALLOWED, Bytes::from_request(request, state))
+            .await
+            .map_err(|_| Problem::slow_body(BODY_ALLOWED))?
+            .map_err(body_problem)?;
         parse(&bytes).map(Self)
     }
 }
@@ -176,6 +183,14 @@ mod tests {
         assert_eq!(field_of("{\"position_mm\": 1, \"speed\": 2}"), (422, "speed".into()));
         assert_eq!(field_of("[]").0, 422);
         assert_eq!(parse::<ConfirmRequest>(b"{\"step\": -1}").unwrap_err().status, 422);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_body_that_does_not_come_is_not_waited_for_without_end() {
+        let body = axum::body::Body::from_stream(futures_util::stream::pending::<std::io::Result<Bytes>>());
+        let request = Request::post("/").header(header::CONTENT_TYPE, "application/json").body(body).unwrap();
+        let problem = JsonBody::<MoveRequest>::from_request(request, &()).await.err().unwrap();
+        assert_eq!((problem.status, problem.kind.as_str()), (408, "urn:plenalign:problem:slow-body"));
     }
 
     #[test]

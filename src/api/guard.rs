@@ -1,79 +1,105 @@
-//! Who may ask: no page of another origin commands the bench, and no foreign name leads to a loopback daemon.
+//! What every request passes: where it comes from, which page sent it, who asks, whether they may, and how often.
 
-use std::net::IpAddr;
-
-use axum::extract::{Request, State};
-use axum::http::{HeaderMap, Method, header};
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{Method, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
 use super::App;
+use super::client::{Client, Peer, text};
+use super::credentials::Credential;
 use super::error::Problem;
+use super::origin::{is_own_host, is_same_origin};
+use super::scopes::{Need, STOP, need};
+use crate::access::{Principal, Scope, Unauthorised};
 
-/// Refuses a foreign `Host` where the daemon listens on loopback (a web page whose name was made to point here), and
-/// a foreign `Origin` on everything but reading.
-pub(super) async fn guard(State(app): State<App>, request: Request, next: Next) -> Result<Response, Problem> {
+/// Lets a request through to its handler with its [`Client`] and, where its route asks who it is, its [`Principal`]
+/// among its extensions.
+///
+/// # Errors
+/// Refuses a foreign `Host`; a foreign `Origin` on everything but reading; whoever brings no credential where one is
+/// demanded, a wrong one, or one without the scope; and who asks too often, but for the stop.
+pub(super) async fn guard(State(app): State<App>, mut request: Request, next: Next) -> Result<Response, Problem> {
+    let peer = *request.extensions().get::<Peer>().ok_or_else(|| {
+        tracing::error!("a request without its connection's far end");
+        Problem::internal()
+    })?;
     let headers = request.headers();
-    if app.loopback_only
-        && let Some(host) = text(headers, header::HOST)
-        && !is_loopback(host)
+    let client = Client::of(peer, headers, &app.gate.settings().trusted_proxies)?;
+    if let Some(host) = &client.host
+        && !is_own_host(host, &app.gate.settings().names, app.loopback_only)
     {
-        return Err(Problem::wrong_host(host));
+        return Err(Problem::wrong_host(host, app.loopback_only));
     }
     let reads = matches!(*request.method(), Method::GET | Method::HEAD | Method::OPTIONS);
-    let upgrades = headers.contains_key(header::UPGRADE);
-    if (!reads || upgrades)
-        && let Some(origin) = text(headers, header::ORIGIN)
-        && !is_same_origin(origin, text(headers, header::HOST))
-    {
-        return Err(Problem::cross_origin(origin));
+    if !reads || headers.contains_key(header::UPGRADE) {
+        match (text(headers, header::ORIGIN), text(headers, header::HeaderName::from_static("sec-fetch-site"))) {
+            (Some(origin), _) if !is_same_origin(origin, client.host.as_deref(), client.secure) => {
+                return Err(Problem::cross_origin(origin));
+            }
+            (None, Some(site)) if !matches!(site, "same-origin" | "none") => {
+                return Err(Problem::cross_origin("another site"));
+            }
+            _ => {}
+        }
     }
+    let route = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
+    let is_stop = route.as_deref() == Some(STOP.1) && request.method() == STOP.0;
+    let need = need_of(&request, route.as_deref());
+    let admitted = match need {
+        Need::Nothing => Ok(None),
+        Need::AtLeast(scope) => {
+            let credential = Credential::of(request.method(), request.headers(), request.uri(), &app.cookie);
+            let path = request.uri().path().to_owned();
+            admit(&app, credential, &path, &client, scope).await.map(Some)
+        }
+    };
+    if !is_stop {
+        let name = admitted.as_ref().ok().and_then(Option::as_ref).map(|principal| principal.name.as_str());
+        app.gate.count(client.address, name).map_err(Problem::too_many)?;
+    }
+    let principal = admitted?;
+    if let Some(principal) = principal {
+        request.extensions_mut().insert(principal);
+    }
+    request.extensions_mut().insert(client);
     Ok(next.run(request).await)
 }
 
-/// A header as text; one that is not text stands for a value that nothing matches.
-fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
-    headers.get(name).map(|value| value.to_str().unwrap_or("?"))
+/// What a request needs: of a route, what the table says, and everything where the table says nothing of it; elsewhere
+/// nothing for the page's files, and to be known for whatever is asked below `/api`, also of what is not there.
+fn need_of(request: &Request, route: Option<&str>) -> Need {
+    let path = request.uri().path();
+    match route {
+        Some(route) => need(request.method().as_str(), route).unwrap_or(Need::AtLeast(Scope::Admin)),
+        None if path == "/api" || path.starts_with("/api/") => Need::AtLeast(Scope::View),
+        None => Need::Nothing,
+    }
 }
 
-/// Whether a `Host` (with or without a port) names this machine's loopback.
-fn is_loopback(host: &str) -> bool {
-    let name = match host.rsplit_once(':') {
-        // A colon within brackets belongs to an IPv6 address.
-        Some((name, port)) if !port.contains(']') => name,
-        _ => host,
+/// Finds out who asks, and whether they may.
+async fn admit(
+    app: &App,
+    credential: Option<Credential>,
+    path: &str,
+    client: &Client,
+    least: Scope,
+) -> Result<Principal, Problem> {
+    let (gate, address) = (&app.gate, client.address);
+    let found = match credential {
+        Some(Credential::Token(token)) => gate.by_token(&token, address).await,
+        Some(Credential::Unreadable) => Err(Unauthorised::Wrong),
+        Some(Credential::Ticket(ticket)) => gate.by_ticket(&ticket, path, address),
+        // A cookie that has run out is as none: where nothing is demanded, it must not shut its browser out.
+        Some(Credential::Session(session)) => match gate.by_session(&session, address) {
+            Ok(principal) => Ok(principal),
+            Err(refused) => gate.stranger(address).map_err(|_| refused),
+        },
+        None => gate.stranger(address),
     };
-    let name = name.trim_start_matches('[').trim_end_matches(']');
-    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
-}
-
-fn is_same_origin(origin: &str, host: Option<&str>) -> bool {
-    let authority = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
-    matches!((authority, host), (Some(authority), Some(host)) if authority.eq_ignore_ascii_case(host))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn loopback_names_are_told_from_others() {
-        for host in ["localhost", "localhost:8080", "LOCALHOST:1", "127.0.0.1:8080", "127.3.2.1", "[::1]:8080", "[::1]"]
-        {
-            assert!(is_loopback(host), "{host}");
-        }
-        for host in ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "192.168.1.5", "localhost.evil", ""]
-        {
-            assert!(!is_loopback(host), "{host}");
-        }
+    let principal = found.map_err(Problem::unauthorised)?;
+    if principal.scope < least {
+        return Err(Problem::scope(&principal, least));
     }
-
-    #[test]
-    fn an_origin_is_the_same_only_with_host_and_port() {
-        assert!(is_same_origin("http://127.0.0.1:8080", Some("127.0.0.1:8080")));
-        assert!(!is_same_origin("http://127.0.0.1:8081", Some("127.0.0.1:8080")));
-        assert!(!is_same_origin("http://evil.example", Some("127.0.0.1:8080")));
-        assert!(!is_same_origin("null", Some("127.0.0.1:8080")));
-        assert!(!is_same_origin("http://127.0.0.1:8080", None));
-    }
+    Ok(principal)
 }

@@ -1,4 +1,4 @@
-//! What only has to be read: newest measurement, configuration in force, health, the contract itself.
+//! What only has to be read: newest measurement, design, health, the contract itself.
 
 use axum::Json;
 use axum::extract::State;
@@ -7,7 +7,6 @@ use axum::response::IntoResponse;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::types::ConfigView;
 use crate::control::design::DesignView;
 use crate::control::events::MeasurementView;
 
@@ -22,18 +21,6 @@ use crate::control::events::MeasurementView;
 )]
 pub(super) async fn measurement(State(app): State<App>) -> Result<Json<MeasurementView>> {
     app.service.measurement().map(Json).ok_or_else(Problem::no_measurement)
-}
-
-/// The configuration in force, and where it came from.
-#[utoipa::path(get, path = "/api/v1/config", operation_id = "get_config", tag = "bench", responses((status = 200, body = ConfigView)))]
-pub(super) async fn config(State(app): State<App>) -> Result<Json<ConfigView>> {
-    let file = app.origin.file().map(|path| path.display().to_string());
-    let origin = app.origin.describe(app.service.config());
-    let config = serde_json::to_value(app.service.config().as_ref()).map_err(|error| {
-        tracing::error!(%error, "the configuration cannot be written as JSON");
-        Problem::internal()
-    })?;
-    Ok(Json(ConfigView { origin, file, config }))
 }
 
 /// The design of the configured camera: clarity and joint optimisation, and what follows from them.

@@ -7,6 +7,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
@@ -25,6 +26,7 @@ use super::hub::{Begin, text};
 use super::picture::{Encoding, QUALITIES, Reduce, age};
 use super::proto::{self, viewed::What};
 use super::types::{ServerMessage, ViewerMessage};
+use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
 use crate::control::lease::Permit;
@@ -58,14 +60,14 @@ type Maps = watch::Receiver<Option<Arc<FieldMap>>>;
 pub(super) async fn ws(
     State(app): State<App>,
     Query(follow): Query<Follow>,
+    Extension(principal): Extension<Principal>,
     upgrade: std::result::Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response> {
     let upgrade = upgrade.map_err(|rejection| Problem::upgrade_required(rejection.body_text()))?;
     let viewers = app.viewers.clone();
-    Ok(upgrade
-        .max_message_size(MESSAGE_LIMIT)
-        .max_frame_size(MESSAGE_LIMIT)
-        .on_upgrade(move |socket| viewers.track_future(async move { Viewer::new(app, socket).run(follow).await })))
+    Ok(upgrade.max_message_size(MESSAGE_LIMIT).max_frame_size(MESSAGE_LIMIT).on_upgrade(move |socket| {
+        viewers.track_future(async move { Viewer::new(app, principal, socket).run(follow).await })
+    }))
 }
 
 /// Where a viewer that was here before wants to go on.
@@ -115,6 +117,7 @@ enum End {
 
 struct Viewer {
     app: App,
+    principal: Principal,
     socket: WebSocket,
     watching: Option<Watching>,
     /// The control lease, where this connection holds it.
@@ -131,8 +134,8 @@ impl Drop for Viewer {
 }
 
 impl Viewer {
-    fn new(app: App, socket: WebSocket) -> Self {
-        Self { app, socket, watching: None, lease: None, heard_at: Instant::now() }
+    fn new(app: App, principal: Principal, socket: WebSocket) -> Self {
+        Self { app, principal, socket, watching: None, lease: None, heard_at: Instant::now() }
     }
 
     async fn run(mut self, follow: Follow) {
@@ -205,6 +208,9 @@ impl Viewer {
     async fn tick(&mut self) -> std::result::Result<(), End> {
         if self.heard_at.elapsed() > SILENCE {
             return Err(End::Close(close_code::POLICY, "nothing was heard for 30 s"));
+        }
+        if !self.app.gate.knows(&self.principal) {
+            return Err(End::Close(close_code::POLICY, "the token was revoked, or has expired"));
         }
         let newest = self.watching.as_ref().and_then(|watching| watching.frames.borrow().clone());
         let tick = ServerMessage::Tick {

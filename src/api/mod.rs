@@ -5,6 +5,9 @@
 
 mod axes;
 mod bench;
+mod client;
+mod config;
+mod credentials;
 pub mod error;
 mod extract;
 mod frame;
@@ -15,6 +18,7 @@ mod jobs;
 mod lease;
 mod live;
 mod metrics;
+mod origin;
 mod page;
 mod picture;
 mod placeholder;
@@ -22,8 +26,14 @@ mod placeholder;
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
+mod scopes;
+mod security;
+pub mod server;
+mod session;
 mod stop;
 mod stream;
+mod tickets;
+mod tokens;
 pub mod types;
 
 use std::net::SocketAddr;
@@ -47,6 +57,7 @@ use error::Problem;
 use hub::Hub;
 use picture::Pictures;
 
+use crate::access::Gate;
 use crate::config::ConfigOrigin;
 use crate::control::lease::Permit;
 use crate::control::{Service, ServiceError};
@@ -60,6 +71,11 @@ struct App {
     origin: Arc<ConfigOrigin>,
     /// Writes what is counted as text, where it is kept.
     metrics: Option<PrometheusHandle>,
+    config: Arc<config::ConfigFile>,
+    gate: Arc<Gate>,
+    /// Name of the cookie that holds a browser's session. Browsers send a host's cookies to all of its ports, so that
+    /// the daemons of two benches on one machine need names of their own.
+    cookie: Arc<str>,
     loopback_only: bool,
     shutdown: CancellationToken,
     viewers: TaskTracker,
@@ -82,30 +98,37 @@ pub struct Api {
 }
 
 impl Api {
-    /// The API over `service`. `address` is where it will listen; `origin` is where the configuration came from;
-    /// `metrics` writes what the program counts, where that is kept.
-    /// Has to be called within a tokio runtime.
+    /// The API over `service`. `gate` says who may ask; `address` is where it will listen; `origin` is where the
+    /// configuration came from. Has to be called within a tokio runtime.
     #[must_use]
-    pub fn new(
-        service: Arc<Service>,
-        address: SocketAddr,
-        origin: ConfigOrigin,
-        metrics: Option<PrometheusHandle>,
-    ) -> Self {
+    pub fn new(service: Arc<Service>, gate: Arc<Gate>, address: SocketAddr, origin: ConfigOrigin) -> Self {
         let hub = Arc::new(Hub::new());
         let shutdown = CancellationToken::new();
         tokio::spawn(hub::pump(hub.clone(), service.clone(), shutdown.clone()));
+        let (following, until) = (Arc::clone(&gate).follow(), shutdown.clone());
+        tokio::spawn(async move { until.run_until_cancelled(following).await });
+        let config = Arc::new(config::ConfigFile::of(&origin, service.config()));
         let app = App {
             service,
+            config,
             hub,
             pictures: Arc::default(),
             origin: Arc::new(origin),
-            metrics,
+            gate,
+            cookie: format!("plenalign_session_{}", address.port()).into(),
+            metrics: None,
             loopback_only: address.ip().is_loopback(),
             shutdown,
             viewers: TaskTracker::new(),
         };
         Self { app }
+    }
+
+    /// With what writes the program's metrics as text, where they are kept.
+    #[must_use]
+    pub fn with_metrics(mut self, metrics: Option<PrometheusHandle>) -> Self {
+        self.app.metrics = metrics;
+        self
     }
 
     /// The router, for a server or a test.
@@ -122,7 +145,11 @@ impl Api {
             .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
             .layer(header(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
             .layer(header(header::CACHE_CONTROL, "no-store"))
-            .layer(TraceLayer::new_for_http())
+            .layer(header(header::REFERRER_POLICY, "no-referrer"))
+            // The path alone: a query may hold a ticket or a key, and a log is read by many.
+            .layer(TraceLayer::new_for_http().make_span_with(|request: &Request| {
+                tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
+            }))
             .layer(middleware::from_fn(metrics::time))
             .with_state(self.app.clone())
     }
@@ -170,8 +197,14 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(frame::png))
         .routes(routes!(frame::snapshot))
         .routes(routes!(stream::mjpeg))
+        .routes(routes!(session::sign_in, session::get, session::sign_out))
+        .routes(routes!(tickets::create))
+        .routes(routes!(tokens::create, tokens::list))
+        .routes(routes!(tokens::revoke))
         .routes(routes!(info::measurement))
-        .routes(routes!(info::config))
+        .routes(routes!(config::get, config::put))
+        .routes(routes!(config::schema))
+        .routes(routes!(config::validate))
         .routes(routes!(info::design))
         .routes(routes!(info::openapi))
         .routes(routes!(metrics::health))
@@ -184,6 +217,7 @@ fn routes() -> OpenApiRouter<App> {
 #[must_use]
 pub fn openapi() -> utoipa::openapi::OpenApi {
     let mut contract = routes().to_openapi();
+    security::describe(&mut contract);
     // Every request with a body can fail in these ways, wherever it goes.
     for item in contract.paths.paths.values_mut() {
         for operation in [&mut item.post, &mut item.put].into_iter().flatten() {

@@ -25,7 +25,8 @@ style-src 'self' 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'; form-
 /// A file of the page, or a problem for what is not there.
 pub(super) async fn serve(uri: Uri, headers: HeaderMap) -> Response {
     let path = uri.path().trim_start_matches('/');
-    let name = if path.is_empty() { "index.html" } else { path };
+    // A one-time link leads to the page, too, which signs in with the key that the link holds.
+    let name = if matches!(path, "" | "login") { "index.html" } else { path };
     if let Some(file) = Page::get(name) {
         let etag = format!("\"{}\"", hex(&file.metadata.sha256_hash()[..16]));
         let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| value.as_bytes() == etag.as_bytes());

@@ -96,17 +96,6 @@ pub struct ShellRequest {
     pub state: ShellState,
 }
 
-/// The configuration in force and where it came from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ConfigView {
-    /// Where the design's numbers come from.
-    pub origin: String,
-    /// The file read, if any.
-    pub file: Option<String>,
-    /// The configuration, every key of the file with its value, defaults filled in.
-    pub config: serde_json::Value,
-}
-
 /// Whether the daemon answers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Health {

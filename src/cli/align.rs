@@ -23,6 +23,8 @@ pub(super) struct Args {
     /// Align through the daemon at this address, e.g. http://127.0.0.1:8080, instead of in process.
     #[arg(long, value_name = "URL", conflicts_with = "seed")]
     server: Option<String>,
+    #[command(flatten)]
+    remote: remote::RemoteArgs,
     /// Seed of the simulated bench's noise and textures.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -38,7 +40,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
     let job = runtime.block_on(async {
         match &args.server {
-            Some(server) => remote::align(server).await,
+            Some(server) => remote::align(server, &args.remote).await,
             None => in_process(context, &args).await,
         }
     });

@@ -17,6 +17,9 @@ pub(super) struct Args {
     /// Address to serve at.
     #[arg(long, value_name = "ADDR", default_value = DEFAULT_ADDRESS)]
     listen: String,
+    /// Serve beyond loopback without TLS: whoever is on the network can read along.
+    #[arg(long)]
+    insecure: bool,
     /// End after the report.
     #[arg(long)]
     once: bool,
@@ -32,11 +35,13 @@ pub(super) fn run(mut context: Context, args: Args) -> anyhow::Result<ExitCode> 
 
 async fn demonstrate(context: Context, args: &Args) -> anyhow::Result<ExitCode> {
     let mut signals = Signals::new()?;
-    let server = Server::start(context, &args.listen).await?;
-    let url = format!("http://{}", server.address);
+    let server = Server::start(context, &args.listen, args.insecure).await?;
+    let url = server.url();
     println!("aligning the SIMULATED camera; the page, to watch: {url}/");
+    server.offer_key(true)?;
+    let own = server.own_client();
     let aligned = tokio::select! {
-        job = remote::align(&url) => Some(job),
+        job = remote::align(&url, &own) => Some(job),
         () = signals.next() => None,
     };
     let code = match &aligned {

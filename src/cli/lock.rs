@@ -18,7 +18,7 @@ pub(super) struct BenchLock {
 }
 
 /// The state folder: `PLENALIGN_STATE_DIR`, else the user's own state folder.
-fn state_folder() -> anyhow::Result<PathBuf> {
+pub(super) fn state_folder() -> anyhow::Result<PathBuf> {
     let from = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     if let Some(folder) = from(STATE_VARIABLE) {
         return Ok(folder);

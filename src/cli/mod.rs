@@ -8,6 +8,7 @@ mod calibrate;
 mod camera;
 mod demo;
 mod design;
+mod listen;
 mod lock;
 mod measure;
 mod progress;
@@ -16,8 +17,11 @@ mod render;
 mod report;
 mod serve;
 mod sim_stage;
+mod stop;
 mod stop_axes;
 mod supervised;
+mod tls;
+mod token;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -47,6 +51,12 @@ enum Command {
     Serve(serve::Args),
     /// Run a joint alignment, in process or through a running daemon.
     Align(align::Args),
+    /// Stop the bench of a running daemon, at once.
+    Stop(stop::Args),
+    /// Make, list and revoke the tokens that a daemon lets people in by.
+    Token(token::Args),
+    /// Make a certificate for a daemon that is reached over a network.
+    Tls(tls::Args),
     /// Print clarity, FOV and joint solutions of the configured camera.
     Design(design::Args),
     /// Measure the spacing of a raw frame.
@@ -119,6 +129,9 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Serve(args) => serve::run(context, args),
         Command::Align(args) => align::run(context, args),
+        Command::Stop(args) => stop::run(&args),
+        Command::Token(args) => token::run(&args),
+        Command::Tls(args) => tls::run(&args),
         Command::Design(args) => design::run(context, args),
         Command::Measure(args) => measure::run(context, args),
         Command::Calibrate(args) => calibrate::run(context, args),

@@ -1,13 +1,16 @@
-//! `plenalign align --server`: the same alignment through a running daemon's API.
+//! A running daemon's API, and `plenalign align --server`: the same alignment through it.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
-use reqwest::{Client, StatusCode};
+use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
+use reqwest::{Certificate, Client, StatusCode};
 use serde::de::DeserializeOwned;
 
 use super::progress::Progress;
 use crate::api::error::{LEASE_HEADER, Problem};
+use crate::api::server::use_ring;
 use crate::api::types::{Health, JobResource, LeaseAsked};
 use crate::control::job::{JobKind, JobRequest, JobSnapshot};
 use crate::control::lease::LeaseGrant;
@@ -26,13 +29,25 @@ pub(super) fn lease_owner() -> String {
     format!("{user}@{} (plenalign align)", machine.trim())
 }
 
+/// How a command that asks a daemon says who it is, and knows the daemon.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub(super) struct RemoteArgs {
+    /// Token for the daemon. Other users of this machine can see it on a command line: better in the environment.
+    #[arg(long, value_name = "TOKEN", env = "PLENALIGN_TOKEN", hide_env_values = true)]
+    pub(super) token: Option<String>,
+    /// PEM file with the certificate of the authority that vouches for the daemon, as `plenalign tls init` made it;
+    /// without it, those that the system trusts.
+    #[arg(long, value_name = "FILE")]
+    pub(super) ca: Option<PathBuf>,
+}
+
 /// Runs a joint alignment at the daemon at `server`, such as `http://127.0.0.1:8080`, with its progress on standard
 /// error. Confirms nothing in the operator's place.
 ///
 /// # Errors
 /// When the daemon cannot be reached, refuses, or is lost on the way.
-pub(super) async fn align(server: &str) -> anyhow::Result<JobSnapshot> {
-    let daemon = Daemon::new(server)?;
+pub(super) async fn align(server: &str, remote: &RemoteArgs) -> anyhow::Result<JobSnapshot> {
+    let daemon = Daemon::new(server, remote)?;
     let health: Health = daemon.get("/healthz").await?;
     if health.simulated {
         eprintln!("plenalign: the bench at {server} is SIMULATED");
@@ -87,19 +102,42 @@ async fn wait_for_end(daemon: &Daemon, created: &JobResource, progress: &mut Pro
 }
 
 /// A daemon's API.
-struct Daemon {
+pub(super) struct Daemon {
     client: Client,
     base: String,
 }
 
 impl Daemon {
-    fn new(server: &str) -> anyhow::Result<Self> {
+    /// The daemon at `server`.
+    ///
+    /// # Errors
+    /// When that is no address, or token or authority cannot be used.
+    pub(super) fn new(server: &str, remote: &RemoteArgs) -> anyhow::Result<Self> {
         let base = server.trim_end_matches('/').to_owned();
-        if !base.starts_with("http://") {
+        if !base.starts_with("http://") && !base.starts_with("https://") {
             bail!("{server:?} is not an address such as http://127.0.0.1:8080");
         }
-        let client = Client::builder().timeout(ANSWER).no_proxy().build()?;
-        Ok(Self { client, base })
+        use_ring();
+        let mut client = Client::builder().timeout(ANSWER).no_proxy();
+        if let Some(token) = remote.token.as_deref().map(str::trim).filter(|token| !token.is_empty()) {
+            let mut value =
+                HeaderValue::from_str(&format!("Bearer {token}")).context("the token holds what none does")?;
+            value.set_sensitive(true);
+            client = client.default_headers(HeaderMap::from_iter([(AUTHORIZATION, value)]));
+        }
+        if let Some(ca) = &remote.ca {
+            let text = std::fs::read(ca).with_context(|| format!("cannot read {}", ca.display()))?;
+            let trusted =
+                Certificate::from_pem_bundle(&text).with_context(|| format!("cannot use {}", ca.display()))?;
+            if trusted.is_empty() {
+                bail!("{} holds no certificate in PEM", ca.display());
+            }
+            client = client.tls_certs_only(trusted);
+        } else if base.starts_with("http://") {
+            // Nothing is encrypted: the system's authorities need not be read.
+            client = client.tls_certs_only([]);
+        }
+        Ok(Self { client: client.build()?, base })
     }
 
     fn url(&self, path: &str) -> String {
@@ -108,6 +146,11 @@ impl Daemon {
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> anyhow::Result<T> {
         self.read(self.client.get(self.url(path))).await
+    }
+
+    /// Posts without a body.
+    pub(super) async fn post<T: DeserializeOwned>(&self, path: &str) -> anyhow::Result<T> {
+        self.read(self.client.post(self.url(path))).await
     }
 
     /// Sends a request; a problem in the answer becomes the error, in the daemon's own words.

@@ -1,20 +1,23 @@
 //! `plenalign serve`: configuration to bench to service to API, until a signal.
 
-use std::io::{ErrorKind, Write as _};
+use std::io::Write as _;
 use std::net::SocketAddr;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
-use super::lock::BenchLock;
+use super::listen::{Exposure, bind};
+use super::lock::{BenchLock, state_folder};
+use super::remote::RemoteArgs;
 use super::{Context, supervised};
+use crate::access::{Gate, LogAudit, TokenStore};
 use crate::api::Api;
+use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
 use crate::control::{Service, open_bench};
 use crate::telemetry;
@@ -31,9 +34,12 @@ const INTERRUPTED: i32 = 130;
 /// Arguments of `plenalign serve`.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Address to listen on. Whoever can reach it can move the axes: keep it on loopback.
+    /// Address to listen on. Beyond loopback a token and TLS are demanded: see `plenalign token` and `plenalign tls`.
     #[arg(long, value_name = "ADDR", default_value = DEFAULT_ADDRESS)]
     listen: String,
+    /// Serve beyond loopback without TLS: tokens and pictures can be read on the way.
+    #[arg(long)]
+    insecure: bool,
     /// Use the simulated bench, whatever the configuration says.
     #[arg(long)]
     simulated: bool,
@@ -56,14 +62,15 @@ async fn serve(mut context: Context, args: Args) -> anyhow::Result<ExitCode> {
     }
     // Signals are taken from here on, so that none in the next lines ends the program with a bench half open.
     let mut signals = Signals::new()?;
-    let mut server = Server::start(context, &args.listen).await?;
+    let mut server = Server::start(context, &args.listen, args.insecure).await?;
     let watchdog = supervised::serving(&server.service, server.api.router());
-    say_address(server.address, server.simulated, args.json);
+    say_address(&server, args.json);
+    server.offer_key(!args.json)?;
     tokio::select! {
         () = signals.next() => {}
         ended = &mut server.task => {
             server.service.shut_down().await;
-            ended.context("the server ended")??;
+            ended.context("the server ended")?;
             return Err(anyhow!("the server ended by itself"));
         }
     }
@@ -103,28 +110,51 @@ pub(super) struct Server {
     pub(super) simulated: bool,
     service: Arc<Service>,
     api: Api,
-    task: JoinHandle<std::io::Result<()>>,
+    gate: Arc<Gate>,
+    exposure: Exposure,
+    task: JoinHandle<()>,
     _lock: BenchLock,
 }
 
 impl Server {
-    /// Takes port and bench, and serves.
-    pub(super) async fn start(context: Context, address: &str) -> anyhow::Result<Self> {
+    /// Takes port and bench, and serves. Beyond loopback only with TLS, unless `insecure`.
+    pub(super) async fn start(context: Context, address: &str, insecure: bool) -> anyhow::Result<Self> {
         // The port first: where it is taken, another daemon may well have the bench.
-        let listener = listen(address).await?;
+        let listener = bind(address).await?;
         let address = listener.local_addr()?;
         let config = Arc::new(context.config);
+        let state = state_folder()?;
+        let exposure = Exposure::decide(&config.server, address, &state, insecure)?;
         let lock = BenchLock::take(&config.bench)?;
+        let tokens = TokenStore::open(&state).context("the tokens cannot be read")?;
+        let gate = Arc::new(Gate::new(exposure.gate.clone(), tokens, Box::new(LogAudit)));
         let bench = open_bench(&config).await.context("the bench cannot be opened")?;
         let simulated = bench.is_simulated();
         let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench);
         // A second server in one process would count into the first one's metrics.
         let metrics = telemetry::install().inspect_err(|error| tracing::warn!(%error, "no metrics are kept")).ok();
-        let api = Api::new(Arc::clone(&service), address, context.origin, metrics);
-        let closing = api.closing();
-        let server = axum::serve(listener, api.router()).with_graceful_shutdown(closing.cancelled_owned());
-        let task = tokio::spawn(server.into_future());
-        Ok(Self { address, simulated, service, api, task, _lock: lock })
+        let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);
+        let serving = serve_connections(listener, api.router(), exposure.server.clone(), api.closing());
+        Ok(Self { address, simulated, service, api, gate, exposure, task: tokio::spawn(serving), _lock: lock })
+    }
+
+    /// Where it is reached, without a slash at the end.
+    pub(super) fn url(&self) -> String {
+        self.exposure.url(self.address)
+    }
+
+    /// Where a token is demanded and there is none, makes the key with which the first person gets in: on a terminal
+    /// it is shown, elsewhere it is put into a file that only this user can read.
+    pub(super) fn offer_key(&self, may_print: bool) -> anyhow::Result<()> {
+        super::listen::offer_key(&self.gate, &self.url(), may_print)
+    }
+
+    /// How this program's own client says who it is.
+    pub(super) fn own_client(&self) -> RemoteArgs {
+        RemoteArgs {
+            token: self.gate.own_token().map(|secret| secret.reveal().to_owned()),
+            ca: self.exposure.ca.clone(),
+        }
     }
 
     /// Ends it: axes first, then the streams. A second signal ends the program at once.
@@ -147,18 +177,8 @@ impl Server {
     }
 }
 
-async fn listen(address: &str) -> anyhow::Result<TcpListener> {
-    match TcpListener::bind(address).await {
-        Ok(listener) => Ok(listener),
-        Err(error) if error.kind() == ErrorKind::AddrInUse => {
-            Err(anyhow!("{address} is taken by another program; choose another address with --listen"))
-        }
-        Err(error) => Err(error).with_context(|| format!("cannot listen on {address}")),
-    }
-}
-
-fn say_address(address: SocketAddr, simulated: bool, json: bool) {
-    let url = format!("http://{address}/");
+fn say_address(server: &Server, json: bool) {
+    let (url, simulated) = (format!("{}/", server.url()), server.simulated);
     if json {
         println!("{}", serde_json::json!({ "address": url, "simulated": simulated }));
     } else {
@@ -166,8 +186,5 @@ fn say_address(address: SocketAddr, simulated: bool, json: bool) {
         println!("plenalign: {bench} at {url}");
     }
     let _ = std::io::stdout().flush();
-    tracing::info!(%address, simulated, "serving");
-    if !address.ip().is_loopback() {
-        tracing::warn!(%address, "not on loopback: whoever can reach this address can move the axes");
-    }
+    tracing::info!(address = %server.address, simulated, "serving");
 }

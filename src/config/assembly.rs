@@ -1,9 +1,10 @@
 //! `[assembly]`: how the camera is put together, and to which tolerances.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Where l_bound comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LBoundSource {
     /// From `l_bound_mm`.
@@ -13,7 +14,7 @@ pub enum LBoundSource {
 }
 
 /// What the shell step may change to meet Eq. 16.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ShellStep {
     /// Translate e; where the criterion lies beyond the wall, hold e at its optimum and trim Δv (Eq. 8, e fixed).
@@ -25,7 +26,7 @@ pub enum ShellStep {
 }
 
 /// Which spacing counts as in focus behind the shell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SpacingTarget {
     /// Eq. 16, which holds for rays near the axis.
@@ -36,7 +37,7 @@ pub enum SpacingTarget {
 }
 
 /// `[assembly]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AssemblyConfig {
     /// l_bound, the least e the lens's barrel allows with the clearance wanted, mm.

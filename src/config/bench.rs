@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{CameraConfig, SimulationConfig};
 
 /// Whether the bench is real.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BenchDriver {
     /// Twins of stages and camera; loud about it everywhere, and never a fallback for missing hardware.
@@ -18,7 +19,7 @@ pub enum BenchDriver {
 }
 
 /// `[bench]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BenchConfig {
     /// Simulated or hardware.
@@ -69,7 +70,7 @@ impl Default for BenchConfig {
 }
 
 /// Which protocol a stage controller speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum ControllerDriver {
     /// Grbl 1.1 and grblHAL.
@@ -123,7 +124,7 @@ impl ControllerDriver {
 }
 
 /// `[bench.controllers.NAME]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerConfig {
     /// Protocol.
@@ -154,7 +155,7 @@ const fn default_address() -> u8 {
 }
 
 /// An end of an axis's travel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
     /// Towards smaller coordinates.
@@ -175,7 +176,7 @@ impl Side {
 }
 
 /// `[bench.focus]`, `[bench.e]`: one axis. All positions are in the axis's own coordinate, mm.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AxisConfig {
     /// Name of the controller under `[bench.controllers]`.

@@ -1,12 +1,13 @@
 //! `[main_lens]`, `[mla]`, `[sensor]`, `[shell]`, `[water]`, `[object]`: the plenoptic camera, its shell, the water.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::optics::{ArrayKind, MlaMode, water};
 use crate::raw::CfaPattern;
 
 /// `[main_lens]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MainLensConfig {
     /// f, mm.
@@ -26,7 +27,7 @@ impl Default for MainLensConfig {
 }
 
 /// `[mla]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MlaConfig {
     /// Square or hexagonal.
@@ -54,7 +55,7 @@ impl Default for MlaConfig {
 }
 
 /// `[sensor]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorConfig {
     /// Side of a pixel, µm.
@@ -75,7 +76,7 @@ impl Default for SensorConfig {
 }
 
 /// `[shell]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShellConfig {
     /// l_OC, mm.
@@ -93,7 +94,7 @@ impl Default for ShellConfig {
 }
 
 /// `[water]`: either a refractive index, or what it follows from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WaterConfig {
     /// Refractive index, relative to air.
@@ -117,7 +118,7 @@ impl Default for WaterConfig {
 }
 
 /// `[object]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
     /// d_OBJ in water, from the shell's outer vertex O, mm.

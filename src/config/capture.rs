@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use schemars::JsonSchema;
 use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -11,7 +12,7 @@ use super::{BenchDriver, Config};
 use crate::raw::PixelFormat;
 
 /// Where frames come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraDriver {
     /// Video4Linux2 (on a simulated bench: its own camera).
@@ -21,7 +22,7 @@ pub enum CameraDriver {
 }
 
 /// `[bench.camera]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraConfig {
     /// Driver. On a simulated bench `v4l2` stands for the simulated camera.
@@ -145,7 +146,7 @@ impl Config {
 }
 
 /// The value of a camera's control.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum ControlValue {
     /// On or off.

@@ -83,6 +83,7 @@ impl Config {
             self.check_water(&mut faults);
             self.check_assembly(&mut faults);
             self.bench.check(&mut faults);
+            self.server.check(&mut faults);
             self.check_rotation(&mut faults);
             self.check_mosaic(&mut faults);
         }

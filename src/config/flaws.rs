@@ -1,10 +1,11 @@
 //! Sections of `[bench.simulation]` for what a real camera's picture has and an ideal one's has not. All of it is off by
 //! default.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[bench.simulation.microlenses]`: how the microlenses differ from each other.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MicrolensesConfig {
     /// Focal lengths of the types of microlenses, over f_MLA; empty: all are f_MLA. A square array has two, chequered: the
@@ -28,7 +29,7 @@ impl Default for MicrolensesConfig {
 }
 
 /// `[bench.simulation.dust]`: round specks on the sensor or its cover glass.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DustConfig {
     /// How many, over the whole frame.
@@ -49,7 +50,7 @@ impl Default for DustConfig {
 
 /// `[bench.simulation.bubbles]`: bubbles of air in the water, drops of water in air, between camera and board. Those
 /// that would touch the board or lie behind it are not there; before a diffuser none is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BubblesConfig {
     /// How many, over the whole field.
@@ -70,7 +71,7 @@ impl Default for BubblesConfig {
 
 /// `[bench.simulation.motion]`: what moves while the shutter is open. Each movement is even and centred on the frame's
 /// nominal pose.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionConfig {
     /// Moments at which the exposure is sampled; 1 takes the picture at one moment, and nothing blurs. With more, the
@@ -92,7 +93,7 @@ impl Default for MotionConfig {
 
 /// `[bench.simulation.mosaic]`: what the colour filters of a sensor with `sensor.mosaic` let through, and the boards'
 /// colours, which a monochrome sensor sees grey.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MosaicConfig {
     /// What red, green and blue pixels make of white light, over what a monochrome pixel does.

@@ -13,23 +13,28 @@ mod capture;
 mod check;
 mod check_bench;
 mod check_simulation;
+mod edit;
 mod error;
 mod flaws;
 mod load;
 mod origin;
 mod overrides;
 mod schema;
+mod server;
 mod simulation;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use assembly::{AssemblyConfig, LBoundSource, ShellStep, SpacingTarget};
 pub use bench::{AxisConfig, BenchConfig, BenchDriver, ControllerConfig, ControllerDriver, Side};
 pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellConfig, WaterConfig};
 pub use capture::{CameraConfig, CameraDriver, ControlValue};
+pub use edit::{Change, EditError, Forbidden, LOCKED};
 pub use error::{ConfigError, Position, Violation};
 pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
 pub use origin::ConfigOrigin;
+pub use server::{Auth, ServerConfig, TlsConfig};
 pub use simulation::{SimulationConfig, Texture};
 
 use crate::optics::report::DesignCriteria;
@@ -40,7 +45,7 @@ use crate::units::{Micrometres, Millimetres, PixelPitch, Pixels};
 pub const PRESET_ORIGIN: &str = "reference preset, inferred from Table 2";
 
 /// Everything the daemon is told.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// The main lens.
@@ -59,6 +64,8 @@ pub struct Config {
     pub assembly: AssemblyConfig,
     /// Stages, camera and limits.
     pub bench: BenchConfig,
+    /// Who may ask the daemon, and how many at once.
+    pub server: ServerConfig,
 }
 
 impl Config {

@@ -1,11 +1,12 @@
 //! `[bench.simulation]`: the simulated bench's truth.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
 
 /// What is on the simulated boards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Texture {
     /// A chessboard with marker-like squares.
@@ -20,7 +21,7 @@ pub enum Texture {
 
 /// `[bench.simulation]`: how the simulated bench differs from what is configured, and how it looks. The daemon's
 /// control loops never read this section.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimulationConfig {
     /// Seed of noise, texture, and the array's rotation and offset.

@@ -1,9 +1,10 @@
 //! The microlens array: Eqs. 6, 7, 9, 15, 16 in both modes, with a signed.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How the microlenses are arranged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ArrayKind {
     /// On a square lattice.
@@ -24,7 +25,7 @@ impl ArrayKind {
 }
 
 /// On which side of the MLA the main lens's image lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MlaMode {
     /// Behind the MLA, towards the sensor: a > 0, spacing below the pitch.

@@ -330,6 +330,23 @@ fn hardware_needs_its_controllers() {
 }
 
 #[test]
+fn a_server_that_could_let_in_the_wrong_ones_or_nobody_is_refused() {
+    for (line, key, words) in [
+        ("auth = \"none\"", "server.auth", "required"),
+        ("names = [\"https://bench.lab\"]", "server.names", "without scheme and port"),
+        ("trusted_proxies = [\"proxy\"]", "server.trusted_proxies", "10.0.0.0/8"),
+        ("max_connections = 0", "server.max_connections", "1 to 512"),
+        ("max_connections_per_address = 1000", "server.max_connections_per_address", "1 to 512"),
+        ("idle_timeout_s = 0.0", "server.idle_timeout_s", "1 to 3600"),
+        ("requests_per_s = 0.0", "server.requests_per_s", "1 to 1000000"),
+        ("tls.certificate = \"a.pem\"", "server.tls.key", "is missing"),
+        ("tls.key = \"a.key\"", "server.tls.certificate", "is missing"),
+    ] {
+        refused(&format!("[server]\n{line}\n"), key, words);
+    }
+}
+
+#[test]
 fn all_faults_are_told_at_once_in_the_order_of_the_file() {
     let found = faults("[shell]\ninner_radius_mm = 60\n[mla]\npitch_mm = 0\nangular_resolution = 0.5\n");
     assert_eq!(found.len(), 3, "{found:?}");

@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use plenalign::access::{Gate, GateSettings, LogAudit, TokenStore};
 use plenalign::api::Api;
 use plenalign::api::error::LEASE_HEADER;
+use plenalign::api::server::{ServerSettings, serve, use_ring};
 use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
 use plenalign::device::Bench;
@@ -28,18 +30,18 @@ impl Daemon {
     }
 
     pub(crate) async fn start_with(config: Config, bench: Bench) -> Self {
+        let gate = Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(LogAudit));
+        Self::start_behind(config, bench, gate, ServerSettings::default()).await
+    }
+
+    /// A daemon behind a gate of the test's own.
+    pub(crate) async fn start_behind(config: Config, bench: Bench, gate: Gate, settings: ServerSettings) -> Self {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let api = Api::new(
-            Service::start(Arc::new(config), "a test's configuration".to_owned(), bench),
-            address,
-            ConfigOrigin::Preset,
-            None,
-        );
-        let server = axum::serve(listener, api.router()).with_graceful_shutdown(api.closing().cancelled_owned());
-        tokio::spawn(server.into_future());
-        let client = Client::builder().no_proxy().build().unwrap();
-        Self { address, api, client, lease: OnceCell::new() }
+        let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench);
+        let api = Api::new(service, Arc::new(gate), address, ConfigOrigin::Preset);
+        tokio::spawn(serve(listener, api.router(), settings, api.closing()));
+        Self { address, api, client: client(), lease: OnceCell::new() }
     }
 
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
@@ -82,4 +84,10 @@ pub(crate) async fn problem(response: Response, status: u16, kind: &str) -> Valu
     assert_eq!(problem["status"], status);
     assert!(problem["detail"].as_str().is_some_and(|detail| !detail.is_empty()), "{text}");
     problem
+}
+
+/// A client that keeps nothing and trusts nobody.
+pub(crate) fn client() -> Client {
+    use_ring();
+    Client::builder().no_proxy().tls_certs_only([]).build().unwrap()
 }

@@ -6,7 +6,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::{JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
-use reqwest::{Client, Method, Response};
+use reqwest::{Method, Response};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -59,8 +59,7 @@ impl Program {
     }
 
     async fn ask(&self, method: Method, path: &str, body: Option<Value>) -> Response {
-        let mut request =
-            Client::builder().no_proxy().build().unwrap().request(method, format!("http://{}{path}", self.address));
+        let mut request = super::daemon::client().request(method, format!("http://{}{path}", self.address));
         if let Some(body) = body {
             request = request.json(&body);
         }
@@ -106,7 +105,7 @@ async fn sigterm_in_mid_run_stops_the_axes_before_the_streams() {
         tokio_tungstenite::connect_async(format!("ws://{}/api/v1/ws", program.address)).await.unwrap();
     let lease = program.ask(Method::POST, "/api/v1/lease", Some(json!({ "owner": "a test" }))).await;
     let lease: Value = lease.json().await.unwrap();
-    let client = Client::builder().no_proxy().build().unwrap();
+    let client = super::daemon::client();
     let start =
         client.post(format!("http://{}/api/v1/jobs", program.address)).json(&json!({ "kind": "joint_alignment" }));
     let created = start.header("Plenalign-Lease", lease["key"].as_str().unwrap()).send().await.unwrap();

@@ -1,11 +1,13 @@
 //! The suite, a module for each subject; `bench`, `daemon` and `fakes` are what they share.
 
+mod access;
 mod alignment;
 mod analytic;
 mod api;
 mod bench;
 mod calibration;
 mod config;
+mod config_api;
 mod contract;
 mod daemon;
 mod daemon_signals;
@@ -18,6 +20,7 @@ mod grid_check;
 mod job_kinds;
 mod jog;
 mod lease;
+mod limits;
 mod live;
 mod measure_cli;
 mod microlenses;
@@ -32,6 +35,7 @@ mod stop;
 mod stop_latency;
 mod stream;
 mod structure;
+mod tls;
 mod unit;
 mod view;
 mod vignetting;

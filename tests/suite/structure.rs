@@ -29,12 +29,13 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("raw", &[]),
     ("optics", &["units"]),
     ("imaging", &["optics", "units", "raw"]),
-    ("config", &["optics", "units", "raw"]),
+    ("access", &[]),
+    ("config", &["optics", "units", "raw", "access"]),
     ("device", &["optics", "units", "raw", "config", "telemetry"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
-    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "telemetry"]),
-    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control", "telemetry"]),
-    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api", "telemetry"]),
+    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "access", "telemetry"]),
+    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control", "access", "telemetry"]),
+    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api", "access", "telemetry"]),
 ];
 
 #[test]

@@ -19,19 +19,33 @@ export class Live {
   private socket: WebSocket | null = null;
   private retryMs = FIRST_RETRY_MS;
   private heardAt = 0;
+  private wanted = false;
 
   constructor(
     private readonly url: string,
     private readonly listener: Listener,
   ) {}
 
-  start(): void {
+  /** Keeps a connection from now on. */
+  open(): void {
+    if (this.wanted) return;
+    this.wanted = true;
     this.connect();
+  }
+
+  /** Keeps none until it is opened again. */
+  close(): void {
+    this.wanted = false;
+    this.socket?.close();
+  }
+
+  start(): void {
     setInterval(() => this.watch(), 1000);
     document.addEventListener("visibilitychange", () => this.ask());
   }
 
   private connect(): void {
+    if (!this.wanted || this.socket) return;
     const socket = new WebSocket(this.url);
     socket.binaryType = "arraybuffer";
     this.socket = socket;

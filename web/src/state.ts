@@ -1,10 +1,21 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
-import type { Bench, Job, JobState, Measurement, PictureFacts, Problem, ServerMessage } from "./wire";
+import type {
+  Bench,
+  Job,
+  JobState,
+  Measurement,
+  PictureFacts,
+  Problem,
+  ServerMessage,
+  Session,
+} from "./wire";
 
 export type Link = "connecting" | "open" | "lost";
 
 export interface State {
+  /** Who one is to the daemon; "stranger" where it asks for a token; null before it has said. */
+  session: Session | "stranger" | null;
   link: Link;
   bootId: string | null;
   seq: number;
@@ -25,6 +36,7 @@ export interface State {
 }
 
 export const initial: State = {
+  session: null,
   link: "connecting",
   bootId: null,
   seq: 0,

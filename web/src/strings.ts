@@ -1,6 +1,6 @@
 // Every word the page shows.
 
-import type { AxisName, Iteration, JobState, ShellState } from "./wire";
+import type { AxisName, Iteration, JobState, Session, ShellState } from "./wire";
 
 export const strings = {
   title: "Plenalign",
@@ -141,4 +141,13 @@ export const strings = {
   change: (before: string, after: string) => `${before} before, ${after} after`,
   fromTo: (low: string, high: string) => `${low} to ${high}`,
   infinity: "∞",
+
+  signIn: "Sign in",
+  signInMore: "This daemon asks for a token: whoever administers it makes one with “plenalign token create”.",
+  signOut: "Sign out",
+  token: "Token",
+  scope: { view: "may look and stop", control: "may command", admin: "may do everything" } satisfies Record<
+    Session["scope"],
+    string
+  >,
 };

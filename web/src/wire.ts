@@ -18,6 +18,7 @@ export type Measurement = Schemas["MeasurementView"];
 export type ShellState = Schemas["ShellState"];
 export type StopReport = Schemas["StopReport"];
 export type LeaseGrant = Schemas["LeaseGrant"];
+export type Session = Schemas["SessionView"];
 export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail">;
 
 /** Every message type this page reads; a type not here is ignored. */

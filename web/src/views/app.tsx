@@ -6,6 +6,7 @@ import type { Problem } from "../wire";
 import { Axes } from "./axes";
 import { Iterations, JobCard } from "./job";
 import { LivePicture } from "./picture";
+import { SignIn, Who } from "./sign-in";
 import { Spacing } from "./spacing";
 
 /** Carries a request out and shows its problem if it has one. */
@@ -15,9 +16,11 @@ interface Props {
   state: State;
   now: number;
   update: (change: Partial<State>) => void;
+  enter: (key: string) => Promise<Problem | null>;
+  leave: () => Promise<void>;
 }
 
-export function App({ state, now, update }: Props) {
+export function App({ state, now, update, enter, leave }: Props) {
   const act: Act = async (request) => {
     const result = await request;
     update({ problem: result.ok ? null : result.problem });
@@ -26,6 +29,21 @@ export function App({ state, now, update }: Props) {
   useEffect(() => {
     document.title = simulated ? strings.simulatedTitle : strings.title;
   }, [simulated]);
+  if (state.session === "stranger") {
+    return (
+      <>
+        <header>
+          <div class="bar">
+            <h1>{strings.title}</h1>
+          </div>
+          {state.problem && <ProblemLine problem={state.problem} dismiss={() => update({ problem: null })} />}
+        </header>
+        <main class="alone">
+          <SignIn enter={enter} />
+        </main>
+      </>
+    );
+  }
   return (
     <>
       <header>
@@ -42,6 +60,7 @@ export function App({ state, now, update }: Props) {
         <div class="bar">
           <h1>{strings.title}</h1>
           <p class="design">{state.bench?.design_origin}</p>
+          {state.session && <Who session={state.session} leave={() => void leave()} />}
           <Stop state={state} update={update} act={act} />
         </div>
         {state.link !== "open" && (
@@ -64,7 +83,7 @@ export function App({ state, now, update }: Props) {
   );
 }
 
-function Stop({ state, update, act }: Omit<Props, "now"> & { act: Act }) {
+function Stop({ state, update, act }: Pick<Props, "state" | "update"> & { act: Act }) {
   const stop = async () => {
     const result = await api.stopAll();
     if (!result.ok) return update({ problem: result.problem });

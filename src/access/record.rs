@@ -1,0 +1,61 @@
+//! What is kept of tokens and sessions.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use uuid::Uuid;
+
+use super::principal::Scope;
+use super::secret::Digest;
+
+/// A token as it is kept: everything but the secret.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct TokenRecord {
+    /// Names it for good.
+    pub id: Uuid,
+    /// What its holder is called; no two tokens have the same.
+    pub name: String,
+    /// What it allows.
+    pub scope: Scope,
+    /// SHA-256 of the secret.
+    pub sha256: Digest,
+    /// When it was made.
+    pub created_at: Timestamp,
+    /// When it was last used, to the minute.
+    #[serde(default)]
+    pub last_used_at: Option<Timestamp>,
+    /// When it ends by itself.
+    #[serde(default)]
+    pub expires_at: Option<Timestamp>,
+}
+
+/// A browser that has signed in.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct SessionRecord {
+    /// The token it was opened with, and ends with; none for the one-time key.
+    pub(super) token: Option<Uuid>,
+    pub(super) name: String,
+    pub(super) scope: Scope,
+    pub(super) sha256: Digest,
+    pub(super) expires_at: Timestamp,
+}
+
+/// The whole of what is kept.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(super) struct Records {
+    pub(super) tokens: Vec<TokenRecord>,
+    #[serde(default)]
+    pub(super) sessions: Vec<SessionRecord>,
+}
+
+impl Records {
+    /// Takes away what has expired, and sessions of tokens that are gone.
+    pub(super) fn tidy(&mut self, now: Timestamp) {
+        let alive = |expires_at: Option<Timestamp>| expires_at.is_none_or(|end| end > now);
+        let Self { tokens, sessions } = self;
+        // A token that has expired stays in the list, so that its holder can be told why it no longer opens.
+        sessions.retain(|session| {
+            session.expires_at > now
+                && session.token.is_none_or(|id| tokens.iter().any(|token| token.id == id && alive(token.expires_at)))
+        });
+    }
+}

@@ -1,0 +1,498 @@
+//! Tokens and sessions: kept in one file, which the command line and the daemon both write.
+//!
+//! Who is asked about works on what is in memory, so that no request waits for a disk; the file is read again when it
+//! has changed ([`TokenStore::refresh`]).
+
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use jiff::{SignedDuration, Timestamp};
+use uuid::Uuid;
+
+use super::principal::{LOCAL, Scope};
+use super::record::{Records, SessionRecord, TokenRecord};
+use super::secret::{Digest, Secret};
+use super::state_file::write_private;
+
+/// What every token begins with: by it, one that has leaked into a log or a repository is found.
+const PREFIX: &str = "plenalign_";
+/// Longest name of a token, characters.
+const LONGEST_NAME: usize = 64;
+/// Names that are not for tokens.
+const RESERVED: [&str; 3] = [LOCAL, ONE_TIME, OWN];
+/// Name of who came in by the one-time key.
+pub(super) const ONE_TIME: &str = "one-time link";
+/// Name of the program's own client.
+pub(super) const OWN: &str = "plenalign";
+/// Tokens and sessions kept at most, each.
+const MOST: usize = 1000;
+/// How exactly the last use is known.
+const LAST_USE_STEP: SignedDuration = SignedDuration::from_secs(60);
+const FILE: &str = "tokens.json";
+const LOCK: &str = "tokens.lock";
+
+/// Why tokens cannot be read or changed.
+#[derive(Debug, thiserror::Error)]
+pub enum TokenError {
+    /// The name cannot be one.
+    #[error(
+        "{0:?} cannot be a token's name: 1 to 64 letters, digits, blanks and .@_-, but none of local, plenalign and one-time link"
+    )]
+    Name(String),
+    /// Another token has the name.
+    #[error("there is a token named {0:?} already; revoke it first, or choose another name")]
+    Taken(String),
+    /// No token has this name or id.
+    #[error("there is no token {0:?}")]
+    Unknown(String),
+    /// The end lies in the past.
+    #[error("the token would have expired already, at {0}")]
+    Past(Timestamp),
+    /// There is no room for another.
+    #[error("there are {MOST} tokens already; revoke some")]
+    Full,
+    /// The file cannot be read or written.
+    #[error("cannot use {path}: {source}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// What tells one state of the file from another.
+type Stamp = Option<(u64, u64, i64, i64)>;
+
+#[derive(Default)]
+struct Held {
+    records: Records,
+    stamp: Stamp,
+    /// The last use of some token is newer here than in the file.
+    used: bool,
+}
+
+/// Tokens and sessions.
+pub struct TokenStore {
+    folder: Option<PathBuf>,
+    held: Mutex<Held>,
+}
+
+/// Whom a secret belongs to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Holder {
+    pub(super) name: String,
+    pub(super) scope: Scope,
+    pub(super) token: Option<Uuid>,
+}
+
+impl TokenStore {
+    /// The tokens kept in a folder; none where it has no such file yet.
+    ///
+    /// # Errors
+    /// When there is a file that cannot be read: to go on without it might let in whom it does not know.
+    pub fn open(folder: &Path) -> Result<Self, TokenError> {
+        let store = Self { folder: Some(folder.to_owned()), held: Mutex::default() };
+        store.refresh()?;
+        Ok(store)
+    }
+
+    /// Tokens kept in memory only.
+    #[must_use]
+    pub fn in_memory() -> Self {
+        Self { folder: None, held: Mutex::default() }
+    }
+
+    fn held(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether a token has ever been made: the file is there, though the last token may have been revoked.
+    #[must_use]
+    pub fn ever_used(&self) -> bool {
+        let held = self.held();
+        held.stamp.is_some() || !held.records.tokens.is_empty()
+    }
+
+    /// Whether there is a token that opens anything now.
+    #[must_use]
+    pub fn has_any(&self) -> bool {
+        let now = Timestamp::now();
+        self.held().records.tokens.iter().any(|token| token.expires_at.is_none_or(|end| end > now))
+    }
+
+    /// Every token, oldest first.
+    #[must_use]
+    pub fn list(&self) -> Vec<TokenRecord> {
+        self.held().records.tokens.clone()
+    }
+
+    /// Reads the file again if it has changed, and writes when tokens were last used. Does blocking I/O.
+    ///
+    /// # Errors
+    /// When the file cannot be read: what was known stays in force.
+    pub fn refresh(&self) -> Result<(), TokenError> {
+        let Some(folder) = &self.folder else { return Ok(()) };
+        let path = folder.join(FILE);
+        let stamp = stamp(&path).map_err(|source| TokenError::File { path: path.clone(), source })?;
+        // A file that is taken away opens no door: what was known stays in force until the daemon starts again.
+        if stamp.is_some() && self.held().stamp != stamp {
+            let mut records = read(&path)?;
+            let mut held = self.held();
+            keep_last_uses(&mut records, &held.records);
+            held.records = records;
+            held.stamp = stamp;
+        }
+        Ok(())
+    }
+
+    /// Writes when tokens were last used, if that has changed. Does blocking I/O.
+    ///
+    /// # Errors
+    /// As the system says.
+    pub fn keep_last_uses(&self) -> Result<(), TokenError> {
+        if std::mem::take(&mut self.held().used) { self.change(|_| Ok(())) } else { Ok(()) }
+    }
+
+    /// Makes a token. The secret is known to nobody but the caller. Does blocking I/O.
+    ///
+    /// # Errors
+    /// When the name is impossible or taken, the end is past, or the file cannot be written.
+    pub fn create(
+        &self,
+        name: &str,
+        scope: Scope,
+        expires_at: Option<Timestamp>,
+    ) -> Result<(Secret, TokenRecord), TokenError> {
+        let name = name.trim();
+        let possible = |c: char| c.is_alphanumeric() || " .@_-".contains(c);
+        let length = name.chars().count();
+        if length == 0 || length > LONGEST_NAME || RESERVED.contains(&name) || !name.chars().all(possible) {
+            return Err(TokenError::Name(name.to_owned()));
+        }
+        let now = Timestamp::now();
+        if let Some(end) = expires_at.filter(|end| *end <= now) {
+            return Err(TokenError::Past(end));
+        }
+        let secret = self.secret(PREFIX)?;
+        let record = TokenRecord {
+            id: Uuid::now_v7(),
+            name: name.to_owned(),
+            scope,
+            sha256: secret.digest(),
+            created_at: now,
+            last_used_at: None,
+            expires_at,
+        };
+        self.change(|records| {
+            if records.tokens.iter().any(|token| token.name == name) {
+                return Err(TokenError::Taken(name.to_owned()));
+            }
+            if records.tokens.len() >= MOST {
+                return Err(TokenError::Full);
+            }
+            records.tokens.push(record.clone());
+            Ok(())
+        })?;
+        Ok((secret, record))
+    }
+
+    /// Revokes a token by its name or id, with the sessions opened with it. Does blocking I/O.
+    ///
+    /// # Errors
+    /// When there is no such token, or the file cannot be written.
+    pub fn revoke(&self, which: &str) -> Result<TokenRecord, TokenError> {
+        self.change(|records| {
+            let at = records.tokens.iter().position(|token| token.name == which || token.id.to_string() == which);
+            let at = at.ok_or_else(|| TokenError::Unknown(which.to_owned()))?;
+            Ok(records.tokens.remove(at))
+        })
+    }
+
+    /// Opens a session. It is kept if that is possible, and good until the program ends if it is not. Does blocking
+    /// I/O.
+    pub(super) fn open_session(
+        &self,
+        holder: &Holder,
+        lasts: SignedDuration,
+    ) -> Result<(Secret, Timestamp), TokenError> {
+        let secret = self.secret("")?;
+        let mut expires_at = Timestamp::now().saturating_add(lasts).unwrap_or(Timestamp::MAX);
+        if let Some(token) = self.held().records.tokens.iter().find(|token| Some(token.id) == holder.token) {
+            expires_at = token.expires_at.map_or(expires_at, |end| end.min(expires_at));
+        }
+        let record = SessionRecord {
+            token: holder.token,
+            name: holder.name.clone(),
+            scope: holder.scope,
+            sha256: secret.digest(),
+            expires_at,
+        };
+        let kept = self.change(|records| {
+            if records.sessions.len() >= MOST {
+                records.sessions.remove(0);
+            }
+            records.sessions.push(record.clone());
+            Ok(())
+        });
+        if let Err(error) = kept {
+            tracing::warn!(%error, "a session is good until the program ends only");
+            self.held().records.sessions.push(record);
+        }
+        Ok((secret, expires_at))
+    }
+
+    /// Ends a session; nothing happens where it has ended. Does blocking I/O.
+    pub(super) fn close_session(&self, secret: &str) {
+        let digest = Digest::of(secret);
+        self.held().records.sessions.retain(|session| !session.sha256.matches(&digest));
+        let kept = self.change(|records| {
+            records.sessions.retain(|session| !session.sha256.matches(&digest));
+            Ok(())
+        });
+        if let Err(error) = kept {
+            tracing::warn!(%error, "a session that has ended is still in the file");
+        }
+    }
+
+    /// Whom a token belongs to.
+    pub(super) fn holder(&self, digest: &Digest) -> Option<Holder> {
+        let now = Timestamp::now();
+        let mut held = self.held();
+        // Every one is looked at, so that the time taken says nothing of which it was.
+        let mut found = None;
+        for (index, token) in held.records.tokens.iter().enumerate() {
+            if token.sha256.matches(digest) && token.expires_at.is_none_or(|end| end > now) {
+                found = Some(index);
+            }
+        }
+        let token = held.records.tokens.get_mut(found?)?;
+        let holder = Holder { name: token.name.clone(), scope: token.scope, token: Some(token.id) };
+        if token.last_used_at.is_none_or(|last| now.duration_since(last) >= LAST_USE_STEP) {
+            token.last_used_at = Some(now);
+            held.used = true;
+        }
+        Some(holder)
+    }
+
+    /// Whom a session belongs to.
+    pub(super) fn session_holder(&self, digest: &Digest) -> Option<Holder> {
+        let now = Timestamp::now();
+        let held = self.held();
+        let mut found = None;
+        for session in &held.records.sessions {
+            if session.sha256.matches(digest) && session.expires_at > now {
+                found = Some(session);
+            }
+        }
+        let session = found?;
+        let alive = |id: Uuid| {
+            held.records.tokens.iter().any(|token| token.id == id && token.expires_at.is_none_or(|end| end > now))
+        };
+        session.token.is_none_or(alive).then(|| Holder {
+            name: session.name.clone(),
+            scope: session.scope,
+            token: session.token,
+        })
+    }
+
+    /// Whether anybody is let in under this name now.
+    pub(super) fn knows(&self, name: &str) -> bool {
+        let now = Timestamp::now();
+        let Records { tokens, sessions } = &self.held().records;
+        tokens.iter().any(|token| token.name == name && token.expires_at.is_none_or(|end| end > now))
+            || sessions
+                .iter()
+                .any(|session| session.token.is_none() && session.name == name && session.expires_at > now)
+    }
+
+    fn secret(&self, prefix: &str) -> Result<Secret, TokenError> {
+        Secret::random(prefix)
+            .map_err(|source| TokenError::File { path: PathBuf::from("the random number generator"), source })
+    }
+
+    /// Changes what is kept: the file, under its lock so that no other process's change is lost, then what is held.
+    fn change<T>(&self, change: impl FnOnce(&mut Records) -> Result<T, TokenError>) -> Result<T, TokenError> {
+        let now = Timestamp::now();
+        let Some(folder) = &self.folder else {
+            let mut held = self.held();
+            let mut records = held.records.clone();
+            let result = change(&mut records)?;
+            records.tidy(now);
+            held.records = records;
+            return Ok(result);
+        };
+        let path = folder.join(FILE);
+        let failed = |source| TokenError::File { path: path.clone(), source };
+        let lock = lock(folder).map_err(failed)?;
+        let mut records = if stamp(&path).map_err(failed)?.is_some() { read(&path)? } else { Records::default() };
+        keep_last_uses(&mut records, &self.held().records);
+        let result = change(&mut records)?;
+        records.tidy(now);
+        let text = serde_json::to_vec_pretty(&records).map_err(|error| failed(io::Error::other(error)))?;
+        write_private(&path, &text).map_err(failed)?;
+        let stamp = stamp(&path).map_err(failed)?;
+        drop(lock);
+        let mut held = self.held();
+        held.records = records;
+        held.stamp = stamp;
+        Ok(result)
+    }
+}
+
+/// The newer of each token's last uses.
+fn keep_last_uses(records: &mut Records, held: &Records) {
+    for token in &mut records.tokens {
+        if let Some(known) = held.tokens.iter().find(|known| known.id == token.id) {
+            token.last_used_at = token.last_used_at.max(known.last_used_at);
+        }
+    }
+}
+
+/// Held for as long as the file returned is open.
+fn lock(folder: &Path) -> io::Result<File> {
+    fs::create_dir_all(folder)?;
+    let file = File::options().write(true).create(true).truncate(false).open(folder.join(LOCK))?;
+    file.lock()?;
+    Ok(file)
+}
+
+fn stamp(path: &Path) -> io::Result<Stamp> {
+    match fs::metadata(path) {
+        Ok(data) => Ok(Some((data.ino(), data.len(), data.mtime(), data.mtime_nsec()))),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+fn read(path: &Path) -> Result<Records, TokenError> {
+    let failed = |source| TokenError::File { path: path.to_owned(), source };
+    let text = fs::read(path).map_err(failed)?;
+    serde_json::from_slice(&text).map_err(|error| failed(io::Error::new(ErrorKind::InvalidData, error)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DAY: SignedDuration = SignedDuration::from_hours(24);
+
+    #[test]
+    fn a_token_is_known_by_its_secret_until_it_is_revoked() {
+        let folder = tempfile::tempdir().unwrap();
+        let (command_line, daemon) =
+            (TokenStore::open(folder.path()).unwrap(), TokenStore::open(folder.path()).unwrap());
+        assert!(!daemon.ever_used());
+        let (secret, made) = command_line.create("Ana", Scope::Control, None).unwrap();
+        assert!(secret.reveal().starts_with(PREFIX));
+        assert!(daemon.holder(&secret.digest()).is_none());
+        daemon.refresh().unwrap();
+        let holder = daemon.holder(&secret.digest()).unwrap();
+        assert_eq!((holder.name.as_str(), holder.scope, holder.token), ("Ana", Scope::Control, Some(made.id)));
+        assert!(daemon.holder(&Digest::of("")).is_none());
+
+        let text = fs::read_to_string(folder.path().join(FILE)).unwrap();
+        assert!(!text.contains(secret.reveal()) && !text.contains(&secret.reveal()[PREFIX.len()..]));
+
+        command_line.revoke("Ana").unwrap();
+        daemon.refresh().unwrap();
+        assert!(daemon.holder(&secret.digest()).is_none());
+        assert!(daemon.ever_used() && !daemon.has_any());
+    }
+
+    #[test]
+    fn two_writers_lose_nothing_of_each_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        std::thread::scope(|scope| {
+            for writer in 0..4 {
+                scope.spawn(move || {
+                    let store = TokenStore::open(path).unwrap();
+                    for number in 0..5 {
+                        store.create(&format!("{writer}-{number}"), Scope::View, None).unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!(TokenStore::open(path).unwrap().list().len(), 20);
+    }
+
+    #[test]
+    fn names_are_told_apart_and_ends_lie_ahead() {
+        let store = TokenStore::in_memory();
+        store.create("a", Scope::View, None).unwrap();
+        assert!(matches!(store.create("a", Scope::View, None), Err(TokenError::Taken(_))));
+        for name in ["", "  ", "local", "one-time link", "plenalign", "a\nb", "<b>", &"x".repeat(65)] {
+            assert!(matches!(store.create(name, Scope::View, None), Err(TokenError::Name(_))), "{name:?}");
+        }
+        let past = Timestamp::now() - SignedDuration::from_secs(1);
+        assert!(matches!(store.create("b", Scope::View, Some(past)), Err(TokenError::Past(_))));
+        assert!(matches!(store.revoke("b"), Err(TokenError::Unknown(_))));
+    }
+
+    #[test]
+    fn an_expired_token_opens_nothing() {
+        let store = TokenStore::in_memory();
+        let soon = Timestamp::now() + SignedDuration::from_millis(60);
+        let (secret, _) = store.create("brief", Scope::Admin, Some(soon)).unwrap();
+        let holder = store.holder(&secret.digest()).unwrap();
+        let (session, end) = store.open_session(&holder, DAY).unwrap();
+        assert_eq!(end, soon);
+        assert!(store.session_holder(&session.digest()).is_some());
+        std::thread::sleep(std::time::Duration::from_millis(80));
+        assert!(store.holder(&secret.digest()).is_none());
+        assert!(store.session_holder(&session.digest()).is_none());
+        assert!(!store.has_any());
+    }
+
+    #[test]
+    fn a_session_ends_with_its_token_and_by_itself_and_survives_a_restart() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = TokenStore::open(folder.path()).unwrap();
+        let (token, _) = store.create("a", Scope::Control, None).unwrap();
+        let holder = store.holder(&token.digest()).unwrap();
+        let (one, _) = store.open_session(&holder, DAY).unwrap();
+        let (two, _) = store.open_session(&holder, DAY).unwrap();
+        let once = Holder { name: ONE_TIME.into(), scope: Scope::Admin, token: None };
+        let (three, _) = store.open_session(&once, DAY).unwrap();
+
+        let again = TokenStore::open(folder.path()).unwrap();
+        assert_eq!(again.session_holder(&one.digest()), Some(holder));
+        again.close_session(one.reveal());
+        assert!(again.session_holder(&one.digest()).is_none());
+        assert!(again.session_holder(&two.digest()).is_some());
+        again.revoke("a").unwrap();
+        assert!(again.session_holder(&two.digest()).is_none());
+        assert!(again.session_holder(&three.digest()).is_some());
+        // A session is no token.
+        assert!(again.holder(&three.digest()).is_none());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_understood_opens_no_door() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = TokenStore::open(folder.path()).unwrap();
+        let (secret, _) = store.create("a", Scope::View, None).unwrap();
+        fs::write(folder.path().join(FILE), "{").unwrap();
+        assert!(store.refresh().is_err());
+        assert!(store.holder(&secret.digest()).is_some() && store.ever_used());
+        assert!(TokenStore::open(folder.path()).is_err());
+        fs::remove_file(folder.path().join(FILE)).unwrap();
+        store.refresh().unwrap();
+        assert!(store.ever_used());
+    }
+
+    #[test]
+    fn the_last_use_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = TokenStore::open(folder.path()).unwrap();
+        let (secret, made) = store.create("a", Scope::View, None).unwrap();
+        assert_eq!(made.last_used_at, None);
+        store.holder(&secret.digest()).unwrap();
+        store.keep_last_uses().unwrap();
+        assert!(TokenStore::open(folder.path()).unwrap().list()[0].last_used_at.is_some());
+    }
+}

@@ -1,0 +1,156 @@
+//! One connection, from its first byte to its end.
+
+use std::convert::Infallible;
+use std::net::SocketAddr;
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use axum::extract::Request;
+use axum::http::{HeaderValue, header};
+use axum::response::{IntoResponse, Response};
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+use tower::ServiceExt as _;
+
+use super::ServerSettings;
+use super::plain;
+use super::slots::{Place, Reservation};
+use super::stall::Stall;
+use crate::api::client::Peer;
+use crate::api::error::Problem;
+use crate::api::scopes::STOP;
+
+/// How long the first byte and the TLS handshake may take, each.
+const HANDSHAKE: Duration = Duration::from_secs(10);
+/// How long a connection in the reserve may last.
+const RESERVED: Duration = Duration::from_secs(10);
+/// Headers of a request, and bytes of all of them.
+const MOST_HEADERS: usize = 64;
+const LARGEST_HEAD: usize = 16 * 1024;
+/// What every TLS connection begins with: a handshake record.
+const TLS_RECORD: u8 = 0x16;
+
+/// A connection just accepted.
+pub(super) struct Connection {
+    pub(super) stream: TcpStream,
+    pub(super) address: SocketAddr,
+    pub(super) router: Router,
+    pub(super) settings: Arc<ServerSettings>,
+    pub(super) closing: CancellationToken,
+}
+
+/// What a connection may ask for.
+#[derive(Clone)]
+enum Allowed {
+    Everything,
+    Stop(Reservation),
+}
+
+impl Connection {
+    /// Serves it to its end.
+    pub(super) async fn serve(self, place: Place) {
+        match place {
+            Place::Ordinary(slot) => self.open(Allowed::Everything, |stream| Stall::new(stream, Some(slot))).await,
+            Place::Reserve(slot, reservation) => {
+                let evicted = reservation.evicted().clone();
+                let served = self.open(Allowed::Stop(reservation), |stream| Stall::new(stream, Some(slot)));
+                let _ = timeout(RESERVED, evicted.run_until_cancelled(served)).await;
+            }
+        }
+    }
+
+    async fn open(self, allowed: Allowed, place: impl FnOnce(Box<dyn Stream>) -> Stall<Box<dyn Stream>>) {
+        let Self { stream, address, router, settings, closing } = self;
+        let Some(tls) = settings.tls.clone() else {
+            let peer = Peer { address, tls: false };
+            return speak(place(Box::new(stream)), peer, router, &settings, closing, allowed).await;
+        };
+        let mut first = [0];
+        match timeout(HANDSHAKE, stream.peek(&mut first)).await {
+            Ok(Ok(1)) if first[0] == TLS_RECORD => {}
+            Ok(Ok(1)) => return plain::answer(place(Box::new(stream))).await,
+            // Nothing came, or the connection is gone.
+            _ => return,
+        }
+        match timeout(HANDSHAKE, tokio_rustls::TlsAcceptor::from(tls).accept(stream)).await {
+            Ok(Ok(stream)) => {
+                if let Allowed::Stop(reservation) = &allowed {
+                    reservation.shook_hands();
+                }
+                let peer = Peer { address, tls: true };
+                speak(place(Box::new(stream)), peer, router, &settings, closing, allowed).await;
+            }
+            Ok(Err(error)) => tracing::debug!(%address, %error, "the TLS handshake failed"),
+            Err(_) => tracing::debug!(%address, "the TLS handshake took too long"),
+        }
+    }
+}
+
+/// What HTTP is spoken over.
+pub(super) trait Stream: AsyncRead + AsyncWrite + Unpin + Send {}
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> Stream for S {}
+
+/// Speaks HTTP until the connection ends.
+async fn speak(
+    stream: Stall<Box<dyn Stream>>,
+    peer: Peer,
+    router: Router,
+    settings: &ServerSettings,
+    closing: CancellationToken,
+    allowed: Allowed,
+) {
+    let service = service_fn(move |request: hyper::Request<Incoming>| {
+        let (router, allowed) = (router.clone(), allowed.clone());
+        async move {
+            let mut request = request.map(Body::new);
+            request.extensions_mut().insert(peer);
+            let answer = match allowed {
+                Allowed::Everything => router.oneshot(request).await,
+                Allowed::Stop(reservation) if is_stop(&request) => {
+                    reservation.stops();
+                    router.oneshot(request).await.map(closed)
+                }
+                Allowed::Stop(_) => Ok(closed(Problem::crowded().into_response())),
+            };
+            answer.map_err(|never: Infallible| never)
+        }
+    });
+    let connection = http().header_read_timeout(settings.idle_timeout).serve_connection(TokioIo::new(stream), service);
+    let mut connection = pin!(connection.with_upgrades());
+    let ended = tokio::select! {
+        ended = connection.as_mut() => ended,
+        () = closing.cancelled() => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+    };
+    if let Err(error) = ended {
+        tracing::debug!(address = %peer.address, %error, "a connection ended");
+    }
+}
+
+/// HTTP with bounds on a request's head.
+pub(super) fn http() -> http1::Builder {
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).max_headers(MOST_HEADERS).max_buf_size(LARGEST_HEAD);
+    http
+}
+
+fn is_stop(request: &Request) -> bool {
+    (request.method().as_str(), request.uri().path()) == STOP
+}
+
+/// An answer after which the connection is closed.
+pub(super) fn closed(mut response: Response) -> Response {
+    response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    response
+}

@@ -1,0 +1,146 @@
+//! Tokens: made, listed, revoked.
+
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use axum::{Extension, Json};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::App;
+use super::error::{Problem, Result};
+use super::extract::{JsonBody, PathName, PathParam};
+use crate::access::{AuditRecord, Gate, Principal, Scope, TokenError, TokenRecord};
+
+/// A token, without its secret.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(super) struct TokenView {
+    /// Path of this token.
+    pub(super) href: String,
+    /// Names it for good.
+    pub(super) id: Uuid,
+    /// What its holder is called.
+    pub(super) name: String,
+    /// What it allows.
+    pub(super) scope: Scope,
+    /// When it was made.
+    #[schema(value_type = String, format = DateTime)]
+    pub(super) created_at: Timestamp,
+    /// When it was last used, to the minute.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub(super) last_used_at: Option<Timestamp>,
+    /// When it ends by itself.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub(super) expires_at: Option<Timestamp>,
+}
+
+impl From<TokenRecord> for TokenView {
+    fn from(record: TokenRecord) -> Self {
+        let TokenRecord { id, name, scope, created_at, last_used_at, expires_at, .. } = record;
+        Self { href: format!("/api/v1/tokens/{id}"), id, name, scope, created_at, last_used_at, expires_at }
+    }
+}
+
+/// The tokens there are.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(super) struct TokenList {
+    /// The tokens, newest last.
+    pub(super) tokens: Vec<TokenView>,
+}
+
+/// A token to be made.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TokenRequest {
+    /// What its holder is to be called: 1 to 64 letters, digits, blanks and `.@_-`.
+    #[schema(max_length = 64)]
+    pub(super) name: String,
+    /// What it is to allow.
+    pub(super) scope: Scope,
+    /// When it is to end by itself; left out: not before it is revoked.
+    #[serde(default)]
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub(super) expires_at: Option<Timestamp>,
+}
+
+/// A token just made.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub(super) struct NewToken {
+    /// The secret. It is shown here and never again.
+    pub(super) secret: String,
+    /// The token.
+    #[serde(flatten)]
+    pub(super) token: TokenView,
+}
+
+/// Every token, without its secret.
+#[utoipa::path(get, path = "/api/v1/tokens", operation_id = "list_tokens", tag = "access", responses((status = 200, body = TokenList)))]
+pub(super) async fn list(State(app): State<App>) -> Json<TokenList> {
+    Json(TokenList { tokens: app.gate.tokens().list().into_iter().map(TokenView::from).collect() })
+}
+
+/// Makes a token.
+#[utoipa::path(
+    post, path = "/api/v1/tokens", operation_id = "create_token", tag = "access", request_body = TokenRequest,
+    responses(
+        (status = 201, body = NewToken, headers(("Location" = String, description = "Path of the token"))),
+        (status = 409, description = "The name is taken", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "It cannot be kept", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn create(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    JsonBody(TokenRequest { name, scope, expires_at }): JsonBody<TokenRequest>,
+) -> Result<impl IntoResponse> {
+    let (secret, record) = changing(&app, move |gate| gate.tokens().create(&name, scope, expires_at)).await?;
+    let detail = json!({ "id": record.id, "name": record.name, "scope": record.scope });
+    app.gate.audit(AuditRecord::of(&principal, "token.create", detail));
+    let token = TokenView::from(record);
+    let location = [(header::LOCATION, token.href.clone())];
+    Ok((StatusCode::CREATED, location, Json(NewToken { secret: secret.reveal().to_owned(), token })))
+}
+
+/// The id of a token in a path.
+pub(super) struct TokenId(Uuid);
+
+impl PathName for TokenId {
+    fn from_path(text: &str) -> std::result::Result<Self, String> {
+        text.parse().map(Self).map_err(|error| format!("there is no token {text:?}: a token's id is a UUID ({error})"))
+    }
+}
+
+/// Revokes a token, with every session opened with it.
+#[utoipa::path(
+    delete, path = "/api/v1/tokens/{id}", operation_id = "revoke_token", tag = "access",
+    params(("id" = Uuid, Path, description = "The token's id")),
+    responses(
+        (status = 204, description = "It opens nothing any more"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "It cannot be kept", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn revoke(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    PathParam(TokenId(id)): PathParam<TokenId>,
+) -> Result<StatusCode> {
+    let record = changing(&app, move |gate| gate.tokens().revoke(&id.to_string())).await?;
+    app.gate.audit(AuditRecord::of(&principal, "token.revoke", json!({ "id": id, "name": record.name })));
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Changes tokens where blocking is allowed.
+async fn changing<T: Send + 'static>(
+    app: &App,
+    change: impl FnOnce(&Gate) -> std::result::Result<T, TokenError> + Send + 'static,
+) -> Result<T> {
+    let gate = app.gate.clone();
+    match tokio::task::spawn_blocking(move || change(&gate)).await {
+        Ok(changed) => changed.map_err(Problem::from),
+        Err(_) => Err(Problem::internal()),
+    }
+}

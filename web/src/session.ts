@@ -1,0 +1,49 @@
+// Who one is to the daemon: asked, signed in, signed out. The session itself is a cookie that no script sees.
+
+import { strings } from "./strings";
+import type { Problem, Session } from "./wire";
+
+const PATH = "/api/v1/session";
+/** Where the one-time link leads. */
+const LINK = "/login";
+const TIMEOUT_MS = 8000;
+
+/** Somebody known; a stranger, of whom a token is demanded; or no answer that says. */
+export type Who = { is: "known"; session: Session } | { is: "stranger" } | { is: "unclear" };
+
+export async function whoAmI(): Promise<Who> {
+  try {
+    const response = await fetch(PATH, { signal: AbortSignal.timeout(TIMEOUT_MS) });
+    if (response.status === 401) return { is: "stranger" };
+    if (response.ok) return { is: "known", session: (await response.json()) as Session };
+  } catch {
+    // The connection's own state is shown elsewhere.
+  }
+  return { is: "unclear" };
+}
+
+/** Signs in with a token or the one-time key; the problem, if there is one. */
+export async function signIn(key: string): Promise<Problem | null> {
+  try {
+    const response = await fetch(PATH, {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify({ key }),
+      signal: AbortSignal.timeout(TIMEOUT_MS),
+    });
+    return response.ok ? null : ((await response.json()) as Problem);
+  } catch (error) {
+    const detail = error instanceof Error ? error.message : String(error);
+    return { type: "about:blank", title: strings.noAnswer, status: 0, detail };
+  }
+}
+
+export async function signOut(): Promise<void> {
+  await fetch(PATH, { method: "DELETE", signal: AbortSignal.timeout(TIMEOUT_MS) }).catch(() => undefined);
+}
+
+/** The key of a one-time link, where this page was opened by one. */
+export function keyOfLink(location: Pick<Location, "pathname" | "search">): string | null {
+  if (location.pathname !== LINK) return null;
+  return new URLSearchParams(location.search).get("once");
+}

@@ -1,0 +1,54 @@
+import { useState } from "preact/hooks";
+import { strings } from "../strings";
+import type { Problem, Session } from "../wire";
+
+/** Shown in the page's place to whom the daemon does not know. */
+export function SignIn({ enter }: { enter: (key: string) => Promise<Problem | null> }) {
+  const [key, setKey] = useState("");
+  const [problem, setProblem] = useState<Problem | null>(null);
+  const submit = async (event: Event) => {
+    event.preventDefault();
+    setProblem(await enter(key.trim()));
+    setKey("");
+  };
+  return (
+    <form id="sign-in" class="card sign-in" onSubmit={(event) => void submit(event)}>
+      <h2>{strings.signIn}</h2>
+      <p>{strings.signInMore}</p>
+      <label>
+        {strings.token}
+        <input
+          type="password"
+          autocomplete="current-password"
+          required
+          value={key}
+          onInput={(event) => setKey(event.currentTarget.value)}
+        />
+      </label>
+      <button type="submit">{strings.signIn}</button>
+      {problem && (
+        <p class="problem" role="alert">
+          <span>
+            <b>{problem.title}.</b> {problem.detail}
+          </span>
+        </p>
+      )}
+    </form>
+  );
+}
+
+/** Who one is, and the way out. */
+export function Who({ session, leave }: { session: Session; leave: () => void }) {
+  return (
+    <p class="who">
+      <span>
+        {session.name} · {strings.scope[session.scope]}
+      </span>
+      {session.signed_in && (
+        <button id="sign-out" onClick={leave}>
+          {strings.signOut}
+        </button>
+      )}
+    </p>
+  );
+}
