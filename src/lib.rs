@@ -16,6 +16,7 @@
 //!  units, raw            lengths with units; a raw frame's pixels
 //!
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
+//!  store                 the history on disk: plain records in and out, used by control
 //!  config                read once, immutable afterwards
 //! ```
 //!
@@ -31,4 +32,6 @@ pub mod imaging;
 pub mod optics;
 pub mod raw;
 pub mod sim;
+pub mod state_folder;
+pub mod store;
 pub mod units;

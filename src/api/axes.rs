@@ -31,7 +31,7 @@ pub(super) async fn go(
     PathParam(axis): PathParam<AxisName>,
     JsonBody(request): JsonBody<MoveRequest>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.move_axis(axis, Millimetres(request.position_mm))?;
+    let view = app.service.move_axis(axis, Millimetres(request.position_mm)).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 
@@ -52,6 +52,6 @@ pub(super) async fn home(
     State(app): State<App>,
     PathParam(axis): PathParam<AxisName>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.home_axis(axis)?;
+    let view = app.service.home_axis(axis).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }

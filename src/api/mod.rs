@@ -6,9 +6,11 @@
 mod axes;
 mod bench;
 pub mod error;
+pub mod export;
 mod extract;
 mod frame;
 mod guard;
+pub mod history;
 mod hub;
 mod info;
 mod jobs;
@@ -55,12 +57,6 @@ struct App {
     loopback_only: bool,
     shutdown: CancellationToken,
     viewers: TaskTracker,
-}
-
-impl App {
-    fn jobs(&self) -> Vec<types::JobResource> {
-        self.service.jobs().into_iter().map(types::JobResource::from).collect()
-    }
 }
 
 /// The API over a service, ready to be served.
@@ -137,9 +133,17 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(bench::put_shell))
         .routes(routes!(axes::go))
         .routes(routes!(axes::home))
-        .routes(routes!(jobs::create, jobs::list))
+        .routes(routes!(jobs::create, history::jobs))
         .routes(routes!(jobs::get, jobs::cancel))
         .routes(routes!(jobs::confirm))
+        .routes(routes!(history::log))
+        .routes(routes!(history::iterations))
+        .routes(routes!(history::measurements))
+        .routes(routes!(history::moves))
+        .routes(routes!(history::audit))
+        .routes(routes!(export::as_json))
+        .routes(routes!(export::as_csv))
+        .routes(routes!(export::as_html))
         .routes(routes!(stop::stop, stop::get, stop::reset))
         .routes(routes!(frame::png))
         .routes(routes!(frame::jpg))

@@ -14,6 +14,8 @@ use super::{Context, remote, report};
 use crate::control::events::Event;
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use crate::control::{Service, open_bench};
+use crate::state_folder::state_folder;
+use crate::store::Store;
 
 /// Arguments of `plenalign align`.
 #[derive(Debug, clap::Args)]
@@ -59,11 +61,12 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
     let config = Arc::new(context.config);
     let mut signals = Signals::new()?;
     let _lock = BenchLock::take(&config.bench)?;
+    let store = Store::open(&state_folder()?);
     let bench = open_bench(&config).await.context("the bench cannot be opened")?;
     if bench.is_simulated() {
         eprintln!("plenalign: SIMULATED bench: no real device is driven");
     }
-    let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench);
+    let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
     let ended = follow(&service, &mut signals).await;
     service.shut_down().await;
     ended
@@ -72,7 +75,7 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
 /// Runs the job to its end. The first signal cancels it, the second ends the program at once.
 async fn follow(service: &Arc<Service>, signals: &mut Signals) -> anyhow::Result<JobSnapshot> {
     let mut events = service.subscribe();
-    let id = service.create_job(JobRequest { kind: JobKind::JointAlignment })?.id;
+    let id = service.create_job(JobRequest { kind: JobKind::JointAlignment }).await?.id;
     let mut progress = Progress::new("press Enter when it is done".to_owned());
     let mut lines = BufReader::new(tokio::io::stdin()).lines();
     let (mut interrupted, mut input_open) = (false, true);

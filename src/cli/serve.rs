@@ -17,6 +17,8 @@ use super::lock::BenchLock;
 use crate::api::Api;
 use crate::config::BenchDriver;
 use crate::control::{Service, open_bench};
+use crate::state_folder::state_folder;
+use crate::store::Store;
 
 /// Where the daemon serves unless told otherwise.
 pub(super) const DEFAULT_ADDRESS: &str = "127.0.0.1:8080";
@@ -110,9 +112,11 @@ impl Server {
         let address = listener.local_addr()?;
         let config = Arc::new(context.config);
         let lock = BenchLock::take(&config.bench)?;
+        let store = Store::open(&state_folder()?);
         let bench = open_bench(&config).await.context("the bench cannot be opened")?;
         let simulated = bench.is_simulated();
-        let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench);
+        let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
+        service.open_history().await;
         let api = Api::new(Arc::clone(&service), address, context.origin);
         let closing = api.closing();
         let server = axum::serve(listener, api.router()).with_graceful_shutdown(closing.cancelled_owned());

@@ -10,6 +10,7 @@ use tokio::time::Instant;
 use utoipa::ToSchema;
 
 use super::events::{ShellState, StopView};
+use super::journal::{Journal, Underway};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
 use crate::device::jog::{Deadman, jog};
@@ -38,6 +39,8 @@ pub struct Motion {
     state: Mutex<State>,
     /// One command of motion at a time on each axis: a second is refused, never queued.
     commands: [Arc<tokio::sync::Mutex<()>>; 2],
+    /// What every motion is written to before it begins; none for a bench of a test's own.
+    journal: Option<Arc<Journal>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -54,6 +57,12 @@ struct State {
 pub struct Claim {
     axis: AxisName,
     _command: tokio::sync::OwnedMutexGuard<()>,
+}
+
+fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
+    if let Some(underway) = underway {
+        underway.ended(end);
+    }
 }
 
 fn index(axis: AxisName) -> usize {
@@ -79,7 +88,31 @@ impl Motion {
                 l_bound_mm,
             }),
             commands: Default::default(),
+            journal: None,
         }
+    }
+
+    /// The same with a history, which every motion is written to before it begins.
+    pub(super) fn recorded(mut self, journal: Arc<Journal>) -> Self {
+        self.journal = Some(journal);
+        self
+    }
+
+    /// Writes a motion that is about to begin.
+    async fn record(
+        &self,
+        axis: AxisName,
+        what: &'static str,
+        to: Option<Millimetres>,
+    ) -> Result<Option<Underway>, Refusal> {
+        let Some(journal) = &self.journal else { return Ok(None) };
+        let from = self.position_mm(axis).ok().map(Millimetres);
+        let underway = journal.begin_motion(axis, what, from, to).await?;
+        // The disk took its time, in which a stop may have come.
+        if self.stopped.load(Ordering::SeqCst) {
+            return Err(Refusal::Stopped);
+        }
+        Ok(Some(underway))
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -152,6 +185,12 @@ impl Motion {
         self.state().approached = [false; 2];
         let (focus, e) = tokio::join!(self.bench.focus.stop(), self.bench.e.stop());
         StopReport { focus, e }
+    }
+
+    /// Latches without a motion to stop: the stop of an earlier run, still in force.
+    pub(super) fn latch(&self, since: Option<jiff::Timestamp>) {
+        self.state().stopped_since = since;
+        self.stopped.store(true, Ordering::SeqCst);
     }
 
     /// Allows motion again. Nothing resumes by itself.
@@ -259,6 +298,13 @@ impl Motion {
     pub async fn go_claimed(&self, claim: Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
         let axis = claim.axis;
         self.check(axis, target)?;
+        let underway = self.record(axis, "move", Some(target)).await?;
+        let ended = self.go_by_legs(axis, target).await;
+        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
+        ended
+    }
+
+    async fn go_by_legs(&self, axis: AxisName, target: Millimetres) -> Result<Millimetres, ServiceError> {
         let from = self.bench.stage(axis).state().borrow().position;
         let mut readback = from;
         let legs = self.legs(axis, from, target);
@@ -303,8 +349,11 @@ impl Motion {
             let (low, high) = (Millimetres(low), Millimetres(high));
             return Err(Refusal::Limit { axis, target: Millimetres(far), low, high }.into());
         }
+        let underway = self.record(axis, "jog", Some(end)).await?;
         self.state().approached[index(axis)] = false;
-        Ok(jog(self.bench.stage(axis), end, speed_mm_per_s, deadman).await?)
+        let ended = jog(self.bench.stage(axis), end, speed_mm_per_s, deadman).await.map_err(ServiceError::from);
+        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
+        ended
     }
 
     /// Whether homing an axis may start now: the e axis is not homed towards a shell that is on or may be.
@@ -342,7 +391,11 @@ impl Motion {
     pub async fn home_claimed(&self, claim: Claim) -> Result<(), ServiceError> {
         let axis = claim.axis;
         self.check_home(axis)?;
-        self.bench.stage(axis).home().await?;
+        let underway = self.record(axis, "home", None).await?;
+        let ended = self.bench.stage(axis).home().await.map_err(ServiceError::from);
+        let at = self.position_mm(axis).ok().map(Millimetres);
+        note_end(underway, ended.as_ref().map(|()| at));
+        ended?;
         for axis in [Some(axis), self.bench.stage(axis).homes_also()].into_iter().flatten() {
             let config = self.axis(axis);
             // Pulling off the switch moves away from the home side, which is an approach from it.
@@ -359,8 +412,11 @@ impl Motion {
         if self.stopped.load(Ordering::SeqCst) {
             return Err(Refusal::Stopped.into());
         }
+        let underway = self.record(axis, "release", None).await?;
         self.state().approached[index(axis)] = false;
-        Ok(self.bench.stage(axis).release().await?)
+        let ended = self.bench.stage(axis).release().await.map_err(ServiceError::from);
+        note_end(underway, ended.as_ref().map(|()| None));
+        ended
     }
 
     /// Asks an axis's controller for its state.

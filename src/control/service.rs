@@ -13,10 +13,12 @@ use super::context::{Job, JobContext};
 use super::events::{AxisView, BenchView, CameraView, Event, MeasurementView, ShellState};
 use super::eye::Eye;
 use super::job::{JobRequest, JobSnapshot, JobState};
+use super::journal::Journal;
 use super::motion::{Claim, Motion};
 use super::{Refusal, ServiceError, StopReport, runner};
 use crate::config::Config;
 use crate::device::{AxisName, Bench};
+use crate::store::Store;
 use crate::units::Millimetres;
 
 /// Events kept for a subscriber that lags.
@@ -30,6 +32,18 @@ const LIVE_INTERVAL: Duration = Duration::from_millis(500);
 /// How long a job may take to stop the axes and to write its report when the program ends.
 const JOB_END_ALLOWED: Duration = Duration::from_secs(3);
 
+/// How long the history may take to come to its end.
+const FLUSH_ALLOWED: Duration = Duration::from_secs(1);
+
+/// Whether a job was accepted now, or had been before under the same name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acceptance {
+    /// Now.
+    Now,
+    /// Before: nothing has begun anew.
+    Before,
+}
+
 /// The bench with its motion rules, the one job, and what happens.
 pub struct Service {
     config: Arc<Config>,
@@ -37,6 +51,11 @@ pub struct Service {
     bench: Bench,
     motion: Arc<Motion>,
     eye: Arc<Eye>,
+    pub(super) journal: Arc<Journal>,
+    /// One job at a time is being accepted.
+    accepting: tokio::sync::Mutex<()>,
+    /// Whether the stop was set or reset in this run: then what an earlier run left of it no longer counts.
+    stop_touched: AtomicBool,
     events: broadcast::Sender<Event>,
     jobs: Mutex<Vec<Arc<Job>>>,
     measurement: Mutex<Option<MeasurementView>>,
@@ -50,18 +69,22 @@ pub struct Service {
 
 impl Service {
     /// Starts the service over a bench: its watchers run until [`Service::shut_down`]. `design_origin` says where the
-    /// design's numbers come from.
+    /// design's numbers come from; `store` is the history, without which nothing moves.
     #[must_use]
-    pub fn start(config: Arc<Config>, design_origin: String, bench: Bench) -> Arc<Self> {
+    pub fn start(config: Arc<Config>, design_origin: String, bench: Bench, store: Store) -> Arc<Self> {
         let (events, _) = broadcast::channel(EVENT_QUEUE);
-        let motion = Arc::new(Motion::new(Arc::clone(&config), bench.clone()));
-        let eye = Arc::new(Eye::new(Arc::clone(&config), bench.clone(), Arc::clone(&motion)));
+        let journal = Arc::new(Journal::new(store, &config));
+        let motion = Arc::new(Motion::new(Arc::clone(&config), bench.clone()).recorded(Arc::clone(&journal)));
+        let eye = Arc::new(Eye::new(Arc::clone(&config), bench.clone(), Arc::clone(&motion), Arc::clone(&journal)));
         let service = Arc::new(Self {
             config,
             design_origin,
             bench,
             motion,
             eye,
+            journal,
+            accepting: tokio::sync::Mutex::default(),
+            stop_touched: AtomicBool::new(false),
             events,
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
@@ -70,7 +93,8 @@ impl Service {
             onlookers: Arc::default(),
             tasks: CancellationToken::new(),
         });
-        let (watched, measured) = (Arc::clone(&service), Arc::clone(&service));
+        let (watched, measured, kept) = (Arc::clone(&service), Arc::clone(&service), Arc::clone(&service));
+        tokio::spawn(async move { kept.tasks.clone().run_until_cancelled(kept.watch_history()).await });
         tokio::spawn(async move { watched.tasks.clone().run_until_cancelled(watched.watch_bench()).await });
         tokio::spawn(async move { measured.tasks.clone().run_until_cancelled(measured.watch_focus()).await });
         service
@@ -133,6 +157,7 @@ impl Service {
             stop: self.motion.stop_view(),
             job: self.current().map(|job| job.snapshot().id),
             e_wall_mm: self.motion.e_wall_mm(),
+            history_fault: self.journal.fault(),
         }
     }
 
@@ -176,17 +201,17 @@ impl Service {
         self.measurement.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn all_jobs(&self) -> MutexGuard<'_, Vec<Arc<Job>>> {
+    pub(super) fn all_jobs(&self) -> MutexGuard<'_, Vec<Arc<Job>>> {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The jobs, newest last.
+    /// The newest jobs of this run, newest last.
     #[must_use]
     pub fn jobs(&self) -> Vec<JobSnapshot> {
         self.all_jobs().iter().map(|job| job.snapshot()).collect()
     }
 
-    /// A job.
+    /// A job of this run; [`Service::find_job`] knows those of earlier ones, too.
     ///
     /// # Errors
     /// [`ServiceError::NoSuchJob`].
@@ -203,12 +228,53 @@ impl Service {
         self.all_jobs().iter().rev().find(|job| !job.snapshot().state.is_final()).cloned()
     }
 
-    /// Starts a job.
+    /// Starts a job, which is in the history before this returns.
     ///
     /// # Errors
-    /// A refusal while another job holds the bench, an axis still moves by hand, the stop is latched, or the program
-    /// ends.
-    pub fn create_job(self: &Arc<Self>, request: JobRequest) -> Result<JobSnapshot, ServiceError> {
+    /// A refusal while another job holds the bench, an axis still moves by hand, the stop is latched, the history cannot
+    /// be written, or the program ends.
+    pub async fn create_job(self: &Arc<Self>, request: JobRequest) -> Result<JobSnapshot, ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        self.accept_job(request, None).await
+    }
+
+    /// Starts a job under the caller's own name for it: asked again within a day, it is the same job.
+    ///
+    /// # Errors
+    /// As [`Service::create_job`], and a refusal where that name stands for another request.
+    pub async fn create_job_once(
+        self: &Arc<Self>,
+        request: JobRequest,
+        key: String,
+    ) -> Result<(JobSnapshot, Acceptance), ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        if let Some(job) = self.job_of_key(&request, &key).await? {
+            return Ok((job, Acceptance::Before));
+        }
+        Ok((self.accept_job(request, Some(key)).await?, Acceptance::Now))
+    }
+
+    async fn accept_job(
+        self: &Arc<Self>,
+        request: JobRequest,
+        key: Option<String>,
+    ) -> Result<JobSnapshot, ServiceError> {
+        self.history_ready().await?;
+        let (job, context) = self.reserve(&request, key)?;
+        if let Err(error) = self.journal.begin_job(job.chronicle()).await {
+            let id = job.snapshot().id;
+            self.all_jobs().retain(|other| !Arc::ptr_eq(other, &job));
+            self.journal.forget_job(id);
+            return Err(error.into());
+        }
+        self.failures().clear();
+        let service = Arc::clone(self);
+        tokio::spawn(async move { service.run(context).await });
+        Ok(job.snapshot())
+    }
+
+    /// Gives the bench to a new job.
+    fn reserve(&self, request: &JobRequest, key: Option<String>) -> Result<(Arc<Job>, JobContext), ServiceError> {
         self.open_for_motion()?;
         if self.motion.stop_view().latched {
             return Err(Refusal::Stopped.into());
@@ -220,20 +286,18 @@ impl Service {
         for axis in AxisName::ALL {
             self.motion.claim(axis)?;
         }
-        let (job, context) = Job::new(&request, self.events.clone(), self.bench.simulated.clone());
+        let (journal, operator) = (Arc::clone(&self.journal), self.bench.simulated.clone());
+        let (job, context) = Job::new(request, key, journal, self.events.clone(), operator);
         if jobs.len() >= MAX_JOBS {
             jobs.remove(0);
         }
         jobs.push(Arc::clone(&job));
-        drop(jobs);
-        self.failures().clear();
-        let service = Arc::clone(self);
-        tokio::spawn(async move { service.run(context).await });
-        Ok(job.snapshot())
+        Ok((job, context))
     }
 
     async fn run(&self, context: JobContext) {
         runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin).await;
+        self.journal.end_job();
         self.publish_bench();
     }
 
@@ -283,9 +347,10 @@ impl Service {
     ///
     /// # Errors
     /// Every motion rule, before anything moves.
-    pub fn move_axis(self: &Arc<Self>, axis: AxisName, target: Millimetres) -> Result<BenchView, ServiceError> {
+    pub async fn move_axis(self: &Arc<Self>, axis: AxisName, target: Millimetres) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check(axis, target)?;
+        self.history_ready().await?;
         self.failures().remove(&axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
@@ -299,9 +364,10 @@ impl Service {
     ///
     /// # Errors
     /// A refusal before anything moves.
-    pub fn home_axis(self: &Arc<Self>, axis: AxisName) -> Result<BenchView, ServiceError> {
+    pub async fn home_axis(self: &Arc<Self>, axis: AxisName) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check_home(axis)?;
+        self.history_ready().await?;
         self.failures().remove(&axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
@@ -326,7 +392,10 @@ impl Service {
     pub async fn stop(&self) -> StopReport {
         // The job of now: stopping takes a while, in which the stop may be reset and another job begin.
         let job = self.current();
+        self.stop_touched.store(true, Ordering::SeqCst);
         let report = self.motion.stop().await;
+        // After the axes: the disk may be slow, and is not waited for.
+        self.journal.put_stop(&self.motion.stop_view());
         if let Some(job) = job {
             job.cancel("stopped");
         }
@@ -336,7 +405,9 @@ impl Service {
 
     /// Allows motion again; nothing resumes by itself.
     pub fn reset_stop(&self) -> BenchView {
+        self.stop_touched.store(true, Ordering::SeqCst);
         self.motion.reset_stop();
+        self.journal.put_stop(&self.motion.stop_view());
         self.publish_bench();
         self.bench_view()
     }
@@ -359,6 +430,57 @@ impl Service {
             }
         }
         self.tasks.cancel();
+        if tokio::time::timeout(FLUSH_ALLOWED, self.journal.end()).await.is_err() {
+            tracing::error!("the history was not written to its end in time");
+        }
+    }
+
+    /// Returns once it is known what an earlier run has left, or that the history cannot be read now.
+    pub async fn open_history(&self) {
+        if let Err(error) = self.history_ready().await {
+            tracing::error!(%error, "the history is not open");
+        }
+    }
+
+    /// Makes sure that the history can be written; in a file that does not know this run yet, it does so from here on,
+    /// and a stop that an earlier run left latched is latched again.
+    pub(super) async fn history_ready(&self) -> Result<(), ServiceError> {
+        let jobs = || self.all_jobs().iter().map(|job| job.chronicle()).collect();
+        if !self.journal.ready(jobs).await? {
+            return Ok(());
+        }
+        if self.stop_touched.swap(true, Ordering::SeqCst) {
+            // Stopped or reset while it could not be written.
+            self.journal.put_stop(&self.motion.stop_view());
+        } else {
+            match self.journal.kept_stop().await {
+                Ok(Some(stop)) if stop.latched => {
+                    tracing::warn!(since = ?stop.since, "the stop of an earlier run is still latched");
+                    self.motion.latch(stop.since);
+                }
+                Ok(_) => {}
+                Err(error) => {
+                    self.stop_touched.store(false, Ordering::SeqCst);
+                    return Err(error.into());
+                }
+            }
+        }
+        self.publish_bench();
+        Ok(())
+    }
+
+    /// Keeps the history going: knows when it can be written and when not, and tells.
+    async fn watch_history(&self) {
+        let mut health = self.journal.store().health();
+        loop {
+            if let Err(error) = self.history_ready().await {
+                tracing::warn!(%error, "nothing moves for now");
+            }
+            self.publish_bench();
+            if health.changed().await.is_err() {
+                return;
+            }
+        }
     }
 
     fn publish_bench(&self) {

@@ -6,12 +6,14 @@ use plenalign::api::Api;
 use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
 use plenalign::device::Bench;
+use plenalign::store::Store;
 use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};
 use serde_json::Value;
 
 pub(crate) struct Daemon {
     pub(crate) address: std::net::SocketAddr,
     pub(crate) api: Api,
+    pub(crate) service: Arc<Service>,
     pub(crate) client: Client,
 }
 
@@ -24,17 +26,19 @@ impl Daemon {
     }
 
     pub(crate) async fn start_with(config: Config, bench: Bench) -> Self {
+        Self::start_keeping(config, bench, Store::in_memory()).await
+    }
+
+    /// A daemon with a history that the test has a hand on.
+    pub(crate) async fn start_keeping(config: Config, bench: Bench, store: Store) -> Self {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let api = Api::new(
-            Service::start(Arc::new(config), "a test's configuration".to_owned(), bench),
-            address,
-            ConfigOrigin::Preset,
-        );
+        let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench, store);
+        let api = Api::new(Arc::clone(&service), address, ConfigOrigin::Preset);
         let server = axum::serve(listener, api.router()).with_graceful_shutdown(api.closing().cancelled_owned());
         tokio::spawn(server.into_future());
         let client = Client::builder().no_proxy().build().unwrap();
-        Self { address, api, client }
+        Self { address, api, service, client }
     }
 
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {

@@ -25,15 +25,20 @@ fn sources() -> Vec<(PathBuf, String)> {
 /// Modules that the module in the first place may name.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("units", &[]),
+    ("state_folder", &[]),
+    ("store", &[]),
     ("raw", &[]),
     ("optics", &["units"]),
     ("imaging", &["optics", "units", "raw"]),
     ("config", &["optics", "units", "raw"]),
     ("device", &["optics", "units", "raw", "config"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
-    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim"]),
-    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control"]),
-    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api"]),
+    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "store"]),
+    ("api", &["optics", "units", "raw", "config", "device", "imaging", "store", "state_folder", "control"]),
+    (
+        "cli",
+        &["optics", "units", "raw", "config", "device", "imaging", "store", "state_folder", "control", "sim", "api"],
+    ),
 ];
 
 #[test]

@@ -111,8 +111,10 @@ export function pictureState(state: State, now: number): PictureState {
   return state.link === "open" && age <= STALE_MS ? "fresh" : "stale";
 }
 
+const FINAL: JobState[] = ["converged", "not_converged", "cancelled", "failed", "interrupted"];
+
 export function isFinal(state: JobState): boolean {
-  return state === "converged" || state === "not_converged" || state === "cancelled" || state === "failed";
+  return FINAL.includes(state);
 }
 
 /** The job under way, or else the newest. */
