@@ -4,6 +4,23 @@
  */
 
 export interface paths {
+  "/api/v1/audit": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The audit log: who did what, and from where, newest first, a page at a time. */
+    get: operations["list_audit"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/axes/{axis}/home": {
     parameters: {
       query?: never;
@@ -137,7 +154,7 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** Every job since the program started. */
+    /** The jobs of this run and of earlier ones, newest first, a page at a time. */
     get: operations["list_jobs"];
     put?: never;
     /**
@@ -158,7 +175,7 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** One job. */
+    /** One job, of this run or an earlier one. */
     get: operations["get_job"];
     put?: never;
     post?: never;
@@ -183,6 +200,125 @@ export interface paths {
     put?: never;
     /** Confirms that the operator has done what the job asks. */
     post: operations["confirm_step"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/export.csv": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's iterations as CSV (RFC 4180), a line each, the unit in every column's name. */
+    get: operations["export_job_csv"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/export.json": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** Everything that is kept of a job, as one JSON document. */
+    get: operations["export_job_json"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/iterations": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's iterations. */
+    get: operations["get_job_iterations"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/log": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's log. */
+    get: operations["get_job_log"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/measurements": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's measurements. */
+    get: operations["get_job_measurements"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/moves": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's moves, with their beginnings and ends. */
+    get: operations["get_job_moves"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/report.html": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's report, one page with everything in it, to be printed. */
+    get: operations["get_job_report"];
+    put?: never;
+    post?: never;
     delete?: never;
     options?: never;
     head?: never;
@@ -331,6 +467,42 @@ export interface components {
        */
       object_distance_mm: number;
     };
+    /** @description What an operator was asked to do, and when. */
+    AskedStep: components["schemas"]["OperatorStep"] & {
+      /**
+       * Format: date-time
+       * @description When it was asked for, RFC 3339.
+       */
+      asked_at: string;
+      /**
+       * Format: date-time
+       * @description When it was confirmed, RFC 3339; `null` until then.
+       */
+      confirmed_at?: string | null;
+    };
+    /** @description Who did what, and from where. */
+    Audit: {
+      /**
+       * Format: date-time
+       * @description When, RFC 3339.
+       */
+      at: string;
+      /** @description The particulars. */
+      detail: Record<string, never>;
+      /** @description Address that it was asked from. */
+      from?: string | null;
+      /** @description What was done, e.g. `job.create`. */
+      what: string;
+      /** @description Name of whoever did it. */
+      who: string;
+    };
+    /** @description A page of the audit log. */
+    AuditList: {
+      /** @description Who did what, newest first. */
+      entries: components["schemas"]["Audit"][];
+      /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
+      next?: string | null;
+    };
     /**
      * @description Which of the bench's two axes.
      * @enum {string}
@@ -387,6 +559,8 @@ export interface components {
        * @description The e wall, mm.
        */
       e_wall_mm: number;
+      /** @description Why the history cannot be written, which keeps every axis still; absent while it can. */
+      history_fault?: string | null;
       /**
        * Format: uuid
        * @description The job under way, by its id.
@@ -631,15 +805,77 @@ export interface components {
      * @enum {string}
      */
     IterationKind: "start" | "probe" | "move" | "verify";
+    /** @description Everything that is kept of a job. */
+    JobExport: {
+      /**
+       * Format: date-time
+       * @description When this document was made, RFC 3339.
+       */
+      exported_at: string;
+      /** @description Always `plenalign-job`. */
+      format: string;
+      /** @description The job. */
+      job: components["schemas"]["JobSnapshot"];
+      /** @description What was measured, in order. */
+      measurements: components["schemas"]["MeasurementView"][];
+      /** @description What was moved, in order. */
+      moves: components["schemas"]["Move"][];
+      /** @description What the operator was asked to do, in order. */
+      operator_steps: components["schemas"]["AskedStep"][];
+      /** @description The pictures kept with it. */
+      pictures: components["schemas"]["PictureExport"][];
+      /** @description What was asked for. */
+      request: Record<string, never>;
+      run?: components["schemas"]["RunView"] | null;
+      /** @description Whether the bench was simulated: then nothing in here was measured on a real camera. */
+      simulated: boolean;
+      /**
+       * Format: int32
+       * @description Version of this document's layout.
+       */
+      version: number;
+    };
+    /** @description A job in a list, and where it is found. */
+    JobItem: components["schemas"]["JobSummary"] & {
+      /**
+       * @description Path of this job.
+       * @example /api/v1/jobs/0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11
+       */
+      href: string;
+    };
+    /** @description A job's iterations. */
+    JobIterations: {
+      /** @description What was measured and decided, in order. */
+      iterations: components["schemas"]["Iteration"][];
+    };
     /**
      * @description What a job is to do.
      * @enum {string}
      */
     JobKind: "joint_alignment";
-    /** @description Every job since the program started. */
+    /** @description A page of the jobs. */
     JobList: {
-      /** @description The jobs, newest last. */
-      jobs: components["schemas"]["JobResource"][];
+      /** @description Why the jobs of earlier runs are missing; `null` where they are not. */
+      history_fault?: string | null;
+      /** @description The jobs, newest first. */
+      jobs: components["schemas"]["JobItem"][];
+      /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
+      next?: string | null;
+    };
+    /** @description A job's log. */
+    JobLog: {
+      /** @description What happened, in order. */
+      lines: components["schemas"]["LogLine"][];
+    };
+    /** @description A job's measurements. */
+    JobMeasurements: {
+      /** @description What was measured, in order. */
+      measurements: components["schemas"]["MeasurementView"][];
+    };
+    /** @description A job's moves. */
+    JobMoves: {
+      /** @description What was moved, in order. */
+      moves: components["schemas"]["Move"][];
     };
     /** @description What a caller asks for with a job. */
     JobRequest: {
@@ -707,7 +943,48 @@ export interface components {
       | "converged"
       | "not_converged"
       | "cancelled"
-      | "failed";
+      | "failed"
+      | "interrupted";
+    /** @description A job in a list. */
+    JobSummary: {
+      /**
+       * Format: date-time
+       * @description When it was accepted, RFC 3339.
+       */
+      created_at: string;
+      /**
+       * Format: date-time
+       * @description When it ended, RFC 3339.
+       */
+      ended_at?: string | null;
+      /**
+       * Format: int64
+       * @description Grows with every change of the job.
+       */
+      generation: number;
+      /**
+       * Format: uuid
+       * @description Identity, a UUID of version 7.
+       */
+      id: string;
+      /**
+       * Format: int64
+       * @description How many iterations it has.
+       */
+      iterations: number;
+      /** @description What it does. */
+      kind: components["schemas"]["JobKind"];
+      /** @description How far it is. */
+      progress: components["schemas"]["Progress"];
+      /** @description Why it ended as it did, in words, once it has. */
+      reason?: string | null;
+      /** @description Whether the bench is simulated. */
+      simulated: boolean;
+      /** @description Part of the alignment it is in. */
+      stage: components["schemas"]["Stage"];
+      /** @description Where it is in its life. */
+      state: components["schemas"]["JobState"];
+    };
     /** @description A line of a job's log. */
     LogLine: {
       /**
@@ -780,6 +1057,50 @@ export interface components {
        */
       f_number: number;
     };
+    /** @description A motion of one axis. */
+    Move: {
+      /** @description Which axis. */
+      axis: string;
+      /**
+       * Format: double
+       * @description Readback at its end, mm; `null` where unknown.
+       */
+      end_mm?: number | null;
+      /**
+       * Format: date-time
+       * @description When it was over, RFC 3339; `null` until then, and where the program ended first.
+       */
+      ended_at?: string | null;
+      /**
+       * Format: double
+       * @description Where it began, mm; `null` while unknown.
+       */
+      from_mm?: number | null;
+      /**
+       * Format: uuid
+       * @description Identity.
+       */
+      id: string;
+      /**
+       * Format: uuid
+       * @description The job that commanded it; `null` for a motion by hand.
+       */
+      job?: string | null;
+      /** @description `done`, or why it did not end as commanded; `interrupted` where the program ended first; `null` until then. */
+      outcome?: string | null;
+      /**
+       * Format: date-time
+       * @description When it was commanded, RFC 3339.
+       */
+      started_at: string;
+      /**
+       * Format: double
+       * @description Where it was to end, mm; `null` for a motion without a target.
+       */
+      to_mm?: number | null;
+      /** @description `move`, `home`, `jog` or `release`. */
+      what: string;
+    };
     /** @description A move of one axis. */
     MoveRequest: {
       /**
@@ -801,6 +1122,18 @@ export interface components {
       number: number;
       /** @description The number that matters, with its unit, large on the page; e.g. `159.2, 167.2, 175.2 mm`. */
       value?: string | null;
+    };
+    /** @description A picture kept with a job. */
+    PictureExport: {
+      /**
+       * Format: date-time
+       * @description When it was taken, RFC 3339.
+       */
+      at: string;
+      /** @description The picture as a `data:` URI. */
+      data: string;
+      /** @description Which one: `before` the first move with the shell, or `after` the last. */
+      name: string;
     };
     /** @description A problem as RFC 9457 has it, with members of its own beside the standard ones. */
     Problem: {
@@ -988,6 +1321,25 @@ export interface components {
       tilt_px?: number[] | null;
       /** @description The simulated truth, on a simulated bench. */
       truth?: Record<string, never> | null;
+    };
+    /** @description The run of the program that a job belongs to. */
+    RunView: {
+      /** @description The bench's name. */
+      bench: string;
+      /** @description The configuration in force, as TOML. */
+      configuration: string;
+      /**
+       * Format: uuid
+       * @description Identity.
+       */
+      id: string;
+      /**
+       * Format: date-time
+       * @description When it began, RFC 3339.
+       */
+      started_at: string;
+      /** @description The program's version. */
+      version: string;
     };
     /** @description What the daemon sends over the WebSocket as text. */
     ServerMessage:
@@ -1295,6 +1647,48 @@ export interface components {
 }
 export type $defs = Record<string, never>;
 export interface operations {
+  list_audit: {
+    parameters: {
+      query?: {
+        /** @description Entries on the page, 1 to 500 */
+        limit?: number;
+        /** @description `next` of the page before */
+        cursor?: string;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["AuditList"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
   home_axis: {
     parameters: {
       query?: never;
@@ -1580,7 +1974,22 @@ export interface operations {
   };
   list_jobs: {
     parameters: {
-      query?: never;
+      query?: {
+        /** @description Jobs on the page, 1 to 500 */
+        limit?: number;
+        /** @description `next` of the page before */
+        cursor?: string;
+        /** @description Only these states, with commas between them */
+        state?: string;
+        /** @description Only these kinds, with commas between them */
+        kind?: string;
+        /** @description Created at this time or later, RFC 3339 */
+        since?: string;
+        /** @description Created before this time, RFC 3339 */
+        until?: string;
+        /** @description Words in the id, the reason or a line of the log */
+        q?: string;
+      };
       header?: never;
       path?: never;
       cookie?: never;
@@ -1595,12 +2004,24 @@ export interface operations {
           "application/json": components["schemas"]["JobList"];
         };
       };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   create_job: {
     parameters: {
       query?: never;
-      header?: never;
+      header?: {
+        /** @description A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again with it and the same body within a day, it is the same job */
+        "Idempotency-Key"?: string | null;
+      };
       path?: never;
       cookie?: never;
     };
@@ -1610,6 +2031,17 @@ export interface operations {
       };
     };
     responses: {
+      /** @description Asked before: the job of then */
+      200: {
+        headers: {
+          /** @description Path of the job */
+          Location?: string;
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobResource"];
+        };
+      };
       201: {
         headers: {
           /** @description Path of the job */
@@ -1665,7 +2097,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Shutting down */
+      /** @description The history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -1697,6 +2129,15 @@ export interface operations {
         };
       };
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -1806,6 +2247,279 @@ export interface operations {
       };
       /** @description The body does not say what it must; `field` names where */
       422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  export_job_csv: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/csv": string;
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  export_job_json: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobExport"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_iterations: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobIterations"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_log: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobLog"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_measurements: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobMeasurements"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_moves: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobMoves"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_report: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/html": string;
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
