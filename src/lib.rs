@@ -18,6 +18,7 @@
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
 //!  store                 the history on disk: plain records in and out, used by control
 //!  config                read once, immutable afterwards
+//!  telemetry             what the program counts about itself, called from anywhere
 //! ```
 //!
 //! Deliberately absent: `optics` and `imaging` know no I/O, clock or async; `sim` knows nothing of `imaging`; nothing
@@ -34,4 +35,5 @@ pub mod raw;
 pub mod sim;
 pub mod state_folder;
 pub mod store;
+pub mod telemetry;
 pub mod units;

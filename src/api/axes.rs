@@ -6,8 +6,8 @@ use axum::http::StatusCode;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::{JsonBody, PathParam};
-use super::types::MoveRequest;
+use super::extract::{JsonBody, LeaseKey, PathParam};
+use super::types::{JogRequest, MoveRequest};
 use crate::control::events::BenchView;
 use crate::device::AxisName;
 use crate::units::Millimetres;
@@ -18,20 +18,24 @@ use crate::units::Millimetres;
 /// the stop is latched, outside the axis's travel, and beyond the e wall.
 #[utoipa::path(
     post, path = "/api/v1/axes/{axis}/move", operation_id = "move_axis", tag = "axes", request_body = MoveRequest,
-    params(("axis" = AxisName, Path, description = "Which axis")),
+    params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
     responses(
         (status = 202, description = "The move has begun", body = BenchView),
         (status = 404, body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
+        (status = 412, description = "The lease's key is not the holder's", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn go(
     State(app): State<App>,
     PathParam(axis): PathParam<AxisName>,
+    key: LeaseKey,
     JsonBody(request): JsonBody<MoveRequest>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.move_axis(axis, Millimetres(request.position_mm)).await?;
+    let view = app.service.move_axis(&app.permit(&key)?, axis, Millimetres(request.position_mm)).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 
@@ -40,18 +44,61 @@ pub(super) async fn go(
 /// Returns once it is accepted. With the shell on, or its state unknown, homing e towards the shell is refused.
 #[utoipa::path(
     post, path = "/api/v1/axes/{axis}/home", operation_id = "home_axis", tag = "axes",
-    params(("axis" = AxisName, Path, description = "Which axis")),
+    params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
     responses(
         (status = 202, description = "Homing has begun", body = BenchView),
         (status = 404, body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
+        (status = 412, description = "The lease's key is not the holder's", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn home(
     State(app): State<App>,
     PathParam(axis): PathParam<AxisName>,
+    key: LeaseKey,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.home_axis(axis).await?;
+    let view = app.service.home_axis(&app.permit(&key)?, axis).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// Jogs one axis: it moves for 0.3 s from this request, and on for as long as the request is repeated in time.
+///
+/// It goes in short pieces, no further than the limit of travel, the e wall and the greatest step.
+#[utoipa::path(
+    post, path = "/api/v1/axes/{axis}/jog", operation_id = "jog_axis", tag = "axes", request_body = JogRequest,
+    params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
+    responses(
+        (status = 202, description = "The axis moves", body = BenchView),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
+        (status = 412, description = "The lease's key is not the holder's", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn jog(
+    State(app): State<App>,
+    PathParam(axis): PathParam<AxisName>,
+    key: LeaseKey,
+    JsonBody(request): JsonBody<JogRequest>,
+) -> Result<(StatusCode, Json<BenchView>)> {
+    let view = app.service.jog(&app.permit(&key)?, axis, request.towards, request.speed_mm_per_s).await?;
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// Ends a jog at once. Needs no lease; may be repeated.
+#[utoipa::path(
+    delete, path = "/api/v1/axes/{axis}/jog", operation_id = "end_jog", tag = "axes",
+    params(("axis" = AxisName, Path, description = "Which axis")),
+    responses(
+        (status = 200, body = BenchView),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn end_jog(State(app): State<App>, PathParam(axis): PathParam<AxisName>) -> Json<BenchView> {
+    Json(app.service.end_jog(axis))
 }

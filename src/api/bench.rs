@@ -5,7 +5,7 @@ use axum::extract::State;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::JsonBody;
+use super::extract::{JsonBody, LeaseKey};
 use super::types::ShellRequest;
 use crate::control::events::BenchView;
 
@@ -20,14 +20,19 @@ pub(super) async fn get(State(app): State<App>) -> Json<BenchView> {
 /// Unknown counts as on. `off` is taken on the operator's word, and is forgotten when the program ends.
 #[utoipa::path(
     put, path = "/api/v1/shell", operation_id = "put_shell", tag = "bench", request_body = ShellRequest,
+    params(LeaseKey),
     responses(
         (status = 200, body = BenchView),
+        (status = 412, description = "The lease's key is not the holder's", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
         (status = 409, body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn put_shell(
     State(app): State<App>,
+    key: LeaseKey,
     JsonBody(request): JsonBody<ShellRequest>,
 ) -> Result<Json<BenchView>> {
-    Ok(Json(app.service.set_shell(request.state)?))
+    Ok(Json(app.service.set_shell(&app.permit(&key)?, request.state)?))
 }

@@ -10,6 +10,9 @@ use utoipa::ToSchema;
 use crate::control::{Refusal, ServiceError};
 use crate::device::DeviceError;
 
+/// The header in which a request shows the control lease's key.
+pub const LEASE_HEADER: &str = "Plenalign-Lease";
+
 /// What every `type` begins with; the rest is a short name that stays what it is.
 pub const TYPE_PREFIX: &str = "urn:plenalign:problem:";
 
@@ -118,6 +121,13 @@ impl Problem {
             .with(json!({ "frame_age_ms": age_ms }))
     }
 
+    /// The bench cannot be worked with, for these reasons.
+    #[must_use]
+    pub fn not_ready(hindrances: &[String]) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "not-ready", "The bench is not ready", hindrances.join("; "))
+            .with(json!({ "hindrances": hindrances }))
+    }
+
     /// Nothing has been measured yet.
     #[must_use]
     pub fn no_measurement() -> Self {
@@ -146,6 +156,23 @@ impl From<Refusal> for Problem {
         let it = &refusal;
         match it {
             Refusal::Stopped => Self::refused("stopped", "The stop is latched", it, json!({})),
+            Refusal::LeaseRequired => Self::new(
+                StatusCode::PRECONDITION_REQUIRED,
+                "lease-required",
+                "Motion needs the control lease",
+                format!("{it}: POST /api/v1/lease, and send the key it gives as the header {LEASE_HEADER}"),
+            ),
+            Refusal::LeaseLost { holder } => Self::new(
+                StatusCode::PRECONDITION_FAILED,
+                "lease-lost",
+                "The control lease shown is not in force",
+                it.to_string(),
+            )
+            .with(json!({ "owner": holder })),
+            Refusal::LeaseHeld { owner, note, job } => {
+                let members = json!({ "owner": owner, "note": note, "job": job });
+                Self::refused("lease-held", "Another has the control lease", it, members)
+            }
             Refusal::Busy { job } => {
                 let members = json!({ "job": job, "href": super::types::job_href(*job) });
                 Self::refused("busy", "A job holds the bench", it, members)
@@ -241,7 +268,7 @@ impl From<ServiceError> for Problem {
                 let title = "The history cannot be read";
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "history-unreadable", title, error.to_string())
             }
-            ServiceError::Invalid { what } => Self::invalid("position_mm", what),
+            ServiceError::Invalid { field, .. } => Self::invalid(field, error.to_string()),
         }
     }
 }
@@ -303,9 +330,12 @@ mod tests {
             Refusal::Moving { axis },
             Refusal::HomingTowardsShell { axis, shell: "unknown" },
             Refusal::JobState { state: "running".into(), why: "nothing waits".into() },
+            Refusal::LeaseHeld { owner: "ada".into(), note: None, job: None },
         ] {
             assert_eq!(Problem::from(refusal).status, 409);
         }
+        assert_eq!(Problem::from(Refusal::LeaseRequired).status, 428);
+        assert_eq!(Problem::from(Refusal::LeaseLost { holder: None }).status, 412);
         let gone = DeviceError::Disconnected { device: "camera".into(), reason: "ENODEV".into() };
         let response = Problem::from(gone).into_response();
         assert_eq!(response.status(), 503);

@@ -1,17 +1,18 @@
 //! Reading requests: a JSON body and path parameters, with every failure a problem.
 
+use std::convert::Infallible;
 use std::fmt::Display;
 use std::str::FromStr;
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
-use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::extract::{FromRequest, FromRequestParts, Path, Request};
 use axum::http::header;
 use axum::http::request::Parts;
 use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
 
-use super::error::Problem;
+use super::error::{LEASE_HEADER, Problem};
 
 /// Longest body of a request, bytes.
 pub(super) const BODY_LIMIT_BYTES: usize = 16 * 1024;
@@ -62,16 +63,61 @@ pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     })
 }
 
+/// The control lease's key, as the request shows it.
+#[derive(Debug, utoipa::IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct LeaseKey {
+    /// Key of the control lease.
+    #[param(rename = "Plenalign-Lease")]
+    key: Option<String>,
+}
+
+impl LeaseKey {
+    /// The key, if one was shown.
+    pub(super) fn shown(&self) -> Option<&str> {
+        self.key.as_deref()
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for LeaseKey {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        // What is not text opens no lease; it is not the same as showing none.
+        let key = parts.headers.get(LEASE_HEADER).map(|value| value.to_str().unwrap_or("?").to_owned());
+        Ok(Self { key })
+    }
+}
+
 /// The pairs of a query, in order, decoded.
 pub(super) struct QueryPairs(pub Vec<(String, String)>);
 
 impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
     type Rejection = Problem;
 
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        match Query::from_request_parts(parts, state).await {
-            Ok(Query(pairs)) => Ok(Self(pairs)),
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        match axum::extract::Query::try_from_uri(&parts.uri) {
+            Ok(axum::extract::Query(pairs)) => Ok(Self(pairs)),
             Err(rejection) => Err(Problem::malformed(format!("the query cannot be read: {}", rejection.body_text()))),
+        }
+    }
+}
+
+/// What follows the question mark of a path.
+pub(super) struct Query<T>(pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        match axum::extract::Query::<T>::try_from_uri(&parts.uri) {
+            Ok(axum::extract::Query(value)) => Ok(Self(value)),
+            Err(rejection) => {
+                let text = rejection.body_text();
+                // "... query string: max_rate_hz: invalid float literal": the parameter's name comes last but one.
+                let field = text.rsplit(": ").nth(1).unwrap_or("query").to_owned();
+                Err(Problem::invalid(&field, text))
+            }
         }
     }
 }
@@ -149,6 +195,9 @@ mod tests {
     #[test]
     fn a_viewers_message_has_defaults() {
         let message = parse::<ViewerMessage>(b"{\"type\":\"pictures\",\"on\":true}").unwrap();
-        assert_eq!(message, ViewerMessage::Pictures { on: true, max_rate_hz: 15.0, reduce: 1, window: 0 });
+        assert_eq!(
+            message,
+            ViewerMessage::Pictures { on: true, max_rate_hz: 15.0, reduce: 1, quality: 80, overlay: false, window: 0 }
+        );
     }
 }

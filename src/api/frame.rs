@@ -6,10 +6,14 @@ use std::time::Duration;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use tokio::time::Instant;
+use utoipa::IntoParams;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::picture::{Encoding, Reduce, age, fresh};
+use super::extract::Query;
+use super::picture::{DEFAULT_QUALITY, Encoding, QUALITIES, Reduce, age, fresh};
 use crate::device::Frame;
 
 /// The newest frame with the camera's own samples, as a PNG of 8 or 16 bits.
@@ -20,6 +24,8 @@ use crate::device::Frame;
             ("Plenalign-Frame-Seq" = u64, description = "Sequence number from the camera"),
             ("Plenalign-Frame-Age-Ms" = f64, description = "Age when this answer was made"),
             ("Plenalign-Captured-At" = String, description = "End of the exposure, RFC 3339"),
+            ("Plenalign-Exposure-Ms" = f64, description = "Length of the exposure"),
+            ("Plenalign-Exposure-Assumed" = bool, description = "Whether that is assumed, not the driver's word"),
             ("Plenalign-Focus-Mm" = f64, description = "Readback of the focus axis; absent while unknown"),
             ("Plenalign-E-Mm" = f64, description = "Readback of the e axis; absent while unknown"),
             ("Plenalign-Settled" = bool, description = "Whether both axes were at rest during the exposure"),
@@ -33,27 +39,76 @@ use crate::device::Frame;
     )
 )]
 pub(super) async fn png(State(app): State<App>, headers: HeaderMap) -> Result<Response> {
-    answer(&app, &headers, Encoding::Png, "image/png").await
+    answer(&app, &headers, Encoding::Png, "image/png", None).await
 }
 
-/// The newest frame for viewing, as a greyscale JPEG; the headers are those of the PNG.
+/// How a picture for viewing is wanted.
+#[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PictureAsked {
+    /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
+    #[param(default = 1)]
+    reduce: Option<u32>,
+    /// Quality of the JPEG, 10 to 100.
+    #[param(default = 80, minimum = 10, maximum = 100)]
+    quality: Option<u8>,
+    /// At most so many pictures a second, 0.1 to 60 (streams).
+    #[param(default = 15, minimum = 0.1, maximum = 60)]
+    max_rate_hz: Option<f64>,
+}
+
+impl PictureAsked {
+    /// The encoding asked for.
+    pub(super) fn encoding(self) -> Result<Encoding> {
+        let number = self.reduce.unwrap_or(1);
+        let reduce = Reduce::from_number(number)
+            .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {number} is not 1, 2 or 4")))?;
+        let quality = self.quality.unwrap_or(DEFAULT_QUALITY);
+        if !QUALITIES.contains(&quality) {
+            return Err(Problem::invalid("quality", format!("quality: {quality} is not within 10 to 100")));
+        }
+        Ok(Encoding::Jpeg { reduce, quality })
+    }
+
+    /// Least time between two pictures.
+    pub(super) fn interval(self) -> Result<Duration> {
+        let rate = self.max_rate_hz.unwrap_or(15.0);
+        if !(0.1..=60.0).contains(&rate) {
+            return Err(Problem::invalid("max_rate_hz", format!("max_rate_hz: {rate} is not within 0.1 to 60")));
+        }
+        Ok(Duration::from_secs_f64(1.0 / rate))
+    }
+}
+
+/// A frame taken after this was asked for, as a greyscale JPEG; the headers are those of the PNG.
 #[utoipa::path(
-    get, path = "/api/v1/frame.jpg", operation_id = "get_frame_jpeg", tag = "frames",
+    get, path = "/api/v1/snapshot.jpg", operation_id = "get_snapshot", tag = "frames", params(PictureAsked),
     responses(
         (status = 200, body = [u8], content_type = "image/jpeg"),
-        (status = 304, description = "The frame named by If-None-Match is still the newest"),
-        (status = 503, description = "No frame, or none fresh", body = Problem,
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "No frame came in time", body = Problem,
          content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn jpg(State(app): State<App>, headers: HeaderMap) -> Result<Response> {
-    answer(&app, &headers, Encoding::Jpeg { reduce: Reduce::Not }, "image/jpeg").await
+pub(super) async fn snapshot(
+    State(app): State<App>,
+    Query(asked): Query<PictureAsked>,
+    headers: HeaderMap,
+) -> Result<Response> {
+    answer(&app, &headers, asked.encoding()?, "image/jpeg", Some(Instant::now())).await
 }
 
-async fn answer(app: &App, asked: &HeaderMap, encoding: Encoding, content_type: &'static str) -> Result<Response> {
+async fn answer(
+    app: &App,
+    asked: &HeaderMap,
+    encoding: Encoding,
+    content_type: &'static str,
+    not_before: Option<Instant>,
+) -> Result<Response> {
     let max_age = Duration::from_millis(app.service.config().bench.camera.timeout_ms);
     let camera = app.service.bench().camera.as_ref();
-    let frame = fresh(camera, max_age).await.map_err(|age| {
+    let frame = fresh(camera, max_age, not_before).await.map_err(|age| {
         let fault = camera.state().borrow().fault.clone();
         let why = fault.unwrap_or_else(|| format!("no frame came within {} ms", max_age.as_millis()));
         Problem::no_frame(why, age.map(milliseconds))
@@ -78,12 +133,14 @@ async fn answer(app: &App, asked: &HeaderMap, encoding: Encoding, content_type: 
     Ok((headers, picture).into_response())
 }
 
-fn frame_headers(frame: &Frame) -> HeaderMap {
+pub(super) fn frame_headers(frame: &Frame) -> HeaderMap {
     let mut headers = HeaderMap::new();
     let mut say = |name, value: &dyn Display| insert(&mut headers, HeaderName::from_static(name), value);
     say("plenalign-frame-seq", &frame.seq);
     say("plenalign-frame-age-ms", &milliseconds(age(frame)));
     say("plenalign-captured-at", &frame.captured_at);
+    say("plenalign-exposure-ms", &milliseconds(frame.exposed_to.saturating_duration_since(frame.exposed_from)));
+    say("plenalign-exposure-assumed", &frame.exposure_assumed);
     if let Some(position) = frame.focus.position {
         say("plenalign-focus-mm", &position.value());
     }

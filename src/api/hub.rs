@@ -1,6 +1,7 @@
 //! Changes, numbered and written once for every viewer.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use axum::extract::ws::Utf8Bytes;
 use tokio::sync::broadcast;
@@ -13,21 +14,41 @@ use crate::control::Service;
 use crate::control::events::{BenchView, Event, MeasurementView};
 use crate::control::job::JobSnapshot;
 
-/// Changes kept for a viewer that is behind; one that is further behind gets a snapshot instead.
-const BACKLOG: usize = 256;
+/// Changes kept, for a viewer that is behind or comes back.
+pub(super) const KEPT: usize = 512;
 
 /// Numbers changes and hands them to viewers, each written as JSON once.
 pub(super) struct Hub {
     boot_id: Uuid,
-    /// Number of the newest change. Locked while a change is handed out, so that a new viewer's place among the
-    /// changes is certain.
-    newest: Mutex<u64>,
+    /// The newest changes. Locked while a change is handed out, so that a new viewer's place among the changes is
+    /// certain.
+    newest: Mutex<Newest>,
     changes: broadcast::Sender<Utf8Bytes>,
+}
+
+#[derive(Default)]
+struct Newest {
+    /// Number of the newest change.
+    seq: u64,
+    /// The changes up to it, oldest first.
+    kept: VecDeque<Utf8Bytes>,
+}
+
+/// Where a viewer begins.
+pub(super) enum Begin {
+    /// With these changes, which follow what it has.
+    Replay(Vec<Utf8Bytes>),
+    /// With everything as it is: the changes up to this number are in it.
+    Snapshot(u64),
 }
 
 impl Hub {
     pub(super) fn new() -> Self {
-        Self { boot_id: Uuid::now_v7(), newest: Mutex::new(0), changes: broadcast::channel(BACKLOG).0 }
+        Self { boot_id: Uuid::now_v7(), newest: Mutex::default(), changes: broadcast::channel(KEPT).0 }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Newest> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Identity of this run of the program.
@@ -37,29 +58,40 @@ impl Hub {
 
     /// Number of the newest change.
     pub(super) fn newest(&self) -> u64 {
-        *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+        self.lock().seq
     }
 
-    /// Every change after the number returned.
-    pub(super) fn subscribe(&self) -> (u64, broadcast::Receiver<Utf8Bytes>) {
-        let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
-        (*newest, self.changes.subscribe())
+    /// Every change from now on, and what a viewer that has those up to `after` needs before them.
+    pub(super) fn subscribe(&self, after: Option<u64>) -> (Begin, broadcast::Receiver<Utf8Bytes>) {
+        let newest = self.lock();
+        let missing =
+            after.and_then(|after| newest.seq.checked_sub(after)).and_then(|count| usize::try_from(count).ok());
+        let begin = match missing.and_then(|missing| newest.kept.len().checked_sub(missing)) {
+            Some(first) => Begin::Replay(newest.kept.range(first..).cloned().collect()),
+            None => Begin::Snapshot(newest.seq),
+        };
+        (begin, self.changes.subscribe())
     }
 
     /// Numbers a change and hands it out.
     pub(super) fn publish(&self, event: Event) {
-        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
-        *newest += 1;
-        let (seq, boot_id) = (*newest, self.boot_id);
+        let mut newest = self.lock();
+        newest.seq += 1;
+        let (seq, boot_id) = (newest.seq, self.boot_id);
         let message = match event {
-            Event::Bench { bench } => ServerMessage::Bench { seq, boot_id, bench: Box::new(bench) },
+            Event::Bench { bench } => ServerMessage::Bench { seq, boot_id, bench },
             Event::Job { job } => ServerMessage::Job { seq, boot_id, job: Box::new(JobResource::from(*job)) },
             Event::Measurement { measurement } => {
                 ServerMessage::Measurement { seq, boot_id, measurement: Box::new(measurement) }
             }
         };
+        let message = text(&message);
+        if newest.kept.len() == KEPT {
+            newest.kept.pop_front();
+        }
+        newest.kept.push_back(message.clone());
         // No receiver means that nobody watches.
-        let _ = self.changes.send(text(&message));
+        let _ = self.changes.send(message);
     }
 
     /// Everything as it is, for a viewer that has the changes up to `seq`.
@@ -105,7 +137,7 @@ pub(super) async fn pump(hub: Arc<Hub>, service: Arc<Service>, shutdown: Cancell
             Ok(event) => hub.publish(event),
             Err(RecvError::Lagged(missed)) => {
                 tracing::warn!(missed, "events came faster than they could be handed on; the state is sent anew");
-                hub.publish(Event::Bench { bench: service.bench_view() });
+                hub.publish(Event::Bench { bench: Box::new(service.bench_view()) });
                 for job in service.jobs() {
                     hub.publish(Event::Job { job: Box::new(job) });
                 }

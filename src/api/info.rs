@@ -7,7 +7,7 @@ use axum::response::IntoResponse;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::types::{ConfigView, Health};
+use super::types::ConfigView;
 use crate::control::design::DesignView;
 use crate::control::events::MeasurementView;
 
@@ -43,17 +43,6 @@ pub(super) async fn config(State(app): State<App>) -> Result<Json<ConfigView>> {
 )]
 pub(super) async fn design(State(app): State<App>) -> Json<DesignView> {
     Json(DesignView::of(app.service.config(), &app.origin))
-}
-
-/// Whether the daemon answers.
-#[utoipa::path(get, path = "/healthz", operation_id = "get_health", tag = "daemon", responses((status = 200, body = Health)))]
-pub(super) async fn health(State(app): State<App>) -> Json<Health> {
-    Json(Health {
-        status: "ok".to_owned(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        boot_id: app.hub.boot_id(),
-        simulated: app.service.bench().is_simulated(),
-    })
 }
 
 /// This contract, OpenAPI 3.1.

@@ -8,17 +8,18 @@ use uuid::Uuid;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::{JsonBody, PathParam};
+use super::extract::{JsonBody, LeaseKey, PathParam};
 use super::types::{ConfirmRequest, JobResource};
 use crate::control::job::JobRequest;
 use crate::control::{Acceptance, Refusal, ServiceError};
 
 /// Starts a job.
 ///
-/// A bench does one job at a time: while one is under way another is refused, and the refusal names it.
+/// A bench does one job at a time: while one is under way another is refused, and the refusal names it. The job holds
+/// the control lease that was shown until its end, and needs no heartbeat for it.
 #[utoipa::path(
     post, path = "/api/v1/jobs", operation_id = "create_job", tag = "jobs", request_body = JobRequest,
-    params(("Idempotency-Key" = Option<String>, Header,
+    params(LeaseKey, ("Idempotency-Key" = Option<String>, Header,
         description = "A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again \
                        with it and the same body within a day, it is the same job")),
     responses(
@@ -26,21 +27,28 @@ use crate::control::{Acceptance, Refusal, ServiceError};
          headers(("Location" = String, description = "Path of the job"))),
         (status = 201, body = JobResource, headers(("Location" = String, description = "Path of the job"))),
         (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be written, or the program is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 412, description = "The lease's key is not the holder's", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The history cannot be written, or the program is shutting down", body = Problem,
+         content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn create(
     State(app): State<App>,
+    lease: LeaseKey,
     headers: HeaderMap,
     JsonBody(request): JsonBody<JobRequest>,
 ) -> Result<impl IntoResponse> {
     let key = idempotency_key(&headers)?;
+    let permit = app.permit(&lease);
     let service = app.service.clone();
     // In a task of its own: a client that hangs up leaves no job half accepted.
     let created = tokio::spawn(async move {
         match key {
-            Some(key) => service.create_job_once(request, key).await,
-            None => service.create_job(request).await.map(|job| (job, Acceptance::Now)),
+            // Asked again, it is answered whoever has the lease by now.
+            Some(key) => service.create_job_once(permit, request, key).await,
+            None => service.create_job(&permit?, request).await.map(|job| (job, Acceptance::Now)),
         }
     });
     let (job, acceptance) = created.await.map_err(|_| Problem::internal())??;

@@ -1,6 +1,7 @@
 //! The WebSocket: a snapshot, then changes as text; pictures as binary, to who asks for them.
 //!
-//! A viewer is one task. Changes are bounded and none is skipped: a viewer that cannot follow gets a new snapshot.
+//! A viewer is one task. Changes are bounded and none is skipped: a viewer that cannot follow is cut off with the reason,
+//! and one that comes back goes on where it was, if what it missed is kept.
 //! Pictures are the opposite: the newest wins, and a viewer that is slow is sent fewer. Neither delays another viewer.
 
 use std::sync::Arc;
@@ -14,16 +15,22 @@ use prost::Message as _;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior};
+use uuid::Uuid;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::parse;
+use super::extract::{Query, parse};
 use super::frame::milliseconds;
-use super::hub::text;
-use super::picture::{Encoding, Reduce, age};
-use super::proto;
+use super::hub::{Begin, text};
+use super::picture::{Encoding, QUALITIES, Reduce, age};
+use super::proto::{self, viewed::What};
 use super::types::{ServerMessage, ViewerMessage};
+use crate::control::ServiceError;
+use crate::control::events::FieldMap;
+use crate::control::lease::Permit;
 use crate::device::Frame;
+use crate::imaging::spacing::{LensSpacing, LensState};
+use crate::telemetry::{self, ViewerKind, Viewing};
 
 /// Between signs of life.
 const TICK: Duration = Duration::from_secs(2);
@@ -35,10 +42,11 @@ const SILENCE: Duration = Duration::from_secs(30);
 const MESSAGE_LIMIT: usize = 4096;
 
 type Frames = watch::Receiver<Option<Arc<Frame>>>;
+type Maps = watch::Receiver<Option<Arc<FieldMap>>>;
 
 /// The live view: `proto/asyncapi.yaml` says what is sent here.
 #[utoipa::path(
-    get, path = "/api/v1/ws", operation_id = "open_websocket", tag = "live",
+    get, path = "/api/v1/ws", operation_id = "open_websocket", tag = "live", params(Follow),
     responses(
         (status = 101, description = "The WebSocket is open; asyncapi.yaml has its messages"),
         (status = 403, description = "A page of another origin", body = Problem,
@@ -49,6 +57,7 @@ type Frames = watch::Receiver<Option<Arc<Frame>>>;
 )]
 pub(super) async fn ws(
     State(app): State<App>,
+    Query(follow): Query<Follow>,
     upgrade: std::result::Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response> {
     let upgrade = upgrade.map_err(|rejection| Problem::upgrade_required(rejection.body_text()))?;
@@ -56,15 +65,29 @@ pub(super) async fn ws(
     Ok(upgrade
         .max_message_size(MESSAGE_LIMIT)
         .max_frame_size(MESSAGE_LIMIT)
-        .on_upgrade(move |socket| viewers.track_future(async move { Viewer::new(app, socket).run().await })))
+        .on_upgrade(move |socket| viewers.track_future(async move { Viewer::new(app, socket).run(follow).await })))
+}
+
+/// Where a viewer that was here before wants to go on.
+#[derive(Debug, Clone, Copy, serde::Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Follow {
+    /// Number of the newest change that the viewer has.
+    after: Option<u64>,
+    /// The run of the program that it is of.
+    boot_id: Option<Uuid>,
 }
 
 /// What a viewer wants to see.
 struct Watching {
     frames: Frames,
+    /// The spacing over the field, where it was asked for.
+    map: Option<Maps>,
+    _viewing: Viewing,
     /// Has the spacing of what is seen measured.
     _spacing: Arc<()>,
     reduce: Reduce,
+    quality: u8,
     /// At least so long between two pictures.
     interval: Duration,
     next_at: Instant,
@@ -94,16 +117,26 @@ struct Viewer {
     app: App,
     socket: WebSocket,
     watching: Option<Watching>,
+    /// The control lease, where this connection holds it.
+    lease: Option<Permit>,
     heard_at: Instant,
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        if let Some(lease) = &self.lease {
+            self.app.service.leases().disconnect(lease);
+        }
+    }
 }
 
 impl Viewer {
     fn new(app: App, socket: WebSocket) -> Self {
-        Self { app, socket, watching: None, heard_at: Instant::now() }
+        Self { app, socket, watching: None, lease: None, heard_at: Instant::now() }
     }
 
-    async fn run(mut self) {
-        let end = match self.follow().await {
+    async fn run(mut self, follow: Follow) {
+        let end = match self.follow(follow).await {
             Ok(never) => match never {},
             Err(end) => end,
         };
@@ -113,9 +146,24 @@ impl Viewer {
         }
     }
 
-    async fn follow(&mut self) -> std::result::Result<std::convert::Infallible, End> {
-        let (seq, mut changes) = self.app.hub.subscribe();
-        self.send_snapshot(seq).await?;
+    async fn follow(&mut self, follow: Follow) -> std::result::Result<std::convert::Infallible, End> {
+        let boot_id = self.app.hub.boot_id();
+        let after = follow.after.filter(|_| follow.boot_id == Some(boot_id));
+        let (begin, mut changes) = self.app.hub.subscribe(after);
+        match begin {
+            Begin::Replay(missed) => {
+                for change in missed {
+                    self.send(Message::Text(change)).await?;
+                }
+            }
+            Begin::Snapshot(seq) => {
+                if let (Some(after), Some(after_boot_id)) = (follow.after, follow.boot_id) {
+                    let gap = ServerMessage::Gap { seq, boot_id, after, after_boot_id };
+                    self.send(Message::Text(text(&gap))).await?;
+                }
+                self.send_snapshot(seq).await?;
+            }
+        }
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         tick.reset();
@@ -127,15 +175,16 @@ impl Viewer {
                 change = changes.recv() => match change {
                     Ok(text) => self.send(Message::Text(text)).await?,
                     Err(RecvError::Lagged(_)) => {
-                        let (seq, renewed) = self.app.hub.subscribe();
-                        changes = renewed;
-                        self.send_snapshot(seq).await?;
+                        return Err(End::Close(close_code::POLICY, "more than 512 changes behind: connect anew"));
                     }
                     Err(RecvError::Closed) => return Err(End::Close(close_code::AWAY, "the program is shutting down")),
                 },
                 message = self.socket.recv() => self.hear(message).await?,
                 _ = tick.tick() => self.tick().await?,
-                frame = next_frame(&mut self.watching) => self.send_picture(frame).await?,
+                what = next_seen(&mut self.watching) => match what {
+                    See::Frame(frame) => self.send_picture(frame).await?,
+                    See::Map(map) => self.send_map(&map).await?,
+                },
             }
         }
     }
@@ -192,12 +241,23 @@ impl Viewer {
     fn obey(&mut self, message: &Utf8Bytes) -> Result<()> {
         match parse(message.as_bytes())? {
             ViewerMessage::Pictures { on: false, .. } => self.watching = None,
-            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, window } => {
+            ViewerMessage::Hold { lease } => {
+                let leases = self.app.service.leases();
+                let held = leases.connect(&lease).map_err(ServiceError::from)?;
+                if let Some(before) = self.lease.replace(held) {
+                    leases.disconnect(&before);
+                }
+            }
+            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, quality, overlay, window } => {
                 let reduce = Reduce::from_number(reduce)
                     .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {reduce} is not 1, 2 or 4")))?;
                 if !(0.1..=60.0).contains(&max_rate_hz) {
                     let detail = format!("max_rate_hz: {max_rate_hz} is not within 0.1 to 60");
                     return Err(Problem::invalid("max_rate_hz", detail));
+                }
+                if !QUALITIES.contains(&quality) {
+                    let detail = format!("quality: {quality} is not within 10 to 100");
+                    return Err(Problem::invalid("quality", detail));
                 }
                 if window > 16 {
                     return Err(Problem::invalid("window", format!("window: {window} is not within 0 to 16")));
@@ -205,10 +265,18 @@ impl Viewer {
                 let mut frames = self.app.service.bench().camera.live();
                 // The picture there is counts as new, so that a viewer sees something at once.
                 frames.mark_changed();
+                let map = overlay.then(|| {
+                    let mut map = self.app.service.field_map();
+                    map.mark_changed();
+                    map
+                });
                 self.watching = Some(Watching {
                     frames,
+                    map,
+                    _viewing: telemetry::viewing(ViewerKind::WebSocket),
                     _spacing: self.app.service.look_on(),
                     reduce,
+                    quality,
                     interval: Duration::from_secs_f64(1.0 / max_rate_hz),
                     next_at: Instant::now(),
                     window,
@@ -228,7 +296,7 @@ impl Viewer {
 
     async fn send_picture(&mut self, frame: Arc<Frame>) -> std::result::Result<(), End> {
         let Some(watching) = &mut self.watching else { return Ok(()) };
-        let encoding = Encoding::Jpeg { reduce: watching.reduce };
+        let encoding = Encoding::Jpeg { reduce: watching.reduce, quality: watching.quality };
         let jpeg = match self.app.pictures.encode(&frame, encoding).await {
             Ok(jpeg) => jpeg,
             Err(error) => {
@@ -236,34 +304,94 @@ impl Viewer {
                 return Ok(());
             }
         };
-        if let Some(last) = watching.last_seq.replace(frame.seq) {
-            watching.skipped += frame.seq.saturating_sub(last + 1);
-        }
+        let dropped = watching.last_seq.replace(frame.seq).map_or(0, |last| frame.seq.saturating_sub(last + 1));
+        watching.skipped += dropped;
         // Counted from when it was due: frames that come at the viewer's own rate, a little late, are all sent.
         watching.next_at = (watching.next_at + watching.interval).max(Instant::now());
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
         let message = picture_message(&frame, jpeg, watching.skipped, watching.reduce);
+        self.send_viewed(What::Frame(message)).await?;
+        telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);
+        Ok(())
+    }
+
+    async fn send_map(&mut self, map: &FieldMap) -> std::result::Result<(), End> {
+        self.send_viewed(What::SpacingMap(map_message(map))).await
+    }
+
+    async fn send_viewed(&mut self, what: What) -> std::result::Result<(), End> {
+        let message = proto::Viewed { what: Some(what) };
         self.send(Message::Binary(message.encode_to_vec().into())).await
     }
 }
 
-/// The newest frame once there is a new one, the viewer's rate allows it and its window is open; never for a viewer
-/// who wants no pictures. Nothing is lost when this is dropped half-way.
-async fn next_frame(watching: &mut Option<Watching>) -> Arc<Frame> {
-    let Some(watching) = watching.as_mut().filter(|watching| watching.may_send()) else {
-        return std::future::pending().await;
-    };
-    tokio::time::sleep_until(watching.next_at).await;
+/// What a viewer is to be shown next.
+enum See {
+    Frame(Arc<Frame>),
+    Map(Arc<FieldMap>),
+}
+
+/// The next thing for a viewer to see; never for one who wants no pictures. Nothing is lost when this is dropped
+/// half-way.
+async fn next_seen(watching: &mut Option<Watching>) -> See {
+    let Some(watching) = watching.as_mut() else { return std::future::pending().await };
+    let may_send = watching.may_send();
+    let Watching { frames, map, next_at, .. } = watching;
+    tokio::select! {
+        map = next_map(map) => See::Map(map),
+        frame = next_frame(frames, *next_at), if may_send => See::Frame(frame),
+    }
+}
+
+async fn next_map(map: &mut Option<Maps>) -> Arc<FieldMap> {
+    let Some(map) = map else { return std::future::pending().await };
     loop {
-        if watching.frames.changed().await.is_err() {
+        if map.changed().await.is_err() {
             return std::future::pending().await;
         }
-        let newest = watching.frames.borrow_and_update().clone();
+        let newest = map.borrow_and_update().clone();
+        if let Some(map) = newest {
+            return map;
+        }
+    }
+}
+
+/// The newest frame once there is a new one and the viewer's rate allows it.
+async fn next_frame(frames: &mut Frames, next_at: Instant) -> Arc<Frame> {
+    tokio::time::sleep_until(next_at).await;
+    loop {
+        if frames.changed().await.is_err() {
+            return std::future::pending().await;
+        }
+        let newest = frames.borrow_and_update().clone();
         if let Some(frame) = newest {
             return frame;
         }
+    }
+}
+
+fn map_message(field: &FieldMap) -> proto::SpacingMap {
+    let lenses = &field.map.lenses;
+    let each = |value: fn(&LensSpacing) -> f64| lenses.iter().map(|lens| value(lens) as f32).collect();
+    proto::SpacingMap {
+        frame_seq: field.frame_seq,
+        micro_image_pitch_px: field.micro_image_pitch_px,
+        spacing_target_px: field.spacing_target_px,
+        x_px: each(|lens| lens.centre_px[0]),
+        y_px: each(|lens| lens.centre_px[1]),
+        spacing_px: each(|lens| lens.spacing_px),
+        sigma_px: each(|lens| lens.sigma_px),
+        state: lenses.iter().map(|lens| i32::from(lens_state(lens.state))).collect(),
+    }
+}
+
+fn lens_state(state: LensState) -> proto::LensState {
+    match state {
+        LensState::Matched => proto::LensState::Matched,
+        LensState::Mismatched => proto::LensState::Mismatched,
+        LensState::Blank => proto::LensState::Blank,
     }
 }
 

@@ -14,14 +14,18 @@ pub mod history;
 mod hub;
 mod info;
 mod jobs;
+mod lease;
 mod live;
+mod metrics;
 mod page;
 mod picture;
+mod placeholder;
 /// Messages of `proto/plenalign/v1`, written by `prost-build`; a test compares.
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
 mod stop;
+mod stream;
 pub mod types;
 
 use std::net::SocketAddr;
@@ -31,6 +35,7 @@ use axum::extract::{DefaultBodyLimit, Request};
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware;
 use axum::response::{IntoResponse, Response};
+use metrics_exporter_prometheus::PrometheusHandle;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -45,7 +50,8 @@ use hub::Hub;
 use picture::Pictures;
 
 use crate::config::ConfigOrigin;
-use crate::control::Service;
+use crate::control::lease::Permit;
+use crate::control::{Service, ServiceError};
 
 /// What every handler gets.
 #[derive(Clone)]
@@ -54,9 +60,18 @@ struct App {
     hub: Arc<Hub>,
     pictures: Arc<Pictures>,
     origin: Arc<ConfigOrigin>,
+    /// Writes what is counted as text, where it is kept.
+    metrics: Option<PrometheusHandle>,
     loopback_only: bool,
     shutdown: CancellationToken,
     viewers: TaskTracker,
+}
+
+impl App {
+    /// That the request comes from the holder of the control lease.
+    fn permit(&self, key: &extract::LeaseKey) -> std::result::Result<Permit, ServiceError> {
+        Ok(self.service.leases().permit(key.shown())?)
+    }
 }
 
 /// The API over a service, ready to be served.
@@ -65,10 +80,16 @@ pub struct Api {
 }
 
 impl Api {
-    /// The API over `service`. `address` is where it will listen; `origin` is where the configuration came from.
+    /// The API over `service`. `address` is where it will listen; `origin` is where the configuration came from;
+    /// `metrics` writes what the program counts, where that is kept.
     /// Has to be called within a tokio runtime.
     #[must_use]
-    pub fn new(service: Arc<Service>, address: SocketAddr, origin: ConfigOrigin) -> Self {
+    pub fn new(
+        service: Arc<Service>,
+        address: SocketAddr,
+        origin: ConfigOrigin,
+        metrics: Option<PrometheusHandle>,
+    ) -> Self {
         let hub = Arc::new(Hub::new());
         let shutdown = CancellationToken::new();
         tokio::spawn(hub::pump(hub.clone(), service.clone(), shutdown.clone()));
@@ -77,6 +98,7 @@ impl Api {
             hub,
             pictures: Arc::default(),
             origin: Arc::new(origin),
+            metrics,
             loopback_only: address.ip().is_loopback(),
             shutdown,
             viewers: TaskTracker::new(),
@@ -91,6 +113,7 @@ impl Api {
         router
             .fallback(page_or_problem)
             .method_not_allowed_fallback(method_not_allowed)
+            .route_layer(middleware::from_fn(metrics::name_route))
             .layer(DefaultBodyLimit::max(extract::BODY_LIMIT_BYTES))
             .layer(middleware::from_fn_with_state(self.app.clone(), guard::guard))
             .layer(CatchPanicLayer::custom(|_| Problem::internal().into_response()))
@@ -98,6 +121,7 @@ impl Api {
             .layer(header(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
             .layer(header(header::CACHE_CONTROL, "no-store"))
             .layer(TraceLayer::new_for_http())
+            .layer(middleware::from_fn(metrics::time))
             .with_state(self.app.clone())
     }
 
@@ -133,6 +157,10 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(bench::put_shell))
         .routes(routes!(axes::go))
         .routes(routes!(axes::home))
+        .routes(routes!(axes::jog, axes::end_jog))
+        .routes(routes!(lease::take, lease::get, lease::release))
+        .routes(routes!(lease::renew))
+        .routes(routes!(lease::take_over))
         .routes(routes!(jobs::create, history::jobs))
         .routes(routes!(jobs::get, jobs::cancel))
         .routes(routes!(jobs::confirm))
@@ -146,12 +174,15 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(export::as_html))
         .routes(routes!(stop::stop, stop::get, stop::reset))
         .routes(routes!(frame::png))
-        .routes(routes!(frame::jpg))
+        .routes(routes!(frame::snapshot))
+        .routes(routes!(stream::mjpeg))
         .routes(routes!(info::measurement))
         .routes(routes!(info::config))
         .routes(routes!(info::design))
         .routes(routes!(info::openapi))
-        .routes(routes!(info::health))
+        .routes(routes!(metrics::health))
+        .routes(routes!(metrics::ready))
+        .routes(routes!(metrics::metrics))
         .routes(routes!(live::ws))
 }
 

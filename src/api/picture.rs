@@ -1,7 +1,9 @@
 //! Pictures for viewers: a raw frame to JPEG or PNG, each encoded once however many watch.
 
+use std::collections::HashMap;
 use std::io::Cursor;
-use std::sync::Arc;
+use std::ops::RangeInclusive;
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use axum::body::Bytes;
@@ -13,20 +15,24 @@ use tokio::time::Instant;
 use crate::device::{Frame, FrameSource};
 use crate::raw::{RawImage, Samples};
 
-/// JPEG quality of pictures: blur and micro-images show, noise costs little.
-const JPEG_QUALITY: u8 = 80;
+/// JPEG quality of pictures where none is asked for: blur and micro-images show, noise costs little.
+pub(super) const DEFAULT_QUALITY: u8 = 80;
+/// JPEG qualities that may be asked for.
+pub(super) const QUALITIES: RangeInclusive<u8> = 10..=100;
+/// Encodings kept; the least recently made go first.
+const MAX_ENCODINGS: usize = 16;
 
 /// How a picture is encoded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Encoding {
     /// Greyscale JPEG of 8 bits, `reduce` raw pixels to a picture pixel each way.
-    Jpeg { reduce: Reduce },
+    Jpeg { reduce: Reduce, quality: u8 },
     /// PNG with the raw frame's own samples.
     Png,
 }
 
 /// Raw pixels to a picture pixel, each way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Reduce {
     Not,
     Half,
@@ -59,19 +65,25 @@ type Slot = Mutex<Option<(u64, Bytes)>>;
 /// same one waits for it instead of doing the work again.
 #[derive(Default)]
 pub(super) struct Pictures {
-    jpeg: [Slot; 3],
-    png: Slot,
+    slots: std::sync::Mutex<HashMap<Encoding, (u64, Arc<Slot>)>>,
 }
 
 impl Pictures {
+    /// The slot of an encoding, for a picture of frame `seq`.
+    fn slot(&self, encoding: Encoding, seq: u64) -> Arc<Slot> {
+        let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
+        if slots.len() >= MAX_ENCODINGS && !slots.contains_key(&encoding) {
+            let oldest = slots.iter().min_by_key(|(_, (seq, _))| *seq).map(|(encoding, _)| *encoding);
+            oldest.map(|oldest| slots.remove(&oldest));
+        }
+        let (newest, slot) = slots.entry(encoding).or_default();
+        *newest = (*newest).max(seq);
+        Arc::clone(slot)
+    }
+
     /// The frame's picture; an error is a picture that no encoder takes, in words.
     pub(super) async fn encode(&self, frame: &Arc<Frame>, encoding: Encoding) -> Result<Bytes, String> {
-        let slot = match encoding {
-            Encoding::Jpeg { reduce: Reduce::Not } => &self.jpeg[0],
-            Encoding::Jpeg { reduce: Reduce::Half } => &self.jpeg[1],
-            Encoding::Jpeg { reduce: Reduce::Quarter } => &self.jpeg[2],
-            Encoding::Png => &self.png,
-        };
+        let slot = self.slot(encoding, frame.seq);
         let mut held = slot.lock().await;
         if let Some((seq, bytes)) = held.as_ref()
             && *seq == frame.seq
@@ -80,7 +92,7 @@ impl Pictures {
         }
         let image = frame.image.clone();
         let bytes = tokio::task::spawn_blocking(move || match encoding {
-            Encoding::Jpeg { reduce } => jpeg(&image, reduce),
+            Encoding::Jpeg { reduce, quality } => jpeg(&image, reduce, quality),
             Encoding::Png => png(&image),
         })
         .await
@@ -90,13 +102,18 @@ impl Pictures {
     }
 }
 
-fn jpeg(image: &RawImage, reduce: Reduce) -> Result<Bytes, String> {
+fn jpeg(image: &RawImage, reduce: Reduce, quality: u8) -> Result<Bytes, String> {
     let (samples, width, height) = reduced(image, reduce);
+    grey_jpeg(&samples, width, height, quality)
+}
+
+/// A greyscale JPEG of 8-bit samples.
+pub(super) fn grey_jpeg(samples: &[u8], width: usize, height: usize, quality: u8) -> Result<Bytes, String> {
     let too_large = |_| format!("a frame of {width}x{height} is too large for JPEG");
     let (w, h) = (u16::try_from(width).map_err(too_large)?, u16::try_from(height).map_err(too_large)?);
     let mut bytes = Vec::with_capacity(samples.len() / 4);
-    jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY)
-        .encode(&samples, w, h, jpeg_encoder::ColorType::Luma)
+    jpeg_encoder::Encoder::new(&mut bytes, quality)
+        .encode(samples, w, h, jpeg_encoder::ColorType::Luma)
         .map_err(|error| error.to_string())?;
     Ok(bytes.into())
 }
@@ -145,16 +162,24 @@ pub(super) fn age(frame: &Frame) -> Duration {
     Instant::now().saturating_duration_since(frame.exposed_to)
 }
 
-/// The newest frame that is no older than `max_age`; waits as long for one, since a source that nobody watched may
-/// have none.
+/// The newest frame that ended its exposure at `not_before` or later, or is no older than `max_age` where that is not
+/// given; waits so long for one, since a source that nobody watched may have none.
 ///
 /// The error is the age of what there is.
-pub(super) async fn fresh(camera: &dyn FrameSource, max_age: Duration) -> Result<Arc<Frame>, Option<Duration>> {
+pub(super) async fn fresh(
+    camera: &dyn FrameSource,
+    max_age: Duration,
+    not_before: Option<Instant>,
+) -> Result<Arc<Frame>, Option<Duration>> {
     let mut frames = camera.live();
     let wait = async {
         loop {
             let newest = frames.borrow_and_update().clone();
-            if let Some(frame) = newest.filter(|frame| age(frame) <= max_age) {
+            let wanted = |frame: &Arc<Frame>| match not_before {
+                Some(from) => frame.exposed_to >= from,
+                None => age(frame) <= max_age,
+            };
+            if let Some(frame) = newest.filter(wanted) {
                 return Some(frame);
             }
             frames.changed().await.ok()?;
@@ -202,7 +227,7 @@ mod tests {
         let pictures = Pictures::default();
         let png = pictures.encode(&raw, Encoding::Png).await.unwrap();
         assert_eq!(image::load_from_memory(&png).unwrap().into_luma16().into_raw(), samples);
-        let jpeg = pictures.encode(&raw, Encoding::Jpeg { reduce: Reduce::Half }).await.unwrap();
+        let jpeg = pictures.encode(&raw, Encoding::Jpeg { reduce: Reduce::Half, quality: 80 }).await.unwrap();
         let jpeg = image::load_from_memory(&jpeg).unwrap();
         assert_eq!((jpeg.width(), jpeg.height()), (32, 24));
     }
@@ -210,7 +235,7 @@ mod tests {
     #[tokio::test]
     async fn a_frame_is_encoded_once() {
         let pictures = Pictures::default();
-        let encoding = Encoding::Jpeg { reduce: Reduce::Not };
+        let encoding = Encoding::Jpeg { reduce: Reduce::Not, quality: 80 };
         let one = pictures.encode(&frame(7, RawImage::from_u8(8, 8, vec![0; 64])), encoding).await.unwrap();
         let other = RawImage::from_u8(8, 8, vec![255; 64]);
         let same = pictures.encode(&frame(7, other.clone()), encoding).await.unwrap();

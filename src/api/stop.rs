@@ -1,9 +1,10 @@
 //! Stopping everything, and taking the stop back.
 
-use axum::Json;
 use axum::extract::State;
+use axum::{Extension, Json};
 
 use super::App;
+use super::metrics::Arrived;
 use crate::control::StopReport;
 use crate::control::events::StopView;
 
@@ -11,12 +12,12 @@ use crate::control::events::StopView;
 ///
 /// Answers in every state of the bench, and says for each axis how far the stop got.
 #[utoipa::path(post, path = "/api/v1/stop", operation_id = "stop", tag = "stop", responses((status = 200, body = StopReport)))]
-pub(super) async fn stop(State(app): State<App>) -> Json<StopReport> {
+pub(super) async fn stop(State(app): State<App>, Extension(Arrived(at)): Extension<Arrived>) -> Json<StopReport> {
     let service = app.service.clone();
     // In a task of its own: a client that hangs up must not call the stop back.
-    let report = tokio::spawn(async move { service.stop().await }).await;
+    let report = tokio::spawn(async move { service.stop(at).await }).await;
     let undeliverable = crate::device::StopDelivery::Undeliverable;
-    Json(report.unwrap_or(StopReport { focus: undeliverable, e: undeliverable }))
+    Json(report.unwrap_or(StopReport { focus: undeliverable, e: undeliverable, latency_ms: None }))
 }
 
 /// Whether the stop is latched.

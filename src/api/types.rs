@@ -5,8 +5,10 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::error::Problem;
+use crate::config::Side;
 use crate::control::events::{BenchView, MeasurementView, ShellState};
 use crate::control::job::JobSnapshot;
+use crate::control::lease::LeaseView;
 
 /// Where a job is found.
 #[must_use]
@@ -31,6 +33,28 @@ impl From<JobSnapshot> for JobResource {
     }
 }
 
+/// Who asks for the control lease.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LeaseAsked {
+    /// Who: shown to everybody who asks for it meanwhile.
+    #[schema(min_length = 1, max_length = 200)]
+    pub owner: String,
+    /// What for.
+    #[schema(min_length = 1, max_length = 200)]
+    pub note: Option<String>,
+    /// Time to live from a heartbeat, s; 30 where it is not given.
+    #[schema(minimum = 2, maximum = 3600)]
+    pub ttl_s: Option<f64>,
+}
+
+/// Who has the control lease.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeaseState {
+    /// The lease; `null` while nobody has it.
+    pub lease: Option<LeaseView>,
+}
+
 /// A confirmation of an operator step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -45,6 +69,16 @@ pub struct ConfirmRequest {
 pub struct MoveRequest {
     /// Where to, in the axis's own coordinate, mm.
     pub position_mm: f64,
+}
+
+/// A jog of one axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JogRequest {
+    /// Which way: towards smaller or larger positions.
+    pub towards: Side,
+    /// How fast, mm/s; the axis's greatest speed where it is not given.
+    pub speed_mm_per_s: Option<f64>,
 }
 
 /// The operator's statement about the shell.
@@ -80,6 +114,13 @@ pub struct Health {
     pub simulated: bool,
 }
 
+/// That the bench can be worked with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Readiness {
+    /// Always true: what is not ready answers 503.
+    pub ready: bool,
+}
+
 /// What the daemon sends over the WebSocket as text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "type", rename_all = "snake_case")]
@@ -98,6 +139,17 @@ pub enum ServerMessage {
         jobs: Vec<JobResource>,
         /// The newest measurement.
         measurement: Option<MeasurementView>,
+    },
+    /// The changes that this viewer asked to follow on from are not kept, or are of another run: a snapshot follows.
+    Gap {
+        /// Number of the newest change.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// The change that was to be followed on from.
+        after: u64,
+        /// The run that it was of.
+        after_boot_id: Uuid,
     },
     /// The bench changed.
     Bench {
@@ -165,10 +217,22 @@ pub enum ViewerMessage {
         #[serde(default = "default_reduce")]
         #[schema(default = 1)]
         reduce: u32,
+        /// Quality of the JPEG, 10 to 100.
+        #[serde(default = "default_quality")]
+        #[schema(minimum = 10, maximum = 100, default = 80)]
+        quality: u8,
+        /// Whether to send the spacing over the field, too, at each new measurement.
+        #[serde(default)]
+        overlay: bool,
         /// At most so many pictures on the way that the viewer has not said it has seen; 0 for no such bound.
         #[serde(default)]
         #[schema(maximum = 16, default = 0)]
         window: u32,
+    },
+    /// Holds the control lease for as long as this connection lives, and 10 s longer.
+    Hold {
+        /// The lease's key.
+        lease: String,
     },
     /// Says that a picture has been shown, where `window` bounds how many are on the way.
     Seen {
@@ -179,6 +243,10 @@ pub enum ViewerMessage {
 
 fn default_rate() -> f64 {
     15.0
+}
+
+fn default_quality() -> u8 {
+    super::picture::DEFAULT_QUALITY
 }
 
 fn default_reduce() -> u32 {

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context as _;
 use tokio::io::{AsyncBufReadExt, BufReader};
@@ -13,6 +14,7 @@ use super::serve::Signals;
 use super::{Context, remote, report};
 use crate::control::events::Event;
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
+use crate::control::lease::{DEFAULT_TTL_S, LeaseRequest};
 use crate::control::{Service, open_bench};
 use crate::state_folder::state_folder;
 use crate::store::Store;
@@ -75,7 +77,11 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
 /// Runs the job to its end. The first signal cancels it, the second ends the program at once.
 async fn follow(service: &Arc<Service>, signals: &mut Signals) -> anyhow::Result<JobSnapshot> {
     let mut events = service.subscribe();
-    let id = service.create_job(JobRequest { kind: JobKind::JointAlignment }).await?.id;
+    let request =
+        LeaseRequest { owner: remote::lease_owner(), note: None, ttl: Duration::from_secs_f64(DEFAULT_TTL_S) };
+    let grant = service.leases().acquire(request)?;
+    let permit = service.leases().permit(Some(&grant.key))?;
+    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await?.id;
     let mut progress = Progress::new("press Enter when it is done".to_owned());
     let mut lines = BufReader::new(tokio::io::stdin()).lines();
     let (mut interrupted, mut input_open) = (false, true);

@@ -17,6 +17,8 @@ mod render;
 mod report;
 mod serve;
 mod sim_stage;
+mod stop_axes;
+mod supervised;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -62,6 +64,8 @@ enum Command {
     Demo(demo::Args),
     /// Stand in for a stage controller, behind a pseudo-terminal or a TCP port.
     SimStage(sim_stage::Args),
+    /// Stop the configured axes straight over their ports, where no daemon runs.
+    StopAxes(stop_axes::Args),
 }
 
 /// What every subcommand gets.
@@ -126,5 +130,6 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Jobs(args) => jobs::run(context, args),
         Command::Demo(args) => demo::run(context, args),
         Command::SimStage(args) => sim_stage::run(context, args),
+        Command::StopAxes(args) => stop_axes::run(context, args),
     }
 }

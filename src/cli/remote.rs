@@ -7,9 +7,10 @@ use reqwest::{Client, StatusCode};
 use serde::de::DeserializeOwned;
 
 use super::progress::Progress;
-use crate::api::error::Problem;
-use crate::api::types::{Health, JobResource};
+use crate::api::error::{LEASE_HEADER, Problem};
+use crate::api::types::{Health, JobResource, LeaseAsked};
 use crate::control::job::{JobKind, JobRequest, JobSnapshot};
+use crate::control::lease::LeaseGrant;
 
 /// Between two looks at the job.
 const POLL: Duration = Duration::from_millis(250);
@@ -17,6 +18,13 @@ const POLL: Duration = Duration::from_millis(250);
 const ANSWER: Duration = Duration::from_secs(10);
 /// Looks in a row that may fail before the daemon counts as lost.
 const FAILURES_ALLOWED: u32 = 8;
+
+/// How this command names itself where it takes the control lease: its user and machine.
+pub(super) fn lease_owner() -> String {
+    let user = std::env::var("USER").ok().filter(|user| !user.is_empty()).unwrap_or_else(|| "somebody".to_owned());
+    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_else(|_| "this machine".to_owned());
+    format!("{user}@{} (plenalign align)", machine.trim())
+}
 
 /// Runs a joint alignment at the daemon at `server`, such as `http://127.0.0.1:8080`, with its progress on standard
 /// error. Confirms nothing in the operator's place.
@@ -29,8 +37,15 @@ pub(super) async fn align(server: &str) -> anyhow::Result<JobSnapshot> {
     if health.simulated {
         eprintln!("plenalign: the bench at {server} is SIMULATED");
     }
-    let request = JobRequest { kind: JobKind::JointAlignment };
-    let created: JobResource = daemon.read(daemon.client.post(daemon.url("/api/v1/jobs")).json(&request)).await?;
+    let request = JobRequest::of(JobKind::JointAlignment);
+    let asked = LeaseAsked { owner: lease_owner(), note: Some("joint alignment".to_owned()), ttl_s: None };
+    let lease: LeaseGrant = daemon.read(daemon.client.post(daemon.url("/api/v1/lease")).json(&asked)).await?;
+    let start = daemon.client.post(daemon.url("/api/v1/jobs")).header(LEASE_HEADER, &lease.key).json(&request);
+    let created = daemon.read::<JobResource>(start).await;
+    // The job has the lease from here on, and it is free again at the job's end; where there is no job, it is at once.
+    let given_back = daemon.client.delete(daemon.url("/api/v1/lease")).header(LEASE_HEADER, &lease.key).send().await;
+    let created = created?;
+    given_back.context("the control lease could not be given back")?;
     let mut progress = Progress::new(format!("confirm it on the page at {}/ when it is done", daemon.base));
     let job = wait_for_end(&daemon, &created, &mut progress).await;
     progress.finish();

@@ -84,6 +84,7 @@ pub(crate) fn outcome_words(state: JobState) -> &'static str {
         JobState::WaitingForOperator => "waiting for the operator",
         JobState::Cancelling => "cancelling",
         JobState::Converged => "converged",
+        JobState::Succeeded => "succeeded",
         JobState::NotConverged => "not converged",
         JobState::Cancelled => "cancelled",
         JobState::Failed => "failed",
@@ -97,6 +98,7 @@ fn stage_word(stage: Stage) -> &'static str {
         Stage::LBound => "bound",
         Stage::Air => "air",
         Stage::Shell => "shell",
+        Stage::Survey => "survey",
         Stage::Report => "end",
     }
 }
@@ -107,13 +109,14 @@ fn kind_word(kind: IterationKind) -> &'static str {
         IterationKind::Probe => "probe",
         IterationKind::Move => "move",
         IterationKind::Verify => "verify",
+        IterationKind::Sample => "sample",
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::job::{JobKind, Progress, SpacingReading};
+    use crate::control::job::{JobKind, JobRequest, Progress, SpacingReading};
 
     fn iteration() -> Iteration {
         Iteration {
@@ -125,6 +128,7 @@ mod tests {
             e_mm: Some(30.0),
             delta_v_mm: Some(2.2041),
             delta_v_sigma_mm: Some(0.0004),
+            delta_v_target_mm: None,
             e_estimate_mm: None,
             e_estimate_sigma_mm: None,
             spacing: SpacingReading {
@@ -156,18 +160,21 @@ mod tests {
         let job = JobSnapshot {
             id: uuid::Uuid::nil(),
             kind: JobKind::JointAlignment,
+            request: JobRequest::of(JobKind::JointAlignment),
+            owner: "ada".to_owned(),
             state: JobState::Failed,
             stage: Stage::Air,
             simulated: true,
             generation: 9,
             created_at: jiff::Timestamp::UNIX_EPOCH,
             ended_at: None,
-            progress: Progress { step: 1, of: 9, doing: "nothing".into() },
+            progress: Progress { step: 1, of: 9, doing: "nothing".into(), measure: None, time_left_s: None },
             operator_step: None,
             iterations: vec![iteration()],
             log: vec![],
             reason: Some("the focus axis did not move".into()),
             report: None,
+            outcome: None,
         };
         assert_eq!(report_text(&job), "failed  (SIMULATED bench)\n  the focus axis did not move\n");
         let json = report_json(&job);

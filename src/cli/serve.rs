@@ -12,13 +12,14 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
-use super::Context;
 use super::lock::BenchLock;
+use super::{Context, supervised};
 use crate::api::Api;
 use crate::config::BenchDriver;
 use crate::control::{Service, open_bench};
 use crate::state_folder::state_folder;
 use crate::store::Store;
+use crate::telemetry;
 
 /// Where the daemon serves unless told otherwise.
 pub(super) const DEFAULT_ADDRESS: &str = "127.0.0.1:8080";
@@ -58,6 +59,7 @@ async fn serve(mut context: Context, args: Args) -> anyhow::Result<ExitCode> {
     // Signals are taken from here on, so that none in the next lines ends the program with a bench half open.
     let mut signals = Signals::new()?;
     let mut server = Server::start(context, &args.listen).await?;
+    let watchdog = supervised::serving(&server.service, server.api.router());
     say_address(server.address, server.simulated, args.json);
     tokio::select! {
         () = signals.next() => {}
@@ -67,6 +69,9 @@ async fn serve(mut context: Context, args: Args) -> anyhow::Result<ExitCode> {
             return Err(anyhow!("the server ended by itself"));
         }
     }
+    supervised::stopping();
+    // Ending is bounded by itself.
+    watchdog.inspect(tokio::task::JoinHandle::abort);
     server.shut_down(&mut signals).await;
     Ok(ExitCode::SUCCESS)
 }
@@ -117,7 +122,9 @@ impl Server {
         let simulated = bench.is_simulated();
         let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
         service.open_history().await;
-        let api = Api::new(Arc::clone(&service), address, context.origin);
+        // A second server in one process would count into the first one's metrics.
+        let metrics = telemetry::install().inspect_err(|error| tracing::warn!(%error, "no metrics are kept")).ok();
+        let api = Api::new(Arc::clone(&service), address, context.origin, metrics);
         let closing = api.closing();
         let server = axum::serve(listener, api.router()).with_graceful_shutdown(closing.cancelled_owned());
         let task = tokio::spawn(server.into_future());

@@ -169,7 +169,7 @@ const fn default_address() -> u8 {
 }
 
 /// An end of an axis's travel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
     /// Towards smaller coordinates.

@@ -13,7 +13,8 @@ use super::job::{IterationKind, Stage};
 use super::motion::Motion;
 use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
 use super::sight::HoldB;
-use crate::config::{Config, LBoundSource, SpacingTarget};
+use super::tasks::AirStep;
+use crate::config::{Config, LBoundSource, ShellStep, SpacingTarget};
 use crate::device::{AxisName, Setup};
 use crate::imaging::spacing::capture_range;
 use crate::optics::{CameraDesign, Solution};
@@ -82,8 +83,8 @@ pub(super) struct Alignment<'a> {
 }
 
 impl Alignment<'_> {
-    /// Runs the whole alignment. What it found stays in `findings`, whatever the end.
-    pub(super) async fn run(&mut self) -> Result<(), JobEnd> {
+    /// The joint alignment.
+    pub(super) async fn joint(&mut self) -> Result<(), JobEnd> {
         self.prepare().await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
@@ -93,12 +94,12 @@ impl Alignment<'_> {
         self.context.stage(Stage::Air);
         self.eye.aim_at(self.eye.paraxial_target_px());
         let levels = self.air(&solution).await?;
-        self.park_e(&levels).await?;
+        self.park_e(&levels, self.config.assembly.initial_e_mm).await?;
         self.context.stage(Stage::Shell);
-        self.shell(&solution).await
+        self.shell(&solution, self.config.assembly.shell_step).await
     }
 
-    async fn prepare(&mut self) -> Result<(), JobEnd> {
+    pub(super) async fn prepare(&mut self) -> Result<(), JobEnd> {
         self.context.stage(Stage::Preparation);
         self.eye.check_camera()?;
         self.context.doing("devices and homing");
@@ -117,7 +118,7 @@ impl Alignment<'_> {
         self.white_frame().await
     }
 
-    async fn white_frame(&mut self) -> Result<(), JobEnd> {
+    pub(super) async fn white_frame(&mut self) -> Result<(), JobEnd> {
         let instruction = "Put the diffuser on the lens and light it evenly: a white frame is taken.".to_owned();
         self.context.ask("white_frame", instruction, None, Setup::Diffuser).await?;
         self.context.doing("white frame");
@@ -127,7 +128,7 @@ impl Alignment<'_> {
     }
 
     /// "167.2 mm from the principal point", with what a ruler can touch where that is known.
-    fn board_place(&self, distances_mm: &[f64]) -> String {
+    pub(super) fn board_place(&self, distances_mm: &[f64]) -> String {
         let list = |offset: f64| {
             let distances: Vec<String> = distances_mm.iter().map(|d| format!("{:.1}", d + offset)).collect();
             distances.join(", ")
@@ -142,7 +143,7 @@ impl Alignment<'_> {
         }
     }
 
-    async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
+    pub(super) async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
         let levels = [middle_mm - LEVEL_STEP_MM, middle_mm, middle_mm + LEVEL_STEP_MM];
         let instruction = format!(
             "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
@@ -238,6 +239,10 @@ impl Alignment<'_> {
                 AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
                 AirDecision::Done => {
                     self.findings.truth_air = self.context.truth();
+                    if let Some(camera) = self.findings.camera {
+                        let delta_v = (here.delta_v_mm, here.sigma_mm);
+                        self.eye.keep_air_step(AirStep { camera, delta_v, focus_mm: reading_mm });
+                    }
                     self.context.log(format!(
                         "air step done: Δv = {:.4} ± {:.4} mm, wanted {:.4} mm",
                         here.delta_v_mm, here.sigma_mm, solution.delta_v
@@ -288,10 +293,9 @@ impl Alignment<'_> {
         Ok((observation, seen))
     }
 
-    /// Takes e to where the shell is to be mounted, with the shell off: a probe first, and the picture of the boards in
+    /// Takes e (mm) to where the shell is to be mounted, with the shell off: a probe first, and the picture of the boards in
     /// air, whose distance changes with e, must follow every move.
-    async fn park_e(&mut self, levels: &[f64; 3]) -> Result<(), JobEnd> {
-        let initial = self.config.assembly.initial_e_mm;
+    pub(super) async fn park_e(&mut self, levels: &[f64; 3], initial: f64) -> Result<(), JobEnd> {
         let start = self.motion.position_mm(AxisName::E)?;
         let way = initial - start;
         if way.abs() <= self.config.assembly.e_tolerance_mm {
@@ -355,7 +359,7 @@ impl Alignment<'_> {
         Ok(())
     }
 
-    async fn shell(&mut self, solution: &Solution) -> Result<(), JobEnd> {
+    pub(super) async fn shell(&mut self, solution: &Solution, step: ShellStep) -> Result<(), JobEnd> {
         let Some(camera) = self.findings.camera else {
             return Err(JobEnd::failed("the shell step needs the air step's calibration"));
         };
@@ -378,7 +382,7 @@ impl Alignment<'_> {
                 wall_mm: low_mm,
                 tolerance_mm: self.config.assembly.e_tolerance_mm,
                 spacing_px: self.eye.target_px(),
-                step: self.config.assembly.shell_step,
+                step,
                 high_limit_mm: high_mm,
                 scale_sigma: axis.scale_uncertainty,
                 zero_sigma_mm: axis.zero_uncertainty_mm,
@@ -388,7 +392,8 @@ impl Alignment<'_> {
             camera,
         );
         let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
-        let focus_at_air = self.motion.position_mm(AxisName::Focus)?;
+        let here_mm = self.motion.position_mm(AxisName::Focus)?;
+        let focus_at_air = self.eye.air_step().map_or(here_mm, |air| air.focus_mm);
         for _ in 0..MAX_MEASUREMENTS {
             self.context.doing(format!("shell: measuring the spacing ({})", kind.word()));
             let seen = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
@@ -409,7 +414,7 @@ impl Alignment<'_> {
                 spacing_px: seen.spacing.spacing_px,
                 sigma_px: seen.spacing.spacing_sigma_px,
             });
-            self.keep_shell(&shell, &seen, e_reading_mm, trim_mm);
+            self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;
             match decision {

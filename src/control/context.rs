@@ -3,14 +3,19 @@
 use std::future::Future;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc};
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 use super::events::Event;
-use super::job::{Iteration, JobRequest, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Report, Stage};
+use super::job::{
+    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage,
+};
 use super::journal::{Chronicle, Journal, Written};
+use super::outcome::Outcome;
 use super::refusal::{Refusal, ServiceError};
 use crate::device::{DeviceError, Setup, SimulatedOperator};
 use crate::store::records::Picture;
@@ -67,11 +72,9 @@ pub(super) struct Job {
     events: broadcast::Sender<Event>,
     cancel: CancellationToken,
     /// Why it was asked to end; the first asker's word counts.
-    cancelled_why: OnceLock<&'static str>,
+    cancelled_why: OnceLock<String>,
     confirmations: mpsc::Sender<u32>,
     journal: Arc<Journal>,
-    /// What was asked for, as JSON.
-    request: serde_json::Value,
     idempotency_key: Option<String>,
     kept: Mutex<Kept>,
 }
@@ -90,6 +93,14 @@ pub(super) struct JobContext {
     confirmed: tokio::sync::Mutex<mpsc::Receiver<u32>>,
     operator: Option<Arc<dyn SimulatedOperator>>,
     steps_asked: AtomicU32,
+    clock: Mutex<Clock>,
+}
+
+/// When the job began its work, and how long of it the operator has taken.
+#[derive(Debug, Clone, Copy)]
+struct Clock {
+    began: Instant,
+    waited: Duration,
 }
 
 impl Job {
@@ -97,6 +108,7 @@ impl Job {
     pub(super) fn new(
         request: &JobRequest,
         idempotency_key: Option<String>,
+        owner: &str,
         journal: Arc<Journal>,
         events: broadcast::Sender<Event>,
         operator: Option<Arc<dyn SimulatedOperator>>,
@@ -105,18 +117,21 @@ impl Job {
         let snapshot = JobSnapshot {
             id: Uuid::now_v7(),
             kind: request.kind,
+            request: request.clone(),
+            owner: owner.to_owned(),
             state: JobState::Pending,
             stage: Stage::Preparation,
             simulated: operator.is_some(),
             generation: 0,
             created_at: jiff::Timestamp::now(),
             ended_at: None,
-            progress: Progress { step: 0, of: 1, doing: "accepted".to_owned() },
+            progress: Progress { step: 0, of: 1, doing: "accepted".to_owned(), measure: None, time_left_s: None },
             operator_step: None,
             iterations: Vec::new(),
             log: Vec::new(),
             reason: None,
             report: None,
+            outcome: None,
         };
         let job = Arc::new(Self {
             snapshot: Mutex::new(snapshot),
@@ -125,7 +140,6 @@ impl Job {
             cancelled_why: OnceLock::new(),
             confirmations,
             journal,
-            request: serde_json::to_value(request).unwrap_or_default(),
             idempotency_key,
             kept: Mutex::default(),
         });
@@ -134,6 +148,7 @@ impl Job {
             confirmed: tokio::sync::Mutex::new(confirmed),
             operator,
             steps_asked: AtomicU32::new(0),
+            clock: Mutex::new(Clock { began: Instant::now(), waited: Duration::ZERO }),
         };
         (job, context)
     }
@@ -160,8 +175,7 @@ impl Job {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let bare = JobSnapshot { iterations: Vec::new(), log: Vec::new(), generation: 0, ..snapshot.clone() };
         let whole = kept.newest.as_ref() != Some(&bare);
-        let chronicle =
-            self.journal.chronicle(snapshot, &self.request, self.idempotency_key.as_deref(), kept.written, whole);
+        let chronicle = self.journal.chronicle(snapshot, self.idempotency_key.as_deref(), kept.written, whole);
         // A snapshot of before another one that came first has less than is written.
         kept.written.iterations = kept.written.iterations.max(snapshot.iterations.len());
         kept.written.lines = kept.written.lines.max(snapshot.log.len());
@@ -172,16 +186,16 @@ impl Job {
     /// The whole job for the history.
     pub(super) fn chronicle(&self) -> Chronicle {
         let (snapshot, key) = (self.snapshot(), self.idempotency_key.as_deref());
-        self.journal.chronicle(&snapshot, &self.request, key, Written::default(), true)
+        self.journal.chronicle(&snapshot, key, Written::default(), true)
     }
 
-    /// What was asked for, and the caller's own name for it.
-    pub(super) fn asked(&self) -> (&serde_json::Value, Option<&str>) {
-        (&self.request, self.idempotency_key.as_deref())
+    /// The caller's own name for the request.
+    pub(super) fn key(&self) -> Option<&str> {
+        self.idempotency_key.as_deref()
     }
 
     /// Asks the job to end, and says why. May be repeated.
-    pub(super) fn cancel(&self, why: &'static str) {
+    pub(super) fn cancel(&self, why: String) {
         if self.snapshot().state.is_final() || self.cancel.is_cancelled() {
             return;
         }
@@ -233,6 +247,7 @@ impl JobContext {
 
     /// The job is at work.
     pub(super) fn begin(&self, steps: u32) {
+        self.clock.lock().unwrap_or_else(PoisonError::into_inner).began = Instant::now();
         self.job.change(|job| {
             job.state = JobState::Running;
             job.progress.of = steps;
@@ -247,19 +262,37 @@ impl JobContext {
     /// Another step begins.
     pub(super) fn doing(&self, doing: impl Into<String>) {
         let doing = doing.into();
+        let worked = self.worked();
         self.job.change(|job| {
-            job.progress.step += 1;
-            job.progress.of = job.progress.of.max(job.progress.step + 1);
-            job.progress.doing = doing;
+            let progress = &mut job.progress;
+            let done = progress.step;
+            progress.step += 1;
+            progress.of = progress.of.max(progress.step + 1);
+            progress.doing = doing;
+            let left = f64::from(progress.of - done);
+            progress.time_left_s = (done > 0).then(|| worked.as_secs_f64() / f64::from(done) * left);
         });
+    }
+
+    /// How long the job has been at work, the operator's time not counted.
+    fn worked(&self) -> Duration {
+        let clock = *self.clock.lock().unwrap_or_else(PoisonError::into_inner);
+        clock.began.elapsed().saturating_sub(clock.waited)
     }
 
     /// Records an iteration; its number is given here.
     pub(super) fn record(&self, mut iteration: Iteration) {
+        let measure = measure(&iteration);
         self.job.change(|job| {
             iteration.number = job.iterations.len() as u32 + 1;
             job.iterations.push(iteration);
+            job.progress.measure = Some(measure);
         });
+    }
+
+    /// What a job that is no alignment came to.
+    pub(super) fn outcome(&self, outcome: Outcome) {
+        self.job.change(|job| job.outcome = Some(outcome));
     }
 
     /// Ends the job. The axes have been stopped.
@@ -271,6 +304,7 @@ impl JobContext {
             job.operator_step = None;
             job.progress.step = job.progress.of;
             job.progress.doing = "ended".to_owned();
+            job.progress.time_left_s = None;
             job.reason = Some(reason);
             job.report = report;
         });
@@ -284,8 +318,8 @@ impl JobContext {
         tokio::select! {
             biased;
             () = self.job.cancel.cancelled() => {
-                let why = self.job.cancelled_why.get().copied().unwrap_or("cancelled");
-                Err(JobEnd::Cancelled { why: why.to_owned() })
+                let why = self.job.cancelled_why.get().cloned().unwrap_or_else(|| "cancelled".to_owned());
+                Err(JobEnd::Cancelled { why })
             }
             result = step => result.map_err(Into::into),
         }
@@ -313,6 +347,7 @@ impl JobContext {
                 job.state = JobState::WaitingForOperator;
                 job.operator_step = Some(step.clone());
             });
+            let asked = Instant::now();
             let mut confirmed = self.confirmed.lock().await;
             self.unless_cancelled(async {
                 while let Some(step) = confirmed.recv().await {
@@ -323,6 +358,7 @@ impl JobContext {
                 Err(JobEnd::failed("the program is ending"))
             })
             .await?;
+            self.clock.lock().unwrap_or_else(PoisonError::into_inner).waited += asked.elapsed();
             self.job.change(|job| {
                 job.state = JobState::Running;
                 job.operator_step = None;
@@ -353,5 +389,20 @@ impl JobContext {
     /// The simulated truth, on a simulated bench.
     pub(super) fn truth(&self) -> Option<serde_json::Value> {
         self.operator.as_ref().map(|operator| operator.truth())
+    }
+}
+
+/// The figure that an iteration is about: Δv in the air step, the spacing elsewhere.
+fn measure(iteration: &Iteration) -> Measure {
+    match (iteration.stage, iteration.delta_v_mm, iteration.delta_v_sigma_mm) {
+        (Stage::Air | Stage::LBound, Some(value), Some(sigma)) => {
+            Measure { name: "delta_v_mm".to_owned(), value, sigma, target: iteration.delta_v_target_mm }
+        }
+        _ => Measure {
+            name: "spacing_px".to_owned(),
+            value: iteration.spacing.spacing_px,
+            sigma: iteration.spacing.spacing_sigma_px,
+            target: Some(iteration.spacing_target_px),
+        },
     }
 }

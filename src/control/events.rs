@@ -1,10 +1,14 @@
 //! What happens on a bench, published as it happens.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::job::{JobSnapshot, SpacingReading};
+use super::lease::LeaseView;
 use crate::device::AxisName;
+use crate::imaging::spacing::SpacingMap;
 
 /// One axis as a caller sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -110,6 +114,19 @@ pub struct MeasurementView {
     pub eog: Option<f64>,
 }
 
+/// The spacing over the field in the newest measurement of a single board.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FieldMap {
+    /// Sequence number of the frame measured.
+    pub frame_seq: u64,
+    /// Pitch of the micro-images, px.
+    pub micro_image_pitch_px: f64,
+    /// The spacing wanted, px.
+    pub spacing_target_px: f64,
+    /// Micro-image by micro-image.
+    pub map: Arc<SpacingMap>,
+}
+
 /// The state of the whole bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BenchView {
@@ -125,6 +142,8 @@ pub struct BenchView {
     pub shell: ShellState,
     /// The stop's latch.
     pub stop: StopView,
+    /// Who may move the axes; absent while nobody has taken the control lease.
+    pub lease: Option<LeaseView>,
     /// The job under way, by its id.
     #[schema(value_type = Option<String>, format = Uuid)]
     pub job: Option<uuid::Uuid>,
@@ -141,7 +160,7 @@ pub enum Event {
     /// The bench's state changed.
     Bench {
         /// The whole state.
-        bench: BenchView,
+        bench: Box<BenchView>,
     },
     /// A job changed.
     Job {

@@ -7,15 +7,17 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::context::JobEnd;
-use super::events::MeasurementView;
+use super::events::{FieldMap, MeasurementView};
 use super::job::SpacingReading;
 use super::journal::Journal;
 use super::motion::Motion;
 use super::sight::{self, HoldB, Sight, Triple};
+use super::tasks::AirStep;
 use crate::config::Config;
 use crate::device::{AxisPose, Bench, DeviceError, Frame};
 use crate::optics::CameraDesign;
 use crate::raw::RawImage;
+use crate::telemetry;
 use crate::units::Millimetres;
 
 /// How long the axes may take to settle after a move that has ended.
@@ -57,7 +59,9 @@ pub(super) struct Eye {
     motion: Arc<Motion>,
     journal: Arc<Journal>,
     sight: Mutex<Option<Arc<Sight>>>,
+    air_step: Mutex<Option<AirStep>>,
     measured: watch::Sender<Option<MeasurementView>>,
+    map: watch::Sender<Option<Arc<FieldMap>>>,
     /// The spacing wanted, px.
     target_px: Mutex<f64>,
 }
@@ -72,7 +76,9 @@ impl Eye {
             motion,
             journal,
             sight: Mutex::new(None),
+            air_step: Mutex::new(None),
             measured: watch::Sender::new(None),
+            map: watch::Sender::new(None),
             target_px: Mutex::new(0.0),
         };
         eye.aim_at(eye.paraxial_target_px());
@@ -82,6 +88,22 @@ impl Eye {
     /// What the jobs measured last.
     pub(super) fn measured(&self) -> watch::Receiver<Option<MeasurementView>> {
         self.measured.subscribe()
+    }
+
+    /// The spacing over the field in the newest measurement of a single board.
+    pub(super) fn map(&self) -> watch::Receiver<Option<Arc<FieldMap>>> {
+        self.map.subscribe()
+    }
+
+    fn publish_map(&self, frame: &Frame, seen: &sight::Measured) {
+        if let Some(map) = &seen.map {
+            self.map.send_replace(Some(Arc::new(FieldMap {
+                frame_seq: frame.seq,
+                micro_image_pitch_px: seen.micro_image_pitch_px,
+                spacing_target_px: self.target_px(),
+                map: Arc::clone(map),
+            })));
+        }
     }
 
     /// Side of a pixel, mm.
@@ -102,6 +124,27 @@ impl Eye {
     /// Sets the spacing wanted, px.
     pub(super) fn aim_at(&self, target_px: f64) {
         *self.target_px.lock().unwrap_or_else(PoisonError::into_inner) = target_px;
+    }
+
+    /// Whether a white frame has been taken.
+    pub(super) fn has_white(&self) -> bool {
+        self.sight().is_some()
+    }
+
+    /// Keeps what an air step left, for a job that goes on from it.
+    pub(super) fn keep_air_step(&self, air: AirStep) {
+        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner) = Some(air);
+    }
+
+    /// What the newest air step left: nothing once the focus axis's position has been unknown, because a new homing
+    /// repeats to tenths of a millimetre and Δv is held to thousandths.
+    pub(super) fn air_step(&self) -> Option<AirStep> {
+        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Forgets what the air step left.
+    pub(super) fn forget_air_step(&self) {
+        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
     fn sight(&self) -> Option<Arc<Sight>> {
@@ -181,11 +224,13 @@ impl Eye {
         let sight = self.need_sight()?;
         let frames = self.frames(count).await?;
         let measured = frames.clone();
+        let from = Instant::now();
         let seen = blocking(move || {
             let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
             sight.spacing(&images)
         })
         .await?;
+        telemetry::measured(from.elapsed());
         Ok(self.seen(&frames, seen))
     }
 
@@ -216,6 +261,7 @@ impl Eye {
             let view = self.view(frame, &seen);
             self.journal.measured(&view);
             self.measured.send_replace(Some(view));
+            self.publish_map(frame, &seen);
         }
         Seen { spacing: seen.spacing, focus_mm, e_mm, eog: seen.eog, window_px: seen.window_px, picture: seen.picture }
     }
@@ -241,8 +287,10 @@ impl Eye {
         let mut live = self.bench.camera.live();
         let frame =
             tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
-        let image = Arc::clone(&frame.image);
+        let (image, from) = (Arc::clone(&frame.image), Instant::now());
         let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image])).await.ok()?.ok()?;
+        telemetry::measured(from.elapsed());
+        self.publish_map(&frame, &seen);
         Some(self.view(&frame, &seen))
     }
 }

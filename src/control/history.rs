@@ -344,16 +344,15 @@ impl Service {
         request: &JobRequest,
         key: &str,
     ) -> Result<Option<JobSnapshot>, ServiceError> {
-        let asked = serde_json::to_value(request).unwrap_or_default();
         let since = Timestamp::now() - KEY_HOLDS;
-        let same = |job: Uuid, before: &Value| {
-            if *before == asked { Ok(()) } else { Err(Refusal::KeyReused { key: key.to_owned(), job }) }
+        let same = |job: Uuid, before: &JobRequest| {
+            if before == request { Ok(()) } else { Err(Refusal::KeyReused { key: key.to_owned(), job }) }
         };
-        let memory = self.all_jobs().iter().rev().find(|job| job.asked().1 == Some(key)).cloned();
+        let memory = self.all_jobs().iter().rev().find(|job| job.key() == Some(key)).cloned();
         if let Some(job) = memory {
             let found = job.snapshot();
             if found.created_at >= since {
-                same(found.id, job.asked().0)?;
+                same(found.id, &found.request)?;
                 return Ok(Some(found));
             }
         }
@@ -362,7 +361,11 @@ impl Service {
         let kept = self.journal.store().read(move |connection| read::find_key(connection, &bench, &name, since)).await;
         // Nothing is begun twice because the history could not be asked.
         let Some(found) = kept.map_err(unreadable)? else { return Ok(None) };
-        same(found.id, &found.request)?;
+        // What another version asked for is another request.
+        match serde_json::from_value(found.request) {
+            Ok(before) => same(found.id, &before)?,
+            Err(_) => return Err(Refusal::KeyReused { key: key.to_owned(), job: found.id }.into()),
+        }
         self.find_job(found.id).await.map(Some)
     }
 

@@ -5,22 +5,17 @@
 //!                |  \            |
 //!                |   `-> cancelling -> cancelled
 //!                v
-//!     converged | not_converged | failed      (interrupted: the program ended first)
+//!     converged | succeeded | not_converged | failed      (interrupted: the program ended first)
 //! ```
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::outcome::Outcome;
 use crate::device::AxisName;
 
-/// What a job is to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum JobKind {
-    /// Δv in air, then e with the shell on.
-    JointAlignment,
-}
+pub use super::request::{JobKind, JobRequest};
 
 /// Where a job is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -36,6 +31,8 @@ pub enum JobState {
     Cancelling,
     /// Ended: the criterion is met.
     Converged,
+    /// Ended: done, where there is no criterion to meet.
+    Succeeded,
     /// Ended: the criterion cannot be met; the report has the best point and why.
     NotConverged,
     /// Ended: cancelled or stopped.
@@ -50,7 +47,10 @@ impl JobState {
     /// Whether the job is over.
     #[must_use]
     pub const fn is_final(self) -> bool {
-        matches!(self, Self::Converged | Self::NotConverged | Self::Cancelled | Self::Failed | Self::Interrupted)
+        matches!(
+            self,
+            Self::Converged | Self::Succeeded | Self::NotConverged | Self::Cancelled | Self::Failed | Self::Interrupted
+        )
     }
 }
 
@@ -66,6 +66,8 @@ pub enum Stage {
     Air,
     /// e with the shell on.
     Shell,
+    /// Measuring only: a sweep, a watch, a calibration.
+    Survey,
     /// Final readings.
     Report,
 }
@@ -82,6 +84,8 @@ pub enum IterationKind {
     Move,
     /// Measured again without a move.
     Verify,
+    /// Measured for its own sake.
+    Sample,
 }
 
 impl IterationKind {
@@ -93,6 +97,7 @@ impl IterationKind {
             Self::Probe => "probe",
             Self::Move => "move",
             Self::Verify => "verify",
+            Self::Sample => "sample",
         }
     }
 }
@@ -135,6 +140,8 @@ pub struct Iteration {
     pub delta_v_mm: Option<f64>,
     /// Its standard uncertainty, mm.
     pub delta_v_sigma_mm: Option<f64>,
+    /// Δv wanted, mm (air step).
+    pub delta_v_target_mm: Option<f64>,
     /// e as the picture has it (shell step), mm.
     pub e_estimate_mm: Option<f64>,
     /// Its standard uncertainty, mm.
@@ -165,6 +172,19 @@ pub struct OperatorStep {
     pub value: Option<String>,
 }
 
+/// The figure that a job brings to its target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Measure {
+    /// `delta_v_mm` or `spacing_px`.
+    pub name: String,
+    /// Its newest value.
+    pub value: f64,
+    /// The standard uncertainty of that.
+    pub sigma: f64,
+    /// What it is to be; `null` where nothing is aimed for.
+    pub target: Option<f64>,
+}
+
 /// How far a job is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
@@ -174,6 +194,10 @@ pub struct Progress {
     pub of: u32,
     /// What is being done, in words.
     pub doing: String,
+    /// The figure that is brought to its target; `null` before the first measurement.
+    pub measure: Option<Measure>,
+    /// Time left by the steps so far, the operator's time not counted, s; `null` before the first step has ended.
+    pub time_left_s: Option<f64>,
 }
 
 /// A line of a job's log.
@@ -193,6 +217,10 @@ pub struct JobSnapshot {
     pub id: Uuid,
     /// What it does.
     pub kind: JobKind,
+    /// As it was asked for.
+    pub request: JobRequest,
+    /// Who started it: the owner of the control lease that it holds until its end.
+    pub owner: String,
     /// Where it is in its life.
     pub state: JobState,
     /// Part of the alignment it is in.
@@ -217,8 +245,10 @@ pub struct JobSnapshot {
     pub log: Vec<LogLine>,
     /// Why it ended as it did, in words, once it has.
     pub reason: Option<String>,
-    /// The report, once it has ended with a measurement.
+    /// The report of an alignment, once it has ended.
     pub report: Option<Report>,
+    /// What a job that is no alignment came to, once it has.
+    pub outcome: Option<Outcome>,
 }
 
 /// Near and far end of an interval; `null` for infinity.
@@ -319,12 +349,4 @@ pub struct Report {
     /// The simulated truth, on a simulated bench.
     #[schema(value_type = Option<Object>)]
     pub truth: Option<serde_json::Value>,
-}
-
-/// What a caller asks for with a job.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct JobRequest {
-    /// What to do.
-    pub kind: JobKind,
 }

@@ -133,7 +133,6 @@ impl Journal {
     pub(super) fn chronicle(
         &self,
         snapshot: &JobSnapshot,
-        request: &Value,
         key: Option<&str>,
         written: Written,
         whole: bool,
@@ -151,10 +150,10 @@ impl Journal {
             message: line.message.clone(),
         });
         let (iterations, lines) = (iterations.collect(), lines.collect());
-        Chronicle { id: snapshot.id, job: whole.then(|| self.record(snapshot, request, key)), iterations, lines }
+        Chronicle { id: snapshot.id, job: whole.then(|| self.record(snapshot, key)), iterations, lines }
     }
 
-    fn record(&self, snapshot: &JobSnapshot, request: &Value, key: Option<&str>) -> records::Job {
+    fn record(&self, snapshot: &JobSnapshot, key: Option<&str>) -> records::Job {
         let bare = JobSnapshot { iterations: Vec::new(), log: Vec::new(), ..snapshot.clone() };
         records::Job {
             id: snapshot.id,
@@ -166,7 +165,7 @@ impl Journal {
             created_at: snapshot.created_at,
             ended_at: snapshot.ended_at,
             reason: snapshot.reason.clone(),
-            request: request.clone(),
+            request: document(&snapshot.request),
             idempotency_key: key.map(str::to_owned),
             document: document(&bare),
         }

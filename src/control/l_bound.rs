@@ -13,6 +13,7 @@ impl Alignment<'_> {
     pub(super) async fn measure_l_bound(&mut self) -> Result<(), JobEnd> {
         self.context.stage(Stage::LBound);
         let solution = self.design.joint(self.config.assembly.l_bound_mm);
+        self.findings.solution = Some(solution);
         self.air(&solution).await?;
         let Some(camera) = self.findings.camera else {
             return Err(JobEnd::failed("l_bound needs the calibration in air"));

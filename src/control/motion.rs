@@ -11,10 +11,12 @@ use utoipa::ToSchema;
 
 use super::events::{ShellState, StopView};
 use super::journal::{Journal, Underway};
+use super::pieces::{self, Pieces};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
 use crate::device::jog::{Deadman, jog};
 use crate::device::{AxisName, Bench, DeviceError, StageInfo, StageState, StopDelivery};
+use crate::telemetry;
 use crate::units::Millimetres;
 
 /// A readback this far from its target means that the controller did not do what it was told, mm.
@@ -23,12 +25,15 @@ const READBACK_TOLERANCE_MM: f64 = 0.01;
 const READOUT_MM: f64 = 1e-3;
 
 /// What became of a stop.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StopReport {
     /// The focus axis.
     pub focus: StopDelivery,
     /// The e axis.
     pub e: StopDelivery,
+    /// From the request until the last byte of the stop order was handed to the operating system, on every axis reached,
+    /// ms; absent where none was.
+    pub latency_ms: Option<f64>,
 }
 
 /// The bench's stages behind the motion rules.
@@ -174,17 +179,35 @@ impl Motion {
 
     /// Stops both axes at once and latches: no motion until [`Motion::reset_stop`].
     pub async fn stop(&self) -> StopReport {
+        self.stop_asked(Instant::now()).await
+    }
+
+    /// [`Motion::stop`] asked for at a moment before: its latency counts from there.
+    pub async fn stop_asked(&self, asked: Instant) -> StopReport {
         if !self.stopped.swap(true, Ordering::SeqCst) {
             self.state().stopped_since = Some(jiff::Timestamp::now());
         }
-        self.halt().await
+        let report = self.halt_asked(asked).await;
+        if let Some(latency_ms) = report.latency_ms {
+            telemetry::stop_sent(Duration::from_secs_f64(latency_ms / 1000.0));
+        }
+        report
     }
 
     /// Stops both axes at once without latching: what ends every job.
     pub async fn halt(&self) -> StopReport {
+        self.halt_asked(Instant::now()).await
+    }
+
+    async fn halt_asked(&self, asked: Instant) -> StopReport {
         self.state().approached = [false; 2];
         let (focus, e) = tokio::join!(self.bench.focus.stop(), self.bench.e.stop());
-        StopReport { focus, e }
+        let sent = AxisName::ALL.into_iter().filter_map(|axis| self.bench.stage(axis).stop_sent());
+        let latency_ms = sent
+            .filter(|&sent| sent >= asked)
+            .map(|sent| sent.duration_since(asked).as_secs_f64() * 1000.0)
+            .reduce(f64::max);
+        StopReport { focus, e, latency_ms }
     }
 
     /// Latches without a motion to stop: the stop of an earlier run, still in force.
@@ -206,6 +229,7 @@ impl Motion {
     pub fn check(&self, axis: AxisName, target: Millimetres) -> Result<(), ServiceError> {
         if !target.value().is_finite() {
             return Err(ServiceError::Invalid {
+                field: "position_mm",
                 what: format!("a position must be a finite number of mm, not {}", target.value()),
             });
         }
@@ -310,23 +334,48 @@ impl Motion {
         let legs = self.legs(axis, from, target);
         self.state().approached[index(axis)] = false;
         for leg in legs {
-            if self.stopped.load(Ordering::SeqCst) {
-                return Err(Refusal::Stopped.into());
-            }
-            readback = self.bench.stage(axis).move_to(leg).await?;
-            if (readback - leg).abs().value() > READBACK_TOLERANCE_MM {
-                return Err(DeviceError::Protocol {
-                    device: format!("the {axis} stage"),
-                    detail: format!("it was sent to {leg:.4} and says it stands at {readback:.4}"),
-                }
-                .into());
-            }
+            readback = self.go_straight(axis, readback, leg).await?;
         }
         self.state().approached[index(axis)] = true;
         Ok(readback)
     }
 
-    /// Moves an axis towards a side at `speed_mm_per_s` while the deadman is held: no further than the limit of travel,
+    /// One leg, in pieces.
+    async fn go_straight(
+        &self,
+        axis: AxisName,
+        from: Millimetres,
+        target: Millimetres,
+    ) -> Result<Millimetres, ServiceError> {
+        let stage = self.bench.stage(axis);
+        let pieces = self.pieces(pieces::MOVE, axis, f64::INFINITY);
+        let mut at = from;
+        loop {
+            if self.stopped.load(Ordering::SeqCst) {
+                return Err(Refusal::Stopped.into());
+            }
+            at = pieces.next(at, target);
+            let readback = stage.move_to(at).await?;
+            if (readback - at).abs().value() > READBACK_TOLERANCE_MM {
+                return Err(DeviceError::Protocol {
+                    device: format!("the {axis} stage"),
+                    detail: format!("it was sent to {at:.4} and says it stands at {readback:.4}"),
+                }
+                .into());
+            }
+            if at == target {
+                return Ok(readback);
+            }
+        }
+    }
+
+    /// The pieces in which an axis may be told to move now.
+    fn pieces(&self, time: Duration, axis: AxisName, speed_mm_per_s: f64) -> Pieces {
+        let guarded = axis == AxisName::E && self.shell() != ShellState::Off;
+        Pieces::within(time, &**self.bench.stage(axis), speed_mm_per_s, guarded.then(|| self.e_wall_mm()))
+    }
+
+    /// Moves an axis towards a side at `speed_mm_per_s`, in short pieces, while the deadman is held: no further than the limit of travel,
     /// the e wall or the greatest step, and not at all while another command has the axis. Returns where it stands.
     ///
     /// # Errors
@@ -338,7 +387,36 @@ impl Motion {
         speed_mm_per_s: f64,
         deadman: Deadman,
     ) -> Result<Millimetres, ServiceError> {
-        let _claim = self.claim(axis)?;
+        self.jog_claimed(&self.claim(axis)?, towards, speed_mm_per_s, deadman).await
+    }
+
+    /// [`Motion::jog`] with a right taken before.
+    ///
+    /// # Errors
+    /// Those of [`Motion::jog`].
+    pub async fn jog_claimed(
+        &self,
+        claim: &Claim,
+        towards: Side,
+        speed_mm_per_s: f64,
+        deadman: Deadman,
+    ) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis;
+        let end = self.jog_end(axis, towards)?;
+        let underway = self.record(axis, "jog", Some(end)).await?;
+        self.state().approached[index(axis)] = false;
+        let pieces = self.pieces(pieces::JOG, axis, speed_mm_per_s);
+        let next = move |at| pieces.next(at, end);
+        let ended = jog(self.bench.stage(axis), end, speed_mm_per_s, deadman, next).await.map_err(ServiceError::from);
+        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
+        ended
+    }
+
+    /// Where a jog towards a side would end at the latest.
+    ///
+    /// # Errors
+    /// The motion rule it breaks.
+    pub fn jog_end(&self, axis: AxisName, towards: Side) -> Result<Millimetres, ServiceError> {
         let from = self.bench.stage(axis).state().borrow().position;
         let (low, high) = self.range_mm(axis);
         let far = from.value() + towards.sign() * self.axis(axis).max_step_mm;
@@ -349,11 +427,7 @@ impl Motion {
             let (low, high) = (Millimetres(low), Millimetres(high));
             return Err(Refusal::Limit { axis, target: Millimetres(far), low, high }.into());
         }
-        let underway = self.record(axis, "jog", Some(end)).await?;
-        self.state().approached[index(axis)] = false;
-        let ended = jog(self.bench.stage(axis), end, speed_mm_per_s, deadman).await.map_err(ServiceError::from);
-        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
-        ended
+        Ok(end)
     }
 
     /// Whether homing an axis may start now: the e axis is not homed towards a shell that is on or may be.

@@ -29,6 +29,7 @@ impl Alignment<'_> {
         self.context.record(Iteration {
             delta_v_mm: Some(here.delta_v_mm),
             delta_v_sigma_mm: Some(here.sigma_mm),
+            delta_v_target_mm: self.findings.solution.map(|solution| solution.delta_v),
             e_estimate_mm: None,
             e_estimate_sigma_mm: None,
             spacing_predicted_px: predicted,
@@ -36,7 +37,14 @@ impl Alignment<'_> {
         });
     }
 
-    fn iteration(&self, stage: Stage, kind: IterationKind, axis: AxisName, seen: &Seen, decision: String) -> Iteration {
+    pub(super) fn iteration(
+        &self,
+        stage: Stage,
+        kind: IterationKind,
+        axis: AxisName,
+        seen: &Seen,
+        decision: String,
+    ) -> Iteration {
         let moved = matches!(kind, IterationKind::Probe | IterationKind::Move);
         Iteration {
             number: 0,
@@ -47,6 +55,7 @@ impl Alignment<'_> {
             e_mm: seen.e_mm,
             delta_v_mm: None,
             delta_v_sigma_mm: None,
+            delta_v_target_mm: None,
             e_estimate_mm: None,
             e_estimate_sigma_mm: None,
             spacing: seen.spacing.clone(),
@@ -57,14 +66,21 @@ impl Alignment<'_> {
         }
     }
 
-    pub(super) fn keep_shell(&mut self, shell: &ShellLoop, seen: &Seen, e_reading_mm: f64, trim_mm: f64) {
+    pub(super) fn keep_shell(
+        &mut self,
+        shell: &ShellLoop,
+        step: ShellStep,
+        seen: &Seen,
+        e_reading_mm: f64,
+        trim_mm: f64,
+    ) {
         let findings = &mut self.findings;
         findings.moves_shell = shell.moves();
         findings.e = Some(shell.model().predict(e_reading_mm));
         findings.e_scale = Some(shell.model().scale().0);
         findings.trim_mm = trim_mm;
         findings.seen = Some(seen.clone());
-        let how = match (self.config.assembly.shell_step, shell.trimmed()) {
+        let how = match (step, shell.trimmed()) {
             (_, true) => {
                 format!("e held at its optimum, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
             }

@@ -11,6 +11,25 @@ pub enum Refusal {
     /// The stop is latched.
     #[error("the stop is latched; reset it first")]
     Stopped,
+    /// Motion was asked for without the control lease.
+    #[error("motion needs the control lease; take it first")]
+    LeaseRequired,
+    /// The lease shown is not, or no longer, the one in force.
+    #[error("this control lease has run out, was given back, or was taken over{}", now_held(holder.as_deref()))]
+    LeaseLost {
+        /// Who has one now.
+        holder: Option<String>,
+    },
+    /// Another has the lease.
+    #[error("{owner} has the control lease{}", for_what(note.as_deref(), *job))]
+    LeaseHeld {
+        /// Who.
+        owner: String,
+        /// What for.
+        note: Option<String>,
+        /// The job that holds it in the owner's name.
+        job: Option<Uuid>,
+    },
     /// A job holds the bench.
     #[error("job {job} holds the bench until it ends or is cancelled")]
     Busy {
@@ -98,6 +117,16 @@ pub enum Refusal {
     ShuttingDown,
 }
 
+fn now_held(holder: Option<&str>) -> String {
+    holder.map(|owner| format!("; {owner} has it now")).unwrap_or_default()
+}
+
+fn for_what(note: Option<&str>, job: Option<Uuid>) -> String {
+    let note = note.map(|note| format!(" ({note})")).unwrap_or_default();
+    let job = job.map(|job| format!(" until the end of job {job}")).unwrap_or_default();
+    format!("{note}{job}")
+}
+
 /// Why a request was not carried out.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ServiceError {
@@ -119,9 +148,11 @@ pub enum ServiceError {
         /// Why not.
         why: String,
     },
-    /// The request is not a number that an axis can go to.
-    #[error("{what}")]
+    /// The request does not say what it must.
+    #[error("{field}: {what}")]
     Invalid {
+        /// Which field of it.
+        field: &'static str,
         /// What is wrong, and what would be right.
         what: String,
     },

@@ -16,6 +16,7 @@ pub(super) fn state_name(state: JobState) -> &'static str {
         JobState::WaitingForOperator => "waiting_for_operator",
         JobState::Cancelling => "cancelling",
         JobState::Converged => "converged",
+        JobState::Succeeded => "succeeded",
         JobState::NotConverged => "not_converged",
         JobState::Cancelled => "cancelled",
         JobState::Failed => "failed",

@@ -6,11 +6,12 @@ use std::time::Duration;
 use super::alignment::{Alignment, Findings, STEPS};
 use super::context::{JobContext, JobEnd};
 use super::eye::Eye;
-use super::job::JobState;
+use super::job::{JobKind, JobState};
 use super::motion::Motion;
 use super::report;
 use crate::config::Config;
 use crate::device::AxisName;
+use crate::telemetry;
 
 /// How long reading one axis's position at the end may take.
 const READ_ALLOWED: Duration = Duration::from_secs(1);
@@ -24,20 +25,37 @@ pub(super) async fn run(context: &JobContext, motion: &Motion, eye: &Eye, config
     context.log(format!("design: {design_origin}"));
     let mut alignment =
         Alignment { context, motion, eye, config, design: config.design(), findings: Findings::default() };
-    let ended = alignment.run().await;
+    let ended = alignment.carry_out().await;
     let findings = alignment.findings;
     let (state, reason) = match ended {
         // Whatever a device says of a motion that a stop has cut short, it was the stop.
         Err(JobEnd::Failed { .. }) if motion.stop_view().latched => (JobState::Cancelled, "stopped".to_owned()),
-        Ok(()) => (JobState::Converged, "the spacing meets its target, verified".to_owned()),
+        Ok(()) => done(context.snapshot().kind),
         Err(JobEnd::Cancelled { why }) => (JobState::Cancelled, why),
         Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
         Err(JobEnd::Failed { why }) => (JobState::Failed, why),
     };
-    bring_to_rest(context, motion, state != JobState::Converged).await;
-    let report = report::report(context, motion, eye, config, design_origin, &findings, state, &reason);
+    let good = matches!(state, JobState::Converged | JobState::Succeeded);
+    bring_to_rest(context, motion, !good).await;
+    let report = is_alignment(context.snapshot().kind)
+        .then(|| report::report(context, motion, eye, config, design_origin, &findings, state, &reason));
     context.log(format!("{}: {reason}", report::state_name(state)));
-    context.end(state, reason, Some(report));
+    telemetry::job_ended(context.snapshot().kind.word(), report::state_name(state));
+    context.end(state, reason, report);
+}
+
+/// Whether a kind of job is an alignment, or a step of one, with a criterion to meet.
+fn is_alignment(kind: JobKind) -> bool {
+    matches!(kind, JobKind::JointAlignment | JobKind::AirOnly | JobKind::ShellOnly | JobKind::ClarityOnly)
+}
+
+/// How a job of a kind ends when all went well.
+fn done(kind: JobKind) -> (JobState, String) {
+    match kind {
+        JobKind::AirOnly => (JobState::Converged, "Δv is within its tolerance, verified".to_owned()),
+        _ if is_alignment(kind) => (JobState::Converged, "the spacing meets its target, verified".to_owned()),
+        _ => (JobState::Succeeded, "done".to_owned()),
+    }
 }
 
 /// Stops the axes and reads where they are. After a converged job they stand still already: only an axis that says

@@ -5,20 +5,24 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::broadcast;
+use tokio::sync::{broadcast, watch};
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 use super::context::{Job, JobContext};
-use super::events::{AxisView, BenchView, CameraView, Event, MeasurementView, ShellState};
+use super::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView, ShellState};
 use super::eye::Eye;
 use super::job::{JobRequest, JobSnapshot, JobState};
 use super::journal::Journal;
+use super::lease::{LeaseGrant, LeaseRequest, Leases, Permit};
 use super::motion::{Claim, Motion};
 use super::{Refusal, ServiceError, StopReport, runner};
-use crate::config::Config;
+use crate::config::{Config, Side};
+use crate::device::jog::{Grip, deadman};
 use crate::device::{AxisName, Bench};
 use crate::store::Store;
+use crate::telemetry::BenchGauges;
 use crate::units::Millimetres;
 
 /// Events kept for a subscriber that lags.
@@ -27,6 +31,8 @@ const EVENT_QUEUE: usize = 1024;
 const MAX_JOBS: usize = 100;
 /// Rest between two looks at the bench's state for the events, at least.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
+/// Between two signs of life of a watcher, at most.
+const PULSE: Duration = Duration::from_millis(500);
 /// Rest between two measurements of the live picture.
 const LIVE_INTERVAL: Duration = Duration::from_millis(500);
 /// How long a job may take to stop the axes and to write its report when the program ends.
@@ -44,12 +50,23 @@ pub enum Acceptance {
     Before,
 }
 
+/// How long a jog goes on from a request.
+const JOG_HOLD: Duration = Duration::from_millis(300);
+
+/// A jog under way.
+struct Jogging {
+    towards: Side,
+    speed: f64,
+    grip: Grip,
+}
+
 /// The bench with its motion rules, the one job, and what happens.
 pub struct Service {
     config: Arc<Config>,
     design_origin: String,
     bench: Bench,
     motion: Arc<Motion>,
+    leases: Leases,
     eye: Arc<Eye>,
     pub(super) journal: Arc<Journal>,
     /// One job at a time is being accepted.
@@ -61,7 +78,10 @@ pub struct Service {
     measurement: Mutex<Option<MeasurementView>>,
     /// Why the last command by hand of an axis did not end as commanded.
     failures: Mutex<HashMap<AxisName, String>>,
+    jogs: Mutex<HashMap<AxisName, Jogging>>,
     closing: AtomicBool,
+    /// Asks the service's own watchers for a sign of life; each answers when it comes round.
+    pulses: [watch::Sender<u64>; 2],
     /// Shared with everybody who watches the live picture's spacing.
     onlookers: Arc<()>,
     tasks: CancellationToken,
@@ -81,6 +101,7 @@ impl Service {
             design_origin,
             bench,
             motion,
+            leases: Leases::default(),
             eye,
             journal,
             accepting: tokio::sync::Mutex::default(),
@@ -89,12 +110,16 @@ impl Service {
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
             failures: Mutex::default(),
+            jogs: Mutex::default(),
             closing: AtomicBool::new(false),
+            pulses: [watch::Sender::new(0), watch::Sender::new(0)],
             onlookers: Arc::default(),
             tasks: CancellationToken::new(),
         });
-        let (watched, measured, kept) = (Arc::clone(&service), Arc::clone(&service), Arc::clone(&service));
+        let (watched, measured, leased) = (Arc::clone(&service), Arc::clone(&service), Arc::clone(&service));
+        let kept = Arc::clone(&service);
         tokio::spawn(async move { kept.tasks.clone().run_until_cancelled(kept.watch_history()).await });
+        tokio::spawn(async move { leased.tasks.clone().run_until_cancelled(leased.watch_lease()).await });
         tokio::spawn(async move { watched.tasks.clone().run_until_cancelled(watched.watch_bench()).await });
         tokio::spawn(async move { measured.tasks.clone().run_until_cancelled(measured.watch_focus()).await });
         service
@@ -131,6 +156,12 @@ impl Service {
         Arc::clone(&self.onlookers)
     }
 
+    /// The spacing over the field in the newest measurement of a single board.
+    #[must_use]
+    pub fn field_map(&self) -> watch::Receiver<Option<Arc<FieldMap>>> {
+        self.eye.map()
+    }
+
     /// The state of the whole bench.
     #[must_use]
     pub fn bench_view(&self) -> BenchView {
@@ -155,6 +186,7 @@ impl Service {
             },
             shell: self.motion.shell(),
             stop: self.motion.stop_view(),
+            lease: self.leases.view(),
             job: self.current().map(|job| job.snapshot().id),
             e_wall_mm: self.motion.e_wall_mm(),
             history_fault: self.journal.fault(),
@@ -228,22 +260,54 @@ impl Service {
         self.all_jobs().iter().rev().find(|job| !job.snapshot().state.is_final()).cloned()
     }
 
-    /// Starts a job, which is in the history before this returns.
+    /// The control lease.
+    #[must_use]
+    pub fn leases(&self) -> &Leases {
+        &self.leases
+    }
+
+    /// Gives the control lease to another than who has it: a job under way is cancelled first, an axis moved by hand
+    /// is stopped.
+    ///
+    /// # Errors
+    /// [`Refusal::LeaseHeld`] where the job does not end in time.
+    pub async fn take_over(&self, request: LeaseRequest) -> Result<LeaseGrant, ServiceError> {
+        let former = self.leases.view();
+        if let Some(job) = self.current() {
+            job.cancel(format!("the control lease was taken over by {}", request.owner));
+            ended(&job).await;
+        }
+        if AxisName::ALL.into_iter().any(|axis| self.motion.claim(axis).is_err()) {
+            self.motion.halt().await;
+        }
+        let owner = request.owner.clone();
+        let grant = self.leases.take_over(request)?;
+        tracing::warn!(%owner, former = former.as_ref().map_or("nobody", |lease| &lease.owner), "control lease taken over");
+        Ok(grant)
+    }
+
+    /// Starts a job, which is in the history before this returns. It holds the permit's lease until its end.
     ///
     /// # Errors
     /// A refusal while another job holds the bench, an axis still moves by hand, the stop is latched, the history cannot
     /// be written, or the program ends.
-    pub async fn create_job(self: &Arc<Self>, request: JobRequest) -> Result<JobSnapshot, ServiceError> {
+    pub async fn create_job(
+        self: &Arc<Self>,
+        permit: &Permit,
+        request: JobRequest,
+    ) -> Result<JobSnapshot, ServiceError> {
         let _accepting = self.accepting.lock().await;
-        self.accept_job(request, None).await
+        self.accept_job(permit, request, None).await
     }
 
-    /// Starts a job under the caller's own name for it: asked again within a day, it is the same job.
+    /// Starts a job under the caller's own name for it: asked again within a day, it is the same job, whoever has the
+    /// lease by then.
     ///
     /// # Errors
     /// As [`Service::create_job`], and a refusal where that name stands for another request.
     pub async fn create_job_once(
         self: &Arc<Self>,
+        permit: Result<Permit, ServiceError>,
         request: JobRequest,
         key: String,
     ) -> Result<(JobSnapshot, Acceptance), ServiceError> {
@@ -251,19 +315,22 @@ impl Service {
         if let Some(job) = self.job_of_key(&request, &key).await? {
             return Ok((job, Acceptance::Before));
         }
-        Ok((self.accept_job(request, Some(key)).await?, Acceptance::Now))
+        Ok((self.accept_job(&permit?, request, Some(key)).await?, Acceptance::Now))
     }
 
     async fn accept_job(
         self: &Arc<Self>,
+        permit: &Permit,
         request: JobRequest,
         key: Option<String>,
     ) -> Result<JobSnapshot, ServiceError> {
+        request.check()?;
         self.history_ready().await?;
-        let (job, context) = self.reserve(&request, key)?;
+        let (job, context) = self.reserve(permit, &request, key)?;
         if let Err(error) = self.journal.begin_job(job.chronicle()).await {
             let id = job.snapshot().id;
             self.all_jobs().retain(|other| !Arc::ptr_eq(other, &job));
+            self.leases.unbind(id);
             self.journal.forget_job(id);
             return Err(error.into());
         }
@@ -274,7 +341,12 @@ impl Service {
     }
 
     /// Gives the bench to a new job.
-    fn reserve(&self, request: &JobRequest, key: Option<String>) -> Result<(Arc<Job>, JobContext), ServiceError> {
+    fn reserve(
+        &self,
+        permit: &Permit,
+        request: &JobRequest,
+        key: Option<String>,
+    ) -> Result<(Arc<Job>, JobContext), ServiceError> {
         self.open_for_motion()?;
         if self.motion.stop_view().latched {
             return Err(Refusal::Stopped.into());
@@ -287,7 +359,8 @@ impl Service {
             self.motion.claim(axis)?;
         }
         let (journal, operator) = (Arc::clone(&self.journal), self.bench.simulated.clone());
-        let (job, context) = Job::new(request, key, journal, self.events.clone(), operator);
+        let (job, context) = Job::new(request, key, permit.owner(), journal, self.events.clone(), operator);
+        self.leases.bind(permit, job.snapshot().id)?;
         if jobs.len() >= MAX_JOBS {
             jobs.remove(0);
         }
@@ -298,6 +371,7 @@ impl Service {
     async fn run(&self, context: JobContext) {
         runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin).await;
         self.journal.end_job();
+        self.leases.unbind(context.snapshot().id);
         self.publish_bench();
     }
 
@@ -321,7 +395,7 @@ impl Service {
     /// [`ServiceError::NoSuchJob`].
     pub fn cancel(&self, id: Uuid) -> Result<JobSnapshot, ServiceError> {
         let job = self.find(id)?;
-        job.cancel("cancelled");
+        job.cancel("cancelled".to_owned());
         Ok(job.snapshot())
     }
 
@@ -347,7 +421,12 @@ impl Service {
     ///
     /// # Errors
     /// Every motion rule, before anything moves.
-    pub async fn move_axis(self: &Arc<Self>, axis: AxisName, target: Millimetres) -> Result<BenchView, ServiceError> {
+    pub async fn move_axis(
+        self: &Arc<Self>,
+        _permit: &Permit,
+        axis: AxisName,
+        target: Millimetres,
+    ) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check(axis, target)?;
         self.history_ready().await?;
@@ -364,7 +443,7 @@ impl Service {
     ///
     /// # Errors
     /// A refusal before anything moves.
-    pub async fn home_axis(self: &Arc<Self>, axis: AxisName) -> Result<BenchView, ServiceError> {
+    pub async fn home_axis(self: &Arc<Self>, _permit: &Permit, axis: AxisName) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check_home(axis)?;
         self.history_ready().await?;
@@ -377,27 +456,86 @@ impl Service {
         Ok(self.bench_view())
     }
 
+    fn jogs(&self) -> MutexGuard<'_, HashMap<AxisName, Jogging>> {
+        self.jogs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Moves an axis towards a side for [`JOG_HOLD`] from now on: asked again in time, it goes on. At the axis's
+    /// greatest speed where none is given.
+    ///
+    /// # Errors
+    /// Every motion rule, before anything moves; a jog another way while one is under way.
+    pub async fn jog(
+        self: &Arc<Self>,
+        _permit: &Permit,
+        axis: AxisName,
+        towards: Side,
+        speed_mm_per_s: Option<f64>,
+    ) -> Result<BenchView, ServiceError> {
+        let greatest = self.motion.axis(axis).speed_mm_per_s;
+        let speed = speed_mm_per_s.unwrap_or(greatest);
+        if !(speed > 0.0 && speed <= greatest) {
+            let what = format!("{speed} is not above 0 and at most {greatest}");
+            return Err(ServiceError::Invalid { field: "speed_mm_per_s", what });
+        }
+        if self.renew_jog(axis, towards, speed) {
+            return Ok(self.bench_view());
+        }
+        self.history_ready().await?;
+        let mut jogs = self.jogs();
+        let claim = self.claim_for_hand(axis)?;
+        self.motion.jog_end(axis, towards)?;
+        self.failures().remove(&axis);
+        let (grip, deadman) = deadman(JOG_HOLD);
+        jogs.insert(axis, Jogging { towards, speed, grip });
+        drop(jogs);
+        let service = Arc::clone(self);
+        tokio::spawn(async move {
+            let ended = service.motion.jog_claimed(&claim, towards, speed, deadman).await;
+            service.jogs().remove(&axis);
+            drop(claim);
+            service.ended_by_hand(axis, ended.map(drop));
+        });
+        Ok(self.bench_view())
+    }
+
+    /// Has a jog that is under way go on; the disk is not waited for. Returns whether there is one this way.
+    fn renew_jog(&self, axis: AxisName, towards: Side, speed: f64) -> bool {
+        let jogs = self.jogs();
+        let same = jogs.get(&axis).filter(|jog| (jog.towards, jog.speed) == (towards, speed));
+        same.inspect(|jog| jog.grip.renew(JOG_HOLD)).is_some()
+    }
+
+    /// Lets a jog go: the axis is stopped. Nothing happens where there is none.
+    pub fn end_jog(&self, axis: AxisName) -> BenchView {
+        if let Some(jog) = self.jogs().get(&axis) {
+            jog.grip.renew(Duration::ZERO);
+        }
+        self.bench_view()
+    }
+
     /// Takes the operator's statement about the shell.
     ///
     /// # Errors
     /// A refusal while a job holds the bench.
-    pub fn set_shell(&self, shell: ShellState) -> Result<BenchView, ServiceError> {
+    pub fn set_shell(&self, _permit: &Permit, shell: ShellState) -> Result<BenchView, ServiceError> {
         self.free_for_hand()?;
         self.motion.set_shell(shell);
         self.publish_bench();
         Ok(self.bench_view())
     }
 
-    /// Stops both axes at once, in every state, and latches. A job under way ends as cancelled.
-    pub async fn stop(&self) -> StopReport {
+    /// Stops both axes at once, in every state, and latches. A job under way ends as cancelled. The latency reported
+    /// counts from `asked`.
+    pub async fn stop(&self, asked: Instant) -> StopReport {
         // The job of now: stopping takes a while, in which the stop may be reset and another job begin.
         let job = self.current();
         self.stop_touched.store(true, Ordering::SeqCst);
-        let report = self.motion.stop().await;
+        let report = self.motion.stop_asked(asked).await;
         // After the axes: the disk may be slow, and is not waited for.
         self.journal.put_stop(&self.motion.stop_view());
         if let Some(job) = job {
-            job.cancel("stopped");
+            job.cancel("stopped".to_owned());
         }
         self.publish_bench();
         report
@@ -419,15 +557,8 @@ impl Service {
         let stopped = self.motion.stop().await;
         tracing::info!(focus = ?stopped.focus, e = ?stopped.e, "axes stopped");
         if let Some(job) = self.current() {
-            job.cancel("the program ended");
-            let ended = async {
-                while !job.snapshot().state.is_final() {
-                    tokio::time::sleep(Duration::from_millis(10)).await;
-                }
-            };
-            if tokio::time::timeout(JOB_END_ALLOWED, ended).await.is_err() {
-                tracing::error!("the job did not end in time; the axes have been stopped");
-            }
+            job.cancel("the program ended".to_owned());
+            ended(&job).await;
         }
         self.tasks.cancel();
         if tokio::time::timeout(FLUSH_ALLOWED, self.journal.end()).await.is_err() {
@@ -483,9 +614,85 @@ impl Service {
         }
     }
 
+    /// Publishes the bench's state whenever the lease's changes, and when it runs out.
+    async fn watch_lease(&self) {
+        let mut changes = self.leases.changes();
+        loop {
+            let runs_out = self.leases.runs_out();
+            tokio::select! {
+                changed = changes.changed() => if changed.is_err() { return },
+                () = tokio::time::sleep(PULSE) => {
+                    beat(&self.pulses[1]);
+                    continue;
+                }
+                () = async {
+                    match runs_out {
+                        Some(until) => tokio::time::sleep_until(until).await,
+                        None => std::future::pending().await,
+                    }
+                } => {}
+            }
+            beat(&self.pulses[1]);
+            changes.mark_unchanged();
+            self.publish_bench();
+        }
+    }
+
+    /// The bench as it is, for whoever keeps watch from outside.
+    #[must_use]
+    pub fn gauges(&self) -> BenchGauges {
+        let view = self.bench_view();
+        let camera = view.camera;
+        BenchGauges {
+            frame_age: self.bench.camera.newest().map(|frame| frame.exposed_to.elapsed()),
+            camera_online: camera.online,
+            frames_lost: camera.frames_lost,
+            frames_damaged: camera.frames_damaged,
+            axes: view
+                .axes
+                .iter()
+                .map(|axis| (axis.axis.name(), axis.connected, axis.homed, axis.position_mm))
+                .collect(),
+            stop_latched: view.stop.latched,
+            lease_held: view.lease.is_some(),
+            job_running: view.job.is_some(),
+            simulated: view.simulated,
+        }
+    }
+
+    /// Returns once each of the service's watchers has come round: whoever bounds the wait learns whether they are stuck.
+    pub async fn shows_life(&self) -> bool {
+        for pulse in &self.pulses {
+            let mut beats = pulse.subscribe();
+            if beats.changed().await.is_err() {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// What keeps the bench from working now, one sentence each; nothing where all is well.
+    #[must_use]
+    pub fn hindrances(&self) -> Vec<String> {
+        let view = self.bench_view();
+        let mut hindrances = Vec::new();
+        if self.closing.load(Ordering::SeqCst) {
+            hindrances.push("the program is shutting down".to_owned());
+        }
+        for axis in view.axes.iter().filter(|axis| !axis.connected) {
+            let why = axis.fault.as_deref().unwrap_or("its controller does not answer");
+            hindrances.push(format!("the {} axis is not connected: {why}", axis.axis));
+        }
+        if !view.camera.online {
+            let why = view.camera.fault.as_deref().unwrap_or("no frame comes");
+            hindrances.push(format!("the camera is not online: {why}"));
+        }
+        hindrances
+    }
+
     fn publish_bench(&self) {
         // Nobody listening is no error.
-        let _ = self.events.send(Event::Bench { bench: self.bench_view() });
+        let _ = self.events.send(Event::Bench { bench: Box::new(self.bench_view()) });
     }
 
     fn publish_measurement(&self, measurement: MeasurementView) {
@@ -500,14 +707,21 @@ impl Service {
         let mut camera = self.bench.camera.state();
         loop {
             let changed = tokio::select! {
-                changed = focus.changed() => changed,
-                changed = e.changed() => changed,
-                changed = camera.changed() => changed,
+                changed = focus.changed() => changed.is_ok(),
+                changed = e.changed() => changed.is_ok(),
+                changed = camera.changed() => changed.is_ok(),
+                () = tokio::time::sleep(PULSE) => {
+                    beat(&self.pulses[0]);
+                    continue;
+                }
             };
-            if changed.is_err() {
+            if !changed {
                 return;
             }
-            focus.mark_unchanged();
+            beat(&self.pulses[0]);
+            if !focus.borrow_and_update().homed {
+                self.eye.forget_air_step();
+            }
             e.mark_unchanged();
             camera.mark_unchanged();
             self.publish_bench();
@@ -540,4 +754,20 @@ impl Service {
             }
         }
     }
+}
+
+/// Waits for a job's end, for as long as a job may take to stop the axes and to write its report.
+async fn ended(job: &Job) {
+    let ended = async {
+        while !job.snapshot().state.is_final() {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    if tokio::time::timeout(JOB_END_ALLOWED, ended).await.is_err() {
+        tracing::error!("the job did not end in time; the axes have been stopped");
+    }
+}
+
+fn beat(pulse: &watch::Sender<u64>) {
+    pulse.send_modify(|beats| *beats += 1);
 }

@@ -8,7 +8,7 @@ use crate::config::Config;
 use crate::imaging::calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate};
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, measure_frames, prepare_frame};
-use crate::imaging::spacing::SpacingOptions;
+use crate::imaging::spacing::{SpacingMap, SpacingOptions};
 use crate::imaging::view::View;
 use crate::imaging::{clarity, view};
 use crate::optics::CameraDesign;
@@ -57,6 +57,8 @@ pub(super) struct Measured {
     pub(super) eog: Option<f64>,
     /// The central view of the last frame, a JPEG, of a single board.
     pub(super) picture: Option<Arc<Vec<u8>>>,
+    /// The spacing micro-image by micro-image, of a single board.
+    pub(super) map: Option<Arc<SpacingMap>>,
 }
 
 /// Grid and vignetting learnt from a white frame, and what is known of the camera.
@@ -107,7 +109,7 @@ impl Sight {
             array: Some(self.design.mla.array),
             white_at_this_setting: false,
             mosaic: self.mosaic,
-            map: false,
+            map: true,
         }
     }
 
@@ -148,12 +150,14 @@ impl Sight {
             pairs: seen.spacing.pairs as u32,
             frames: images.len() as u32,
         };
+        let map = seen.map.map(Arc::new);
         Ok(Measured {
             spacing,
             micro_image_pitch_px: seen.grid.pitch_px(),
             window_px: seen.spacing.window_px,
             eog,
             picture: view.and_then(jpeg),
+            map,
         })
     }
 
@@ -183,7 +187,11 @@ impl Sight {
         let options = CalibrationOptions {
             hold_b: hold_b_sigma_mm.map(|sigma| (self.design.mla.b(), sigma)),
             // What the distances share is the caller's business: no frame can mend it.
-            ..CalibrationOptions::new(self.options(), self.pixel_mm, self.design.main_lens)
+            ..CalibrationOptions::new(
+                FrameOptions { map: false, ..self.options() },
+                self.pixel_mm,
+                self.design.main_lens,
+            )
         };
         let resolution = self.design.mla.signed_resolution();
         let seen = images
@@ -225,7 +233,7 @@ impl Sight {
             frames: images.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
-        Ok((camera, Measured { spacing, micro_image_pitch_px, window_px, eog: None, picture: None }))
+        Ok((camera, Measured { spacing, micro_image_pitch_px, window_px, eog: None, picture: None, map: None }))
     }
 
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is

@@ -32,6 +32,12 @@ impl Grip {
 }
 
 impl Deadman {
+    /// Whether it is held.
+    #[must_use]
+    pub fn held(&self) -> bool {
+        self.0.has_changed().is_ok() && *self.0.borrow() > Instant::now()
+    }
+
     /// Returns once the grip has run out or was dropped.
     pub async fn released(&mut self) {
         loop {
@@ -46,8 +52,9 @@ impl Deadman {
 }
 
 /// Moves an axis towards `end` at `speed_mm_per_s` while the deadman is held, then stops it (and whatever else its
-/// controller moves), and returns where it stands. `end` is the caller's bound: it is not checked here. Dropping this
-/// future does not let go: dropping the grip does.
+/// controller moves), and returns where it stands. It goes in pieces, one told when the one before has ended: `next`
+/// says where the piece that begins at a position ends. `end` and `next` are the caller's bounds: they are not checked
+/// here. Dropping this future does not let go: dropping the grip does.
 ///
 /// # Errors
 /// As [`Stage::move_at`], but for the stop that a release is.
@@ -56,23 +63,30 @@ pub async fn jog(
     end: Millimetres,
     speed_mm_per_s: f64,
     mut deadman: Deadman,
+    next: impl Fn(Millimetres) -> Millimetres + Send + 'static,
 ) -> Result<Millimetres, DeviceError> {
     let stage = Arc::clone(stage);
     let device = format!("the {} stage", stage.info().axis);
     let task = tokio::spawn(async move {
-        let motion = stage.move_at(end, speed_mm_per_s);
-        tokio::pin!(motion);
-        tokio::select! {
-            biased;
-            () = deadman.released() => {
-                stage.stop().await;
-                match motion.await {
-                    Err(DeviceError::Stopped { .. }) => Ok(stage.read_state().await?.position),
-                    ended => ended,
+        let mut at = stage.state().borrow().position;
+        while at != end && deadman.held() {
+            let piece = next(at);
+            let motion = stage.move_at(piece, speed_mm_per_s);
+            tokio::pin!(motion);
+            tokio::select! {
+                biased;
+                () = deadman.released() => {
+                    stage.stop().await;
+                    return match motion.await {
+                        Err(DeviceError::Stopped { .. }) => Ok(stage.read_state().await?.position),
+                        ended => ended,
+                    };
                 }
-            }
-            ended = &mut motion => ended,
+                ended = &mut motion => ended?,
+            };
+            at = piece;
         }
+        Ok(stage.read_state().await?.position)
     });
     task.await.unwrap_or_else(|_| Err(DeviceError::Disconnected { device, reason: "its task has ended".to_owned() }))
 }

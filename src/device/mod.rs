@@ -244,6 +244,11 @@ pub trait Stage: Send + Sync {
     /// When the controller refuses, or cannot.
     async fn release(&self) -> Result<(), DeviceError>;
 
+    /// When the last byte of the newest stop order was handed to the operating system, if any ever was.
+    fn stop_sent(&self) -> Option<Instant> {
+        None
+    }
+
     /// Stops the axis (and whatever else its controller moves) at once, passing every queue. Never fails: says how far
     /// the stop got.
     async fn stop(&self) -> StopDelivery;

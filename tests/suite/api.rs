@@ -104,8 +104,12 @@ async fn the_newest_frame_comes_as_png_and_jpeg_and_says_what_it_is() {
     assert_eq!(none["frame_age_ms"], Value::Null);
 
     fakes.camera.take(9);
-    for (path, kind) in [("/api/v1/frame.png", "image/png"), ("/api/v1/frame.jpg", "image/jpeg")] {
-        let response = daemon.get(path).await;
+    for (path, kind) in [("/api/v1/frame.png", "image/png"), ("/api/v1/snapshot.jpg", "image/jpeg")] {
+        let (response, ()) = tokio::join!(daemon.get(path), async {
+            // A snapshot is of a frame taken after it was asked for.
+            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+            fakes.camera.take(9);
+        });
         assert_eq!(response.status(), 200);
         let headers = response.headers().clone();
         let header = |name| headers[name].to_str().unwrap();
@@ -116,12 +120,20 @@ async fn the_newest_frame_comes_as_png_and_jpeg_and_says_what_it_is() {
         assert!(header("plenalign-frame-age-ms").parse::<f64>().unwrap() < 300.0);
         let picture = image::load_from_memory(&response.bytes().await.unwrap()).unwrap().into_luma8();
         assert_eq!((picture.dimensions(), picture.get_pixel(5, 5).0), ((64, 48), [9]));
-        let again = daemon.request(Method::GET, path).header("if-none-match", header("etag")).send().await.unwrap();
-        assert_eq!(again.status(), 304);
+        if kind == "image/png" {
+            let again = daemon.request(Method::GET, path).header("if-none-match", header("etag")).send().await.unwrap();
+            assert_eq!(again.status(), 304);
+        }
+    }
+    for (query, field) in
+        [("reduce=3", "reduce"), ("quality=5", "quality"), ("quality=x", "quality"), ("size=1", "size")]
+    {
+        let refused = daemon.get(&format!("/api/v1/snapshot.jpg?{query}")).await;
+        assert_eq!(problem(refused, 422, "invalid").await["field"], field, "{query}");
     }
 
     tokio::time::sleep(std::time::Duration::from_millis(350)).await;
-    let stale = problem(daemon.get("/api/v1/frame.jpg").await, 503, "no-frame").await;
+    let stale = problem(daemon.get("/api/v1/snapshot.jpg").await, 503, "no-frame").await;
     assert!(stale["frame_age_ms"].as_f64().unwrap() > 300.0, "{stale}");
 }
 
@@ -133,15 +145,18 @@ async fn a_stop_answers_for_each_axis_and_holds_until_it_is_reset() {
     for _ in 0..2 {
         let response = daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap();
         assert_eq!(response.status(), 200);
-        assert_eq!(response.json::<Value>().await.unwrap(), json!({ "focus": "confirmed", "e": "sent" }));
+        let report: Value = response.json().await.unwrap();
+        assert_eq!((&report["focus"], &report["e"]), (&json!("confirmed"), &json!("sent")));
     }
-    problem(daemon.post("/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await, 409, "stopped").await;
-    problem(daemon.post("/api/v1/jobs", &json!({ "kind": "joint_alignment" })).await, 409, "stopped").await;
+    let go = json!({ "position_mm": 1.0 });
+    problem(daemon.command(Method::POST, "/api/v1/axes/focus/move", &go).await, 409, "stopped").await;
+    let job = json!({ "kind": "joint_alignment" });
+    problem(daemon.command(Method::POST, "/api/v1/jobs", &job).await, 409, "stopped").await;
     for _ in 0..2 {
         let reset = daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
         assert_eq!(reset.json::<Value>().await.unwrap()["latched"], false);
     }
-    let moved = daemon.post("/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
+    let moved = daemon.command(Method::POST, "/api/v1/axes/focus/move", &go).await;
     assert_eq!(moved.status(), 202);
 }
 
@@ -151,15 +166,15 @@ async fn a_move_that_must_not_be_made_is_refused_with_its_numbers() {
     let go = |axis: &str, mm: f64| {
         let path = format!("/api/v1/axes/{axis}/move");
         let daemon = &daemon;
-        async move { daemon.post(&path, &json!({ "position_mm": mm })).await }
+        async move { daemon.command(Method::POST, &path, &json!({ "position_mm": mm })).await }
     };
     let limit = problem(go("focus", 99.0).await, 409, "limit").await;
     assert_eq!((&limit["axis"], &limit["high_mm"]), (&json!("focus"), &json!(5.0)));
     let wall = problem(go("e", -0.2).await, 409, "wall").await;
     assert_eq!(wall["wall_mm"], -0.1);
-    let shell = daemon.request(Method::PUT, "/api/v1/shell").json(&json!({ "state": "on" })).send().await.unwrap();
+    let shell = daemon.command(Method::PUT, "/api/v1/shell", &json!({ "state": "on" })).await;
     assert_eq!(shell.json::<Value>().await.unwrap()["shell"], "on");
-    let shell = daemon.request(Method::PUT, "/api/v1/shell").json(&json!({ "state": "away" })).send().await.unwrap();
+    let shell = daemon.command(Method::PUT, "/api/v1/shell", &json!({ "state": "away" })).await;
     assert_eq!(problem(shell, 422, "invalid").await["field"], "state");
 }
 
@@ -178,11 +193,13 @@ async fn one_command_at_a_time_on_an_axis() {
     let config = small_config(1);
     let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
     let daemon = Daemon::start_with(config, bench).await;
-    let home = || daemon.request(Method::POST, "/api/v1/axes/e/home").send();
-    assert_eq!(home().await.unwrap().status(), 202);
+    let home = || daemon.command(Method::POST, "/api/v1/axes/e/home", &Value::Null);
+    assert_eq!(home().await.status(), 202);
     // Refused in the answer, also before the first command has reached the controller.
-    assert_eq!(problem(home().await.unwrap(), 409, "moving").await["axis"], "e");
-    problem(daemon.post("/api/v1/axes/e/move", &json!({ "position_mm": 29.0 })).await, 409, "moving").await;
-    problem(daemon.post("/api/v1/jobs", &json!({ "kind": "joint_alignment" })).await, 409, "moving").await;
+    assert_eq!(problem(home().await, 409, "moving").await["axis"], "e");
+    let go = json!({ "position_mm": 29.0 });
+    problem(daemon.command(Method::POST, "/api/v1/axes/e/move", &go).await, 409, "moving").await;
+    let job = json!({ "kind": "joint_alignment" });
+    problem(daemon.command(Method::POST, "/api/v1/jobs", &job).await, 409, "moving").await;
     daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap();
 }

@@ -1,10 +1,12 @@
 //! A whole simulated bench for a test: small sensor, simulated time.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use plenalign::config::Config;
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot};
+use plenalign::control::lease::{LeaseRequest, Permit};
 use plenalign::control::{Service, open_bench};
 use plenalign::store::Store;
 use tokio::sync::broadcast::error::RecvError;
@@ -26,10 +28,17 @@ pub(crate) async fn service(config: Config) -> Arc<Service> {
     Service::start(config, "a test's configuration".to_owned(), bench, Store::in_memory())
 }
 
+/// The control lease, taken over from whatever the test had before.
+pub(crate) fn permit(service: &Service) -> Permit {
+    let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
+    let grant = service.leases().take_over(request).unwrap();
+    service.leases().permit(Some(&grant.key)).unwrap()
+}
+
 /// Runs a joint alignment to its end.
 pub(crate) async fn align(service: &Arc<Service>) -> JobSnapshot {
     let mut events = service.subscribe();
-    let id = service.create_job(JobRequest { kind: JobKind::JointAlignment }).await.unwrap().id;
+    let id = service.create_job(&permit(service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
     loop {
         match events.recv().await {
             Ok(Event::Job { job }) if job.state.is_final() => break,

@@ -3,18 +3,22 @@
 use std::sync::Arc;
 
 use plenalign::api::Api;
+use plenalign::api::error::LEASE_HEADER;
 use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
 use plenalign::device::Bench;
 use plenalign::store::Store;
 use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};
-use serde_json::Value;
+use serde_json::{Value, json};
+use tokio::sync::OnceCell;
 
 pub(crate) struct Daemon {
     pub(crate) address: std::net::SocketAddr,
     pub(crate) api: Api,
     pub(crate) service: Arc<Service>,
     pub(crate) client: Client,
+    /// Key of the control lease, once taken.
+    lease: OnceCell<String>,
 }
 
 impl Daemon {
@@ -34,15 +38,30 @@ impl Daemon {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench, store);
-        let api = Api::new(Arc::clone(&service), address, ConfigOrigin::Preset);
+        let api = Api::new(Arc::clone(&service), address, ConfigOrigin::Preset, None);
         let server = axum::serve(listener, api.router()).with_graceful_shutdown(api.closing().cancelled_owned());
         tokio::spawn(server.into_future());
         let client = Client::builder().no_proxy().build().unwrap();
-        Self { address, api, service, client }
+        Self { address, api, service, client, lease: OnceCell::new() }
     }
 
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
         self.client.request(method, format!("http://{}{path}", self.address))
+    }
+
+    /// The control lease's key; the lease is taken at the first call.
+    pub(crate) async fn lease(&self) -> &str {
+        let take = async {
+            let asked = json!({ "owner": "a test", "ttl_s": 3600 });
+            let grant: Value = self.post("/api/v1/lease", &asked).await.json().await.unwrap();
+            grant["key"].as_str().unwrap().to_owned()
+        };
+        self.lease.get_or_init(|| take).await
+    }
+
+    /// A request by the holder of the control lease.
+    pub(crate) async fn command(&self, method: Method, path: &str, body: &Value) -> Response {
+        self.request(method, path).header(LEASE_HEADER, self.lease().await).json(body).send().await.unwrap()
     }
 
     pub(crate) async fn get(&self, path: &str) -> Response {

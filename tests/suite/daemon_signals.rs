@@ -104,7 +104,12 @@ async fn sigterm_in_mid_run_stops_the_axes_before_the_streams() {
     let program = Program::start();
     let (mut stream, _) =
         tokio_tungstenite::connect_async(format!("ws://{}/api/v1/ws", program.address)).await.unwrap();
-    let created = program.ask(Method::POST, "/api/v1/jobs", Some(json!({ "kind": "joint_alignment" }))).await;
+    let lease = program.ask(Method::POST, "/api/v1/lease", Some(json!({ "owner": "a test" }))).await;
+    let lease: Value = lease.json().await.unwrap();
+    let client = Client::builder().no_proxy().build().unwrap();
+    let start =
+        client.post(format!("http://{}/api/v1/jobs", program.address)).json(&json!({ "kind": "joint_alignment" }));
+    let created = start.header("Plenalign-Lease", lease["key"].as_str().unwrap()).send().await.unwrap();
     assert_eq!(created.status(), 201);
     // Homing is what the job begins with, and it takes seconds.
     let from = Instant::now();

@@ -4,6 +4,7 @@ use plenalign::api::export;
 use plenalign::control::history::JobArchive;
 use plenalign::control::job::JobState;
 use plenalign::store::Store;
+use reqwest::Method;
 use serde_json::{Value, json};
 
 use super::bench::{align, service, small_config};
@@ -89,7 +90,8 @@ fn report_has_everything_in_it(archive: &JobArchive) {
     assert_eq!(page.matches("<svg class=\"map\"").count(), 1);
     assert_eq!(page.matches("src=\"data:image/jpeg;base64,").count(), 2);
     // Without the pictures, whose letters may say anything.
-    let words: String = page.split("src=\"data:").map(|part| part.split_once("\">").map_or(part, |(_, rest)| rest)).collect();
+    let words: String =
+        page.split("src=\"data:").map(|part| part.split_once("\">").map_or(part, |(_, rest)| rest)).collect();
     for missing in ["http://", "https://", "<script", "NaN", "url("] {
         assert!(!words.contains(missing), "{missing} is in the report");
     }
@@ -128,7 +130,8 @@ async fn nothing_of_a_job_becomes_markup() {
 #[tokio::test]
 async fn exports_come_as_files_with_names_and_of_what_is_not_there_as_problems() {
     let daemon = Daemon::start_keeping(small_config(1), fakes().bench, Store::in_memory()).await;
-    let job: Value = daemon.post("/api/v1/jobs", &json!({ "kind": "joint_alignment" })).await.json().await.unwrap();
+    let job: Value =
+        daemon.command(Method::POST, "/api/v1/jobs", &json!({ "kind": "joint_alignment" })).await.json().await.unwrap();
     let (id, href) = (job["id"].as_str().unwrap(), job["href"].as_str().unwrap());
     for (path, kind, disposition) in [
         ("export.json", "application/json", format!("attachment; filename=\"plenalign-{id}.json\"")),

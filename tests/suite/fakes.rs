@@ -1,5 +1,6 @@
 //! A bench of stand-ins for tests of the wire: axes that stand where they are told, a camera fed by the test.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -19,6 +20,8 @@ pub(crate) struct StillStage {
     state: watch::Sender<StageState>,
     /// What a stop comes to.
     pub(crate) delivery: Mutex<StopDelivery>,
+    /// Where it was told to go, mm.
+    pub(crate) told: Mutex<Vec<f64>>,
 }
 
 impl StillStage {
@@ -31,7 +34,7 @@ impl StillStage {
             at_rest_since: Some(Instant::now()),
             fault: None,
         });
-        Self { axis, state, delivery: Mutex::new(StopDelivery::Confirmed) }
+        Self { axis, state, delivery: Mutex::new(StopDelivery::Confirmed), told: Mutex::default() }
     }
 }
 
@@ -74,6 +77,7 @@ impl Stage for StillStage {
     }
 
     async fn move_at(&self, target: Millimetres, _: f64) -> Result<Millimetres, DeviceError> {
+        self.told.lock().unwrap().push(target.value());
         self.state.send_modify(|state| state.position = target);
         Ok(target)
     }
@@ -87,6 +91,7 @@ impl Stage for StillStage {
 pub(crate) struct FedCamera {
     state: watch::Sender<CameraState>,
     live: watch::Sender<Option<Arc<Frame>>>,
+    hangs: AtomicBool,
 }
 
 impl FedCamera {
@@ -95,12 +100,22 @@ impl FedCamera {
         self.live.receiver_count()
     }
 
+    /// From now on whoever wants a frame to measure waits for ever.
+    pub(crate) fn hang(&self) {
+        self.hangs.store(true, Ordering::SeqCst);
+    }
+
     /// Takes a grey frame of 64 x 48.
     pub(crate) fn take(&self, seq: u64) {
+        self.take_sized(seq, 64, 48);
+    }
+
+    /// Takes a grey frame of a size.
+    pub(crate) fn take_sized(&self, seq: u64, width: usize, height: usize) {
         let pose = |mm| AxisPose { position: Some(Millimetres(mm)), settled: true };
         let now = Instant::now();
         let frame = Frame {
-            image: Arc::new(RawImage::from_u8(64, 48, vec![seq as u8; 64 * 48])),
+            image: Arc::new(RawImage::from_u8(width, height, vec![seq as u8; width * height])),
             seq,
             exposed_from: now - Duration::from_millis(10),
             exposed_to: now,
@@ -131,6 +146,9 @@ impl FrameSource for FedCamera {
     }
 
     async fn frame(&self, _: Instant) -> Result<Arc<Frame>, DeviceError> {
+        if self.hangs.load(Ordering::SeqCst) {
+            std::future::pending::<()>().await;
+        }
         Err(DeviceError::Disconnected { device: "camera".into(), reason: "a stand-in".into() })
     }
 }
@@ -155,7 +173,11 @@ pub(crate) fn fakes() -> Fakes {
         unfit: None,
         size: None,
     };
-    let camera = Arc::new(FedCamera { state: watch::channel(state).0, live: watch::channel(None).0 });
+    let camera = Arc::new(FedCamera {
+        state: watch::channel(state).0,
+        live: watch::channel(None).0,
+        hangs: AtomicBool::new(false),
+    });
     let e = Arc::new(StillStage::new(AxisName::E));
     let focus = Arc::new(StillStage::new(AxisName::Focus));
     let bench = Bench { focus, e: e.clone(), camera: camera.clone(), simulated: None };

@@ -4,12 +4,14 @@
 use std::path::Path;
 use std::time::Duration;
 
+use plenalign::api::error::LEASE_HEADER;
 use plenalign::config::Config;
 use plenalign::store::Store;
 use plenalign::store::records::Audit;
 use reqwest::{Method, Response};
 use serde_json::{Value, json};
 
+use super::bench::permit;
 use super::daemon::{Daemon, problem};
 use super::fakes::{Fakes, fakes};
 
@@ -25,7 +27,7 @@ async fn daemon(folder: &Path) -> (Daemon, Fakes) {
 }
 
 async fn create(daemon: &Daemon) -> Value {
-    let response = daemon.post(JOBS, &json!({ "kind": "joint_alignment" })).await;
+    let response = daemon.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await;
     assert_eq!(response.status(), 201);
     response.json().await.unwrap()
 }
@@ -86,7 +88,7 @@ async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() 
     // It is over: cancelling changes nothing, and nothing can be confirmed.
     let again = json_of(second.request(Method::DELETE, &href).send().await.unwrap()).await;
     assert_eq!(again["state"], "interrupted");
-    let late = second.post(&format!("{href}/confirm"), &json!({ "step": 1 })).await;
+    let late = second.command(Method::POST, &format!("{href}/confirm"), &json!({ "step": 1 })).await;
     problem(late, 409, "job-state").await;
     // The bench is free.
     waiting(&second, &create(&second).await).await;
@@ -104,13 +106,18 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     let (second, _fakes) = daemon(folder.path()).await;
     let found = until(&second, "/api/v1/stop", "latched", |stop| stop["latched"] == true).await;
     assert_eq!(found, stopped, "since the same time");
-    problem(second.post("/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await, 409, "stopped").await;
-    problem(second.post(JOBS, &json!({ "kind": "joint_alignment" })).await, 409, "stopped").await;
+    problem(
+        second.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await,
+        409,
+        "stopped",
+    )
+    .await;
+    problem(second.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await, 409, "stopped").await;
     json_of(second.request(Method::DELETE, "/api/v1/stop").send().await.unwrap()).await;
     tokio::time::sleep(Duration::from_millis(100)).await;
 
     let (third, _fakes) = daemon(folder.path()).await;
-    let moved = third.post("/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
+    let moved = third.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
     assert_eq!(moved.status(), 202);
     assert_eq!(get(&third, "/api/v1/stop").await["latched"], false);
 }
@@ -126,11 +133,15 @@ async fn an_orderly_end_leaves_no_stop_behind() {
         fakes().bench,
         store,
     );
-    service.move_axis(plenalign::device::AxisName::Focus, plenalign::units::Millimetres(1.0)).await.unwrap();
+    let (focus, to) = (plenalign::device::AxisName::Focus, plenalign::units::Millimetres(1.0));
+    service.move_axis(&permit(&service), focus, to).await.unwrap();
     service.shut_down().await;
     let (second, _fakes) = daemon(folder.path()).await;
     until(&second, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
-    assert_eq!(second.post("/api/v1/axes/focus/move", &json!({ "position_mm": 0.0 })).await.status(), 202);
+    assert_eq!(
+        second.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 0.0 })).await.status(),
+        202
+    );
 }
 
 #[tokio::test]
@@ -203,7 +214,8 @@ async fn the_same_request_under_the_same_name_is_the_same_job() {
     let folder = tempfile::tempdir().unwrap();
     let (first, _fakes) = daemon(folder.path()).await;
     let send = async |daemon: &Daemon, key: &str, body: Value| {
-        daemon.request(Method::POST, JOBS).header("Idempotency-Key", key).json(&body).send().await.unwrap()
+        let request = daemon.request(Method::POST, JOBS).header("Idempotency-Key", key);
+        request.header(LEASE_HEADER, daemon.lease().await).json(&body).send().await.unwrap()
     };
     let body = || json!({ "kind": "joint_alignment" });
     // At the same moment, as after a time-out of the client's.
@@ -215,7 +227,7 @@ async fn the_same_request_under_the_same_name_is_the_same_job() {
     let (one, two) = (json_of(one).await, json_of(two).await);
     assert_eq!(one["id"], two["id"]);
     // Without the name the bench is held.
-    problem(first.post(JOBS, &body()).await, 409, "busy").await;
+    problem(first.command(Method::POST, JOBS, &body()).await, 409, "busy").await;
     problem(send(&first, "k 2", body()).await, 409, "busy").await;
 
     // Over a restart.
@@ -239,7 +251,8 @@ async fn a_name_that_stands_for_another_request_is_refused() {
     let (first, _fakes) = daemon(folder.path()).await;
     let body = json!({ "kind": "joint_alignment" });
     let send = async |daemon: &Daemon| {
-        daemon.request(Method::POST, JOBS).header("Idempotency-Key", "k").json(&body).send().await.unwrap()
+        let request = daemon.request(Method::POST, JOBS).header("Idempotency-Key", "k");
+        request.header(LEASE_HEADER, daemon.lease().await).json(&body).send().await.unwrap()
     };
     let job = json_of(send(&first).await).await;
     let database = rusqlite::Connection::open(folder.path().join("history.db")).unwrap();
@@ -261,12 +274,16 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
     // From the start.
     std::fs::write(&state, "in the way").unwrap();
     let (daemon, fakes) = daemon(&state).await;
-    let go = async || daemon.post("/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
+    let go = async || daemon.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
     let refused = async || {
-        let found = problem(daemon.post(JOBS, &json!({ "kind": "joint_alignment" })).await, 503, "history-unwritable");
+        let found = problem(
+            daemon.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await,
+            503,
+            "history-unwritable",
+        );
         assert!(found.await["detail"].as_str().unwrap().contains("state"));
         problem(go().await, 503, "history-unwritable").await;
-        let home = daemon.request(Method::POST, "/api/v1/axes/e/home").send().await.unwrap();
+        let home = daemon.command(Method::POST, "/api/v1/axes/e/home", &json!({})).await;
         problem(home, 503, "history-unwritable").await;
         let bench = until(&daemon, "/api/v1/bench", "said", |bench| bench["history_fault"].is_string()).await;
         assert!(bench["history_fault"].as_str().unwrap().contains("state"), "{bench}");
@@ -358,8 +375,10 @@ async fn a_daemon_starts_without_a_history_and_shows_its_bench() {
     let said: Value = serde_json::from_str(&line).unwrap_or_else(|_| panic!("{line:?}"));
     let url = said["address"].as_str().unwrap().trim_end_matches('/').to_owned();
     let client = reqwest::Client::builder().no_proxy().build().unwrap();
-    let refused =
-        client.post(format!("{url}/api/v1/jobs")).json(&json!({ "kind": "joint_alignment" })).send().await.unwrap();
+    let lease = client.post(format!("{url}/api/v1/lease")).json(&json!({ "owner": "a test" })).send().await.unwrap();
+    let key = lease.json::<Value>().await.unwrap()["key"].as_str().unwrap().to_owned();
+    let request = client.post(format!("{url}/api/v1/jobs")).header(LEASE_HEADER, key);
+    let refused = request.json(&json!({ "kind": "joint_alignment" })).send().await.unwrap();
     problem(refused, 503, "history-unwritable").await;
     let frame = client.get(format!("{url}/api/v1/frame.jpg")).send().await.unwrap();
     assert_eq!(frame.status(), 200);

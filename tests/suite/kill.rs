@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use plenalign::api::error::LEASE_HEADER;
 use plenalign::config::{BenchDriver, Config, ControllerConfig, ControllerDriver};
 use plenalign::store::records::Move;
 use plenalign::store::{Store, read};
@@ -22,11 +23,15 @@ use tokio::time::{Instant, sleep, timeout};
 use super::bench::small_config;
 
 /// An alignment takes about so long here, s: kills fall anywhere in it.
-const ALIGNMENT_S: f64 = 12.0;
+const ALIGNMENT_S: f64 = 30.0;
 /// The script of moves by hand takes about so long, s.
 const SCRIPT_S: f64 = 8.0;
 /// A motion that nobody commands any more is over by then.
 const AT_REST_ALLOWED: Duration = Duration::from_secs(25);
+/// A move is told to a controller in pieces that last so long, µs.
+const PIECE_US: i64 = 1_000_000;
+/// Greatest speed of the axes on the stage, mm/s.
+const SPEED_MM_PER_S: f64 = 8.0;
 /// Quiet for so long, a stage is at rest.
 const QUIET: Duration = Duration::from_millis(700);
 
@@ -66,6 +71,8 @@ struct Daemon {
     program: Program,
     url: String,
     client: Client,
+    /// Key of the control lease, once taken.
+    lease: tokio::sync::OnceCell<String>,
 }
 
 impl Daemon {
@@ -75,11 +82,25 @@ impl Daemon {
         let program = Program::start(&arguments, config, state);
         let url = program.said["address"].as_str().unwrap().trim_end_matches('/').to_owned();
         let client = Client::builder().no_proxy().timeout(Duration::from_secs(20)).build().unwrap();
-        Self { program, url, client }
+        Self { program, url, client, lease: tokio::sync::OnceCell::new() }
+    }
+
+    /// Takes the control lease from whoever had it before the kill.
+    async fn take_lease(&self) -> Option<&str> {
+        let take = async {
+            let request = self.client.post(format!("{}/api/v1/lease/takeover", self.url));
+            let grant: Value =
+                request.json(&json!({ "owner": "a test", "ttl_s": 3600 })).send().await.ok()?.json().await.ok()?;
+            grant["key"].as_str().map(str::to_owned)
+        };
+        self.lease.get_or_try_init(|| async { take.await.ok_or(()) }).await.ok().map(String::as_str)
     }
 
     async fn ask(&self, method: Method, path: &str, body: Option<Value>) -> Option<(u16, Value)> {
-        let mut request = self.client.request(method, format!("{}{path}", self.url));
+        let mut request = self.client.request(method.clone(), format!("{}{path}", self.url));
+        if method != Method::GET {
+            request = request.header(LEASE_HEADER, self.take_lease().await?);
+        }
         if let Some(body) = body {
             request = request.json(&body);
         }
@@ -103,12 +124,11 @@ impl Daemon {
 struct Ground {
     folder: tempfile::TempDir,
     jobs: Vec<String>,
-    report: Vec<String>,
 }
 
 impl Ground {
     fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap(), jobs: Vec::new(), report: Vec::new() }
+        Self { folder: tempfile::tempdir().unwrap(), jobs: Vec::new() }
     }
 
     fn state(&self) -> PathBuf {
@@ -138,7 +158,8 @@ impl Ground {
         for job in &self.jobs {
             let state = found.get(job).unwrap_or_else(|| panic!("job {job} is not in the history: {found:?}"));
             assert!(
-                ["interrupted", "converged", "not_converged", "cancelled", "failed"].contains(&state.as_str()),
+                ["interrupted", "converged", "succeeded", "not_converged", "cancelled", "failed"]
+                    .contains(&state.as_str()),
                 "job {job} is {state}"
             );
         }
@@ -183,7 +204,8 @@ fn quick(seed: u64) -> Config {
     config
 }
 
-async fn kill_in_an_alignment(ground: &mut Ground, seed: u64) {
+/// Returns what happened, in a line.
+async fn kill_in_an_alignment(ground: &mut Ground, seed: u64) -> String {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let (config, state) = (ground.write_config(&quick(seed)), ground.state());
     let daemon = Daemon::start(true, &config, &state);
@@ -227,15 +249,15 @@ async fn kill_in_an_alignment(ground: &mut Ground, seed: u64) {
     let done = moves.iter().filter(|motion| motion["what"] == "move" && motion["outcome"] == "done").count();
     let moved = after.iter().filter(|iteration| iteration["axis"].is_string()).count();
     assert!(moved <= done, "{moved} iterations after {done} moves");
-    ground.report.push(format!(
+    daemon.kill();
+    format!(
         "seed {seed}: killed after {:.2} s, {} iterations seen, {} kept, {} moves, job {}",
         at.as_secs_f64(),
         before.len(),
         after.len(),
         moves.len(),
         found[&id]
-    ));
-    daemon.kill();
+    )
 }
 
 /// A bench with real drivers, and no camera.
@@ -254,7 +276,7 @@ fn hardware(port: &Path) -> Config {
     for axis in [&mut config.bench.focus, &mut config.bench.e] {
         "main".clone_into(&mut axis.controller);
         axis.accept_wider_firmware_limits = true;
-        axis.speed_mm_per_s = 8.0;
+        axis.speed_mm_per_s = SPEED_MM_PER_S;
     }
     config
 }
@@ -336,7 +358,8 @@ async fn drive(daemon: &Daemon, jobs: &mut Vec<String>, random: &mut Pcg64Mcg) {
     }
 }
 
-async fn kill_with_a_stage(ground: &mut Ground, seed: u64) {
+/// Returns what happened, in a line.
+async fn kill_with_a_stage(ground: &mut Ground, seed: u64) -> String {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let (port, record) = (ground.folder.path().join("stage"), ground.folder.path().join("record"));
     let (config, state) = (ground.write_config(&hardware(&port)), ground.state());
@@ -366,11 +389,11 @@ async fn kill_with_a_stage(ground: &mut Ground, seed: u64) {
     let moves = Store::to_read(&state).read(|connection| read::newest_moves(connection, 200)).await.unwrap();
     assert!(moves.iter().all(|motion| motion.outcome.is_some()), "{moves:?}");
     let after = check_motion(&before, &moves, killed);
-    ground.report.push(format!(
+    format!(
         "seed {seed}: killed after {:.2} s, {} moves, {after:.2} mm of motion after the kill",
         at.as_secs_f64(),
         moves.len()
-    ));
+    )
 }
 
 /// Every step of the stage belongs to a motion that the history has; those after the kill to the one under way, and go
@@ -383,7 +406,7 @@ fn check_motion(steps: &[Step], moves: &[Move], killed: i64) -> f64 {
         motion.axis == axes[step.axis] && (motion.started_at.as_microsecond()..=ended).contains(&step.at)
     };
     let mut far: f64 = 0.0;
-    let mut stood = [None; 2];
+    let (mut stood, mut left) = ([None; 2], None);
     for step in steps {
         let Some(motion) = moves.iter().find(|motion| covers(motion, step)) else {
             panic!("{step:?} belongs to no motion of the history: {moves:#?}");
@@ -392,6 +415,13 @@ fn check_motion(steps: &[Step], moves: &[Move], killed: i64) -> f64 {
             assert_eq!(motion.outcome.as_deref(), Some("interrupted"), "{step:?} after the kill: {motion:?}");
             far += stood[step.axis].map_or(0.0, |from: f64| (step.mm - from).abs());
             if let (Some(from), Some(to)) = (motion.from_mm, motion.to_mm) {
+                // The piece that it had been told, and none after it.
+                assert!(step.at < killed + PIECE_US + 400_000, "{step:?} is long after the kill at {killed}");
+                let first = *left.get_or_insert(step.mm);
+                assert!(
+                    (step.mm - first).abs() < SPEED_MM_PER_S * 1.05,
+                    "{step:?} is further than a piece from {first}"
+                );
                 // An approach leg ends this far beside the target.
                 let margin = 0.3;
                 let way = from.min(to) - margin..=from.max(to) + margin;
@@ -404,17 +434,20 @@ fn check_motion(steps: &[Step], moves: &[Move], killed: i64) -> f64 {
 }
 
 async fn kill_all(seeds: RangeInclusive<u64>, done: impl Fn(u64, &str), skip: impl Fn(u64) -> bool) {
-    let (mut simulated, mut hardware) = (Ground::new(), Ground::new());
-    for seed in seeds.filter(|seed| !skip(*seed)) {
-        let ground = if seed % 2 == 1 {
-            kill_in_an_alignment(&mut simulated, seed).await;
-            &simulated
-        } else {
-            kill_with_a_stage(&mut hardware, seed).await;
-            &hardware
-        };
-        done(seed, ground.report.last().unwrap());
-    }
+    let (odd, even): (Vec<u64>, Vec<u64>) = seeds.filter(|seed| !skip(*seed)).partition(|seed| seed % 2 == 1);
+    let alignments = async {
+        let mut ground = Ground::new();
+        for seed in odd {
+            done(seed, &kill_in_an_alignment(&mut ground, seed).await);
+        }
+    };
+    let stages = async {
+        let mut ground = Ground::new();
+        for seed in even {
+            done(seed, &kill_with_a_stage(&mut ground, seed).await);
+        }
+    };
+    tokio::join!(alignments, stages);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -7,17 +7,18 @@ use plenalign::control::job::{JobKind, JobRequest, JobState};
 use plenalign::device::StopDelivery;
 use tokio::time::sleep;
 
-use super::bench::{service, small_config};
+use super::bench::{permit, service, small_config};
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_ends_the_job_of_its_moment_and_no_later_one() {
     let mut config = small_config(1);
     config.bench.simulation.operator_confirms = false;
     let service = service(config).await;
-    let begin = async || service.create_job(JobRequest { kind: JobKind::JointAlignment }).await.unwrap().id;
+    let begin =
+        async || service.create_job(&permit(&service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
     let stop = || {
         let service = Arc::clone(&service);
-        tokio::spawn(async move { service.stop().await })
+        tokio::spawn(async move { service.stop(tokio::time::Instant::now()).await })
     };
     let latched = async || {
         while !service.bench_view().stop.latched {

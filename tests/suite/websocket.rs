@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
-use plenalign::api::proto;
+use plenalign::api::proto::{self, viewed::What};
 use prost::Message as _;
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -47,8 +47,10 @@ async fn next_text(socket: &mut Socket) -> Value {
 
 async fn next_picture(socket: &mut Socket) -> proto::Frame {
     loop {
-        if let Message::Binary(bytes) = next(socket).await {
-            return proto::Frame::decode(bytes).unwrap();
+        if let Message::Binary(bytes) = next(socket).await
+            && let Some(What::Frame(frame)) = proto::Viewed::decode(bytes).unwrap().what
+        {
+            return frame;
         }
     }
 }
@@ -220,4 +222,77 @@ async fn closing_tells_every_viewer_and_comes_to_an_end() {
             other => panic!("{other:?}"),
         }
     }
+}
+
+async fn open_after(daemon: &Daemon, after: u64, boot_id: &str) -> Socket {
+    let address = format!("ws://{}/api/v1/ws?after={after}&boot_id={boot_id}", daemon.address);
+    connect_async(address).await.unwrap().0
+}
+
+#[tokio::test]
+async fn a_viewer_that_comes_back_goes_on_where_it_was_or_is_told_of_the_gap() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let mut first = open(&daemon).await;
+    let snapshot = next_text(&mut first).await;
+    let (seq, boot_id) = (snapshot["seq"].as_u64().unwrap(), snapshot["boot_id"].as_str().unwrap().to_owned());
+    let toggle = async || {
+        daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap();
+        daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
+    };
+    toggle().await;
+    let mut back = open_after(&daemon, seq, &boot_id).await;
+    let change = next_text(&mut back).await;
+    assert_eq!((change["type"].as_str(), change["seq"].as_u64()), (Some("bench"), Some(seq + 1)));
+
+    // Another run's numbers mean nothing here.
+    let other = uuid::Uuid::nil().to_string();
+    let mut stranger = open_after(&daemon, seq, &other).await;
+    let gap = next_text(&mut stranger).await;
+    assert_eq!((gap["type"].as_str(), gap["after_boot_id"].as_str()), (Some("gap"), Some(other.as_str())));
+    assert_eq!(next_text(&mut stranger).await["type"], "snapshot");
+
+    // More changes than are kept.
+    for _ in 0..260 {
+        toggle().await;
+    }
+    let mut late = open_after(&daemon, seq, &boot_id).await;
+    let gap = next_text(&mut late).await;
+    assert_eq!((gap["type"].as_str(), gap["after"].as_u64()), (Some("gap"), Some(seq)));
+    assert_eq!(next_text(&mut late).await["type"], "snapshot");
+    // A number that has not been given yet.
+    let mut ahead = open_after(&daemon, u64::MAX, &boot_id).await;
+    assert_eq!(next_text(&mut ahead).await["type"], "gap");
+}
+
+#[tokio::test]
+async fn a_connection_holds_the_lease() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let key = daemon.lease().await.to_owned();
+    let mut socket = open(&daemon).await;
+    next_text(&mut socket).await;
+    say(&mut socket, json!({ "type": "hold", "lease": "guess" })).await;
+    loop {
+        let answer = next_text(&mut socket).await;
+        if answer["type"] == "problem" {
+            assert_eq!(answer["problem"]["status"], 412);
+            break;
+        }
+    }
+    say(&mut socket, json!({ "type": "hold", "lease": key })).await;
+    let held = async |expected: bool| {
+        for _ in 0..100 {
+            let lease: Value = daemon.get("/api/v1/lease").await.json().await.unwrap();
+            if (lease["lease"]["expires_at"] == Value::Null) == expected {
+                return lease["lease"].clone();
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        panic!("the lease did not become held = {expected}");
+    };
+    held(true).await;
+    drop(socket);
+    let lease = held(false).await;
+    let expires: jiff::Timestamp = lease["expires_at"].as_str().unwrap().parse().unwrap();
+    let left = expires.duration_since(jiff::Timestamp::now()).as_secs_f64();
+    assert!((5.0..=10.0).contains(&left), "{left} s of grace");
 }

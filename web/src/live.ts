@@ -75,7 +75,7 @@ export class Live {
     if (!this.socket) return;
     const on = document.visibilityState === "visible";
     const reduce = window.innerWidth * window.devicePixelRatio < 700 ? 2 : 1;
-    this.send(this.socket, { type: "pictures", on, max_rate_hz: 15, reduce, window: WINDOW });
+    this.send(this.socket, { type: "pictures", on, max_rate_hz: 15, reduce, quality: 80, window: WINDOW });
   }
 
   private send(socket: WebSocket, message: ViewerMessage): void {

@@ -74,6 +74,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
     case "measurement":
       return { ...heard, seq, measurement: message.measurement, measurementAt: now };
     case "tick":
+    case "gap":
       return { ...heard, seq };
     case "problem":
       return { ...heard, seq, problem: message.problem };
@@ -111,7 +112,7 @@ export function pictureState(state: State, now: number): PictureState {
   return state.link === "open" && age <= STALE_MS ? "fresh" : "stale";
 }
 
-const FINAL: JobState[] = ["converged", "not_converged", "cancelled", "failed", "interrupted"];
+const FINAL: JobState[] = ["converged", "succeeded", "not_converged", "cancelled", "failed", "interrupted"];
 
 export function isFinal(state: JobState): boolean {
   return FINAL.includes(state);

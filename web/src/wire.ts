@@ -2,7 +2,7 @@
 
 import { fromBinary } from "@bufbuild/protobuf";
 import type { components } from "./gen/api";
-import { FrameSchema, type Frame } from "./gen/plenalign/v1/frame_pb";
+import { ViewedSchema, type Viewed } from "./gen/plenalign/v1/frame_pb";
 
 type Schemas = components["schemas"];
 export type ServerMessage = Schemas["ServerMessage"];
@@ -17,11 +17,13 @@ export type Report = Schemas["Report"];
 export type Measurement = Schemas["MeasurementView"];
 export type ShellState = Schemas["ShellState"];
 export type StopReport = Schemas["StopReport"];
+export type LeaseGrant = Schemas["LeaseGrant"];
 export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail">;
 
 /** Every message type this page reads; a type not here is ignored. */
 const KNOWN = [
   "snapshot",
+  "gap",
   "bench",
   "job",
   "measurement",
@@ -69,13 +71,14 @@ export interface Picture {
 
 /** A binary message, or null for what is no picture. */
 export function parsePicture(bytes: Uint8Array): Picture | null {
-  let frame: Frame;
+  let viewed: Viewed;
   try {
-    frame = fromBinary(FrameSchema, bytes);
+    viewed = fromBinary(ViewedSchema, bytes);
   } catch {
     return null;
   }
-  if (frame.jpeg.length === 0) return null;
+  if (viewed.what.case !== "frame" || viewed.what.value.jpeg.length === 0) return null;
+  const frame = viewed.what.value;
   return {
     jpeg: new Uint8Array(frame.jpeg),
     facts: {

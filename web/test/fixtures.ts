@@ -52,6 +52,8 @@ export function job(id: string, generation: number, state: Job["state"] = "runni
     href: `/api/v1/jobs/${id}`,
     id,
     kind: "joint_alignment",
+    request: { kind: "joint_alignment" },
+    owner: "ada",
     state,
     stage: "air",
     simulated: true,

@@ -1,6 +1,6 @@
 import { create, toBinary } from "@bufbuild/protobuf";
 import { describe, expect, it } from "vitest";
-import { FrameSchema } from "../src/gen/plenalign/v1/frame_pb";
+import { FrameSchema, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
 import { parseMessage, parsePicture } from "../src/wire";
 import { boot } from "./fixtures";
 
@@ -30,7 +30,7 @@ describe("parseMessage", () => {
 
 describe("parsePicture", () => {
   it("reads a picture and keeps unknown positions unknown", () => {
-    const message = create(FrameSchema, {
+    const frame = create(FrameSchema, {
       jpeg: new Uint8Array([0xff, 0xd8]),
       seq: 12n,
       capturedUnixUs: 1_700_000_000_123_456n,
@@ -43,7 +43,8 @@ describe("parsePicture", () => {
       heightPx: 1160,
       reduce: 2,
     });
-    const picture = parsePicture(toBinary(FrameSchema, message));
+    const message = create(ViewedSchema, { what: { case: "frame", value: frame } });
+    const picture = parsePicture(toBinary(ViewedSchema, message));
     expect(picture?.facts).toMatchObject({
       seq: 12,
       focusMm: -0.25,

@@ -10,6 +10,8 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
 
+use crate::telemetry;
+
 use super::{Answer, Kind, MOST_PARTS, Notice, PortError, Protocol, Recovery, Request, Urgent};
 
 /// Silence after which the bytes of an unfinished message are not continued.
@@ -22,6 +24,7 @@ struct Pending<M> {
     deadline: Instant,
     generation: u64,
     resync: bool,
+    asked: Instant,
     reply: oneshot::Sender<Result<Answer<M>, PortError>>,
 }
 
@@ -160,6 +163,7 @@ impl<P: Protocol> Owner<P> {
                 deadline: Instant::now() + request.allowed,
                 generation: request.generation.unwrap_or_else(|| self.generation.load(Ordering::SeqCst)),
                 resync: request.resync,
+                asked: Instant::now(),
                 reply: request.reply,
                 request: request.bytes,
             });
@@ -240,6 +244,9 @@ impl<P: Protocol> Owner<P> {
     fn end_pending(&mut self, result: Result<(), PortError>) {
         if let Some(pending) = self.pending.take() {
             self.in_step |= pending.resync && matches!(result, Ok(()) | Err(PortError::Refused(_)));
+            if matches!(result, Ok(()) | Err(PortError::Refused(_))) {
+                telemetry::round_trip(pending.asked.elapsed());
+            }
             let answer = result.map(|()| Answer { lines: pending.parts, line_number: self.number });
             let _ = pending.reply.send(answer);
         }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 /// The generations of a controller's commands: a stop outdates every one given before it, connected or not.
 #[derive(Debug)]
@@ -12,11 +13,21 @@ pub struct Orders {
     /// The newest generation that a stop has made.
     stops: watch::Sender<u64>,
     under_way: watch::Sender<u32>,
+    /// When the oldest stop under way began.
+    began: watch::Sender<Option<Instant>>,
+    /// When the last byte of the newest stop was handed to the operating system.
+    sent: watch::Sender<Option<Instant>>,
 }
 
 impl Default for Orders {
     fn default() -> Self {
-        Self { generation: Arc::default(), stops: watch::Sender::new(0), under_way: watch::Sender::new(0) }
+        Self {
+            generation: Arc::default(),
+            stops: watch::Sender::new(0),
+            under_way: watch::Sender::new(0),
+            began: watch::Sender::new(None),
+            sent: watch::Sender::new(None),
+        }
     }
 }
 
@@ -52,10 +63,34 @@ impl Orders {
     /// Outdates what was commanded before, and makes what is commanded from now on wait until this is dropped.
     #[must_use]
     pub fn stop(self: &Arc<Self>) -> UnderWay {
-        self.under_way.send_modify(|count| *count += 1);
+        self.under_way.send_modify(|count| {
+            if *count == 0 {
+                self.began.send_replace(Some(Instant::now()));
+            }
+            *count += 1;
+        });
         let under_way = UnderWay(Arc::clone(self));
         self.outdate();
         under_way
+    }
+
+    /// A stop's last byte has been handed to the operating system. Where several stops are under way, the first of them
+    /// is what stops the controller.
+    pub fn stop_sent(&self) {
+        let began = *self.began.borrow();
+        self.sent.send_if_modified(|sent| {
+            let first = sent.is_none_or(|sent| began.is_none_or(|began| sent < began));
+            if first {
+                *sent = Some(Instant::now());
+            }
+            first
+        });
+    }
+
+    /// When the last byte of the newest stop was handed to the operating system.
+    #[must_use]
+    pub fn newest_stop_sent(&self) -> Option<Instant> {
+        *self.sent.borrow()
     }
 
     /// Returns once a stop has outdated a generation.

@@ -17,12 +17,14 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use super::axis::{Axis, AxisLink, AxisSetup};
 use super::orders::Orders;
 use super::session::{AxisFacts, Driver, Session, Wanted};
 use crate::device::serial::Dial;
 use crate::device::{AxisName, DeviceError, MoveTime, Stage, StageInfo, StageState, StopDelivery};
+use crate::telemetry;
 use crate::units::Millimetres;
 
 /// First and longest pause before a controller that is not there is tried again.
@@ -167,6 +169,7 @@ impl Shared {
             return Err(wrong(&format!("{before}, which was there before (restart after exchanging a controller)")));
         }
         tracing::info!(controller = %self.name, identity = %identity, "a stage controller is connected");
+        telemetry::connected(&self.name);
         found.facts = (0..self.axes.len()).map(|axis| session.facts(axis)).collect();
         found.identity = Some(identity.clone());
         Ok(session)
@@ -301,6 +304,10 @@ impl Stage for ControllerStage {
 
     async fn release(&self) -> Result<(), DeviceError> {
         self.run(|session, axis, generation| async move { session.release(axis, generation).await }).await
+    }
+
+    fn stop_sent(&self) -> Option<Instant> {
+        self.shared.orders.newest_stop_sent()
     }
 
     async fn stop(&self) -> StopDelivery {

@@ -197,7 +197,7 @@ async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
     let (grip, dead) = deadman(hold);
     let jogging = tokio::spawn({
         let stage = stage.clone();
-        async move { jog(&stage, Millimetres(10.0), 2.0, dead).await }
+        async move { jog(&stage, Millimetres(10.0), 2.0, dead, |_| Millimetres(10.0)).await }
     });
     for _ in 0..8 {
         sleep(Duration::from_millis(250)).await;
@@ -214,7 +214,7 @@ async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
 
     // Dropped, with its caller: it stops at once.
     let (grip, dead) = deadman(Duration::from_secs(60));
-    let caller = tokio::spawn(async move { jog(&stage, Millimetres(10.0), 2.0, dead).await });
+    let caller = tokio::spawn(async move { jog(&stage, Millimetres(10.0), 2.0, dead, |_| Millimetres(10.0)).await });
     sleep(Duration::from_secs(1)).await;
     caller.abort();
     drop(grip);

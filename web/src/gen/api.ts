@@ -4,23 +4,6 @@
  */
 
 export interface paths {
-  "/api/v1/audit": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    /** The audit log: who did what, and from where, newest first, a page at a time. */
-    get: operations["list_audit"];
-    put?: never;
-    post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
   "/api/v1/axes/{axis}/home": {
     parameters: {
       query?: never;
@@ -36,6 +19,27 @@ export interface paths {
      */
     post: operations["home_axis"];
     delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/axes/{axis}/jog": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /**
+     * Jogs one axis: it moves for 0.3 s from this request, and on for as long as the request is repeated in time.
+     * @description It goes in short pieces, no further than the limit of travel, the e wall and the greatest step.
+     */
+    post: operations["jog_axis"];
+    /** Ends a jog at once. Needs no lease; may be repeated. */
+    delete: operations["end_jog"];
     options?: never;
     head?: never;
     patch?: never;
@@ -113,23 +117,6 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
-  "/api/v1/frame.jpg": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    /** The newest frame for viewing, as a greyscale JPEG; the headers are those of the PNG. */
-    get: operations["get_frame_jpeg"];
-    put?: never;
-    post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
   "/api/v1/frame.png": {
     parameters: {
       query?: never;
@@ -154,12 +141,13 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** The jobs of this run and of earlier ones, newest first, a page at a time. */
+    /** Every job since the program started. */
     get: operations["list_jobs"];
     put?: never;
     /**
      * Starts a job.
-     * @description A bench does one job at a time: while one is under way another is refused, and the refusal names it.
+     * @description A bench does one job at a time: while one is under way another is refused, and the refusal names it. The job holds
+     *     the control lease that was shown until its end, and needs no heartbeat for it.
      */
     post: operations["create_job"];
     delete?: never;
@@ -175,7 +163,7 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** One job, of this run or an earlier one. */
+    /** One job. */
     get: operations["get_job"];
     put?: never;
     post?: never;
@@ -206,119 +194,60 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
-  "/api/v1/jobs/{id}/export.csv": {
+  "/api/v1/lease": {
     parameters: {
       query?: never;
       header?: never;
       path?: never;
       cookie?: never;
     };
-    /** A job's iterations as CSV (RFC 4180), a line each, the unit in every column's name. */
-    get: operations["export_job_csv"];
+    /** Who has the control lease. */
+    get: operations["get_lease"];
     put?: never;
-    post?: never;
+    /**
+     * Takes the control lease where nobody has it.
+     * @description Every command of motion has to show the key that this gives. It has to be renewed within its time to live; a job
+     *     started with it keeps it until the job's end.
+     */
+    post: operations["take_lease"];
+    /** Gives the control lease back; where a job holds it, at that job's end. May be repeated. */
+    delete: operations["release_lease"];
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/lease/heartbeat": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /** Renews the control lease for its time to live. */
+    post: operations["renew_lease"];
     delete?: never;
     options?: never;
     head?: never;
     patch?: never;
     trace?: never;
   };
-  "/api/v1/jobs/{id}/export.json": {
+  "/api/v1/lease/takeover": {
     parameters: {
       query?: never;
       header?: never;
       path?: never;
       cookie?: never;
     };
-    /** Everything that is kept of a job, as one JSON document. */
-    get: operations["export_job_json"];
+    get?: never;
     put?: never;
-    post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
-  "/api/v1/jobs/{id}/iterations": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    /** A job's iterations. */
-    get: operations["get_job_iterations"];
-    put?: never;
-    post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
-  "/api/v1/jobs/{id}/log": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    /** A job's log. */
-    get: operations["get_job_log"];
-    put?: never;
-    post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
-  "/api/v1/jobs/{id}/measurements": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    /** A job's measurements. */
-    get: operations["get_job_measurements"];
-    put?: never;
-    post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
-  "/api/v1/jobs/{id}/moves": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    /** A job's moves, with their beginnings and ends. */
-    get: operations["get_job_moves"];
-    put?: never;
-    post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
-  "/api/v1/jobs/{id}/report.html": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    /** A job's report, one page with everything in it, to be printed. */
-    get: operations["get_job_report"];
-    put?: never;
-    post?: never;
+    /**
+     * Takes the control lease from whoever has it.
+     * @description A job under way is cancelled first, and an axis that moves is stopped.
+     */
+    post: operations["take_over_lease"];
     delete?: never;
     options?: never;
     head?: never;
@@ -379,6 +308,23 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/snapshot.jpg": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A frame taken after this was asked for, as a greyscale JPEG; the headers are those of the PNG. */
+    get: operations["get_snapshot"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/stop": {
     parameters: {
       query?: never;
@@ -396,6 +342,23 @@ export interface paths {
     post: operations["stop"];
     /** Resets the stop; nothing moves by it. Asked again, nothing more happens. */
     delete: operations["reset_stop"];
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/stream.mjpg": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The live picture as MJPEG. */
+    get: operations["get_stream"];
+    put?: never;
+    post?: never;
+    delete?: never;
     options?: never;
     head?: never;
     patch?: never;
@@ -435,6 +398,40 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/metrics": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** What the program counts and times about itself, in Prometheus' text format. */
+    get: operations["get_metrics"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/readyz": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** Whether the bench can be worked with: axes connected, camera online. */
+    get: operations["get_readiness"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -466,42 +463,6 @@ export interface components {
        * @description Object distance in air, mm from the lens.
        */
       object_distance_mm: number;
-    };
-    /** @description What an operator was asked to do, and when. */
-    AskedStep: components["schemas"]["OperatorStep"] & {
-      /**
-       * Format: date-time
-       * @description When it was asked for, RFC 3339.
-       */
-      asked_at: string;
-      /**
-       * Format: date-time
-       * @description When it was confirmed, RFC 3339; `null` until then.
-       */
-      confirmed_at?: string | null;
-    };
-    /** @description Who did what, and from where. */
-    Audit: {
-      /**
-       * Format: date-time
-       * @description When, RFC 3339.
-       */
-      at: string;
-      /** @description The particulars. */
-      detail: Record<string, never>;
-      /** @description Address that it was asked from. */
-      from?: string | null;
-      /** @description What was done, e.g. `job.create`. */
-      what: string;
-      /** @description Name of whoever did it. */
-      who: string;
-    };
-    /** @description A page of the audit log. */
-    AuditList: {
-      /** @description Who did what, newest first. */
-      entries: components["schemas"]["Audit"][];
-      /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
-      next?: string | null;
     };
     /**
      * @description Which of the bench's two axes.
@@ -559,13 +520,12 @@ export interface components {
        * @description The e wall, mm.
        */
       e_wall_mm: number;
-      /** @description Why the history cannot be written, which keeps every axis still; absent while it can. */
-      history_fault?: string | null;
       /**
        * Format: uuid
        * @description The job under way, by its id.
        */
       job?: string | null;
+      lease?: components["schemas"]["LeaseView"] | null;
       /** @description Whether the shell is on. */
       shell: components["schemas"]["ShellState"];
       /** @description Whether the bench is simulated. */
@@ -760,6 +720,11 @@ export interface components {
       delta_v_sigma_mm?: number | null;
       /**
        * Format: double
+       * @description Δv wanted, mm (air step).
+       */
+      delta_v_target_mm?: number | null;
+      /**
+       * Format: double
        * @description e as the picture has it (shell step), mm.
        */
       e_estimate_mm?: number | null;
@@ -804,83 +769,71 @@ export interface components {
      * @description Why an iteration moved, or did not.
      * @enum {string}
      */
-    IterationKind: "start" | "probe" | "move" | "verify";
-    /** @description Everything that is kept of a job. */
-    JobExport: {
-      /**
-       * Format: date-time
-       * @description When this document was made, RFC 3339.
-       */
-      exported_at: string;
-      /** @description Always `plenalign-job`. */
-      format: string;
-      /** @description The job. */
-      job: components["schemas"]["JobSnapshot"];
-      /** @description What was measured, in order. */
-      measurements: components["schemas"]["MeasurementView"][];
-      /** @description What was moved, in order. */
-      moves: components["schemas"]["Move"][];
-      /** @description What the operator was asked to do, in order. */
-      operator_steps: components["schemas"]["AskedStep"][];
-      /** @description The pictures kept with it. */
-      pictures: components["schemas"]["PictureExport"][];
-      /** @description What was asked for. */
-      request: Record<string, never>;
-      run?: components["schemas"]["RunView"] | null;
-      /** @description Whether the bench was simulated: then nothing in here was measured on a real camera. */
-      simulated: boolean;
-      /**
-       * Format: int32
-       * @description Version of this document's layout.
-       */
-      version: number;
-    };
-    /** @description A job in a list, and where it is found. */
-    JobItem: components["schemas"]["JobSummary"] & {
-      /**
-       * @description Path of this job.
-       * @example /api/v1/jobs/0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11
-       */
-      href: string;
-    };
-    /** @description A job's iterations. */
-    JobIterations: {
-      /** @description What was measured and decided, in order. */
-      iterations: components["schemas"]["Iteration"][];
-    };
+    IterationKind: "start" | "probe" | "move" | "verify" | "sample";
     /**
      * @description What a job is to do.
      * @enum {string}
      */
-    JobKind: "joint_alignment";
-    /** @description A page of the jobs. */
+    JobKind:
+      | "joint_alignment"
+      | "air_only"
+      | "shell_only"
+      | "clarity_only"
+      | "l_bound_measurement"
+      | "focus_sweep"
+      | "spacing_watch"
+      | "calibration"
+      | "homing";
+    /** @description Every job since the program started. */
     JobList: {
-      /** @description Why the jobs of earlier runs are missing; `null` where they are not. */
-      history_fault?: string | null;
-      /** @description The jobs, newest first. */
-      jobs: components["schemas"]["JobItem"][];
-      /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
-      next?: string | null;
+      /** @description The jobs, newest last. */
+      jobs: components["schemas"]["JobResource"][];
     };
-    /** @description A job's log. */
-    JobLog: {
-      /** @description What happened, in order. */
-      lines: components["schemas"]["LogLine"][];
-    };
-    /** @description A job's measurements. */
-    JobMeasurements: {
-      /** @description What was measured, in order. */
-      measurements: components["schemas"]["MeasurementView"][];
-    };
-    /** @description A job's moves. */
-    JobMoves: {
-      /** @description What was moved, in order. */
-      moves: components["schemas"]["Move"][];
-    };
-    /** @description What a caller asks for with a job. */
+    /** @description What a caller asks for with a job. What a kind does not take is refused. */
     JobRequest: {
+      /** @description The axes to home (homing); both where it is not given. */
+      axes?: components["schemas"]["AxisName"][] | null;
+      axis?: components["schemas"]["AxisName"] | null;
+      /**
+       * Format: double
+       * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
+       *     joint solution has it unless given.
+       */
+      distance_mm?: number | null;
+      /**
+       * Format: double
+       * @description For how long, s (spacing watch).
+       */
+      duration_s?: number | null;
+      /**
+       * Format: double
+       * @description The e to hold, mm (clarity only); the configured initial e where it is not given.
+       */
+      e_mm?: number | null;
+      /**
+       * Format: double
+       * @description Where the sweep begins, mm (focus sweep).
+       */
+      from_mm?: number | null;
+      /**
+       * Format: double
+       * @description Between two measurements, s (spacing watch); 1 where it is not given. At most 500 measurements are made.
+       */
+      interval_s?: number | null;
       /** @description What to do. */
       kind: components["schemas"]["JobKind"];
+      /** @description What it is for, in the caller's words. */
+      note?: string | null;
+      /**
+       * Format: int32
+       * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
+       */
+      steps?: number | null;
+      /**
+       * Format: double
+       * @description Where it ends, mm (focus sweep).
+       */
+      to_mm?: number | null;
     };
     /** @description A job and where it is found. */
     JobResource: components["schemas"]["JobSnapshot"] & {
@@ -919,11 +872,16 @@ export interface components {
       /** @description What happened, in order. */
       log: components["schemas"]["LogLine"][];
       operator_step?: components["schemas"]["OperatorStep"] | null;
+      outcome?: components["schemas"]["Outcome"] | null;
+      /** @description Who started it: the owner of the control lease that it holds until its end. */
+      owner: string;
       /** @description How far it is. */
       progress: components["schemas"]["Progress"];
       /** @description Why it ended as it did, in words, once it has. */
       reason?: string | null;
       report?: components["schemas"]["Report"] | null;
+      /** @description As it was asked for. */
+      request: components["schemas"]["JobRequest"];
       /** @description Whether the bench is simulated. */
       simulated: boolean;
       /** @description Part of the alignment it is in. */
@@ -941,49 +899,74 @@ export interface components {
       | "waiting_for_operator"
       | "cancelling"
       | "converged"
+      | "succeeded"
       | "not_converged"
       | "cancelled"
-      | "failed"
-      | "interrupted";
-    /** @description A job in a list. */
-    JobSummary: {
+      | "failed";
+    /** @description A jog of one axis. */
+    JogRequest: {
+      /**
+       * Format: double
+       * @description How fast, mm/s; the axis's greatest speed where it is not given.
+       */
+      speed_mm_per_s?: number | null;
+      /** @description Which way: towards smaller or larger positions. */
+      towards: components["schemas"]["Side"];
+    };
+    /** @description Who asks for the control lease. */
+    LeaseAsked: {
+      /** @description What for. */
+      note?: string | null;
+      /** @description Who: shown to everybody who asks for it meanwhile. */
+      owner: string;
+      /**
+       * Format: double
+       * @description Time to live from a heartbeat, s; 30 where it is not given.
+       */
+      ttl_s?: number | null;
+    };
+    /** @description A lease just granted. */
+    LeaseGrant: {
+      /** @description What shows that a request comes from the holder. Said once, to the holder alone. */
+      key: string;
+      /** @description The lease. */
+      lease: components["schemas"]["LeaseView"];
+    };
+    /** @description Who has the control lease. */
+    LeaseState: {
+      lease?: components["schemas"]["LeaseView"] | null;
+    };
+    /** @description A lease as anybody may see it. */
+    LeaseView: {
       /**
        * Format: date-time
-       * @description When it was accepted, RFC 3339.
+       * @description When it runs out unless it is renewed, RFC 3339; absent while a job or a connection holds it.
        */
-      created_at: string;
-      /**
-       * Format: date-time
-       * @description When it ended, RFC 3339.
-       */
-      ended_at?: string | null;
-      /**
-       * Format: int64
-       * @description Grows with every change of the job.
-       */
-      generation: number;
+      expires_at?: string | null;
       /**
        * Format: uuid
-       * @description Identity, a UUID of version 7.
+       * @description Identity of this lease.
        */
       id: string;
       /**
-       * Format: int64
-       * @description How many iterations it has.
+       * Format: uuid
+       * @description The job that holds it until its end.
        */
-      iterations: number;
-      /** @description What it does. */
-      kind: components["schemas"]["JobKind"];
-      /** @description How far it is. */
-      progress: components["schemas"]["Progress"];
-      /** @description Why it ended as it did, in words, once it has. */
-      reason?: string | null;
-      /** @description Whether the bench is simulated. */
-      simulated: boolean;
-      /** @description Part of the alignment it is in. */
-      stage: components["schemas"]["Stage"];
-      /** @description Where it is in its life. */
-      state: components["schemas"]["JobState"];
+      job?: string | null;
+      /** @description What for, in the owner's words. */
+      note?: string | null;
+      /** @description Who holds it. */
+      owner: string;
+      /**
+       * Format: date-time
+       * @description Since when, RFC 3339.
+       */
+      since: string;
+      /**
+       * Format: double
+       * @description Time to live from a heartbeat, s.
+       */
+      ttl_s: number;
     };
     /** @description A line of a job's log. */
     LogLine: {
@@ -994,6 +977,26 @@ export interface components {
       at: string;
       /** @description What happened. */
       message: string;
+    };
+    /** @description The figure that a job brings to its target. */
+    Measure: {
+      /** @description `delta_v_mm` or `spacing_px`. */
+      name: string;
+      /**
+       * Format: double
+       * @description The standard uncertainty of that.
+       */
+      sigma: number;
+      /**
+       * Format: double
+       * @description What it is to be; `null` where nothing is aimed for.
+       */
+      target?: number | null;
+      /**
+       * Format: double
+       * @description Its newest value.
+       */
+      value: number;
     };
     /** @description The newest measurement of the live picture or of a job. */
     MeasurementView: {
@@ -1057,50 +1060,6 @@ export interface components {
        */
       f_number: number;
     };
-    /** @description A motion of one axis. */
-    Move: {
-      /** @description Which axis. */
-      axis: string;
-      /**
-       * Format: double
-       * @description Readback at its end, mm; `null` where unknown.
-       */
-      end_mm?: number | null;
-      /**
-       * Format: date-time
-       * @description When it was over, RFC 3339; `null` until then, and where the program ended first.
-       */
-      ended_at?: string | null;
-      /**
-       * Format: double
-       * @description Where it began, mm; `null` while unknown.
-       */
-      from_mm?: number | null;
-      /**
-       * Format: uuid
-       * @description Identity.
-       */
-      id: string;
-      /**
-       * Format: uuid
-       * @description The job that commanded it; `null` for a motion by hand.
-       */
-      job?: string | null;
-      /** @description `done`, or why it did not end as commanded; `interrupted` where the program ended first; `null` until then. */
-      outcome?: string | null;
-      /**
-       * Format: date-time
-       * @description When it was commanded, RFC 3339.
-       */
-      started_at: string;
-      /**
-       * Format: double
-       * @description Where it was to end, mm; `null` for a motion without a target.
-       */
-      to_mm?: number | null;
-      /** @description `move`, `home`, `jog` or `release`. */
-      what: string;
-    };
     /** @description A move of one axis. */
     MoveRequest: {
       /**
@@ -1123,18 +1082,137 @@ export interface components {
       /** @description The number that matters, with its unit, large on the page; e.g. `159.2, 167.2, 175.2 mm`. */
       value?: string | null;
     };
-    /** @description A picture kept with a job. */
-    PictureExport: {
-      /**
-       * Format: date-time
-       * @description When it was taken, RFC 3339.
-       */
-      at: string;
-      /** @description The picture as a `data:` URI. */
-      data: string;
-      /** @description Which one: `before` the first move with the shell, or `after` the last. */
-      name: string;
-    };
+    /** @description What a job that is no alignment came to. */
+    Outcome:
+      | {
+          /**
+           * Format: double
+           * @description Readback of the e axis, mm; `null` while unknown.
+           */
+          e_mm?: number | null;
+          /**
+           * Format: double
+           * @description Readback of the focus axis, mm; `null` while unknown.
+           */
+          focus_mm?: number | null;
+          /** @enum {string} */
+          type: "homing";
+        }
+      | {
+          /**
+           * Format: double
+           * @description Δv, mm: d + N b less the air design's v.
+           */
+          delta_v_mm: number;
+          /** @description Distances of the board's levels from the lens's principal point, mm. */
+          distances_mm: number[];
+          /**
+           * Format: double
+           * @description d + N b, mm.
+           */
+          image_distance_mm: number;
+          /**
+           * Format: double
+           * @description Its standard uncertainty, mm.
+           */
+          image_distance_sigma_mm: number;
+          /**
+           * Format: double
+           * @description d, mm.
+           */
+          lens_to_mla_mm: number;
+          /**
+           * Format: double
+           * @description b, mm.
+           */
+          mla_to_sensor_mm: number;
+          /** @enum {string} */
+          type: "calibration";
+        }
+      | {
+          /**
+           * Format: double
+           * @description The e wall that follows, mm.
+           */
+          e_wall_mm: number;
+          /**
+           * Format: double
+           * @description l_bound, clearance included, mm.
+           */
+          l_bound_mm: number;
+          /**
+           * Format: double
+           * @description Standard uncertainty of the e at which the lens touches, mm.
+           */
+          sigma_mm: number;
+          /** @enum {string} */
+          type: "l_bound";
+        }
+      | {
+          /** @description The axis swept. */
+          axis: components["schemas"]["AxisName"];
+          /**
+           * Format: double
+           * @description Where the spacing meets its target, between two neighbours, mm; `null` where it does not.
+           */
+          crossing_mm?: number | null;
+          /**
+           * Format: double
+           * @description Its standard uncertainty by the spacings' own, mm.
+           */
+          crossing_sigma_mm?: number | null;
+          /**
+           * Format: int32
+           * @description Positions at which a spacing was measured: the job's iterations have them.
+           */
+          measured: number;
+          /**
+           * Format: int32
+           * @description Positions asked for.
+           */
+          positions: number;
+          /**
+           * Format: double
+           * @description The spacing's change there, px per mm.
+           */
+          slope_px_per_mm?: number | null;
+          /** @enum {string} */
+          type: "focus_sweep";
+        }
+      | {
+          /**
+           * Format: double
+           * @description That line's slope, px per hour.
+           */
+          drift_px_per_h: number;
+          /**
+           * Format: double
+           * @description Greatest spacing, px.
+           */
+          greatest_px: number;
+          /**
+           * Format: double
+           * @description Least spacing, px.
+           */
+          least_px: number;
+          /**
+           * Format: double
+           * @description Their mean, px.
+           */
+          mean_px: number;
+          /**
+           * Format: int32
+           * @description Measurements made: the job's iterations have them.
+           */
+          measured: number;
+          /**
+           * Format: double
+           * @description Their scatter about a straight line over time, px.
+           */
+          scatter_px: number;
+          /** @enum {string} */
+          type: "spacing_watch";
+        };
     /** @description A problem as RFC 9457 has it, with members of its own beside the standard ones. */
     Problem: {
       /** @description What was wrong here, and what would be right. */
@@ -1158,6 +1236,7 @@ export interface components {
     Progress: {
       /** @description What is being done, in words. */
       doing: string;
+      measure?: components["schemas"]["Measure"] | null;
       /**
        * Format: int32
        * @description Steps there will be, as far as can be told.
@@ -1168,6 +1247,16 @@ export interface components {
        * @description Steps done.
        */
       step: number;
+      /**
+       * Format: double
+       * @description Time left by the steps so far, the operator's time not counted, s; `null` before the first step has ended.
+       */
+      time_left_s?: number | null;
+    };
+    /** @description That the bench can be worked with. */
+    Readiness: {
+      /** @description Always true: what is not ready answers 503. */
+      ready: boolean;
     };
     /** @description What an alignment came to. */
     Report: {
@@ -1322,25 +1411,6 @@ export interface components {
       /** @description The simulated truth, on a simulated bench. */
       truth?: Record<string, never> | null;
     };
-    /** @description The run of the program that a job belongs to. */
-    RunView: {
-      /** @description The bench's name. */
-      bench: string;
-      /** @description The configuration in force, as TOML. */
-      configuration: string;
-      /**
-       * Format: uuid
-       * @description Identity.
-       */
-      id: string;
-      /**
-       * Format: date-time
-       * @description When it began, RFC 3339.
-       */
-      started_at: string;
-      /** @description The program's version. */
-      version: string;
-    };
     /** @description What the daemon sends over the WebSocket as text. */
     ServerMessage:
       | {
@@ -1363,6 +1433,30 @@ export interface components {
           type: "snapshot";
           /** @description Version of the program. */
           version: string;
+        }
+      | {
+          /**
+           * Format: int64
+           * @description The change that was to be followed on from.
+           */
+          after: number;
+          /**
+           * Format: uuid
+           * @description The run that it was of.
+           */
+          after_boot_id: string;
+          /**
+           * Format: uuid
+           * @description Identity of this run of the program.
+           */
+          boot_id: string;
+          /**
+           * Format: int64
+           * @description Number of the newest change.
+           */
+          seq: number;
+          /** @enum {string} */
+          type: "gap";
         }
       | {
           /** @description State of the bench. */
@@ -1462,6 +1556,11 @@ export interface components {
      * @enum {string}
      */
     ShellState: "on" | "off" | "unknown";
+    /**
+     * @description An end of an axis's travel.
+     * @enum {string}
+     */
+    Side: "low" | "high";
     /** @description A solution: Δv and e that put the object in focus, and what follows from them. */
     SolutionView: {
       /**
@@ -1580,7 +1679,7 @@ export interface components {
      * @description What part of an alignment a job is in.
      * @enum {string}
      */
-    Stage: "preparation" | "l_bound" | "air" | "shell" | "report";
+    Stage: "preparation" | "l_bound" | "air" | "shell" | "survey" | "report";
     /**
      * @description How sure it is that an axis was told to stop.
      * @enum {string}
@@ -1592,6 +1691,12 @@ export interface components {
       e: components["schemas"]["StopDelivery"];
       /** @description The focus axis. */
       focus: components["schemas"]["StopDelivery"];
+      /**
+       * Format: double
+       * @description From the request until the last byte of the stop order was handed to the operating system, on every axis reached,
+       *     ms; absent where none was.
+       */
+      latency_ms?: number | null;
     };
     /** @description The stop's latch. */
     StopView: {
@@ -1614,6 +1719,14 @@ export interface components {
           max_rate_hz: number;
           /** @description Whether to send pictures. */
           on: boolean;
+          /** @description Whether to send the spacing over the field, too, at each new measurement. */
+          overlay?: boolean;
+          /**
+           * Format: int32
+           * @description Quality of the JPEG, 10 to 100.
+           * @default 80
+           */
+          quality: number;
           /**
            * Format: int32
            * @description Raw pixels to a picture pixel, each way: 1, 2 or 4.
@@ -1628,6 +1741,12 @@ export interface components {
            * @default 0
            */
           window: number;
+        }
+      | {
+          /** @description The lease's key. */
+          lease: string;
+          /** @enum {string} */
+          type: "hold";
         }
       | {
           /**
@@ -1647,52 +1766,13 @@ export interface components {
 }
 export type $defs = Record<string, never>;
 export interface operations {
-  list_audit: {
-    parameters: {
-      query?: {
-        /** @description Entries on the page, 1 to 500 */
-        limit?: number;
-        /** @description `next` of the page before */
-        cursor?: string;
-      };
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    requestBody?: never;
-    responses: {
-      200: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/json": components["schemas"]["AuditList"];
-        };
-      };
-      /** @description A parameter does not say what it must; `field` names it */
-      422: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The history cannot be read */
-      503: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-    };
-  };
   home_axis: {
     parameters: {
       query?: never;
-      header?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
       path: {
         /** @description Which axis */
         axis: components["schemas"]["AxisName"];
@@ -1727,8 +1807,166 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The controller is away */
       503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  jog_axis: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
+      path: {
+        /** @description Which axis */
+        axis: components["schemas"]["AxisName"];
+      };
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["JogRequest"];
+      };
+    };
+    responses: {
+      /** @description The axis moves */
+      202: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["BenchView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Refused now */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The controller is away */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  end_jog: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description Which axis */
+        axis: components["schemas"]["AxisName"];
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["BenchView"];
+        };
+      };
+      404: {
         headers: {
           [name: string]: unknown;
         };
@@ -1741,7 +1979,10 @@ export interface operations {
   move_axis: {
     parameters: {
       query?: never;
-      header?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
       path: {
         /** @description Which axis */
         axis: components["schemas"]["AxisName"];
@@ -1789,6 +2030,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -1809,6 +2059,15 @@ export interface operations {
       };
       /** @description The body does not say what it must; `field` names where */
       422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
         headers: {
           [name: string]: unknown;
         };
@@ -1884,41 +2143,6 @@ export interface operations {
       };
     };
   };
-  get_frame_jpeg: {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    requestBody?: never;
-    responses: {
-      200: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "image/jpeg": number[];
-        };
-      };
-      /** @description The frame named by If-None-Match is still the newest */
-      304: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content?: never;
-      };
-      /** @description No frame, or none fresh */
-      503: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-    };
-  };
   get_frame_png: {
     parameters: {
       query?: never;
@@ -1934,6 +2158,10 @@ export interface operations {
           "Plenalign-Captured-At"?: string;
           /** @description Readback of the e axis; absent while unknown */
           "Plenalign-E-Mm"?: number;
+          /** @description Whether that is assumed, not the driver's word */
+          "Plenalign-Exposure-Assumed"?: boolean;
+          /** @description Length of the exposure */
+          "Plenalign-Exposure-Ms"?: number;
           /** @description Readback of the focus axis; absent while unknown */
           "Plenalign-Focus-Mm"?: number;
           /** @description Age when this answer was made */
@@ -1974,22 +2202,7 @@ export interface operations {
   };
   list_jobs: {
     parameters: {
-      query?: {
-        /** @description Jobs on the page, 1 to 500 */
-        limit?: number;
-        /** @description `next` of the page before */
-        cursor?: string;
-        /** @description Only these states, with commas between them */
-        state?: string;
-        /** @description Only these kinds, with commas between them */
-        kind?: string;
-        /** @description Created at this time or later, RFC 3339 */
-        since?: string;
-        /** @description Created before this time, RFC 3339 */
-        until?: string;
-        /** @description Words in the id, the reason or a line of the log */
-        q?: string;
-      };
+      query?: never;
       header?: never;
       path?: never;
       cookie?: never;
@@ -2004,23 +2217,14 @@ export interface operations {
           "application/json": components["schemas"]["JobList"];
         };
       };
-      /** @description A parameter does not say what it must; `field` names it */
-      422: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
     };
   };
   create_job: {
     parameters: {
       query?: never;
       header?: {
-        /** @description A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again with it and the same body within a day, it is the same job */
-        "Idempotency-Key"?: string | null;
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
       };
       path?: never;
       cookie?: never;
@@ -2031,17 +2235,6 @@ export interface operations {
       };
     };
     responses: {
-      /** @description Asked before: the job of then */
-      200: {
-        headers: {
-          /** @description Path of the job */
-          Location?: string;
-          [name: string]: unknown;
-        };
-        content: {
-          "application/json": components["schemas"]["JobResource"];
-        };
-      };
       201: {
         headers: {
           /** @description Path of the job */
@@ -2063,6 +2256,15 @@ export interface operations {
       };
       /** @description Refused now */
       409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is not the holder's */
+      412: {
         headers: {
           [name: string]: unknown;
         };
@@ -2097,7 +2299,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be written, or the program is shutting down */
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2129,15 +2340,6 @@ export interface operations {
         };
       };
       404: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The history cannot be read */
-      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -2256,14 +2458,11 @@ export interface operations {
       };
     };
   };
-  export_job_csv: {
+  get_lease: {
     parameters: {
       query?: never;
       header?: never;
-      path: {
-        /** @description The job's id */
-        id: string;
-      };
+      path?: never;
       cookie?: never;
     };
     requestBody?: never;
@@ -2273,10 +2472,34 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "text/csv": string;
+          "application/json": components["schemas"]["LeaseState"];
         };
       };
-      404: {
+    };
+  };
+  take_lease: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["LeaseAsked"];
+      };
+    };
+    responses: {
+      201: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["LeaseGrant"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
         headers: {
           [name: string]: unknown;
         };
@@ -2284,8 +2507,35 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be read */
-      503: {
+      /** @description Another has it: who, and what for */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
         headers: {
           [name: string]: unknown;
         };
@@ -2295,36 +2545,27 @@ export interface operations {
       };
     };
   };
-  export_job_json: {
+  release_lease: {
     parameters: {
       query?: never;
-      header?: never;
-      path: {
-        /** @description The job's id */
-        id: string;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
       };
+      path?: never;
       cookie?: never;
     };
     requestBody?: never;
     responses: {
-      200: {
+      /** @description This key opens nothing any more */
+      204: {
         headers: {
           [name: string]: unknown;
         };
-        content: {
-          "application/json": components["schemas"]["JobExport"];
-        };
+        content?: never;
       };
-      404: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The history cannot be read */
-      503: {
+      /** @description No key was shown */
+      428: {
         headers: {
           [name: string]: unknown;
         };
@@ -2334,14 +2575,14 @@ export interface operations {
       };
     };
   };
-  get_job_iterations: {
+  renew_lease: {
     parameters: {
       query?: never;
-      header?: never;
-      path: {
-        /** @description The job's id */
-        id: string;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
       };
+      path?: never;
       cookie?: never;
     };
     requestBody?: never;
@@ -2351,10 +2592,11 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/json": components["schemas"]["JobIterations"];
+          "application/json": components["schemas"]["LeaseView"];
         };
       };
-      404: {
+      /** @description The key is not the holder's */
+      412: {
         headers: {
           [name: string]: unknown;
         };
@@ -2362,8 +2604,8 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be read */
-      503: {
+      /** @description No key was shown */
+      428: {
         headers: {
           [name: string]: unknown;
         };
@@ -2373,36 +2615,29 @@ export interface operations {
       };
     };
   };
-  get_job_log: {
+  take_over_lease: {
     parameters: {
       query?: never;
       header?: never;
-      path: {
-        /** @description The job's id */
-        id: string;
-      };
+      path?: never;
       cookie?: never;
     };
-    requestBody?: never;
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["LeaseAsked"];
+      };
+    };
     responses: {
-      200: {
+      201: {
         headers: {
           [name: string]: unknown;
         };
         content: {
-          "application/json": components["schemas"]["JobLog"];
+          "application/json": components["schemas"]["LeaseGrant"];
         };
       };
-      404: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The history cannot be read */
-      503: {
+      /** @description The body is not JSON */
+      400: {
         headers: {
           [name: string]: unknown;
         };
@@ -2410,29 +2645,8 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-    };
-  };
-  get_job_measurements: {
-    parameters: {
-      query?: never;
-      header?: never;
-      path: {
-        /** @description The job's id */
-        id: string;
-      };
-      cookie?: never;
-    };
-    requestBody?: never;
-    responses: {
-      200: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/json": components["schemas"]["JobMeasurements"];
-        };
-      };
-      404: {
+      /** @description The job that holds it did not end in time */
+      409: {
         headers: {
           [name: string]: unknown;
         };
@@ -2440,8 +2654,8 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be read */
-      503: {
+      /** @description The body is too large */
+      413: {
         headers: {
           [name: string]: unknown;
         };
@@ -2449,29 +2663,8 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-    };
-  };
-  get_job_moves: {
-    parameters: {
-      query?: never;
-      header?: never;
-      path: {
-        /** @description The job's id */
-        id: string;
-      };
-      cookie?: never;
-    };
-    requestBody?: never;
-    responses: {
-      200: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/json": components["schemas"]["JobMoves"];
-        };
-      };
-      404: {
+      /** @description The body is not said to be JSON */
+      415: {
         headers: {
           [name: string]: unknown;
         };
@@ -2479,47 +2672,8 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be read */
-      503: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-    };
-  };
-  get_job_report: {
-    parameters: {
-      query?: never;
-      header?: never;
-      path: {
-        /** @description The job's id */
-        id: string;
-      };
-      cookie?: never;
-    };
-    requestBody?: never;
-    responses: {
-      200: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "text/html": string;
-        };
-      };
-      404: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The history cannot be read */
-      503: {
+      /** @description The body does not say what it must; `field` names where */
+      422: {
         headers: {
           [name: string]: unknown;
         };
@@ -2579,7 +2733,10 @@ export interface operations {
   put_shell: {
     parameters: {
       query?: never;
-      header?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
       path?: never;
       cookie?: never;
     };
@@ -2614,6 +2771,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -2634,6 +2800,58 @@ export interface operations {
       };
       /** @description The body does not say what it must; `field` names where */
       422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_snapshot: {
+    parameters: {
+      query?: {
+        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
+        reduce?: number;
+        /** @description Quality of the JPEG, 10 to 100. */
+        quality?: number;
+        /** @description At most so many pictures a second, 0.1 to 60 (streams). */
+        max_rate_hz?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "image/jpeg": number[];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came in time */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -2700,9 +2918,49 @@ export interface operations {
       };
     };
   };
+  get_stream: {
+    parameters: {
+      query?: {
+        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
+        reduce?: number;
+        /** @description Quality of the JPEG, 10 to 100. */
+        quality?: number;
+        /** @description At most so many pictures a second, 0.1 to 60 (streams). */
+        max_rate_hz?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description An endless stream of JPEGs */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "multipart/x-mixed-replace": number[];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
   open_websocket: {
     parameters: {
-      query?: never;
+      query?: {
+        /** @description Number of the newest change that the viewer has. */
+        after?: number;
+        /** @description The run of the program that it is of. */
+        boot_id?: string;
+      };
       header?: never;
       path?: never;
       cookie?: never;
@@ -2751,6 +3009,62 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["Health"];
+        };
+      };
+    };
+  };
+  get_metrics: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/plain; version=0.0.4": string;
+        };
+      };
+      /** @description Nothing is kept */
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_readiness: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["Readiness"];
+        };
+      };
+      /** @description Something is missing; `hindrances` says what */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
     };

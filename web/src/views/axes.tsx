@@ -15,6 +15,7 @@ export function Axes({ state, act }: { state: State; act: Act }) {
       {bench.axes.map((axis) => (
         <AxisRow key={axis.axis} bench={bench} axis={axis} />
       ))}
+      <Lease bench={bench} act={act} />
       <details>
         <summary>{strings.byHand}</summary>
         {bench.axes.map((axis) => (
@@ -23,6 +24,33 @@ export function Axes({ state, act }: { state: State; act: Act }) {
         <Shell bench={bench} disabled={busy} act={act} />
       </details>
     </section>
+  );
+}
+
+/** Who may move the axes. */
+function Lease({ bench, act }: { bench: Bench; act: Act }) {
+  const lease = bench.lease ?? null;
+  const mine = api.lease.isMine(lease);
+  return (
+    <p class="facts lease" data-lease={lease === null ? "free" : mine ? "mine" : "others"}>
+      <span>
+        {lease === null
+          ? strings.leaseFree
+          : mine
+            ? strings.leaseMine
+            : strings.leaseHeld(lease.owner, lease.note)}
+      </span>
+      {lease === null && (
+        <button type="button" onClick={() => void act(api.takeLease())}>
+          {strings.leaseTake}
+        </button>
+      )}
+      {mine && (
+        <button type="button" onClick={() => void act(api.releaseLease())}>
+          {strings.leaseRelease}
+        </button>
+      )}
+    </p>
   );
 }
 

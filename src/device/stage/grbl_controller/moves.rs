@@ -118,7 +118,7 @@ impl Controller {
         self.ready(name, generation).await?;
         let locked_up = self.alarm.borrow().is_some_and(Alarm::needs_reset);
         let held = self.readings.borrow().as_ref().is_some_and(|r| matches!(r.mode, Mode::Hold(_) | Mode::Sleep));
-        if (locked_up || held) && !self.restart().await {
+        if (locked_up || held) && !self.restart(false).await {
             return Err(self.timeout("answer a reset", START_UP));
         }
         let single = self.homes_single_axes || self.axes.len() == 1;

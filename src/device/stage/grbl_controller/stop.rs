@@ -11,13 +11,18 @@ use crate::device::StopDelivery;
 const STOP_SPARE: Duration = Duration::from_millis(200);
 
 impl Controller {
-    /// Resets the controller and waits for its start; tells whether that came.
-    pub(super) async fn restart(&self) -> bool {
+    /// Resets the controller and waits for its start; tells whether that came. `blind` says that the reset is the stop
+    /// itself, nothing having gone before it.
+    pub(super) async fn restart(&self, blind: bool) -> bool {
         let mut restarts = self.restarts.subscribe();
         let before = *restarts.borrow_and_update();
         self.restart_is_ours.store(true, Ordering::SeqCst);
-        if self.port.urgent(&[grbl::RESET], true).is_err() {
+        let Ok(written) = self.port.urgent(&[grbl::RESET], true) else { return false };
+        if !matches!(tokio::time::timeout(STOP_SPARE, written).await, Ok(Ok(()))) {
             return false;
+        }
+        if blind {
+            self.orders.stop_sent();
         }
         matches!(tokio::time::timeout(START_UP, restarts.wait_for(|&count| count > before)).await, Ok(Ok(_)))
     }
@@ -39,6 +44,7 @@ impl Controller {
                     if tokio::time::timeout(STOP_SPARE, written).await.is_err() {
                         return StopDelivery::Undeliverable;
                     }
+                    self.orders.stop_sent();
                 }
             }
         }
@@ -59,7 +65,7 @@ impl Controller {
         match rested {
             Some(before) => {
                 // The reset throws away what a held line has left, and releases the hold. At rest no step is lost.
-                if self.restart().await
+                if self.restart(false).await
                     && let Ok(after) = self.fresh_reading(self.latest_line()).await
                     && after.machine != before.machine
                 {
@@ -69,7 +75,7 @@ impl Controller {
             }
             None => {
                 self.forget_positions();
-                let restarted = self.restart().await;
+                let restarted = self.restart(blind).await;
                 self.forget_positions();
                 if restarted { StopDelivery::Confirmed } else { self.undelivered() }
             }

@@ -221,7 +221,14 @@ impl<D: Dialogue> Polled<D> {
 
     async fn send_halt(&self, hard: bool) -> bool {
         match self.dialogue.halt(hard) {
-            Ok(written) => matches!(tokio::time::timeout(STOP_SPARE, written).await, Ok(Ok(()))),
+            Ok(written) => {
+                let sent = matches!(tokio::time::timeout(STOP_SPARE, written).await, Ok(Ok(())));
+                // The order that begins the stop: a harder one after it is a second stop.
+                if sent && !hard {
+                    self.orders.stop_sent();
+                }
+                sent
+            }
             Err(_) => false,
         }
     }

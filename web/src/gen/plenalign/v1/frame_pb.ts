@@ -2,10 +2,10 @@
 // @generated from file plenalign/v1/frame.proto (package plenalign.v1, syntax proto3)
 /* eslint-disable */
 
-// What the WebSocket sends as binary messages: one picture each.
+// What the WebSocket sends as binary messages: one Viewed each.
 
-import type { GenFile, GenMessage } from "@bufbuild/protobuf/codegenv2";
-import { fileDesc, messageDesc } from "@bufbuild/protobuf/codegenv2";
+import type { GenEnum, GenFile, GenMessage } from "@bufbuild/protobuf/codegenv2";
+import { enumDesc, fileDesc, messageDesc } from "@bufbuild/protobuf/codegenv2";
 import type { Message } from "@bufbuild/protobuf";
 
 /**
@@ -14,8 +14,114 @@ import type { Message } from "@bufbuild/protobuf";
 export const file_plenalign_v1_frame: GenFile =
   /*@__PURE__*/
   fileDesc(
-    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSLPAgoFRnJhbWUSDAoEanBlZxgBIAEoDBILCgNzZXEYAiABKAQSGAoQY2FwdHVyZWRfdW5peF91cxgDIAEoAxITCgtleHBvc3VyZV91cxgEIAEoBBIYChBleHBvc3VyZV9hc3N1bWVkGAUgASgIEhUKCGZvY3VzX21tGAYgASgBSACIAQESEQoEZV9tbRgHIAEoAUgBiAEBEg8KB3NldHRsZWQYCCABKAgSDwoHcHJldmlldxgJIAEoCBIRCglzaW11bGF0ZWQYCiABKAgSDgoGYWdlX21zGAsgASgBEhYKDmZyYW1lc19za2lwcGVkGAwgASgEEhAKCHdpZHRoX3B4GA0gASgNEhEKCWhlaWdodF9weBgOIAEoDRIOCgZyZWR1Y2UYDyABKA0SEAoIcmVwbGF5ZWQYECABKAhCCwoJX2ZvY3VzX21tQgcKBV9lX21tYgZwcm90bzM",
+    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSJnCgZWaWV3ZWQSJAoFZnJhbWUYASABKAsyEy5wbGVuYWxpZ24udjEuRnJhbWVIABIvCgtzcGFjaW5nX21hcBgCIAEoCzIYLnBsZW5hbGlnbi52MS5TcGFjaW5nTWFwSABCBgoEd2hhdCLCAQoKU3BhY2luZ01hcBIRCglmcmFtZV9zZXEYASABKAQSHAoUbWljcm9faW1hZ2VfcGl0Y2hfcHgYAiABKAESGQoRc3BhY2luZ190YXJnZXRfcHgYAyABKAESDAoEeF9weBgEIAMoAhIMCgR5X3B4GAUgAygCEhIKCnNwYWNpbmdfcHgYBiADKAISEAoIc2lnbWFfcHgYByADKAISJgoFc3RhdGUYCCADKA4yFy5wbGVuYWxpZ24udjEuTGVuc1N0YXRlIs8CCgVGcmFtZRIMCgRqcGVnGAEgASgMEgsKA3NlcRgCIAEoBBIYChBjYXB0dXJlZF91bml4X3VzGAMgASgDEhMKC2V4cG9zdXJlX3VzGAQgASgEEhgKEGV4cG9zdXJlX2Fzc3VtZWQYBSABKAgSFQoIZm9jdXNfbW0YBiABKAFIAIgBARIRCgRlX21tGAcgASgBSAGIAQESDwoHc2V0dGxlZBgIIAEoCBIPCgdwcmV2aWV3GAkgASgIEhEKCXNpbXVsYXRlZBgKIAEoCBIOCgZhZ2VfbXMYCyABKAESFgoOZnJhbWVzX3NraXBwZWQYDCABKAQSEAoId2lkdGhfcHgYDSABKA0SEQoJaGVpZ2h0X3B4GA4gASgNEg4KBnJlZHVjZRgPIAEoDRIQCghyZXBsYXllZBgQIAEoCEILCglfZm9jdXNfbW1CBwoFX2VfbW0qcAoJTGVuc1N0YXRlEhoKFkxFTlNfU1RBVEVfVU5TUEVDSUZJRUQQABIWChJMRU5TX1NUQVRFX01BVENIRUQQARIZChVMRU5TX1NUQVRFX01JU01BVENIRUQQAhIUChBMRU5TX1NUQVRFX0JMQU5LEANiBnByb3RvMw",
   );
+
+/**
+ * One thing to look at.
+ *
+ * @generated from message plenalign.v1.Viewed
+ */
+export type Viewed = Message<"plenalign.v1.Viewed"> & {
+  /**
+   * @generated from oneof plenalign.v1.Viewed.what
+   */
+  what:
+    | {
+        /**
+         * A picture.
+         *
+         * @generated from field: plenalign.v1.Frame frame = 1;
+         */
+        value: Frame;
+        case: "frame";
+      }
+    | {
+        /**
+         * The spacing over the field, for a viewer who asked for the overlay.
+         *
+         * @generated from field: plenalign.v1.SpacingMap spacing_map = 2;
+         */
+        value: SpacingMap;
+        case: "spacingMap";
+      }
+    | { case: undefined; value?: undefined };
+};
+
+/**
+ * Describes the message plenalign.v1.Viewed.
+ * Use `create(ViewedSchema)` to create a new message.
+ */
+export const ViewedSchema: GenMessage<Viewed> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 0);
+
+/**
+ * The spacing micro-image by micro-image. The lists run together: one entry for each micro-image.
+ *
+ * @generated from message plenalign.v1.SpacingMap
+ */
+export type SpacingMap = Message<"plenalign.v1.SpacingMap"> & {
+  /**
+   * Sequence number of the frame measured.
+   *
+   * @generated from field: uint64 frame_seq = 1;
+   */
+  frameSeq: bigint;
+
+  /**
+   * Pitch of the micro-images, px.
+   *
+   * @generated from field: double micro_image_pitch_px = 2;
+   */
+  microImagePitchPx: number;
+
+  /**
+   * The spacing wanted, px.
+   *
+   * @generated from field: double spacing_target_px = 3;
+   */
+  spacingTargetPx: number;
+
+  /**
+   * Columns of the centres, px of the raw frame, 0 at the middle of the first pixel.
+   *
+   * @generated from field: repeated float x_px = 4;
+   */
+  xPx: number[];
+
+  /**
+   * Rows of the centres, px.
+   *
+   * @generated from field: repeated float y_px = 5;
+   */
+  yPx: number[];
+
+  /**
+   * Spacing between a micro-image's image points and its neighbours', px.
+   *
+   * @generated from field: repeated float spacing_px = 6;
+   */
+  spacingPx: number[];
+
+  /**
+   * Standard uncertainty of that, px; infinite where blank.
+   *
+   * @generated from field: repeated float sigma_px = 7;
+   */
+  sigmaPx: number[];
+
+  /**
+   * Whether it can be used.
+   *
+   * @generated from field: repeated plenalign.v1.LensState state = 8;
+   */
+  state: LensState[];
+};
+
+/**
+ * Describes the message plenalign.v1.SpacingMap.
+ * Use `create(SpacingMapSchema)` to create a new message.
+ */
+export const SpacingMapSchema: GenMessage<SpacingMap> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 1);
 
 /**
  * A picture of the live view, and when and where it was taken.
@@ -141,4 +247,44 @@ export type Frame = Message<"plenalign.v1.Frame"> & {
  * Describes the message plenalign.v1.Frame.
  * Use `create(FrameSchema)` to create a new message.
  */
-export const FrameSchema: GenMessage<Frame> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 0);
+export const FrameSchema: GenMessage<Frame> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 2);
+
+/**
+ * What became of a micro-image in the newest measurement.
+ *
+ * @generated from enum plenalign.v1.LensState
+ */
+export enum LensState {
+  /**
+   * Not said.
+   *
+   * @generated from enum value: LENS_STATE_UNSPECIFIED = 0;
+   */
+  UNSPECIFIED = 0,
+
+  /**
+   * It matches its neighbours.
+   *
+   * @generated from enum value: LENS_STATE_MATCHED = 1;
+   */
+  MATCHED = 1,
+
+  /**
+   * It shows something else than its neighbours.
+   *
+   * @generated from enum value: LENS_STATE_MISMATCHED = 2;
+   */
+  MISMATCHED = 2,
+
+  /**
+   * It has no texture to be matched by.
+   *
+   * @generated from enum value: LENS_STATE_BLANK = 3;
+   */
+  BLANK = 3,
+}
+
+/**
+ * Describes the enum plenalign.v1.LensState.
+ */
+export const LensStateSchema: GenEnum<LensState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 0);

@@ -1,0 +1,185 @@
+//! What the program counts and times about itself, by the names under which Prometheus reads it.
+//!
+//! Whoever has something to count calls a function here; without [`install`] nothing is kept, and counting costs a few
+//! nanoseconds.
+
+use std::time::Duration;
+
+use metrics::{counter, describe_counter, describe_gauge, describe_histogram, gauge, histogram};
+use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
+
+const STOP_LATENCY: &str = "plenalign_stop_latency_seconds";
+const REQUEST: &str = "plenalign_http_request_seconds";
+const MEASUREMENT: &str = "plenalign_measurement_seconds";
+const PICTURE_LATENCY: &str = "plenalign_picture_latency_seconds";
+const PICTURES_DROPPED: &str = "plenalign_pictures_dropped_total";
+const ROUND_TRIP: &str = "plenalign_serial_round_trip_seconds";
+const RECONNECTS: &str = "plenalign_controller_connections_total";
+const JOBS: &str = "plenalign_jobs_total";
+const FRAME_AGE: &str = "plenalign_frame_age_seconds";
+const CAMERA_ONLINE: &str = "plenalign_camera_online";
+const FRAMES_LOST: &str = "plenalign_frames_lost_total";
+const FRAMES_DAMAGED: &str = "plenalign_frames_damaged_total";
+const AXIS_CONNECTED: &str = "plenalign_axis_connected";
+const AXIS_HOMED: &str = "plenalign_axis_homed";
+const AXIS_POSITION: &str = "plenalign_axis_position_millimetres";
+const STOP_LATCHED: &str = "plenalign_stop_latched";
+const LEASE_HELD: &str = "plenalign_lease_held";
+const JOB_RUNNING: &str = "plenalign_job_running";
+const VIEWERS: &str = "plenalign_viewers";
+const SIMULATED: &str = "plenalign_simulated";
+const BUILD: &str = "plenalign_build_info";
+
+/// Upper ends of the histograms' buckets, s: from a serial byte to a measurement of twelve megapixels.
+const BUCKETS_S: [f64; 16] =
+    [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5, 10.0];
+
+/// How a viewer watches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ViewerKind {
+    /// Over the WebSocket.
+    WebSocket,
+    /// The MJPEG stream.
+    Mjpeg,
+}
+
+impl ViewerKind {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::WebSocket => "websocket",
+            Self::Mjpeg => "mjpeg",
+        }
+    }
+}
+
+/// Starts keeping what is counted, for the whole process, and returns what writes it as text.
+///
+/// # Errors
+/// When something else has been installed already, in words.
+pub fn install() -> Result<PrometheusHandle, String> {
+    let handle = PrometheusBuilder::new()
+        .set_buckets_for_metric(Matcher::Suffix("_seconds".to_owned()), &BUCKETS_S)
+        .and_then(PrometheusBuilder::install_recorder)
+        .map_err(|error| error.to_string())?;
+    describe_histogram!(
+        STOP_LATENCY,
+        "From the request for a stop to the last byte of the stop order on a serial line"
+    );
+    describe_histogram!(REQUEST, "From a request to its answer, by method, route and status");
+    describe_histogram!(MEASUREMENT, "Measuring the spacing of a frame or of several");
+    describe_histogram!(PICTURE_LATENCY, "From the end of a frame's exposure to its picture handed to the socket");
+    describe_counter!(PICTURES_DROPPED, "Frames that a viewer watching was not sent");
+    describe_histogram!(ROUND_TRIP, "From a request on a serial line to its answer");
+    describe_counter!(RECONNECTS, "Connections made to a stage controller, the first included");
+    describe_counter!(JOBS, "Jobs that have ended, by kind and outcome");
+    describe_gauge!(FRAME_AGE, "Age of the newest frame");
+    describe_gauge!(CAMERA_ONLINE, "Whether frames arrive");
+    describe_counter!(FRAMES_LOST, "Frames lost by the camera, by gaps in their numbers");
+    describe_counter!(FRAMES_DAMAGED, "Frames that came damaged");
+    describe_gauge!(AXIS_CONNECTED, "Whether an axis's controller answers");
+    describe_gauge!(AXIS_HOMED, "Whether an axis's position is known");
+    describe_gauge!(AXIS_POSITION, "Readback of an axis; absent while unknown");
+    describe_gauge!(STOP_LATCHED, "Whether motion is refused until the stop is reset");
+    describe_gauge!(LEASE_HELD, "Whether somebody has the control lease");
+    describe_gauge!(JOB_RUNNING, "Whether a job is under way");
+    describe_gauge!(VIEWERS, "Viewers of the live picture");
+    describe_gauge!(SIMULATED, "Whether the bench is simulated");
+    describe_gauge!(BUILD, "Version of the program; always 1");
+    gauge!(BUILD, "version" => env!("CARGO_PKG_VERSION")).set(1.0);
+    Ok(handle)
+}
+
+/// A stop's last byte was handed to the serial line so long after it was asked for.
+pub fn stop_sent(latency: Duration) {
+    histogram!(STOP_LATENCY).record(latency);
+}
+
+/// A request was answered.
+pub fn answered(method: &str, route: &str, status: u16, took: Duration) {
+    let labels = [("method", method.to_owned()), ("route", route.to_owned()), ("status", status.to_string())];
+    histogram!(REQUEST, &labels).record(took);
+}
+
+/// Frames were measured.
+pub fn measured(took: Duration) {
+    histogram!(MEASUREMENT).record(took);
+}
+
+/// A picture of a frame of this age was handed to a viewer's socket, and so many frames before it were not.
+pub fn picture_sent(viewer: ViewerKind, age: Duration, dropped: u64) {
+    histogram!(PICTURE_LATENCY, "viewer" => viewer.name()).record(age);
+    counter!(PICTURES_DROPPED, "viewer" => viewer.name()).increment(dropped);
+}
+
+/// A viewer watches for as long as this lives.
+#[derive(Debug)]
+pub struct Viewing(ViewerKind);
+
+/// A viewer begins to watch.
+#[must_use]
+pub fn viewing(viewer: ViewerKind) -> Viewing {
+    gauge!(VIEWERS, "viewer" => viewer.name()).increment(1.0);
+    Viewing(viewer)
+}
+
+impl Drop for Viewing {
+    fn drop(&mut self) {
+        gauge!(VIEWERS, "viewer" => self.0.name()).decrement(1.0);
+    }
+}
+
+/// A serial line answered.
+pub fn round_trip(took: Duration) {
+    histogram!(ROUND_TRIP).record(took);
+}
+
+/// A stage controller was connected.
+pub fn connected(controller: &str) {
+    counter!(RECONNECTS, "controller" => controller.to_owned()).increment(1);
+}
+
+/// A job ended.
+pub fn job_ended(kind: &str, outcome: &str) {
+    counter!(JOBS, "kind" => kind.to_owned(), "outcome" => outcome.to_owned()).increment(1);
+}
+
+/// The bench as it is, at the moment of asking.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BenchGauges {
+    /// Age of the newest frame, if there is one.
+    pub frame_age: Option<Duration>,
+    /// Whether frames arrive.
+    pub camera_online: bool,
+    /// Frames lost so far.
+    pub frames_lost: u64,
+    /// Frames damaged so far.
+    pub frames_damaged: u64,
+    /// Name, whether connected, whether homed, position (mm) of each axis.
+    pub axes: Vec<(&'static str, bool, bool, Option<f64>)>,
+    /// Whether the stop is latched.
+    pub stop_latched: bool,
+    /// Whether the control lease is held.
+    pub lease_held: bool,
+    /// Whether a job is under way.
+    pub job_running: bool,
+    /// Whether the bench is simulated.
+    pub simulated: bool,
+}
+
+/// Says how the bench is.
+pub fn bench(now: &BenchGauges) {
+    let flag = |set: bool| f64::from(u8::from(set));
+    gauge!(FRAME_AGE).set(now.frame_age.map_or(f64::NAN, |age| age.as_secs_f64()));
+    gauge!(CAMERA_ONLINE).set(flag(now.camera_online));
+    counter!(FRAMES_LOST).absolute(now.frames_lost);
+    counter!(FRAMES_DAMAGED).absolute(now.frames_damaged);
+    for &(axis, connected, homed, position_mm) in &now.axes {
+        gauge!(AXIS_CONNECTED, "axis" => axis).set(flag(connected));
+        gauge!(AXIS_HOMED, "axis" => axis).set(flag(homed));
+        gauge!(AXIS_POSITION, "axis" => axis).set(position_mm.unwrap_or(f64::NAN));
+    }
+    gauge!(STOP_LATCHED).set(flag(now.stop_latched));
+    gauge!(LEASE_HELD).set(flag(now.lease_held));
+    gauge!(JOB_RUNNING).set(flag(now.job_running));
+    gauge!(SIMULATED).set(flag(now.simulated));
+}

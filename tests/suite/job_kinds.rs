@@ -1,0 +1,136 @@
+//! Each kind of job from its start to its end on the simulated bench.
+
+use std::sync::Arc;
+
+use plenalign::control::Service;
+use plenalign::control::events::Event;
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
+use plenalign::control::outcome::Outcome;
+use plenalign::device::AxisName;
+use tokio::sync::broadcast::error::RecvError;
+
+use super::bench::{permit, service, small_config};
+
+async fn run(service: &Arc<Service>, request: JobRequest) -> JobSnapshot {
+    let mut events = service.subscribe();
+    let id = service.create_job(&permit(service), request).await.unwrap().id;
+    loop {
+        match events.recv().await {
+            Ok(Event::Job { job }) if job.id == id && job.state.is_final() => break,
+            Ok(_) | Err(RecvError::Lagged(_)) => {}
+            Err(RecvError::Closed) => panic!("the service ended before its job"),
+        }
+    }
+    service.job(id).unwrap()
+}
+
+fn ended_as(job: &JobSnapshot, state: JobState) {
+    assert_eq!(job.state, state, "{:?}\n{:#?}", job.reason, job.log);
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_steps_of_an_alignment_can_be_run_one_by_one() {
+    let service = service(small_config(2)).await;
+    let early = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
+    ended_as(&early, JobState::Failed);
+    assert!(early.reason.as_ref().unwrap().contains("air_only"), "{:?}", early.reason);
+
+    let air = run(&service, JobRequest::of(JobKind::AirOnly)).await;
+    ended_as(&air, JobState::Converged);
+    let report = air.report.as_ref().unwrap();
+    let error_mm = report.delta_v_air_mm.unwrap() - report.delta_v_air_target_mm;
+    assert!(error_mm.abs() < 0.005, "{error_mm}");
+    assert_eq!(report.moves_shell, 0);
+    let measure = air.progress.measure.as_ref().unwrap();
+    assert_eq!(measure.name, "delta_v_mm");
+    assert!((measure.value - measure.target.unwrap()).abs() < 0.005, "{measure:?}");
+
+    let shell = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
+    ended_as(&shell, JobState::Converged);
+    let report = shell.report.as_ref().unwrap();
+    assert_eq!(report.moves_air, 0);
+    assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{report:?}");
+
+    // Homed anew, Δv is no longer known to what the shell step needs.
+    ended_as(&run(&service, JobRequest::of(JobKind::Homing)).await, JobState::Succeeded);
+}
+
+#[tokio::test(start_paused = true)]
+async fn clarity_alone_holds_e_and_trims() {
+    let service = service(small_config(3)).await;
+    let job = run(&service, JobRequest { e_mm: Some(12.0), ..JobRequest::of(JobKind::ClarityOnly) }).await;
+    ended_as(&job, JobState::Converged);
+    let report = job.report.as_ref().unwrap();
+    let wanted = small_config(3).design().clarity(12.0);
+    assert!((report.delta_v_air_target_mm - wanted.delta_v).abs() < 1e-9);
+    assert!((report.e_readback_mm.unwrap() - 12.0).abs() < 0.5, "{:?}", report.e_readback_mm);
+    assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{report:?}");
+
+    let beyond = run(&service, JobRequest { e_mm: Some(-3.0), ..JobRequest::of(JobKind::ClarityOnly) }).await;
+    ended_as(&beyond, JobState::Failed);
+    assert!(beyond.reason.as_ref().unwrap().contains("-0.100"), "{:?}", beyond.reason);
+}
+
+#[tokio::test(start_paused = true)]
+async fn measuring_jobs_measure_and_put_back_what_they_moved() {
+    let service = service(small_config(4)).await;
+    let sweep = JobRequest {
+        axis: Some(AxisName::Focus),
+        from_mm: Some(1.9),
+        to_mm: Some(2.5),
+        steps: Some(5),
+        ..JobRequest::of(JobKind::FocusSweep)
+    };
+    let unhomed = run(&service, sweep.clone()).await;
+    ended_as(&unhomed, JobState::Failed);
+    assert!(unhomed.reason.as_ref().unwrap().contains("not homed"), "{:?}", unhomed.reason);
+
+    let homed = run(&service, JobRequest::of(JobKind::Homing)).await;
+    ended_as(&homed, JobState::Succeeded);
+    let Some(Outcome::Homing { focus_mm: Some(start), e_mm: Some(_) }) = homed.outcome else {
+        panic!("{:?}", homed.outcome);
+    };
+
+    // Through the diffuser there is nothing to calibrate: the job asks for a white frame, then for the board.
+    let calibrated = run(&service, JobRequest::of(JobKind::Calibration)).await;
+    ended_as(&calibrated, JobState::Succeeded);
+    let Some(Outcome::Calibration { delta_v_mm, image_distance_sigma_mm, .. }) = calibrated.outcome else {
+        panic!("{:?}", calibrated.outcome);
+    };
+    // The axis's zero is known to 0.2 mm.
+    assert!((delta_v_mm - start).abs() < 0.3 && image_distance_sigma_mm < 0.05, "{delta_v_mm} at {start}");
+    assert_eq!(calibrated.iterations.len(), 0);
+
+    let swept = run(&service, sweep).await;
+    ended_as(&swept, JobState::Succeeded);
+    let Some(Outcome::FocusSweep { positions: 5, measured, crossing_mm, slope_px_per_mm, .. }) = swept.outcome else {
+        panic!("{:?}", swept.outcome);
+    };
+    assert_eq!(swept.iterations.len(), measured as usize);
+    assert!(measured >= 4, "{measured}");
+    assert!((crossing_mm.unwrap() - 2.2).abs() < 0.3 && slope_px_per_mm.unwrap() < 0.0, "{crossing_mm:?}");
+    let focus = service.bench_view().axes[0].position_mm.unwrap();
+    assert!((focus - start).abs() < 0.01, "{focus}, not back at {start}");
+
+    let watch = JobRequest { duration_s: Some(8.0), interval_s: Some(2.0), ..JobRequest::of(JobKind::SpacingWatch) };
+    let watched = run(&service, watch).await;
+    ended_as(&watched, JobState::Succeeded);
+    let Some(Outcome::SpacingWatch { measured, scatter_px, least_px, greatest_px, .. }) = watched.outcome else {
+        panic!("{:?}", watched.outcome);
+    };
+    assert!((3..=5).contains(&measured), "{measured}");
+    assert!(scatter_px < 0.02 && greatest_px >= least_px, "{scatter_px}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn l_bound_alone_is_measured_and_holds_from_then_on() {
+    let service = service(small_config(5)).await;
+    let job = run(&service, JobRequest::of(JobKind::LBoundMeasurement)).await;
+    ended_as(&job, JobState::Succeeded);
+    let Some(Outcome::LBound { l_bound_mm, sigma_mm, e_wall_mm }) = job.outcome else {
+        panic!("{:?}", job.outcome);
+    };
+    assert!(sigma_mm > 0.0 && e_wall_mm < l_bound_mm);
+    assert!((service.bench_view().e_wall_mm - e_wall_mm).abs() < 1e-12);
+    assert!(job.report.is_none());
+}

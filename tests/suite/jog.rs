@@ -1,0 +1,75 @@
+//! Jogging over HTTP: an axis moves for as long as somebody asks.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::control::open_bench;
+use reqwest::Method;
+use serde_json::{Value, json};
+use tokio::time::{Instant, sleep};
+
+use super::bench::small_config;
+use super::daemon::{Daemon, problem};
+
+async fn axis(daemon: &Daemon, name: &str) -> Value {
+    let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
+    bench["axes"].as_array().unwrap().iter().find(|axis| axis["axis"] == name).unwrap().clone()
+}
+
+async fn at_rest(daemon: &Daemon) -> f64 {
+    let from = Instant::now();
+    loop {
+        sleep(Duration::from_millis(50)).await;
+        let focus = axis(daemon, "focus").await;
+        assert_eq!(focus["failure"], Value::Null);
+        if focus["moving"] == false && focus["homed"] == true {
+            sleep(Duration::from_millis(300)).await;
+            let again = axis(daemon, "focus").await;
+            if again["moving"] == false && again["position_mm"] == focus["position_mm"] {
+                return again["position_mm"].as_f64().unwrap();
+            }
+        }
+        assert!(from.elapsed() < Duration::from_secs(20), "{focus}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_jog_goes_on_while_it_is_asked_for_and_ends_when_nobody_asks() {
+    let config = small_config(1);
+    let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
+    let daemon = Daemon::start_with(config, bench).await;
+    let path = "/api/v1/axes/focus/jog";
+    let up = json!({ "towards": "high", "speed_mm_per_s": 1.0 });
+    problem(daemon.post(path, &up).await, 428, "lease-required").await;
+    problem(daemon.command(Method::POST, path, &up).await, 409, "not-homed").await;
+    for (body, field) in [
+        (json!({ "towards": "up" }), "towards"),
+        (json!({ "towards": "high", "speed_mm_per_s": 0 }), "speed_mm_per_s"),
+        (json!({ "towards": "high", "speed_mm_per_s": 1e3 }), "speed_mm_per_s"),
+    ] {
+        assert_eq!(problem(daemon.command(Method::POST, path, &body).await, 422, "invalid").await["field"], field);
+    }
+    assert_eq!(daemon.command(Method::POST, "/api/v1/axes/focus/home", &Value::Null).await.status(), 202);
+    let start = at_rest(&daemon).await;
+
+    // One request: 0.3 s of it.
+    assert_eq!(daemon.command(Method::POST, path, &up).await.status(), 202);
+    let once = at_rest(&daemon).await - start;
+    assert!(once > 0.05 && once < 0.5, "{once}");
+
+    // Ten in time: it goes on; another way meanwhile is refused; let go, it ends at once.
+    let from = Instant::now();
+    while from.elapsed() < Duration::from_millis(1500) {
+        let answer = daemon.command(Method::POST, path, &up).await;
+        assert!(answer.status() == 202 || answer.status() == 409, "{}", answer.status());
+        sleep(Duration::from_millis(80)).await;
+    }
+    let down = json!({ "towards": "low" });
+    problem(daemon.command(Method::POST, path, &down).await, 409, "moving").await;
+    let let_go = daemon.request(Method::DELETE, path).send().await.unwrap();
+    assert_eq!(let_go.status(), 200);
+    let held = at_rest(&daemon).await - start - once;
+    assert!(held > 2.0 * once.min(0.3) && held < 2.0, "{held} after {once}");
+    let again = daemon.request(Method::DELETE, path).send().await.unwrap();
+    assert_eq!(again.status(), 200, "may be repeated");
+}

@@ -1,0 +1,95 @@
+//! The stop's latency, from the request to the last byte on the serial line: a safety property, under the worst load that
+//! is promised. Sixteen viewers stream, a job is stuck in a camera that gives nothing, and half of the stops come upon a
+//! motion.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use futures_util::{SinkExt as _, StreamExt as _};
+use plenalign::control::open_bench;
+use plenalign::device::Bench;
+use reqwest::Method;
+use serde_json::{Value, json};
+use tokio::time::{Instant, sleep};
+use tokio_tungstenite::connect_async;
+use tokio_tungstenite::tungstenite::Message;
+
+use super::bench::small_config;
+use super::daemon::Daemon;
+use super::fakes::fakes;
+
+const STOPS: usize = 500;
+const VIEWERS: usize = 16;
+/// 99 of 100 stops.
+const ALLOWED_MS: f64 = 50.0;
+
+/// The stages of the simulated bench, over real drivers and a serial line each, with a camera that the test feeds.
+async fn bench_with_fed_camera() -> (Bench, Arc<super::fakes::FedCamera>) {
+    let fakes = fakes();
+    let simulated = open_bench(&Arc::new(small_config(1))).await.unwrap();
+    fakes.camera.hang();
+    (Bench { camera: fakes.camera.clone(), ..simulated }, fakes.camera)
+}
+
+async fn watch(address: std::net::SocketAddr, seen: Arc<AtomicU64>) {
+    let (mut socket, _) = connect_async(format!("ws://{address}/api/v1/ws")).await.unwrap();
+    let asked = json!({ "type": "pictures", "on": true, "max_rate_hz": 30 });
+    socket.send(Message::text(asked.to_string())).await.unwrap();
+    while let Some(Ok(message)) = socket.next().await {
+        if message.is_binary() {
+            seen.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+fn percentile(sorted: &[f64], share: f64) -> f64 {
+    sorted[((sorted.len() as f64 * share).ceil() as usize).clamp(1, sorted.len()) - 1]
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stop_reaches_the_serial_line_within_50_ms_whatever_else_goes_on() {
+    let (bench, camera) = bench_with_fed_camera().await;
+    let daemon = Daemon::start_with(small_config(1), bench).await;
+    let seen = Arc::new(AtomicU64::new(0));
+    for _ in 0..VIEWERS {
+        tokio::spawn(watch(daemon.address, Arc::clone(&seen)));
+    }
+    let feeder = tokio::spawn(async move {
+        for seq in 0.. {
+            camera.take_sized(seq, 560, 560);
+            sleep(Duration::from_millis(33)).await;
+        }
+    });
+    let (mut latencies, mut answers) = (Vec::new(), Vec::new());
+    for round in 0..STOPS {
+        if round % 2 == 0 {
+            daemon.command(Method::POST, "/api/v1/axes/focus/home", &Value::Null).await;
+        } else if round % 10 == 1 {
+            daemon.command(Method::POST, "/api/v1/jobs", &json!({ "kind": "joint_alignment" })).await;
+        }
+        let asked = Instant::now();
+        let report = daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap();
+        assert_eq!(report.status(), 200);
+        let report: Value = report.json().await.unwrap();
+        answers.push(asked.elapsed().as_secs_f64() * 1000.0);
+        assert!(report["focus"] != "undeliverable" && report["e"] != "undeliverable", "{report}");
+        latencies.push(report["latency_ms"].as_f64().unwrap_or_else(|| panic!("no byte was sent: {report}")));
+        daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
+    }
+    feeder.abort();
+    latencies.sort_by(f64::total_cmp);
+    answers.sort_by(f64::total_cmp);
+    let pictures = seen.load(Ordering::Relaxed);
+    println!(
+        "{STOPS} stops: to the last serial byte p50 {:.2} ms, p99 {:.2} ms, worst {:.2} ms; to the answer p50 {:.0} ms, \
+         p99 {:.0} ms; {pictures} pictures sent meanwhile",
+        percentile(&latencies, 0.5),
+        percentile(&latencies, 0.99),
+        percentile(&latencies, 1.0),
+        percentile(&answers, 0.5),
+        percentile(&answers, 0.99),
+    );
+    assert!(pictures > 500, "only {pictures} pictures: there was no load");
+    assert!(percentile(&latencies, 0.99) <= ALLOWED_MS, "p99 {:.1} ms", percentile(&latencies, 0.99));
+}

@@ -1,0 +1,96 @@
+// The control lease as this page holds it. It is taken with the first command that needs it, renewed for as long as the
+// page lives, and kept over a reload of the same tab.
+
+import type { LeaseGrant, Problem } from "./wire";
+
+const KEY = "plenalign.lease.key";
+const ID = "plenalign.lease.id";
+const HEARTBEAT_MS = 10_000;
+/** Time to live: two missed heartbeats and it is free for another. */
+const TTL_S = 30;
+
+/** What a request of this module needs: a way to send one. */
+export type Send = <T>(
+  method: string,
+  path: string,
+  body?: unknown,
+  key?: string,
+) => Promise<{ ok: true; value: T } | { ok: false; problem: Problem }>;
+
+export class LeaseKeeper {
+  private timer: ReturnType<typeof setInterval> | null = null;
+
+  constructor(
+    private readonly send: Send,
+    private readonly owner: () => string,
+    private readonly storage: Pick<Storage, "getItem" | "setItem" | "removeItem">,
+  ) {
+    if (this.key !== null) this.beat();
+  }
+
+  /** The key of the lease this page holds. */
+  get key(): string | null {
+    return this.storage.getItem(KEY);
+  }
+
+  /** Whether a lease seen is the one this page holds. */
+  isMine(lease: { id: string } | null): boolean {
+    return lease !== null && this.key !== null && lease.id === this.storage.getItem(ID);
+  }
+
+  /** Takes the lease where nobody has it. */
+  async take(): Promise<Problem | null> {
+    const granted = await this.send<LeaseGrant>("POST", "/api/v1/lease", {
+      owner: this.owner(),
+      ttl_s: TTL_S,
+    });
+    if (!granted.ok) return granted.problem;
+    this.storage.setItem(KEY, granted.value.key);
+    this.storage.setItem(ID, granted.value.lease.id);
+    this.beat();
+    return null;
+  }
+
+  /** Sends a command that needs the lease, taking it first where it has to be. */
+  async command<T>(
+    method: string,
+    path: string,
+    body?: unknown,
+  ): Promise<{ ok: true; value: T } | { ok: false; problem: Problem }> {
+    const mine = this.key;
+    if (mine !== null) {
+      const answer = await this.send<T>(method, path, body, mine);
+      if (answer.ok || answer.problem.status !== 412) return answer;
+      this.forget();
+    }
+    const problem = await this.take();
+    if (problem) return { ok: false, problem };
+    return this.send<T>(method, path, body, this.key ?? undefined);
+  }
+
+  /** Gives the lease back. */
+  async release(): Promise<void> {
+    const mine = this.key;
+    this.forget();
+    if (mine !== null) await this.send("DELETE", "/api/v1/lease", undefined, mine);
+  }
+
+  private beat(): void {
+    this.timer ??= setInterval(() => void this.renew(), HEARTBEAT_MS);
+  }
+
+  private async renew(): Promise<void> {
+    const mine = this.key;
+    if (mine === null) return;
+    const answer = await this.send("POST", "/api/v1/lease/heartbeat", undefined, mine);
+    // Lost to another, or run out while the tab slept: the next command takes it anew, or says who has it.
+    if (!answer.ok && answer.problem.status === 412 && this.key === mine) this.forget();
+  }
+
+  private forget(): void {
+    this.storage.removeItem(KEY);
+    this.storage.removeItem(ID);
+    if (this.timer !== null) clearInterval(this.timer);
+    this.timer = null;
+  }
+}
