@@ -17,6 +17,7 @@
 //!
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
 //!  access                who asks and what they may do; tokens, sessions, tickets
+//!  store                 the history on disk: plain records in and out, used by control
 //!  config                read once, immutable afterwards
 //!  telemetry             what the program counts about itself, called from anywhere
 //! ```
@@ -34,5 +35,7 @@ pub mod imaging;
 pub mod optics;
 pub mod raw;
 pub mod sim;
+pub mod state_folder;
+pub mod store;
 pub mod telemetry;
 pub mod units;

@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# The long counts: the reference bench aligned for many seeds, each result kept, so that a broken run goes on where it
-# ended.
+# The long counts: the daemon killed at many random moments, then the reference bench aligned for many seeds; each result
+# is kept, so that a broken run goes on where it ended.
 #
-#   tests/long.sh            seeds 1 to 20
-#   SEEDS=21-40 tests/long.sh
+#   tests/long.sh            kills 1 to 200, seeds 1 to 20
+#   KILLS=201-400 SEEDS=21-40 tests/long.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+kills=${KILLS:-1-200}
+[[ $kills =~ ^[0-9]+-[0-9]+$ ]] || { echo "long: KILLS=$kills is not a range such as 1-200" >&2; exit 2; }
 range=${SEEDS:-1-20}
 [[ $range =~ ^([0-9]+)-([0-9]+)$ ]] || { echo "long: SEEDS=$range is not a range such as 1-20" >&2; exit 2; }
 first=${BASH_REMATCH[1]} last=${BASH_REMATCH[2]}
@@ -15,6 +17,8 @@ deploy/setup.sh test
 cargo build --release --quiet
 results=target/long
 mkdir -p "$results"
+KILLS=$kills KILL_RESULTS=$PWD/$results \
+  cargo test --release --quiet --test integration many_kills -- --ignored --nocapture
 for seed in $(seq "$first" "$last"); do
   result=$results/align-$seed.json
   if [[ ! -s $result ]]; then

@@ -35,7 +35,7 @@ pub(super) async fn go(
     key: LeaseKey,
     JsonBody(request): JsonBody<MoveRequest>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.move_axis(&app.permit(&key)?, axis, Millimetres(request.position_mm))?;
+    let view = app.service.move_axis(&app.permit(&key)?, axis, Millimetres(request.position_mm)).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 
@@ -60,7 +60,7 @@ pub(super) async fn home(
     PathParam(axis): PathParam<AxisName>,
     key: LeaseKey,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.home_axis(&app.permit(&key)?, axis)?;
+    let view = app.service.home_axis(&app.permit(&key)?, axis).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 
@@ -86,7 +86,7 @@ pub(super) async fn jog(
     key: LeaseKey,
     JsonBody(request): JsonBody<JogRequest>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.jog(&app.permit(&key)?, axis, request.towards, request.speed_mm_per_s)?;
+    let view = app.service.jog(&app.permit(&key)?, axis, request.towards, request.speed_mm_per_s).await?;
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 

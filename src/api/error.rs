@@ -333,6 +333,15 @@ impl From<Refusal> for Problem {
             Refusal::JobState { state, .. } => {
                 Self::refused("job-state", "Not in the job's state", it, json!({ "state": state }))
             }
+            Refusal::NoHistory { .. } => {
+                let title = "The history cannot be written";
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "history-unwritable", title, it.to_string())
+            }
+            Refusal::KeyReused { job, .. } => {
+                let title = "The Idempotency-Key stands for another request";
+                Self::new(StatusCode::UNPROCESSABLE_ENTITY, "idempotency-key-reused", title, it.to_string())
+                    .with(json!({ "job": job, "href": super::types::job_href(*job) }))
+            }
             Refusal::ShuttingDown => {
                 let title = "The program is shutting down";
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "shutting-down", title, it.to_string())
@@ -386,6 +395,10 @@ impl From<ServiceError> for Problem {
             ServiceError::Refused(refusal) => refusal.into(),
             ServiceError::Device(error) => error.into(),
             ServiceError::NoSuchJob { .. } => Self::not_found(error.to_string()),
+            ServiceError::Unreadable { .. } => {
+                let title = "The history cannot be read";
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "history-unreadable", title, error.to_string())
+            }
             ServiceError::Invalid { field, .. } => Self::invalid(field, error.to_string()),
         }
     }

@@ -96,6 +96,20 @@ impl<S: Send + Sync> FromRequestParts<S> for LeaseKey {
     }
 }
 
+/// The pairs of a query, in order, decoded.
+pub(super) struct QueryPairs(pub Vec<(String, String)>);
+
+impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        match axum::extract::Query::try_from_uri(&parts.uri) {
+            Ok(axum::extract::Query(pairs)) => Ok(Self(pairs)),
+            Err(rejection) => Err(Problem::malformed(format!("the query cannot be read: {}", rejection.body_text()))),
+        }
+    }
+}
+
 /// What follows the question mark of a path.
 pub(super) struct Query<T>(pub T);
 

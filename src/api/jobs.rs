@@ -1,16 +1,17 @@
-//! Jobs: start, list, read, confirm an operator step, cancel.
+//! Jobs: start, read, confirm an operator step, cancel.
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
 use uuid::Uuid;
 
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey, PathParam};
-use super::types::{ConfirmRequest, JobList, JobResource};
+use super::types::{ConfirmRequest, JobResource};
 use crate::control::job::JobRequest;
+use crate::control::{Acceptance, Refusal, ServiceError};
 
 /// Starts a job.
 ///
@@ -18,42 +19,74 @@ use crate::control::job::JobRequest;
 /// the control lease that was shown until its end, and needs no heartbeat for it.
 #[utoipa::path(
     post, path = "/api/v1/jobs", operation_id = "create_job", tag = "jobs", request_body = JobRequest,
-    params(LeaseKey),
+    params(LeaseKey, ("Idempotency-Key" = Option<String>, Header,
+        description = "A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again \
+                       with it and the same body within a day, it is the same job")),
     responses(
+        (status = 200, description = "Asked before: the job of then", body = JobResource,
+         headers(("Location" = String, description = "Path of the job"))),
         (status = 201, body = JobResource, headers(("Location" = String, description = "Path of the job"))),
         (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
         (status = 412, description = "The lease's key is not the holder's", body = Problem,
          content_type = "application/problem+json"),
         (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The history cannot be written, or the program is shutting down", body = Problem,
+         content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn create(
     State(app): State<App>,
-    key: LeaseKey,
+    lease: LeaseKey,
+    headers: HeaderMap,
     JsonBody(request): JsonBody<JobRequest>,
 ) -> Result<impl IntoResponse> {
-    let job = JobResource::from(app.service.create_job(&app.permit(&key)?, request)?);
-    Ok((StatusCode::CREATED, [(header::LOCATION, job.href.clone())], Json(job)))
+    let key = idempotency_key(&headers)?;
+    let permit = app.permit(&lease);
+    let service = app.service.clone();
+    // In a task of its own: a client that hangs up leaves no job half accepted.
+    let created = tokio::spawn(async move {
+        match key {
+            // Asked again, it is answered whoever has the lease by now.
+            Some(key) => service.create_job_once(permit, request, key).await,
+            None => service.create_job(&permit?, request).await.map(|job| (job, Acceptance::Now)),
+        }
+    });
+    let (job, acceptance) = created.await.map_err(|_| Problem::internal())??;
+    let job = JobResource::from(job);
+    let status = match acceptance {
+        Acceptance::Now => StatusCode::CREATED,
+        Acceptance::Before => StatusCode::OK,
+    };
+    Ok((status, [(header::LOCATION, job.href.clone())], Json(job)))
 }
 
-/// Every job since the program started.
-#[utoipa::path(get, path = "/api/v1/jobs", operation_id = "list_jobs", tag = "jobs", responses((status = 200, body = JobList)))]
-pub(super) async fn list(State(app): State<App>) -> Json<JobList> {
-    Json(JobList { jobs: app.jobs() })
+/// The caller's own name for a request, where one is given.
+fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>> {
+    let mut given = headers.get_all("idempotency-key").iter();
+    let Some(value) = given.next() else { return Ok(None) };
+    let key = value.to_str().ok().filter(|key| (1..=255).contains(&key.len()) && !key.trim().is_empty());
+    match (key, given.next()) {
+        (Some(key), None) => Ok(Some(key.to_owned())),
+        _ => Err(Problem::invalid(
+            "Idempotency-Key",
+            "Idempotency-Key: it must be given once, with 1 to 255 printable ASCII characters",
+        )),
+    }
 }
 
-/// One job.
+/// One job, of this run or an earlier one.
 #[utoipa::path(
     get, path = "/api/v1/jobs/{id}", operation_id = "get_job", tag = "jobs",
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobResource),
         (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The history cannot be read", body = Problem,
+         content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobResource>> {
-    Ok(Json(app.service.job(id)?.into()))
+    Ok(Json(app.service.find_job(id).await?.into()))
 }
 
 /// Cancels a job.
@@ -68,7 +101,12 @@ pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) 
     )
 )]
 pub(super) async fn cancel(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobResource>> {
-    Ok(Json(app.service.cancel(id)?.into()))
+    let cancelled = match app.service.cancel(id) {
+        // Of an earlier run, and so over.
+        Err(ServiceError::NoSuchJob { .. }) => app.service.find_job(id).await?,
+        cancelled => cancelled?,
+    };
+    Ok(Json(cancelled.into()))
 }
 
 /// Confirms that the operator has done what the job asks.
@@ -87,5 +125,11 @@ pub(super) async fn confirm(
     PathParam(id): PathParam<Uuid>,
     JsonBody(request): JsonBody<ConfirmRequest>,
 ) -> Result<Json<JobResource>> {
-    Ok(Json(app.service.confirm(id, request.step)?.into()))
+    match app.service.confirm(id, request.step) {
+        Err(ServiceError::NoSuchJob { .. }) => {
+            let state = format!("{:?}", app.service.find_job(id).await?.state).to_lowercase();
+            Err(Refusal::JobState { state, why: "it ended in an earlier run of the program".to_owned() }.into())
+        }
+        confirmed => Ok(Json(confirmed?.into())),
+    }
 }

@@ -9,9 +9,11 @@ mod client;
 mod config;
 mod credentials;
 pub mod error;
+pub mod export;
 mod extract;
 mod frame;
 mod guard;
+pub mod history;
 mod hub;
 mod info;
 mod jobs;
@@ -83,12 +85,8 @@ struct App {
 
 impl App {
     /// That the request comes from the holder of the control lease.
-    fn permit(&self, key: &extract::LeaseKey) -> error::Result<Permit> {
-        Ok(self.service.leases().permit(key.shown()).map_err(ServiceError::from)?)
-    }
-
-    fn jobs(&self) -> Vec<types::JobResource> {
-        self.service.jobs().into_iter().map(types::JobResource::from).collect()
+    fn permit(&self, key: &extract::LeaseKey) -> std::result::Result<Permit, ServiceError> {
+        Ok(self.service.leases().permit(key.shown())?)
     }
 }
 
@@ -190,9 +188,17 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(lease::take, lease::get, lease::release))
         .routes(routes!(lease::renew))
         .routes(routes!(lease::take_over))
-        .routes(routes!(jobs::create, jobs::list))
+        .routes(routes!(jobs::create, history::jobs))
         .routes(routes!(jobs::get, jobs::cancel))
         .routes(routes!(jobs::confirm))
+        .routes(routes!(history::log))
+        .routes(routes!(history::iterations))
+        .routes(routes!(history::measurements))
+        .routes(routes!(history::moves))
+        .routes(routes!(history::audit))
+        .routes(routes!(export::as_json))
+        .routes(routes!(export::as_csv))
+        .routes(routes!(export::as_html))
         .routes(routes!(stop::stop, stop::get, stop::reset))
         .routes(routes!(frame::png))
         .routes(routes!(frame::snapshot))

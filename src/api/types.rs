@@ -33,13 +33,6 @@ impl From<JobSnapshot> for JobResource {
     }
 }
 
-/// Every job since the program started.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct JobList {
-    /// The jobs, newest last.
-    pub jobs: Vec<JobResource>,
-}
-
 /// Who asks for the control lease.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

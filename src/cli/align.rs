@@ -16,6 +16,8 @@ use crate::control::events::Event;
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use crate::control::lease::{DEFAULT_TTL_S, LeaseRequest};
 use crate::control::{Service, open_bench};
+use crate::state_folder::state_folder;
+use crate::store::Store;
 
 /// Arguments of `plenalign align`.
 #[derive(Debug, clap::Args)]
@@ -63,11 +65,12 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
     let config = Arc::new(context.config);
     let mut signals = Signals::new()?;
     let _lock = BenchLock::take(&config.bench)?;
+    let store = Store::open(&state_folder()?);
     let bench = open_bench(&config).await.context("the bench cannot be opened")?;
     if bench.is_simulated() {
         eprintln!("plenalign: SIMULATED bench: no real device is driven");
     }
-    let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench);
+    let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
     let ended = follow(&service, &mut signals).await;
     service.shut_down().await;
     ended
@@ -80,7 +83,7 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals) -> anyhow::Result
         LeaseRequest { owner: remote::lease_owner(), note: None, ttl: Duration::from_secs_f64(DEFAULT_TTL_S) };
     let grant = service.leases().acquire(request)?;
     let permit = service.leases().permit(Some(&grant.key))?;
-    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment))?.id;
+    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await?.id;
     let mut progress = Progress::new("press Enter when it is done".to_owned());
     let mut lines = BufReader::new(tokio::io::stdin()).lines();
     let (mut interrupted, mut input_open) = (false, true);

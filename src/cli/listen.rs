@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
 
-use super::lock::state_folder;
+use crate::state_folder::state_folder;
 use super::tls::OwnFiles;
 use crate::access::{Demand, Gate, GateSettings, Networks, Secret, write_private};
 use crate::api::server::{ServerSettings, read_certificate, use_ring};

@@ -4,12 +4,10 @@ use std::fs::{self, File, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 
-use crate::config::{BenchConfig, BenchDriver};
-
-/// Where the state folder is named.
-const STATE_VARIABLE: &str = "PLENALIGN_STATE_DIR";
+use crate::config::BenchConfig;
+use crate::state_folder::state_folder;
 
 /// A bench held by this process until this is dropped.
 #[derive(Debug)]
@@ -17,52 +15,41 @@ pub(super) struct BenchLock {
     _file: File,
 }
 
-/// The state folder: `PLENALIGN_STATE_DIR`, else the user's own state folder.
-pub(super) fn state_folder() -> anyhow::Result<PathBuf> {
-    let from = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    if let Some(folder) = from(STATE_VARIABLE) {
-        return Ok(folder);
-    }
-    if let Some(folder) = from("XDG_STATE_HOME") {
-        return Ok(folder.join("plenalign"));
-    }
-    match from("HOME") {
-        Some(home) => Ok(home.join(".local/state/plenalign")),
-        None => bail!("no state folder: neither {STATE_VARIABLE}, XDG_STATE_HOME nor HOME is set"),
-    }
-}
-
-/// The name of a bench: the simulated one, or its serial ports.
-fn bench_name(bench: &BenchConfig) -> String {
-    match bench.driver {
-        BenchDriver::Simulated => "simulated".to_owned(),
-        BenchDriver::Hardware => {
-            let mut ports: Vec<String> = bench.controllers.values().map(|c| c.port.display().to_string()).collect();
-            ports.sort();
-            ports.join("+").chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
-        }
-    }
-}
-
 impl BenchLock {
-    /// Takes the bench for this process.
+    /// Takes the bench for this process. Where the state folder cannot be written (disk full, read-only) the lock is in
+    /// the folder for temporary files, so that the bench can at least be looked at.
     ///
     /// # Errors
-    /// When another process holds it (its pid is named), or the state folder cannot be written.
+    /// When another process holds it (its pid is named), or no lock file can be opened.
     pub(super) fn take(bench: &BenchConfig) -> anyhow::Result<Self> {
-        Self::take_in(&state_folder()?, bench)
+        Self::take_in(&[&state_folder()?, &std::env::temp_dir()], bench)
     }
 
-    fn take_in(folder: &Path, bench: &BenchConfig) -> anyhow::Result<Self> {
+    /// Takes it in the first of these folders that a lock file can be opened in.
+    fn take_in(folders: &[&Path], bench: &BenchConfig) -> anyhow::Result<Self> {
+        let mut why = None;
+        for folder in folders {
+            match Self::open_in(folder, bench) {
+                Ok((file, path)) => return Self::hold(file, &path),
+                Err(error) => {
+                    tracing::warn!(error = format!("{error:#}"), "no lock file here");
+                    why.get_or_insert(error);
+                }
+            }
+        }
+        Err(why.unwrap_or_else(|| anyhow!("no folder to have a lock file in")))
+    }
+
+    fn open_in(folder: &Path, bench: &BenchConfig) -> anyhow::Result<(File, PathBuf)> {
         fs::create_dir_all(folder).with_context(|| format!("cannot make the state folder {}", folder.display()))?;
-        let path = folder.join(format!("bench-{}.lock", bench_name(bench)));
-        let mut file = File::options()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path)
-            .with_context(|| format!("cannot open the lock file {}", path.display()))?;
+        let path = folder.join(format!("bench-{}.lock", bench.name()));
+        let writing = File::options().read(true).write(true).create(true).truncate(false).open(&path);
+        // What is there on a read-only disk can still be locked.
+        let file = writing.or_else(|error| File::open(&path).map_err(|_| error));
+        Ok((file.with_context(|| format!("cannot open the lock file {}", path.display()))?, path))
+    }
+
+    fn hold(mut file: File, path: &Path) -> anyhow::Result<Self> {
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
@@ -79,10 +66,11 @@ impl BenchLock {
             }
         }
         let pid = std::process::id().to_string();
-        file.set_len(0)
-            .and_then(|()| file.rewind())
-            .and_then(|()| file.write_all(pid.as_bytes()))
-            .with_context(|| format!("cannot write the lock file {}", path.display()))?;
+        let written = file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(pid.as_bytes()));
+        if let Err(error) = written {
+            // It is held all the same; only its holder's number is missing.
+            tracing::warn!(%error, path = %path.display(), "the lock file cannot be written");
+        }
         Ok(Self { _file: file })
     }
 }
@@ -90,23 +78,38 @@ impl BenchLock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::BenchDriver;
 
     #[test]
     fn a_held_bench_names_its_holder_and_is_free_again_after() {
         let folder = tempfile::tempdir().unwrap();
         let bench = BenchConfig::default();
-        let held = BenchLock::take_in(folder.path(), &bench).unwrap();
-        let refused = BenchLock::take_in(folder.path(), &bench).unwrap_err().to_string();
+        let held = BenchLock::take_in(&[folder.path()], &bench).unwrap();
+        let refused = BenchLock::take_in(&[folder.path()], &bench).unwrap_err().to_string();
         assert!(refused.contains(&format!("pid {}", std::process::id())), "{refused}");
         drop(held);
-        BenchLock::take_in(folder.path(), &bench).unwrap();
+        BenchLock::take_in(&[folder.path()], &bench).unwrap();
     }
 
     #[test]
     fn other_benches_are_free() {
         let folder = tempfile::tempdir().unwrap();
-        let _held = BenchLock::take_in(folder.path(), &BenchConfig::default()).unwrap();
+        let _held = BenchLock::take_in(&[folder.path()], &BenchConfig::default()).unwrap();
         let hardware = BenchConfig { driver: BenchDriver::Hardware, ..BenchConfig::default() };
-        BenchLock::take_in(folder.path(), &hardware).unwrap();
+        BenchLock::take_in(&[folder.path()], &hardware).unwrap();
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_written_is_no_reason_not_to_look_at_the_bench() {
+        let folder = tempfile::tempdir().unwrap();
+        let in_the_way = folder.path().join("state");
+        std::fs::write(&in_the_way, "no folder").unwrap();
+        let spare = folder.path().join("spare");
+        let bench = BenchConfig::default();
+        let _held = BenchLock::take_in(&[&in_the_way, &spare], &bench).unwrap();
+        let refused = BenchLock::take_in(&[&in_the_way, &spare], &bench).unwrap_err().to_string();
+        assert!(refused.contains("another process"), "{refused}");
+        let nowhere = BenchLock::take_in(&[&in_the_way], &bench).unwrap_err().to_string();
+        assert!(nowhere.contains(&in_the_way.display().to_string()), "{nowhere}");
     }
 }

@@ -8,6 +8,7 @@ mod calibrate;
 mod camera;
 mod demo;
 mod design;
+mod jobs;
 mod listen;
 mod lock;
 mod measure;
@@ -67,6 +68,8 @@ enum Command {
     Render(render::Args),
     /// Show the cameras that are connected, what they offer and how they can be set.
     Camera(camera::Args),
+    /// List, show and export the jobs of the history.
+    Jobs(jobs::Args),
     /// Serve the simulated bench and align it before your eyes.
     Demo(demo::Args),
     /// Stand in for a stage controller, behind a pseudo-terminal or a TCP port.
@@ -137,6 +140,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Calibrate(args) => calibrate::run(context, args),
         Command::Render(args) => render::run(context, args),
         Command::Camera(args) => camera::run(context, args),
+        Command::Jobs(args) => jobs::run(context, args),
         Command::Demo(args) => demo::run(context, args),
         Command::SimStage(args) => sim_stage::run(context, args),
         Command::StopAxes(args) => stop_axes::run(context, args),

@@ -144,7 +144,7 @@ impl Daemon {
         format!("{}{path}", self.base)
     }
 
-    async fn get<T: DeserializeOwned>(&self, path: &str) -> anyhow::Result<T> {
+    pub(super) async fn get<T: DeserializeOwned>(&self, path: &str) -> anyhow::Result<T> {
         self.read(self.client.get(self.url(path))).await
     }
 
@@ -153,14 +153,34 @@ impl Daemon {
         self.read(self.client.post(self.url(path))).await
     }
 
-    /// Sends a request; a problem in the answer becomes the error, in the daemon's own words.
+    /// The same with a query.
+    pub(super) async fn get_with<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        query: &[(&str, String)],
+    ) -> anyhow::Result<T> {
+        self.read(self.client.get(self.url(path)).query(query)).await
+    }
+
+    /// What is at a path, as text.
+    pub(super) async fn text(&self, path: &str) -> anyhow::Result<String> {
+        let body = self.send(self.client.get(self.url(path))).await?;
+        String::from_utf8(body).with_context(|| format!("what {} sends is no text", self.base))
+    }
+
     async fn read<T: DeserializeOwned>(&self, request: reqwest::RequestBuilder) -> anyhow::Result<T> {
+        let body = self.send(request).await?;
+        serde_json::from_slice(&body)
+            .with_context(|| format!("what answers at {} is not this version of plenalign", self.base))
+    }
+
+    /// Sends a request; a problem in the answer becomes the error, in the daemon's own words.
+    async fn send(&self, request: reqwest::RequestBuilder) -> anyhow::Result<Vec<u8>> {
         let response = request.send().await.with_context(|| format!("no daemon answers at {}", self.base))?;
         let status = response.status();
         let body = response.bytes().await.with_context(|| format!("the answer from {} broke off", self.base))?;
         if status.is_success() {
-            return serde_json::from_slice(&body)
-                .with_context(|| format!("what answers at {} is not this version of plenalign", self.base));
+            return Ok(body.to_vec());
         }
         match serde_json::from_slice::<Problem>(&body) {
             Ok(problem) => bail!("{}: {}", problem.title, problem.detail),

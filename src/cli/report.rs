@@ -4,7 +4,8 @@ use std::fmt::Write;
 
 use serde_json::{Value, json};
 
-use crate::control::job::{Interval, Iteration, IterationKind, JobSnapshot, JobState, OperatorStep, Report, Stage};
+use crate::api::export::figures::{figures, value};
+use crate::control::job::{Iteration, IterationKind, JobSnapshot, JobState, OperatorStep, Stage};
 
 /// One iteration as a line: where the axes are, what was measured against what is wanted, what was decided.
 pub(crate) fn iteration_line(iteration: &Iteration) -> String {
@@ -45,7 +46,7 @@ pub(crate) fn report_text(job: &JobSnapshot) -> String {
     }
     if let Some(report) = &job.report {
         text.push('\n');
-        for (name, value) in rows(report) {
+        for (name, value) in figures(report) {
             let _ = writeln!(text, "  {name:<26} {value}");
         }
         for note in &report.notes {
@@ -87,6 +88,7 @@ pub(crate) fn outcome_words(state: JobState) -> &'static str {
         JobState::NotConverged => "not converged",
         JobState::Cancelled => "cancelled",
         JobState::Failed => "failed",
+        JobState::Interrupted => "interrupted by the end of the program",
     }
 }
 
@@ -109,99 +111,6 @@ fn kind_word(kind: IterationKind) -> &'static str {
         IterationKind::Verify => "verify",
         IterationKind::Sample => "sample",
     }
-}
-
-fn rows(report: &Report) -> Vec<(&'static str, String)> {
-    let mut rows = vec![
-        (
-            "Δv",
-            format!(
-                "{}  target {:.4} mm",
-                value(report.delta_v_mm, report.delta_v_sigma_mm, 4),
-                report.delta_v_target_mm
-            ),
-        ),
-        (
-            "Δv after the air step",
-            format!("{}  target {:.4} mm", value(report.delta_v_air_mm, None, 4), report.delta_v_air_target_mm),
-        ),
-        (
-            "e",
-            format!(
-                "{}  target {:.3} mm, wall {:.3} mm",
-                value(report.e_mm, report.e_sigma_mm, 3),
-                report.e_target_mm,
-                report.e_wall_mm
-            ),
-        ),
-        ("image distance v + Δv", value(report.image_distance_mm, None, 4)),
-        (
-            "spacing",
-            match (report.spacing_px, report.spacing_sigma_px) {
-                (Some(spacing), Some(sigma)) => {
-                    format!("{spacing:.4} ± {sigma:.4} px  target {:.4} px", report.spacing_target_px)
-                }
-                _ => format!("not measured  target {:.4} px", report.spacing_target_px),
-            },
-        ),
-        ("in focus", {
-            let targets = report.spacing_targets;
-            format!(
-                "{:.4} px near the axis (Eq. 16), {} for the chief rays, {} in the estimator's window",
-                targets.paraxial_px,
-                pixels(targets.chief_ray_px),
-                pixels(targets.window_px)
-            )
-        }),
-        ("moves", format!("{} in air, {} with the shell", report.moves_air, report.moves_shell)),
-        ("shell step", report.shell_step_done.clone()),
-        ("readbacks", {
-            let (focus, e) = (report.focus_readback_mm, report.e_readback_mm);
-            format!("focus {}, e {}", value(focus, None, 4), value(e, None, 3))
-        }),
-        (
-            "field of view in water",
-            report.fov_water_deg.map_or_else(|| "past the shell".to_owned(), |fov| format!("{fov:.2}°")),
-        ),
-        ("aperture", format!("{:.3} mm, f/{:.2} on the ring", report.aperture_mm, report.aperture_ring_f_number)),
-        ("depth of field in water", interval(report.depth_of_field, 0)),
-        ("tolerance of e", interval(report.e_tolerance, 2)),
-        ("l_bound", value(Some(report.l_bound_mm), report.l_bound_sigma_mm, 3)),
-    ];
-    if let Some([x, y]) = report.tilt_px {
-        let angle =
-            report.tilt_deg.map_or_else(String::new, |[x, y]| format!(" ({x:+.3}°, {y:+.3}° if it is the MLA's)"));
-        rows.push(("tilt x, y", format!("{x:+.4}, {y:+.4} px per half width{angle}")));
-    }
-    if let (Some(before), Some(after)) = (report.eog_before, report.eog_after) {
-        rows.push(("EOG per pixel", format!("{before:.1} before, {after:.1} after")));
-    }
-    for (name, scale) in [("scale of the focus axis", report.focus_scale), ("scale of the e axis", report.e_scale)] {
-        if let Some(scale) = scale {
-            rows.push((name, format!("{scale:.4} as the picture has it")));
-        }
-    }
-    rows.push(("design", report.design_origin.clone()));
-    rows
-}
-
-/// A length with its uncertainty, mm.
-fn value(value: Option<f64>, sigma: Option<f64>, digits: usize) -> String {
-    match (value, sigma) {
-        (Some(value), Some(sigma)) => format!("{value:.digits$} ± {sigma:.digits$} mm"),
-        (Some(value), None) => format!("{value:.digits$} mm"),
-        (None, _) => "not measured".to_owned(),
-    }
-}
-
-fn interval(interval: Option<Interval>, digits: usize) -> String {
-    let Some(interval) = interval else { return "none is that sharp".to_owned() };
-    let end = |end: Option<f64>| end.map_or_else(|| "∞".to_owned(), |end| format!("{end:.digits$} mm"));
-    format!("{} to {}", end(interval.low_mm), end(interval.high_mm))
-}
-
-fn pixels(value: Option<f64>) -> String {
-    value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.4} px"))
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
 use super::listen::{Exposure, bind};
-use super::lock::{BenchLock, state_folder};
+use super::lock::BenchLock;
 use super::remote::RemoteArgs;
 use super::{Context, supervised};
 use crate::access::{Gate, LogAudit, TokenStore};
@@ -20,6 +20,8 @@ use crate::api::Api;
 use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
 use crate::control::{Service, open_bench};
+use crate::state_folder::state_folder;
+use crate::store::Store;
 use crate::telemetry;
 
 /// Where the daemon serves unless told otherwise.
@@ -128,9 +130,11 @@ impl Server {
         let lock = BenchLock::take(&config.bench)?;
         let tokens = TokenStore::open(&state).context("the tokens cannot be read")?;
         let gate = Arc::new(Gate::new(exposure.gate.clone(), tokens, Box::new(LogAudit)));
+        let store = Store::open(&state);
         let bench = open_bench(&config).await.context("the bench cannot be opened")?;
         let simulated = bench.is_simulated();
-        let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench);
+        let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
+        service.open_history().await;
         // A second server in one process would count into the first one's metrics.
         let metrics = telemetry::install().inspect_err(|error| tracing::warn!(%error, "no metrics are kept")).ok();
         let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);

@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::Context as _;
 use tokio::net::TcpListener;
@@ -10,7 +11,7 @@ use tokio::net::TcpListener;
 use super::Context;
 use super::serve::Signals;
 use crate::config::{AxisConfig, ControllerDriver};
-use crate::sim::plant::Slides;
+use crate::sim::plant::{Plant, RecordedSlides, Slides};
 use crate::sim::stage::{ControllerTwin, firmware};
 
 /// Arguments of `plenalign sim-stage`.
@@ -25,6 +26,10 @@ pub(super) struct Args {
     /// Serve on a TCP port instead, one connection at a time.
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
+    /// Write every motion of the slides to this file: time in microseconds since 1970, number of the axis (0: focus, 1:
+    /// e), position in mm.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Print one JSON object instead of text once it serves: `protocol`, `port`.
     #[arg(long)]
     json: bool,
@@ -64,7 +69,13 @@ async fn serve(context: &Context, args: &Args) -> anyhow::Result<()> {
     // A little off home, as after any other day.
     let starts = axes.iter().map(|axis| (axis, axis.home_position_mm - axis.home_side.sign()));
     let slides = Slides::new(&starts.collect::<Vec<_>>());
-    let twin = firmware(args.protocol, &axes.each_ref(), slides);
+    let plant: Arc<dyn Plant> = match &args.record {
+        Some(path) => {
+            RecordedSlides::new(slides, path).with_context(|| format!("cannot make the record {}", path.display()))?
+        }
+        None => slides,
+    };
+    let twin = firmware(args.protocol, &axes.each_ref(), plant);
     let port = match &args.listen {
         Some(address) => listen(twin, address).await?,
         None => {

@@ -12,7 +12,7 @@ use rcgen::{
 };
 use serde_json::json;
 
-use super::lock::state_folder;
+use crate::state_folder::state_folder;
 use crate::access::write_private;
 
 /// How long the authority's certificate is good: whoever trusts it need not do so again soon.

@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
-use super::lock::state_folder;
+use crate::state_folder::state_folder;
 use crate::access::{Scope, TokenRecord, TokenStore};
 
 /// Arguments of `plenalign token`.

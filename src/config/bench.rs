@@ -69,6 +69,21 @@ impl Default for BenchConfig {
     }
 }
 
+impl BenchConfig {
+    /// A name for the bench, fit for a file's: `simulated`, or its serial ports.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self.driver {
+            BenchDriver::Simulated => "simulated".to_owned(),
+            BenchDriver::Hardware => {
+                let mut ports: Vec<String> = self.controllers.values().map(|c| c.port.display().to_string()).collect();
+                ports.sort();
+                ports.join("+").chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
+            }
+        }
+    }
+}
+
 /// Which protocol a stage controller speaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]

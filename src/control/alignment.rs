@@ -397,6 +397,10 @@ impl Alignment<'_> {
         for _ in 0..MAX_MEASUREMENTS {
             self.context.doing(format!("shell: measuring the spacing ({})", kind.word()));
             let seen = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
+            if let Some(picture) = &seen.picture {
+                // The first stays; of the others the last.
+                self.context.keep_picture(if self.findings.eog_before.is_none() { "before" } else { "after" }, picture);
+            }
             if self.findings.eog_before.is_none() {
                 self.findings.eog_before = seen.eog;
             }

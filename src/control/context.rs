@@ -14,9 +14,11 @@ use super::events::Event;
 use super::job::{
     Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage,
 };
+use super::journal::{Chronicle, Journal, Written};
 use super::outcome::Outcome;
 use super::refusal::{Refusal, ServiceError};
 use crate::device::{DeviceError, Setup, SimulatedOperator};
+use crate::store::records::Picture;
 
 /// Lines of log kept for a job; more would only repeat.
 const MAX_LOG_LINES: usize = 2000;
@@ -72,6 +74,17 @@ pub(super) struct Job {
     /// Why it was asked to end; the first asker's word counts.
     cancelled_why: OnceLock<String>,
     confirmations: mpsc::Sender<u32>,
+    journal: Arc<Journal>,
+    idempotency_key: Option<String>,
+    kept: Mutex<Kept>,
+}
+
+/// What the history has been given of a job.
+#[derive(Default)]
+struct Kept {
+    written: Written,
+    /// The job without its iterations and its log, as it was written last.
+    newest: Option<JobSnapshot>,
 }
 
 /// The job's own side: what its task holds.
@@ -94,7 +107,9 @@ impl Job {
     /// A job just accepted, and the side of it that its task holds.
     pub(super) fn new(
         request: &JobRequest,
+        idempotency_key: Option<String>,
         owner: &str,
+        journal: Arc<Journal>,
         events: broadcast::Sender<Event>,
         operator: Option<Arc<dyn SimulatedOperator>>,
     ) -> (Arc<Self>, JobContext) {
@@ -124,6 +139,9 @@ impl Job {
             cancel: CancellationToken::new(),
             cancelled_why: OnceLock::new(),
             confirmations,
+            journal,
+            idempotency_key,
+            kept: Mutex::default(),
         });
         let context = JobContext {
             job: Arc::clone(&job),
@@ -147,8 +165,33 @@ impl Job {
             snapshot.generation += 1;
             snapshot.clone()
         };
+        self.keep(&snapshot);
         // Nobody listening is no error.
         let _ = self.events.send(Event::Job { job: Box::new(snapshot) });
+    }
+
+    /// Gives the history what is new.
+    fn keep(&self, snapshot: &JobSnapshot) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let bare = JobSnapshot { iterations: Vec::new(), log: Vec::new(), generation: 0, ..snapshot.clone() };
+        let whole = kept.newest.as_ref() != Some(&bare);
+        let chronicle = self.journal.chronicle(snapshot, self.idempotency_key.as_deref(), kept.written, whole);
+        // A snapshot of before another one that came first has less than is written.
+        kept.written.iterations = kept.written.iterations.max(snapshot.iterations.len());
+        kept.written.lines = kept.written.lines.max(snapshot.log.len());
+        kept.newest = Some(bare);
+        self.journal.note(chronicle);
+    }
+
+    /// The whole job for the history.
+    pub(super) fn chronicle(&self) -> Chronicle {
+        let (snapshot, key) = (self.snapshot(), self.idempotency_key.as_deref());
+        self.journal.chronicle(&snapshot, key, Written::default(), true)
+    }
+
+    /// The caller's own name for the request.
+    pub(super) fn key(&self) -> Option<&str> {
+        self.idempotency_key.as_deref()
     }
 
     /// Asks the job to end, and says why. May be repeated.
@@ -295,11 +338,14 @@ impl JobContext {
         let step = OperatorStep { number, name: name.to_owned(), instruction: instruction.clone(), value };
         self.doing(format!("waiting for the operator: {}", name.replace('_', " ")));
         self.log(format!("operator step {number}: {instruction}"));
+        let asked_at = jiff::Timestamp::now();
+        let id = self.job.snapshot().id;
+        self.job.journal.operator_step(id, &step, asked_at, None);
         let confirms = self.operator.as_ref().is_some_and(|operator| operator.confirms());
         if !confirms {
             self.job.change(|job| {
                 job.state = JobState::WaitingForOperator;
-                job.operator_step = Some(step);
+                job.operator_step = Some(step.clone());
             });
             let asked = Instant::now();
             let mut confirmed = self.confirmed.lock().await;
@@ -321,11 +367,23 @@ impl JobContext {
         if let Some(operator) = &self.operator {
             operator.obey(&setup);
         }
+        self.job.journal.operator_step(id, &step, asked_at, Some(jiff::Timestamp::now()));
         self.log(format!(
             "operator step {number} confirmed{}",
             if confirms { " by the simulated operator" } else { "" }
         ));
         Ok(())
+    }
+
+    /// Keeps a picture with the job, in the place of one of the same name.
+    pub(super) fn keep_picture(&self, name: &str, picture: &[u8]) {
+        let picture = Picture {
+            name: name.to_owned(),
+            at: jiff::Timestamp::now(),
+            media_type: "image/jpeg".to_owned(),
+            bytes: picture.to_vec(),
+        };
+        self.job.journal.picture(self.job.snapshot().id, picture);
     }
 
     /// The simulated truth, on a simulated bench.

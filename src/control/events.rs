@@ -149,6 +149,8 @@ pub struct BenchView {
     pub job: Option<uuid::Uuid>,
     /// The e wall, mm.
     pub e_wall_mm: f64,
+    /// Why the history cannot be written, which keeps every axis still; absent while it can.
+    pub history_fault: Option<String>,
 }
 
 /// Something happened.

@@ -9,6 +9,7 @@ use tokio::time::Instant;
 use super::context::JobEnd;
 use super::events::{FieldMap, MeasurementView};
 use super::job::SpacingReading;
+use super::journal::Journal;
 use super::motion::Motion;
 use super::sight::{self, HoldB, Sight, Triple};
 use super::tasks::AirStep;
@@ -37,6 +38,8 @@ pub(super) struct Seen {
     pub(super) eog: Option<f64>,
     /// Radius of the masks that pairs were compared with, px.
     pub(super) window_px: f64,
+    /// The central view, a JPEG, of a single board.
+    pub(super) picture: Option<Arc<Vec<u8>>>,
 }
 
 /// A triple-level board seen.
@@ -54,6 +57,7 @@ pub(super) struct Eye {
     design: CameraDesign,
     bench: Bench,
     motion: Arc<Motion>,
+    journal: Arc<Journal>,
     sight: Mutex<Option<Arc<Sight>>>,
     air_step: Mutex<Option<AirStep>>,
     measured: watch::Sender<Option<MeasurementView>>,
@@ -64,12 +68,13 @@ pub(super) struct Eye {
 
 impl Eye {
     /// An eye that has seen no white frame yet.
-    pub(super) fn new(config: Arc<Config>, bench: Bench, motion: Arc<Motion>) -> Self {
+    pub(super) fn new(config: Arc<Config>, bench: Bench, motion: Arc<Motion>, journal: Arc<Journal>) -> Self {
         let eye = Self {
             design: config.design(),
             config,
             bench,
             motion,
+            journal,
             sight: Mutex::new(None),
             air_step: Mutex::new(None),
             measured: watch::Sender::new(None),
@@ -253,10 +258,12 @@ impl Eye {
             |pose: fn(&Frame) -> AxisPose| last.and_then(|frame| pose(frame).position).map(Millimetres::value);
         let (focus_mm, e_mm) = (position(|frame| frame.focus), position(|frame| frame.e));
         if let Some(frame) = last {
-            self.measured.send_replace(Some(self.view(frame, &seen)));
+            let view = self.view(frame, &seen);
+            self.journal.measured(&view);
+            self.measured.send_replace(Some(view));
             self.publish_map(frame, &seen);
         }
-        Seen { spacing: seen.spacing, focus_mm, e_mm, eog: seen.eog, window_px: seen.window_px }
+        Seen { spacing: seen.spacing, focus_mm, e_mm, eog: seen.eog, window_px: seen.window_px, picture: seen.picture }
     }
 
     fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {

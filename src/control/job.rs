@@ -5,7 +5,7 @@
 //!                |  \            |
 //!                |   `-> cancelling -> cancelled
 //!                v
-//!     converged | succeeded | not_converged | failed
+//!     converged | succeeded | not_converged | failed      (interrupted: the program ended first)
 //! ```
 
 use serde::{Deserialize, Serialize};
@@ -39,13 +39,18 @@ pub enum JobState {
     Cancelled,
     /// Ended: something failed; `reason` says what.
     Failed,
+    /// Ended with the program, which said nothing more of it: found when it was started again.
+    Interrupted,
 }
 
 impl JobState {
     /// Whether the job is over.
     #[must_use]
     pub const fn is_final(self) -> bool {
-        matches!(self, Self::Converged | Self::Succeeded | Self::NotConverged | Self::Cancelled | Self::Failed)
+        matches!(
+            self,
+            Self::Converged | Self::Succeeded | Self::NotConverged | Self::Cancelled | Self::Failed | Self::Interrupted
+        )
     }
 }
 

@@ -10,6 +10,7 @@ use tokio::time::Instant;
 use utoipa::ToSchema;
 
 use super::events::{ShellState, StopView};
+use super::journal::{Journal, Underway};
 use super::pieces::{self, Pieces};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
@@ -43,6 +44,8 @@ pub struct Motion {
     state: Mutex<State>,
     /// One command of motion at a time on each axis: a second is refused, never queued.
     commands: [Arc<tokio::sync::Mutex<()>>; 2],
+    /// What every motion is written to before it begins; none for a bench of a test's own.
+    journal: Option<Arc<Journal>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -59,6 +62,12 @@ struct State {
 pub struct Claim {
     axis: AxisName,
     _command: tokio::sync::OwnedMutexGuard<()>,
+}
+
+fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
+    if let Some(underway) = underway {
+        underway.ended(end);
+    }
 }
 
 fn index(axis: AxisName) -> usize {
@@ -84,7 +93,31 @@ impl Motion {
                 l_bound_mm,
             }),
             commands: Default::default(),
+            journal: None,
         }
+    }
+
+    /// The same with a history, which every motion is written to before it begins.
+    pub(super) fn recorded(mut self, journal: Arc<Journal>) -> Self {
+        self.journal = Some(journal);
+        self
+    }
+
+    /// Writes a motion that is about to begin.
+    async fn record(
+        &self,
+        axis: AxisName,
+        what: &'static str,
+        to: Option<Millimetres>,
+    ) -> Result<Option<Underway>, Refusal> {
+        let Some(journal) = &self.journal else { return Ok(None) };
+        let from = self.position_mm(axis).ok().map(Millimetres);
+        let underway = journal.begin_motion(axis, what, from, to).await?;
+        // The disk took its time, in which a stop may have come.
+        if self.stopped.load(Ordering::SeqCst) {
+            return Err(Refusal::Stopped);
+        }
+        Ok(Some(underway))
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -175,6 +208,12 @@ impl Motion {
             .map(|sent| sent.duration_since(asked).as_secs_f64() * 1000.0)
             .reduce(f64::max);
         StopReport { focus, e, latency_ms }
+    }
+
+    /// Latches without a motion to stop: the stop of an earlier run, still in force.
+    pub(super) fn latch(&self, since: Option<jiff::Timestamp>) {
+        self.state().stopped_since = since;
+        self.stopped.store(true, Ordering::SeqCst);
     }
 
     /// Allows motion again. Nothing resumes by itself.
@@ -283,6 +322,13 @@ impl Motion {
     pub async fn go_claimed(&self, claim: Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
         let axis = claim.axis;
         self.check(axis, target)?;
+        let underway = self.record(axis, "move", Some(target)).await?;
+        let ended = self.go_by_legs(axis, target).await;
+        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
+        ended
+    }
+
+    async fn go_by_legs(&self, axis: AxisName, target: Millimetres) -> Result<Millimetres, ServiceError> {
         let from = self.bench.stage(axis).state().borrow().position;
         let mut readback = from;
         let legs = self.legs(axis, from, target);
@@ -357,10 +403,13 @@ impl Motion {
     ) -> Result<Millimetres, ServiceError> {
         let axis = claim.axis;
         let end = self.jog_end(axis, towards)?;
+        let underway = self.record(axis, "jog", Some(end)).await?;
         self.state().approached[index(axis)] = false;
         let pieces = self.pieces(pieces::JOG, axis, speed_mm_per_s);
         let next = move |at| pieces.next(at, end);
-        Ok(jog(self.bench.stage(axis), end, speed_mm_per_s, deadman, next).await?)
+        let ended = jog(self.bench.stage(axis), end, speed_mm_per_s, deadman, next).await.map_err(ServiceError::from);
+        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
+        ended
     }
 
     /// Where a jog towards a side would end at the latest.
@@ -416,7 +465,11 @@ impl Motion {
     pub async fn home_claimed(&self, claim: Claim) -> Result<(), ServiceError> {
         let axis = claim.axis;
         self.check_home(axis)?;
-        self.bench.stage(axis).home().await?;
+        let underway = self.record(axis, "home", None).await?;
+        let ended = self.bench.stage(axis).home().await.map_err(ServiceError::from);
+        let at = self.position_mm(axis).ok().map(Millimetres);
+        note_end(underway, ended.as_ref().map(|()| at));
+        ended?;
         for axis in [Some(axis), self.bench.stage(axis).homes_also()].into_iter().flatten() {
             let config = self.axis(axis);
             // Pulling off the switch moves away from the home side, which is an approach from it.
@@ -433,8 +486,11 @@ impl Motion {
         if self.stopped.load(Ordering::SeqCst) {
             return Err(Refusal::Stopped.into());
         }
+        let underway = self.record(axis, "release", None).await?;
         self.state().approached[index(axis)] = false;
-        Ok(self.bench.stage(axis).release().await?)
+        let ended = self.bench.stage(axis).release().await.map_err(ServiceError::from);
+        note_end(underway, ended.as_ref().map(|()| None));
+        ended
     }
 
     /// Asks an axis's controller for its state.

@@ -96,6 +96,22 @@ pub enum Refusal {
         /// What would be right.
         why: String,
     },
+    /// The history cannot be written: a motion without a record must not be.
+    #[error("nothing may move while the history cannot be written: {why}")]
+    NoHistory {
+        /// Why not.
+        why: String,
+    },
+    /// The caller's own name for a request stands for another request.
+    #[error(
+        "the Idempotency-Key {key:?} was used for another request, which became job {job}; use a new key for a new request"
+    )]
+    KeyReused {
+        /// The name.
+        key: String,
+        /// What the other request became.
+        job: Uuid,
+    },
     /// The program is ending.
     #[error("the program is shutting down")]
     ShuttingDown,
@@ -125,6 +141,12 @@ pub enum ServiceError {
     NoSuchJob {
         /// The id asked for.
         id: Uuid,
+    },
+    /// The history cannot be read.
+    #[error("the history cannot be read: {why}")]
+    Unreadable {
+        /// Why not.
+        why: String,
     },
     /// The request does not say what it must.
     #[error("{field}: {what}")]

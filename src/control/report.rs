@@ -20,6 +20,7 @@ pub(super) fn state_name(state: JobState) -> &'static str {
         JobState::NotConverged => "not_converged",
         JobState::Cancelled => "cancelled",
         JobState::Failed => "failed",
+        JobState::Interrupted => "interrupted",
     }
 }
 

@@ -14,12 +14,14 @@ use super::context::{Job, JobContext};
 use super::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView, ShellState};
 use super::eye::Eye;
 use super::job::{JobRequest, JobSnapshot, JobState};
+use super::journal::Journal;
 use super::lease::{LeaseGrant, LeaseRequest, Leases, Permit};
 use super::motion::{Claim, Motion};
 use super::{Refusal, ServiceError, StopReport, runner};
 use crate::config::{Config, Side};
 use crate::device::jog::{Grip, deadman};
 use crate::device::{AxisName, Bench};
+use crate::store::Store;
 use crate::telemetry::BenchGauges;
 use crate::units::Millimetres;
 
@@ -35,6 +37,18 @@ const PULSE: Duration = Duration::from_millis(500);
 const LIVE_INTERVAL: Duration = Duration::from_millis(500);
 /// How long a job may take to stop the axes and to write its report when the program ends.
 const JOB_END_ALLOWED: Duration = Duration::from_secs(3);
+
+/// How long the history may take to come to its end.
+const FLUSH_ALLOWED: Duration = Duration::from_secs(1);
+
+/// Whether a job was accepted now, or had been before under the same name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acceptance {
+    /// Now.
+    Now,
+    /// Before: nothing has begun anew.
+    Before,
+}
 
 /// How long a jog goes on from a request.
 const JOG_HOLD: Duration = Duration::from_millis(300);
@@ -54,6 +68,11 @@ pub struct Service {
     motion: Arc<Motion>,
     leases: Leases,
     eye: Arc<Eye>,
+    pub(super) journal: Arc<Journal>,
+    /// One job at a time is being accepted.
+    accepting: tokio::sync::Mutex<()>,
+    /// Whether the stop was set or reset in this run: then what an earlier run left of it no longer counts.
+    stop_touched: AtomicBool,
     events: broadcast::Sender<Event>,
     jobs: Mutex<Vec<Arc<Job>>>,
     measurement: Mutex<Option<MeasurementView>>,
@@ -70,12 +89,13 @@ pub struct Service {
 
 impl Service {
     /// Starts the service over a bench: its watchers run until [`Service::shut_down`]. `design_origin` says where the
-    /// design's numbers come from.
+    /// design's numbers come from; `store` is the history, without which nothing moves.
     #[must_use]
-    pub fn start(config: Arc<Config>, design_origin: String, bench: Bench) -> Arc<Self> {
+    pub fn start(config: Arc<Config>, design_origin: String, bench: Bench, store: Store) -> Arc<Self> {
         let (events, _) = broadcast::channel(EVENT_QUEUE);
-        let motion = Arc::new(Motion::new(Arc::clone(&config), bench.clone()));
-        let eye = Arc::new(Eye::new(Arc::clone(&config), bench.clone(), Arc::clone(&motion)));
+        let journal = Arc::new(Journal::new(store, &config));
+        let motion = Arc::new(Motion::new(Arc::clone(&config), bench.clone()).recorded(Arc::clone(&journal)));
+        let eye = Arc::new(Eye::new(Arc::clone(&config), bench.clone(), Arc::clone(&motion), Arc::clone(&journal)));
         let service = Arc::new(Self {
             config,
             design_origin,
@@ -83,6 +103,9 @@ impl Service {
             motion,
             leases: Leases::default(),
             eye,
+            journal,
+            accepting: tokio::sync::Mutex::default(),
+            stop_touched: AtomicBool::new(false),
             events,
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
@@ -94,6 +117,8 @@ impl Service {
             tasks: CancellationToken::new(),
         });
         let (watched, measured, leased) = (Arc::clone(&service), Arc::clone(&service), Arc::clone(&service));
+        let kept = Arc::clone(&service);
+        tokio::spawn(async move { kept.tasks.clone().run_until_cancelled(kept.watch_history()).await });
         tokio::spawn(async move { leased.tasks.clone().run_until_cancelled(leased.watch_lease()).await });
         tokio::spawn(async move { watched.tasks.clone().run_until_cancelled(watched.watch_bench()).await });
         tokio::spawn(async move { measured.tasks.clone().run_until_cancelled(measured.watch_focus()).await });
@@ -164,6 +189,7 @@ impl Service {
             lease: self.leases.view(),
             job: self.current().map(|job| job.snapshot().id),
             e_wall_mm: self.motion.e_wall_mm(),
+            history_fault: self.journal.fault(),
         }
     }
 
@@ -207,17 +233,17 @@ impl Service {
         self.measurement.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn all_jobs(&self) -> MutexGuard<'_, Vec<Arc<Job>>> {
+    pub(super) fn all_jobs(&self) -> MutexGuard<'_, Vec<Arc<Job>>> {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The jobs, newest last.
+    /// The newest jobs of this run, newest last.
     #[must_use]
     pub fn jobs(&self) -> Vec<JobSnapshot> {
         self.all_jobs().iter().map(|job| job.snapshot()).collect()
     }
 
-    /// A job.
+    /// A job of this run; [`Service::find_job`] knows those of earlier ones, too.
     ///
     /// # Errors
     /// [`ServiceError::NoSuchJob`].
@@ -260,13 +286,67 @@ impl Service {
         Ok(grant)
     }
 
-    /// Starts a job. It holds the permit's lease until its end.
+    /// Starts a job, which is in the history before this returns. It holds the permit's lease until its end.
     ///
     /// # Errors
-    /// A refusal while another job holds the bench, an axis still moves by hand, the stop is latched, or the program
-    /// ends.
-    pub fn create_job(self: &Arc<Self>, permit: &Permit, request: JobRequest) -> Result<JobSnapshot, ServiceError> {
+    /// A refusal while another job holds the bench, an axis still moves by hand, the stop is latched, the history cannot
+    /// be written, or the program ends.
+    pub async fn create_job(
+        self: &Arc<Self>,
+        permit: &Permit,
+        request: JobRequest,
+    ) -> Result<JobSnapshot, ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        self.accept_job(permit, request, None).await
+    }
+
+    /// Starts a job under the caller's own name for it: asked again within a day, it is the same job, whoever has the
+    /// lease by then.
+    ///
+    /// # Errors
+    /// As [`Service::create_job`], and a refusal where that name stands for another request.
+    pub async fn create_job_once(
+        self: &Arc<Self>,
+        permit: Result<Permit, ServiceError>,
+        request: JobRequest,
+        key: String,
+    ) -> Result<(JobSnapshot, Acceptance), ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        if let Some(job) = self.job_of_key(&request, &key).await? {
+            return Ok((job, Acceptance::Before));
+        }
+        Ok((self.accept_job(&permit?, request, Some(key)).await?, Acceptance::Now))
+    }
+
+    async fn accept_job(
+        self: &Arc<Self>,
+        permit: &Permit,
+        request: JobRequest,
+        key: Option<String>,
+    ) -> Result<JobSnapshot, ServiceError> {
         request.check()?;
+        self.history_ready().await?;
+        let (job, context) = self.reserve(permit, &request, key)?;
+        if let Err(error) = self.journal.begin_job(job.chronicle()).await {
+            let id = job.snapshot().id;
+            self.all_jobs().retain(|other| !Arc::ptr_eq(other, &job));
+            self.leases.unbind(id);
+            self.journal.forget_job(id);
+            return Err(error.into());
+        }
+        self.failures().clear();
+        let service = Arc::clone(self);
+        tokio::spawn(async move { service.run(context).await });
+        Ok(job.snapshot())
+    }
+
+    /// Gives the bench to a new job.
+    fn reserve(
+        &self,
+        permit: &Permit,
+        request: &JobRequest,
+        key: Option<String>,
+    ) -> Result<(Arc<Job>, JobContext), ServiceError> {
         self.open_for_motion()?;
         if self.motion.stop_view().latched {
             return Err(Refusal::Stopped.into());
@@ -278,21 +358,19 @@ impl Service {
         for axis in AxisName::ALL {
             self.motion.claim(axis)?;
         }
-        let (job, context) = Job::new(&request, permit.owner(), self.events.clone(), self.bench.simulated.clone());
+        let (journal, operator) = (Arc::clone(&self.journal), self.bench.simulated.clone());
+        let (job, context) = Job::new(request, key, permit.owner(), journal, self.events.clone(), operator);
         self.leases.bind(permit, job.snapshot().id)?;
         if jobs.len() >= MAX_JOBS {
             jobs.remove(0);
         }
         jobs.push(Arc::clone(&job));
-        drop(jobs);
-        self.failures().clear();
-        let service = Arc::clone(self);
-        tokio::spawn(async move { service.run(context).await });
-        Ok(job.snapshot())
+        Ok((job, context))
     }
 
     async fn run(&self, context: JobContext) {
         runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin).await;
+        self.journal.end_job();
         self.leases.unbind(context.snapshot().id);
         self.publish_bench();
     }
@@ -343,7 +421,7 @@ impl Service {
     ///
     /// # Errors
     /// Every motion rule, before anything moves.
-    pub fn move_axis(
+    pub async fn move_axis(
         self: &Arc<Self>,
         _permit: &Permit,
         axis: AxisName,
@@ -351,6 +429,7 @@ impl Service {
     ) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check(axis, target)?;
+        self.history_ready().await?;
         self.failures().remove(&axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
@@ -364,9 +443,10 @@ impl Service {
     ///
     /// # Errors
     /// A refusal before anything moves.
-    pub fn home_axis(self: &Arc<Self>, _permit: &Permit, axis: AxisName) -> Result<BenchView, ServiceError> {
+    pub async fn home_axis(self: &Arc<Self>, _permit: &Permit, axis: AxisName) -> Result<BenchView, ServiceError> {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check_home(axis)?;
+        self.history_ready().await?;
         self.failures().remove(&axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
@@ -385,7 +465,7 @@ impl Service {
     ///
     /// # Errors
     /// Every motion rule, before anything moves; a jog another way while one is under way.
-    pub fn jog(
+    pub async fn jog(
         self: &Arc<Self>,
         _permit: &Permit,
         axis: AxisName,
@@ -398,11 +478,11 @@ impl Service {
             let what = format!("{speed} is not above 0 and at most {greatest}");
             return Err(ServiceError::Invalid { field: "speed_mm_per_s", what });
         }
-        let mut jogs = self.jogs();
-        if let Some(jog) = jogs.get(&axis).filter(|jog| (jog.towards, jog.speed) == (towards, speed)) {
-            jog.grip.renew(JOG_HOLD);
+        if self.renew_jog(axis, towards, speed) {
             return Ok(self.bench_view());
         }
+        self.history_ready().await?;
+        let mut jogs = self.jogs();
         let claim = self.claim_for_hand(axis)?;
         self.motion.jog_end(axis, towards)?;
         self.failures().remove(&axis);
@@ -417,6 +497,13 @@ impl Service {
             service.ended_by_hand(axis, ended.map(drop));
         });
         Ok(self.bench_view())
+    }
+
+    /// Has a jog that is under way go on; the disk is not waited for. Returns whether there is one this way.
+    fn renew_jog(&self, axis: AxisName, towards: Side, speed: f64) -> bool {
+        let jogs = self.jogs();
+        let same = jogs.get(&axis).filter(|jog| (jog.towards, jog.speed) == (towards, speed));
+        same.inspect(|jog| jog.grip.renew(JOG_HOLD)).is_some()
     }
 
     /// Lets a jog go: the axis is stopped. Nothing happens where there is none.
@@ -443,7 +530,10 @@ impl Service {
     pub async fn stop(&self, asked: Instant) -> StopReport {
         // The job of now: stopping takes a while, in which the stop may be reset and another job begin.
         let job = self.current();
+        self.stop_touched.store(true, Ordering::SeqCst);
         let report = self.motion.stop_asked(asked).await;
+        // After the axes: the disk may be slow, and is not waited for.
+        self.journal.put_stop(&self.motion.stop_view());
         if let Some(job) = job {
             job.cancel("stopped".to_owned());
         }
@@ -453,7 +543,9 @@ impl Service {
 
     /// Allows motion again; nothing resumes by itself.
     pub fn reset_stop(&self) -> BenchView {
+        self.stop_touched.store(true, Ordering::SeqCst);
         self.motion.reset_stop();
+        self.journal.put_stop(&self.motion.stop_view());
         self.publish_bench();
         self.bench_view()
     }
@@ -469,6 +561,57 @@ impl Service {
             ended(&job).await;
         }
         self.tasks.cancel();
+        if tokio::time::timeout(FLUSH_ALLOWED, self.journal.end()).await.is_err() {
+            tracing::error!("the history was not written to its end in time");
+        }
+    }
+
+    /// Returns once it is known what an earlier run has left, or that the history cannot be read now.
+    pub async fn open_history(&self) {
+        if let Err(error) = self.history_ready().await {
+            tracing::error!(%error, "the history is not open");
+        }
+    }
+
+    /// Makes sure that the history can be written; in a file that does not know this run yet, it does so from here on,
+    /// and a stop that an earlier run left latched is latched again.
+    pub(super) async fn history_ready(&self) -> Result<(), ServiceError> {
+        let jobs = || self.all_jobs().iter().map(|job| job.chronicle()).collect();
+        if !self.journal.ready(jobs).await? {
+            return Ok(());
+        }
+        if self.stop_touched.swap(true, Ordering::SeqCst) {
+            // Stopped or reset while it could not be written.
+            self.journal.put_stop(&self.motion.stop_view());
+        } else {
+            match self.journal.kept_stop().await {
+                Ok(Some(stop)) if stop.latched => {
+                    tracing::warn!(since = ?stop.since, "the stop of an earlier run is still latched");
+                    self.motion.latch(stop.since);
+                }
+                Ok(_) => {}
+                Err(error) => {
+                    self.stop_touched.store(false, Ordering::SeqCst);
+                    return Err(error.into());
+                }
+            }
+        }
+        self.publish_bench();
+        Ok(())
+    }
+
+    /// Keeps the history going: knows when it can be written and when not, and tells.
+    async fn watch_history(&self) {
+        let mut health = self.journal.store().health();
+        loop {
+            if let Err(error) = self.history_ready().await {
+                tracing::warn!(%error, "nothing moves for now");
+            }
+            self.publish_bench();
+            if health.changed().await.is_err() {
+                return;
+            }
+        }
     }
 
     /// Publishes the bench's state whenever the lease's changes, and when it runs out.

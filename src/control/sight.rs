@@ -9,10 +9,14 @@ use crate::imaging::calibration::{Calibration, CalibrationError, CalibrationOpti
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, measure_frames, prepare_frame};
 use crate::imaging::spacing::{SpacingMap, SpacingOptions};
+use crate::imaging::view::View;
 use crate::imaging::{clarity, view};
 use crate::optics::CameraDesign;
 use crate::optics::mla::{a_from_spacing, micro_image_pitch};
 use crate::raw::{CfaPattern, RawImage};
+
+/// JPEG quality of the pictures kept with a job.
+const JPEG_QUALITY: u8 = 85;
 
 /// What a triple-level board says about the camera.
 #[derive(Debug, Clone, Copy)]
@@ -51,6 +55,8 @@ pub(super) struct Measured {
     pub(super) window_px: f64,
     /// Energy of gradient of the central view, mean per pixel.
     pub(super) eog: Option<f64>,
+    /// The central view of the last frame, a JPEG, of a single board.
+    pub(super) picture: Option<Arc<Vec<u8>>>,
     /// The spacing micro-image by micro-image, of a single board.
     pub(super) map: Option<Arc<SpacingMap>>,
 }
@@ -130,12 +136,11 @@ impl Sight {
     pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, String> {
         let seen = measure_frames(images.iter().copied(), Some(&self.white), &self.options())
             .map_err(|error| error.to_string())?;
-        let eog = images.last().and_then(|image| {
+        let view = images.last().and_then(|image| {
             let profile = Some(&self.white.vignetting);
-            let view =
-                view::central_view(&evened(image, self.mosaic), &seen.grid, profile, seen.spacing.on_axis_px).ok()?;
-            Some(clarity::eog(&view).mean_per_pixel)
+            view::central_view(&evened(image, self.mosaic), &seen.grid, profile, seen.spacing.on_axis_px).ok()
         });
+        let eog = view.as_ref().map(|view| clarity::eog(view).mean_per_pixel);
         let spacing = SpacingReading {
             spacing_px: seen.spacing.on_axis_px,
             spacing_sigma_px: seen.spacing.sigma_px,
@@ -151,6 +156,7 @@ impl Sight {
             micro_image_pitch_px: seen.grid.pitch_px(),
             window_px: seen.spacing.window_px,
             eog,
+            picture: view.and_then(jpeg),
             map,
         })
     }
@@ -227,7 +233,7 @@ impl Sight {
             frames: images.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
-        Ok((camera, Measured { spacing, micro_image_pitch_px, window_px, eog: None, map: None }))
+        Ok((camera, Measured { spacing, micro_image_pitch_px, window_px, eog: None, picture: None, map: None }))
     }
 
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
@@ -246,7 +252,7 @@ impl Sight {
             image_distance_sigma_mm: spread,
             repeatability_mm: Some(spread.min(a * a / (b * pitch) * measured.spacing.spacing_sigma_px * self.pixel_mm)),
         };
-        Ok((camera, Measured { eog: None, ..measured }))
+        Ok((camera, Measured { eog: None, picture: None, ..measured }))
     }
 
     /// What three boards taken as one may be off by, mm of image distance: the mean over boards that fill unequal parts
@@ -255,6 +261,15 @@ impl Sight {
         let image = |distance: f64| self.design.main_lens.image_distance(distance);
         (image(levels_mm[0]) - image(levels_mm[2])).abs() / 4.0
     }
+}
+
+/// A view as a picture; `None` for one that no encoder takes.
+fn jpeg(view: View) -> Option<Arc<Vec<u8>>> {
+    let (width, height) = (u16::try_from(view.width).ok()?, u16::try_from(view.height).ok()?);
+    let mut bytes = Vec::new();
+    let encoder = jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY);
+    encoder.encode(&view.to_u8(), width, height, jpeg_encoder::ColorType::Luma).ok()?;
+    Some(Arc::new(bytes))
 }
 
 /// What a white frame's grid and the configuration disagree on.

@@ -1,5 +1,8 @@
 //! The mechanics that a stage twin's motors turn: what a controller's firmware can act on and sense.
 
+use std::fs::File;
+use std::io::{self, Write as _};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::stage::PULL_OFF_MM;
@@ -86,5 +89,43 @@ impl Plant for Slides {
                 at > s.home_switch + 1e-3 || at < s.far_switch
             }
         })
+    }
+}
+
+/// Slides that write down every motion: a line for each step told, with the time (microseconds since
+/// 1970-01-01T00:00:00Z), the axis's number and where the slide stands, mm.
+#[derive(Debug)]
+pub struct RecordedSlides {
+    slides: Arc<Slides>,
+    record: Mutex<File>,
+}
+
+impl RecordedSlides {
+    /// The slides with a record that begins anew.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn new(slides: Arc<Slides>, path: &Path) -> io::Result<Arc<Self>> {
+        Ok(Arc::new(Self { slides, record: Mutex::new(File::create(path)?) }))
+    }
+}
+
+impl Plant for RecordedSlides {
+    fn motor_moved(&self, axis: usize, position_mm: f64) {
+        self.slides.motor_moved(axis, position_mm);
+        let (at, now) = (self.slides.at(axis), jiff::Timestamp::now().as_microsecond());
+        let mut record = self.record.lock().unwrap_or_else(PoisonError::into_inner);
+        // One write a line: whoever reads along never sees half of one.
+        if let Err(error) = record.write_all(format!("{now} {axis} {at:.4}\n").as_bytes()) {
+            tracing::error!(%error, "the stage's record cannot be written");
+        }
+    }
+
+    fn home_switch_closed(&self, axis: usize) -> bool {
+        self.slides.home_switch_closed(axis)
+    }
+
+    fn limit_switch_closed(&self, axis: usize) -> bool {
+        self.slides.limit_switch_closed(axis)
     }
 }

@@ -92,7 +92,7 @@ async fn health_contract_configuration_and_jobs_can_be_read() {
     let design: Value = daemon.get("/api/v1/design").await.json().await.unwrap();
     assert!((design["joint"]["delta_v_mm"].as_f64().unwrap() - 2.20504).abs() < 1e-5, "{design}");
     let jobs: Value = daemon.get("/api/v1/jobs").await.json().await.unwrap();
-    assert_eq!(jobs, json!({ "jobs": [] }));
+    assert_eq!(jobs, json!({ "jobs": [], "next": null, "history_fault": null }));
     problem(daemon.get("/api/v1/measurement").await, 404, "no-measurement").await;
 }
 

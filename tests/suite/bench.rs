@@ -8,6 +8,7 @@ use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot};
 use plenalign::control::lease::{LeaseRequest, Permit};
 use plenalign::control::{Service, open_bench};
+use plenalign::store::Store;
 use tokio::sync::broadcast::error::RecvError;
 
 /// The reference bench with a sensor small enough to render in a blink.
@@ -24,7 +25,7 @@ pub(crate) fn small_config(seed: u64) -> Config {
 pub(crate) async fn service(config: Config) -> Arc<Service> {
     let config = Arc::new(config);
     let bench = open_bench(&config).await.unwrap();
-    Service::start(config, "a test's configuration".to_owned(), bench)
+    Service::start(config, "a test's configuration".to_owned(), bench, Store::in_memory())
 }
 
 /// The control lease, taken over from whatever the test had before.
@@ -37,7 +38,7 @@ pub(crate) fn permit(service: &Service) -> Permit {
 /// Runs a joint alignment to its end.
 pub(crate) async fn align(service: &Arc<Service>) -> JobSnapshot {
     let mut events = service.subscribe();
-    let id = service.create_job(&permit(service), JobRequest::of(JobKind::JointAlignment)).unwrap().id;
+    let id = service.create_job(&permit(service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
     loop {
         match events.recv().await {
             Ok(Event::Job { job }) if job.state.is_final() => break,

@@ -9,6 +9,7 @@ use plenalign::api::server::{ServerSettings, serve, use_ring};
 use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
 use plenalign::device::Bench;
+use plenalign::store::Store;
 use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
 use tokio::sync::OnceCell;
@@ -16,6 +17,7 @@ use tokio::sync::OnceCell;
 pub(crate) struct Daemon {
     pub(crate) address: std::net::SocketAddr,
     pub(crate) api: Api,
+    pub(crate) service: Arc<Service>,
     pub(crate) client: Client,
     /// Key of the control lease, once taken.
     lease: OnceCell<String>,
@@ -30,18 +32,27 @@ impl Daemon {
     }
 
     pub(crate) async fn start_with(config: Config, bench: Bench) -> Self {
-        let gate = Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(LogAudit));
-        Self::start_behind(config, bench, gate, ServerSettings::default()).await
+        Self::start_keeping(config, bench, Store::in_memory()).await
     }
 
     /// A daemon behind a gate of the test's own.
     pub(crate) async fn start_behind(config: Config, bench: Bench, gate: Gate, settings: ServerSettings) -> Self {
+        Self::start_whole(config, bench, gate, settings, Store::in_memory()).await
+    }
+
+    /// A daemon with a history that the test has a hand on.
+    pub(crate) async fn start_keeping(config: Config, bench: Bench, store: Store) -> Self {
+        let gate = Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(LogAudit));
+        Self::start_whole(config, bench, gate, ServerSettings::default(), store).await
+    }
+
+    async fn start_whole(config: Config, bench: Bench, gate: Gate, settings: ServerSettings, store: Store) -> Self {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench);
-        let api = Api::new(service, Arc::new(gate), address, ConfigOrigin::Preset);
+        let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench, store);
+        let api = Api::new(Arc::clone(&service), Arc::new(gate), address, ConfigOrigin::Preset);
         tokio::spawn(serve(listener, api.router(), settings, api.closing()));
-        Self { address, api, client: client(), lease: OnceCell::new() }
+        Self { address, api, service, client: client(), lease: OnceCell::new() }
     }
 
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {

@@ -13,7 +13,7 @@ use super::bench::{permit, service, small_config};
 
 async fn run(service: &Arc<Service>, request: JobRequest) -> JobSnapshot {
     let mut events = service.subscribe();
-    let id = service.create_job(&permit(service), request).unwrap().id;
+    let id = service.create_job(&permit(service), request).await.unwrap().id;
     loop {
         match events.recv().await {
             Ok(Event::Job { job }) if job.id == id && job.state.is_final() => break,

@@ -14,7 +14,8 @@ async fn a_stop_ends_the_job_of_its_moment_and_no_later_one() {
     let mut config = small_config(1);
     config.bench.simulation.operator_confirms = false;
     let service = service(config).await;
-    let begin = || service.create_job(&permit(&service), JobRequest::of(JobKind::JointAlignment)).unwrap().id;
+    let begin =
+        async || service.create_job(&permit(&service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
     let stop = || {
         let service = Arc::clone(&service);
         tokio::spawn(async move { service.stop(tokio::time::Instant::now()).await })
@@ -25,7 +26,7 @@ async fn a_stop_ends_the_job_of_its_moment_and_no_later_one() {
         }
     };
 
-    let first = begin();
+    let first = begin().await;
     sleep(Duration::from_millis(500)).await;
     let stopped = stop().await.unwrap();
     assert_eq!((stopped.focus, stopped.e), (StopDelivery::Confirmed, StopDelivery::Confirmed));
@@ -39,7 +40,7 @@ async fn a_stop_ends_the_job_of_its_moment_and_no_later_one() {
     let stopping = stop();
     latched().await;
     service.reset_stop();
-    let second = begin();
+    let second = begin().await;
     assert!(!stopping.is_finished());
     stopping.await.unwrap();
     while matches!(service.job(second).unwrap().state, JobState::Pending | JobState::Running) {

@@ -25,6 +25,8 @@ fn sources() -> Vec<(PathBuf, String)> {
 /// Modules that the module in the first place may name.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("units", &[]),
+    ("state_folder", &[]),
+    ("store", &[]),
     ("telemetry", &[]),
     ("raw", &[]),
     ("optics", &["units"]),
@@ -33,9 +35,29 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("config", &["optics", "units", "raw", "access"]),
     ("device", &["optics", "units", "raw", "config", "telemetry"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
-    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "access", "telemetry"]),
-    ("api", &["optics", "units", "raw", "config", "device", "imaging", "control", "access", "telemetry"]),
-    ("cli", &["optics", "units", "raw", "config", "device", "imaging", "control", "sim", "api", "access", "telemetry"]),
+    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "store", "access", "telemetry"]),
+    (
+        "api",
+        &["optics", "units", "raw", "config", "device", "imaging", "store", "state_folder", "control", "access", "telemetry"],
+    ),
+    (
+        "cli",
+        &[
+            "optics",
+            "units",
+            "raw",
+            "config",
+            "device",
+            "imaging",
+            "store",
+            "state_folder",
+            "control",
+            "sim",
+            "api",
+            "access",
+            "telemetry",
+        ],
+    ),
 ];
 
 #[test]

@@ -124,8 +124,10 @@ export function pictureState(state: State, now: number): PictureState {
   return state.link === "open" && age <= STALE_MS ? "fresh" : "stale";
 }
 
+const FINAL: JobState[] = ["converged", "succeeded", "not_converged", "cancelled", "failed", "interrupted"];
+
 export function isFinal(state: JobState): boolean {
-  return ["converged", "succeeded", "not_converged", "cancelled", "failed"].includes(state);
+  return FINAL.includes(state);
 }
 
 /** The job under way, or else the newest. */

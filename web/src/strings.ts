@@ -19,6 +19,7 @@ export const strings = {
   stoppedMore: "Motion is refused until the stop is reset.",
   stopSent: (focus: string, e: string) => `focus axis: ${focus}; e axis: ${e}`,
   resetStop: "Reset stop",
+  historyFault: "Nothing can be moved",
   leaseOwner: "a browser",
   leaseFree: "Nobody has control.",
   leaseMine: "This page has control.",
@@ -79,6 +80,7 @@ export const strings = {
     not_converged: "Not converged",
     cancelled: "Cancelled",
     failed: "Failed",
+    interrupted: "Interrupted",
   } satisfies Record<JobState, string>,
   iterations: "Iterations",
   columns: {

@@ -68,6 +68,13 @@ export function App({ state, now, update, enter, leave }: Props) {
             {state.link === "lost" ? strings.lost : strings.connecting}
           </p>
         )}
+        {state.bench?.history_fault && (
+          <p class="problem" role="alert" id="history-fault">
+            <span>
+              <b>{strings.historyFault}.</b> {state.bench.history_fault}
+            </span>
+          </p>
+        )}
         {state.problem && <ProblemLine problem={state.problem} dismiss={() => update({ problem: null })} />}
       </header>
       <main data-link={state.link}>

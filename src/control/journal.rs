@@ -1,0 +1,331 @@
+//! What control keeps of what it does: every record goes to the history as it happens, and what has to be there before
+//! anything moves is waited for.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use jiff::Timestamp;
+use serde::Serialize;
+use serde_json::{Value, json};
+use uuid::Uuid;
+
+use super::events::{MeasurementView, StopView};
+use super::job::{JobSnapshot, OperatorStep};
+use super::refusal::{Refusal, ServiceError};
+use crate::config::Config;
+use crate::device::AxisName;
+use crate::store::records::{self, Entry, Kept, Line, Move, Picture, Run};
+use crate::store::{Store, StoreError, Writer, read};
+use crate::units::Millimetres;
+
+/// Where the stop's latch is kept beyond a run.
+const STOP_KEY: &str = "stop";
+/// What is said of a job that its program left without an end.
+const INTERRUPTED_REASON: &str =
+    "the program ended before the job did; its records up to then are kept, and the axes have to be homed again";
+
+/// The history as control writes it.
+pub(super) struct Journal {
+    store: Store,
+    run: Run,
+    /// The job that holds the bench: motion belongs to it.
+    job: Mutex<Option<Uuid>>,
+    /// For which opening of the file this run has been begun in it.
+    begun: tokio::sync::Mutex<Option<u64>>,
+}
+
+impl From<StoreError> for Refusal {
+    fn from(error: StoreError) -> Self {
+        Self::NoHistory { why: error.to_string() }
+    }
+}
+
+impl From<StoreError> for ServiceError {
+    fn from(error: StoreError) -> Self {
+        Refusal::from(error).into()
+    }
+}
+
+impl Journal {
+    pub(super) fn new(store: Store, config: &Config) -> Self {
+        let configuration = toml::to_string(config).unwrap_or_else(|error| {
+            tracing::error!(%error, "the configuration cannot be written as TOML");
+            String::new()
+        });
+        let run = Run {
+            id: Uuid::now_v7(),
+            bench: config.bench.name(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            configuration,
+            started_at: Timestamp::now(),
+        };
+        Self { store, run, job: Mutex::new(None), begun: tokio::sync::Mutex::new(None) }
+    }
+
+    pub(super) const fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// The bench's name in the history.
+    pub(super) fn bench(&self) -> &str {
+        &self.run.bench
+    }
+
+    /// Why the history cannot be written, which keeps every axis still; `None` while it can.
+    pub(super) fn fault(&self) -> Option<String> {
+        self.store.health().borrow().fault().map(str::to_owned)
+    }
+
+    /// Makes sure that the history can be written and knows this run. In a file that does not, what earlier runs on the
+    /// bench left open is closed first, and `jobs` are written whole. Returns whether that was so.
+    pub(super) async fn ready(&self, jobs: impl FnOnce() -> Vec<Chronicle>) -> Result<bool, StoreError> {
+        let mut begun = self.begun.lock().await;
+        let opened = self.store.write(|writer| Ok(writer.opened())).await?;
+        if *begun == Some(opened) {
+            return Ok(false);
+        }
+        let (run, jobs) = (self.run.clone(), jobs());
+        let interrupted = self
+            .store
+            .write(move |writer| {
+                writer.begin_run(&run)?;
+                let interrupted = writer.interrupt(&run, INTERRUPTED_REASON)?;
+                for job in jobs {
+                    job.write(writer)?;
+                }
+                Ok(interrupted)
+            })
+            .await?;
+        for job in interrupted.jobs {
+            tracing::warn!(%job, "an earlier run of the program ended before this job did");
+        }
+        *begun = Some(opened);
+        Ok(true)
+    }
+
+    fn current(&self) -> MutexGuard<'_, Option<Uuid>> {
+        self.job.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes a job that has just been accepted, and returns once it is on the disk. Motion belongs to it from now on.
+    pub(super) async fn begin_job(&self, job: Chronicle) -> Result<(), StoreError> {
+        let id = job.id;
+        self.store.write(move |writer| job.write(writer)).await?;
+        *self.current() = Some(id);
+        Ok(())
+    }
+
+    /// Motion belongs to a job no longer.
+    pub(super) fn end_job(&self) {
+        *self.current() = None;
+    }
+
+    /// Takes back a job that was not written in time: it may have come to the disk late.
+    pub(super) fn forget_job(&self, id: Uuid) {
+        self.store.queue(move |writer| writer.forget_job(id));
+    }
+
+    /// Writes what is new of a job, without waiting.
+    pub(super) fn note(&self, job: Chronicle) {
+        self.store.queue(move |writer| job.write(writer));
+    }
+
+    /// What of a job is to be written: everything after so many lines and iterations, and the job itself if `whole`.
+    pub(super) fn chronicle(
+        &self,
+        snapshot: &JobSnapshot,
+        key: Option<&str>,
+        written: Written,
+        whole: bool,
+    ) -> Chronicle {
+        let number = |index: usize| index as u64 + 1;
+        let iterations = snapshot
+            .iterations
+            .iter()
+            .enumerate()
+            .skip(written.iterations)
+            .map(|(index, iteration)| Entry { number: number(index), at: iteration.at, document: document(iteration) });
+        let lines = snapshot.log.iter().enumerate().skip(written.lines).map(|(index, line)| Line {
+            number: number(index),
+            at: line.at,
+            message: line.message.clone(),
+        });
+        let (iterations, lines) = (iterations.collect(), lines.collect());
+        Chronicle { id: snapshot.id, job: whole.then(|| self.record(snapshot, key)), iterations, lines }
+    }
+
+    fn record(&self, snapshot: &JobSnapshot, key: Option<&str>) -> records::Job {
+        let bare = JobSnapshot { iterations: Vec::new(), log: Vec::new(), ..snapshot.clone() };
+        records::Job {
+            id: snapshot.id,
+            run: self.run.id,
+            kind: word(&snapshot.kind),
+            state: word(&snapshot.state),
+            simulated: snapshot.simulated,
+            generation: snapshot.generation,
+            created_at: snapshot.created_at,
+            ended_at: snapshot.ended_at,
+            reason: snapshot.reason.clone(),
+            request: document(&snapshot.request),
+            idempotency_key: key.map(str::to_owned),
+            document: document(&bare),
+        }
+    }
+
+    /// Adds a job's measurement.
+    pub(super) fn measured(&self, measurement: &MeasurementView) {
+        let (job, at, document) = (*self.current(), measurement.captured_at, document(measurement));
+        self.store.queue(move |writer| writer.add_measurement(job, at, &document));
+    }
+
+    /// Writes what the operator is asked to do, or, with `confirmed_at`, that it is done.
+    pub(super) fn operator_step(
+        &self,
+        job: Uuid,
+        step: &OperatorStep,
+        asked_at: Timestamp,
+        confirmed_at: Option<Timestamp>,
+    ) {
+        let step = records::OperatorStep { number: step.number, document: document(step), asked_at, confirmed_at };
+        self.store.queue(move |writer| writer.put_operator_step(job, &step));
+    }
+
+    /// Keeps a picture with a job.
+    pub(super) fn picture(&self, job: Uuid, picture: Picture) {
+        self.store.queue(move |writer| writer.put_picture(job, &picture));
+    }
+
+    /// Writes a motion that is about to begin, and returns once it is on the disk, with everything before it.
+    pub(super) async fn begin_motion(
+        self: &Arc<Self>,
+        axis: AxisName,
+        what: &'static str,
+        from: Option<Millimetres>,
+        to: Option<Millimetres>,
+    ) -> Result<Underway, Refusal> {
+        let (run, id) = (self.run.id, Uuid::now_v7());
+        let motion = Move {
+            id,
+            job: *self.current(),
+            axis: axis.name().to_owned(),
+            what: what.to_owned(),
+            from_mm: from.map(Millimetres::value),
+            to_mm: to.map(Millimetres::value),
+            started_at: Timestamp::now(),
+            ended_at: None,
+            end_mm: None,
+            outcome: None,
+        };
+        self.store.write(move |writer| writer.begin_move(run, &motion)).await?;
+        Ok(Underway { journal: Arc::clone(self), id, open: true })
+    }
+
+    /// Keeps a value for this bench beyond the run, without waiting.
+    pub(super) fn put(&self, key: &str, value: Value) {
+        let kept = Kept { bench: self.run.bench.clone(), key: key.to_owned(), value };
+        self.store.queue(move |writer| writer.keep(&kept));
+    }
+
+    /// A value kept for this bench.
+    pub(super) async fn get(&self, key: &str) -> Result<Option<Value>, StoreError> {
+        let (bench, key) = (self.run.bench.clone(), key.to_owned());
+        self.store.read(move |connection| read::kept(connection, &bench, &key)).await
+    }
+
+    /// Keeps the stop's latch.
+    pub(super) fn put_stop(&self, stop: &StopView) {
+        self.put(STOP_KEY, document(stop));
+    }
+
+    /// The stop's latch as an earlier run left it.
+    pub(super) async fn kept_stop(&self) -> Result<Option<StopView>, StoreError> {
+        let kept = self.get(STOP_KEY).await?;
+        // What cannot be read counts as a stop: nothing moves until somebody has looked.
+        let unreadable = StopView { latched: true, since: None };
+        Ok(kept.map(|value| serde_json::from_value(value).unwrap_or(unreadable)))
+    }
+
+    /// Adds to the audit log.
+    pub(super) fn audit(&self, audit: records::Audit) {
+        self.store.queue(move |writer| writer.add_audit(&audit));
+    }
+
+    /// Ends the run in good order; returns when everything is written, or cannot be.
+    pub(super) async fn end(&self) {
+        let run = self.run.id;
+        self.store.queue(move |writer| writer.end_run(run, Timestamp::now()));
+        self.store.flush().await;
+    }
+}
+
+/// How much of a job has been given to the history.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Written {
+    /// Iterations.
+    pub(super) iterations: usize,
+    /// Lines of the log.
+    pub(super) lines: usize,
+}
+
+/// What is to be written of a job.
+pub(super) struct Chronicle {
+    id: Uuid,
+    job: Option<records::Job>,
+    iterations: Vec<Entry>,
+    lines: Vec<Line>,
+}
+
+impl Chronicle {
+    fn write(&self, writer: &Writer<'_>) -> rusqlite::Result<()> {
+        if let Some(job) = &self.job {
+            writer.put_job(job)?;
+        }
+        for line in &self.lines {
+            writer.put_line(self.id, line)?;
+        }
+        self.iterations.iter().try_for_each(|iteration| writer.put_iteration(self.id, iteration))
+    }
+}
+
+/// A motion that the history knows to be under way. Dropped, it was given up: by a stop, a cancellation or a fault.
+pub(super) struct Underway {
+    journal: Arc<Journal>,
+    id: Uuid,
+    open: bool,
+}
+
+impl Underway {
+    /// The motion is over.
+    pub(super) fn ended(mut self, end: Result<Option<Millimetres>, &ServiceError>) {
+        match end {
+            Ok(position) => self.close(position, "done"),
+            Err(error) => self.close(None, &error.to_string()),
+        }
+    }
+
+    fn close(&mut self, position: Option<Millimetres>, outcome: &str) {
+        self.open = false;
+        let (id, end_mm, outcome) = (self.id, position.map(Millimetres::value), outcome.to_owned());
+        self.journal.store.queue(move |writer| writer.end_move(id, Timestamp::now(), end_mm, &outcome));
+    }
+}
+
+impl Drop for Underway {
+    fn drop(&mut self) {
+        if self.open {
+            self.close(None, "given up");
+        }
+    }
+}
+
+/// A value as JSON.
+fn document(value: &impl Serialize) -> Value {
+    serde_json::to_value(value).unwrap_or_else(|error| {
+        tracing::error!(%error, "a record cannot be written as JSON");
+        json!(null)
+    })
+}
+
+/// The word for a state or a kind, as on the wire.
+pub(super) fn word(value: &impl Serialize) -> String {
+    document(value).as_str().unwrap_or_default().to_owned()
+}

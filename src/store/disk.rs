@@ -1,0 +1,49 @@
+//! What the disk says before anything is written: whether the file is still the one that was opened, and whether there
+//! is room.
+
+use std::fs;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::Path;
+
+use nix::sys::statvfs::{FsFlags, statvfs};
+
+use super::health::StoreError;
+
+/// Room that has to be left before motion may begin, bytes: a job's records and pictures need a tenth of it.
+const ROOM_BYTES: u64 = 4 << 20;
+
+/// Which file a path led to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Identity {
+    device: u64,
+    inode: u64,
+}
+
+impl Identity {
+    /// Of the file at a path; `None` where there is none.
+    pub(super) fn of(path: &Path) -> Option<Self> {
+        let found = fs::metadata(path).ok()?;
+        Some(Self { device: found.dev(), inode: found.ino() })
+    }
+}
+
+/// Whether the disk below a file can be written and has room.
+pub(super) fn check(file: &Path) -> Result<(), StoreError> {
+    let folder = file.parent().unwrap_or(file);
+    let said = statvfs(folder).map_err(|error| StoreError::Unusable(format!("{}: {error}", folder.display())))?;
+    if said.flags().contains(FsFlags::ST_RDONLY) {
+        return Err(StoreError::Unusable(format!("the disk of {} is mounted read-only", folder.display())));
+    }
+    // The C library's widths differ between machines.
+    #[allow(clippy::unnecessary_cast)]
+    let free = said.blocks_available() as u64 * said.fragment_size() as u64;
+    if free < ROOM_BYTES {
+        return Err(StoreError::Unusable(format!(
+            "the disk of {} is full: {} kB are free, {} kB are needed",
+            folder.display(),
+            free >> 10,
+            ROOM_BYTES >> 10
+        )));
+    }
+    Ok(())
+}

@@ -1,0 +1,199 @@
+//! The history on disk: plain records in, plain records out, in one SQLite file in the state folder.
+//!
+//! A thread of its own owns the connection that writes; commands reach it through a bounded queue, in order, each
+//! committed before the next. Nobody waits for the disk who does not ask to: [`Store::queue`] returns at once,
+//! [`Store::write`] waits, but not for ever. Reading has a connection of its own and never waits for writing.
+//!
+//! A file that cannot be written (disk full, read-only, folder gone) is not the end: [`Store::health`] says why, the
+//! thread tries again every second, and goes on when it can.
+
+mod disk;
+mod health;
+pub mod read;
+pub mod records;
+mod schema;
+mod worker;
+pub mod write;
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use rusqlite::Connection;
+use tokio::sync::watch;
+
+pub use health::{Health, StoreError};
+pub use read::{JobFilter, Page};
+pub use worker::Place;
+pub use write::Writer;
+
+use worker::{Command, Transact};
+
+/// The history's file within the state folder.
+pub const FILE_NAME: &str = "history.db";
+/// Commands that may wait for the disk; more means that it has stopped taking any.
+const QUEUE: usize = 4096;
+/// Longest wait for a command to be on the disk.
+const WRITE_ALLOWED: Duration = Duration::from_secs(5);
+
+/// The history. Cheap to clone; the thread ends with the last clone, once it has written what was queued.
+#[derive(Clone)]
+pub struct Store {
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    place: Place,
+    commands: SyncSender<Command>,
+    health: watch::Receiver<Health>,
+    /// What reads; opened when first needed.
+    reader: Mutex<Option<read::Reader>>,
+}
+
+impl Store {
+    /// The history in a folder, which need not exist yet. Never fails: what is wrong is said by [`Store::health`], and
+    /// tried again.
+    #[must_use]
+    pub fn open(folder: &Path) -> Self {
+        Self::start(Place::File(folder.join(FILE_NAME)))
+    }
+
+    /// The history in a folder, to be read only: another program may be writing it.
+    #[must_use]
+    pub fn to_read(folder: &Path) -> Self {
+        // Nobody takes commands.
+        let (commands, _) = sync_channel(1);
+        let place = Place::File(folder.join(FILE_NAME));
+        Self {
+            shared: Arc::new(Shared {
+                place,
+                commands,
+                health: watch::channel(Health::Opening).1,
+                reader: Mutex::new(None),
+            }),
+        }
+    }
+
+    /// A history that lasts as long as this: for tests.
+    #[must_use]
+    pub fn in_memory() -> Self {
+        Self::start(Place::Memory)
+    }
+
+    fn start(place: Place) -> Self {
+        let (commands, queue) = sync_channel(QUEUE);
+        let (told, health) = watch::channel(Health::Opening);
+        let at = place.clone();
+        let started =
+            std::thread::Builder::new().name("history".to_owned()).spawn(move || worker::run(at, &queue, &told));
+        if let Err(error) = started {
+            // The queue's other end is gone: every command says so.
+            tracing::error!(%error, "the history's thread does not start");
+        }
+        Self { shared: Arc::new(Shared { place, commands, health, reader: Mutex::new(None) }) }
+    }
+
+    /// The file, where there is one.
+    #[must_use]
+    pub fn path(&self) -> Option<&PathBuf> {
+        self.shared.place.file()
+    }
+
+    /// Whether the history can be written, and why not.
+    #[must_use]
+    pub fn health(&self) -> watch::Receiver<Health> {
+        self.shared.health.clone()
+    }
+
+    /// Queues a command and returns at once. Lost with a word in the log where the queue is full.
+    pub fn queue(&self, command: impl FnOnce(&Writer<'_>) -> rusqlite::Result<()> + Send + 'static) {
+        let mut command = Some(command);
+        let act = Box::new(move |transact: &mut Transact<'_>| {
+            let done = transact(&mut |writer| command.take().map_or(Ok(()), |command| command(writer)));
+            if let Err(error) = &done {
+                tracing::warn!(%error, "a record is not in the history");
+            }
+            done
+        });
+        let command = Command::Write { needs_room: false, act };
+        match self.shared.commands.try_send(command) {
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => tracing::error!("the disk takes no more: a record is not in the history"),
+            Err(TrySendError::Disconnected(_)) => tracing::error!("the history's thread has ended"),
+        }
+    }
+
+    /// Carries a command out, after every one queued before it, and returns once it is on the disk.
+    ///
+    /// # Errors
+    /// [`StoreError`] where it is not there, or not in time; it may still come to be there then. Also where the disk
+    /// has little room left: what is to come would not fit.
+    pub async fn write<T: Send + 'static>(
+        &self,
+        command: impl FnOnce(&Writer<'_>) -> rusqlite::Result<T> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        self.ask(true, command).await
+    }
+
+    async fn ask<T: Send + 'static>(
+        &self,
+        needs_room: bool,
+        command: impl FnOnce(&Writer<'_>) -> rusqlite::Result<T> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        let (answer, answered) = sync_channel(1);
+        let mut command = Some(command);
+        let act = Box::new(move |transact: &mut Transact<'_>| {
+            let mut value = None;
+            let done = transact(&mut |writer| {
+                value = command.take().map(|command| command(writer)).transpose()?;
+                Ok(())
+            });
+            let told = done.clone().and_then(|()| value.ok_or(StoreError::Ended));
+            // Whoever asked may have given up.
+            let _ = answer.send(told);
+            done
+        });
+        match self.shared.commands.try_send(Command::Write { needs_room, act }) {
+            Ok(()) => wait(answered).await,
+            Err(TrySendError::Full(_)) => Err(StoreError::Late(WRITE_ALLOWED)),
+            Err(TrySendError::Disconnected(_)) => Err(StoreError::Ended),
+        }
+    }
+
+    /// Waits until everything queued so far is written, or cannot be.
+    pub async fn flush(&self) {
+        let _ = self.ask(false, |_| Ok(())).await;
+    }
+
+    /// Reads.
+    ///
+    /// # Errors
+    /// [`StoreError`] where the file cannot be read.
+    pub async fn read<T: Send + 'static>(
+        &self,
+        query: impl FnOnce(&Connection) -> rusqlite::Result<T> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        let Some(file) = self.path().cloned() else {
+            // What is in memory is seen by the connection that writes it only.
+            return self.ask(false, move |writer| query(writer.connection())).await;
+        };
+        let shared = Arc::clone(&self.shared);
+        let read = tokio::task::spawn_blocking(move || {
+            let mut reader = shared.reader.lock().unwrap_or_else(PoisonError::into_inner);
+            read::with_reader(&mut reader, &file, query)
+        });
+        read.await.map_err(|_| StoreError::Ended)?
+    }
+}
+
+/// Waits on a thread for blocking work: by the real clock, which is the disk's, and with tokio's clock held where it is
+/// paused.
+async fn wait<T: Send + 'static>(answered: Receiver<Result<T, StoreError>>) -> Result<T, StoreError> {
+    let waited = tokio::task::spawn_blocking(move || match answered.recv_timeout(WRITE_ALLOWED) {
+        Ok(done) => done,
+        Err(RecvTimeoutError::Timeout) => Err(StoreError::Late(WRITE_ALLOWED)),
+        Err(RecvTimeoutError::Disconnected) => Err(StoreError::Ended),
+    });
+    waited.await.map_err(|_| StoreError::Ended)?
+}

@@ -1,0 +1,387 @@
+//! The history through the API: what outlives a program, pages, the same request twice, and a disk that cannot be
+//! written.
+
+use std::path::Path;
+use std::time::Duration;
+
+use plenalign::api::error::LEASE_HEADER;
+use plenalign::config::Config;
+use plenalign::store::Store;
+use plenalign::store::records::Audit;
+use reqwest::{Method, Response};
+use serde_json::{Value, json};
+
+use super::bench::permit;
+use super::daemon::{Daemon, problem};
+use super::fakes::{Fakes, fakes};
+
+const JOBS: &str = "/api/v1/jobs";
+
+/// A daemon over stand-ins with its history in a folder. A job there waits for its operator for ever.
+async fn daemon(folder: &Path) -> (Daemon, Fakes) {
+    let fakes = fakes();
+    let mut config = Config::default();
+    config.bench.camera.timeout_ms = 300;
+    let daemon = Daemon::start_keeping(config, fakes.bench.clone(), Store::open(folder)).await;
+    (daemon, fakes)
+}
+
+async fn create(daemon: &Daemon) -> Value {
+    let response = daemon.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await;
+    assert_eq!(response.status(), 201);
+    response.json().await.unwrap()
+}
+
+async fn json_of(response: Response) -> Value {
+    assert!(response.status().is_success(), "{response:?}");
+    response.json().await.unwrap()
+}
+
+async fn get(daemon: &Daemon, path: &str) -> Value {
+    json_of(daemon.get(path).await).await
+}
+
+/// Waits until a value has what is wanted of it.
+async fn until(daemon: &Daemon, path: &str, what: &str, is: impl Fn(&Value) -> bool) -> Value {
+    let mut last = Value::Null;
+    for _ in 0..500 {
+        last = get(daemon, path).await;
+        if is(&last) {
+            return last;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    panic!("never {what}: {last}");
+}
+
+async fn waiting(daemon: &Daemon, job: &Value) -> Value {
+    let href = job["href"].as_str().unwrap();
+    until(daemon, href, "waiting", |job| job["state"] == "waiting_for_operator").await
+}
+
+/// A job from its begin to its end.
+async fn cancelled(daemon: &Daemon) -> Value {
+    let job = create(daemon).await;
+    let href = job["href"].as_str().unwrap();
+    json_of(daemon.request(Method::DELETE, href).send().await.unwrap()).await;
+    until(daemon, href, "cancelled", |job| job["state"] == "cancelled").await
+}
+
+#[tokio::test]
+async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes) = daemon(folder.path()).await;
+    let created = create(&first).await;
+    let job = waiting(&first, &created).await;
+    let href = job["href"].as_str().unwrap().to_owned();
+    // What the history has now is what a program killed now would leave: the first is simply left alone.
+    let (second, _fakes) = daemon(folder.path()).await;
+    let found = until(&second, &href, "interrupted", |job| job["state"] == "interrupted").await;
+    assert!(found["reason"].as_str().unwrap().contains("before the job did"), "{found}");
+    assert_eq!((&found["log"], &found["operator_step"]), (&job["log"], &Value::Null));
+    assert!(found["log"].as_array().unwrap().len() >= 3);
+    assert!(found["ended_at"].is_string() && found["generation"].as_u64() > job["generation"].as_u64());
+    let list = get(&second, "/api/v1/jobs?state=interrupted,failed").await;
+    assert_eq!(list["jobs"][0]["id"], job["id"]);
+    let log = get(&second, &format!("{href}/log")).await;
+    assert_eq!(log["lines"], job["log"]);
+    // It is over: cancelling changes nothing, and nothing can be confirmed.
+    let again = json_of(second.request(Method::DELETE, &href).send().await.unwrap()).await;
+    assert_eq!(again["state"], "interrupted");
+    let late = second.command(Method::POST, &format!("{href}/confirm"), &json!({ "step": 1 })).await;
+    problem(late, 409, "job-state").await;
+    // The bench is free.
+    waiting(&second, &create(&second).await).await;
+}
+
+#[tokio::test]
+async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes) = daemon(folder.path()).await;
+    until(&first, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
+    json_of(first.request(Method::POST, "/api/v1/stop").send().await.unwrap()).await;
+    let stopped = get(&first, "/api/v1/stop").await;
+    tokio::time::sleep(Duration::from_millis(100)).await;
+
+    let (second, _fakes) = daemon(folder.path()).await;
+    let found = until(&second, "/api/v1/stop", "latched", |stop| stop["latched"] == true).await;
+    assert_eq!(found, stopped, "since the same time");
+    problem(
+        second.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await,
+        409,
+        "stopped",
+    )
+    .await;
+    problem(second.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await, 409, "stopped").await;
+    json_of(second.request(Method::DELETE, "/api/v1/stop").send().await.unwrap()).await;
+    tokio::time::sleep(Duration::from_millis(100)).await;
+
+    let (third, _fakes) = daemon(folder.path()).await;
+    let moved = third.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
+    assert_eq!(moved.status(), 202);
+    assert_eq!(get(&third, "/api/v1/stop").await["latched"], false);
+}
+
+/// The end of the program latches the stop, too, and that is nobody's stop.
+#[tokio::test]
+async fn an_orderly_end_leaves_no_stop_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path());
+    let service = plenalign::control::Service::start(
+        std::sync::Arc::new(Config::default()),
+        "a test's configuration".to_owned(),
+        fakes().bench,
+        store,
+    );
+    let (focus, to) = (plenalign::device::AxisName::Focus, plenalign::units::Millimetres(1.0));
+    service.move_axis(&permit(&service), focus, to).await.unwrap();
+    service.shut_down().await;
+    let (second, _fakes) = daemon(folder.path()).await;
+    until(&second, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
+    assert_eq!(
+        second.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 0.0 })).await.status(),
+        202
+    );
+}
+
+#[tokio::test]
+async fn jobs_of_all_runs_are_listed_a_page_at_a_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut all = Vec::new();
+    for _ in 0..2 {
+        let (daemon, _fakes) = daemon(folder.path()).await;
+        for _ in 0..3 {
+            all.insert(0, cancelled(&daemon).await["id"].clone());
+        }
+    }
+    let (daemon, _fakes) = daemon(folder.path()).await;
+    let running = waiting(&daemon, &create(&daemon).await).await;
+    all.insert(0, running["id"].clone());
+
+    let (mut seen, mut path) = (Vec::new(), "/api/v1/jobs?limit=3".to_owned());
+    for page in 0.. {
+        let list = get(&daemon, &path).await;
+        let jobs = list["jobs"].as_array().unwrap();
+        assert_eq!(jobs.len(), if page < 2 { 3 } else { 1 });
+        seen.extend(jobs.iter().map(|job| job["id"].clone()));
+        let Some(next) = list["next"].as_str() else { break };
+        path = format!("/api/v1/jobs?limit=3&cursor={next}");
+    }
+    assert_eq!(seen, all, "newest first, each once");
+
+    let ids = async |query: &str| -> Vec<Value> {
+        let list = get(&daemon, &format!("/api/v1/jobs?{query}")).await;
+        list["jobs"].as_array().unwrap().iter().map(|job| job["id"].clone()).collect()
+    };
+    assert_eq!(ids("state=waiting_for_operator").await, all[..1]);
+    assert_eq!(ids("state=cancelled").await, all[1..]);
+    assert_eq!(ids("kind=joint_alignment&limit=500").await, all);
+    let third = get(&daemon, &format!("{JOBS}/{}", all[2].as_str().unwrap())).await;
+    let since = third["created_at"].as_str().unwrap();
+    assert_eq!(ids(&format!("since={since}")).await, all[..3]);
+    assert_eq!(ids(&format!("until={since}")).await, all[3..]);
+    assert_eq!(ids(&format!("q={}", all[5].as_str().unwrap().to_uppercase())).await, all[5..6]);
+    // In the log, of memory and of the history alike.
+    assert_eq!(ids("q=design:%20a%20TEST").await, all);
+    assert_eq!(ids("q=100%25").await, Vec::<Value>::new());
+}
+
+#[tokio::test]
+async fn a_query_that_says_nothing_names_its_parameter() {
+    let (daemon, _fakes) = daemon(tempfile::tempdir().unwrap().path()).await;
+    for (query, field) in [
+        ("limit=0", "limit"),
+        ("limit=501", "limit"),
+        ("limit=many", "limit"),
+        ("state=asleep", "state"),
+        ("state=failed,", "state"),
+        ("kind=polish", "kind"),
+        ("since=yesterday", "since"),
+        ("cursor=7", "cursor"),
+        ("colour=red", "colour"),
+        ("limit=1&limit=2", "limit"),
+    ] {
+        let found = problem(daemon.get(&format!("{JOBS}?{query}")).await, 422, "invalid").await;
+        assert_eq!(found["field"], field, "{query}: {found}");
+        assert!(found["detail"].as_str().unwrap().starts_with(field), "{found}");
+    }
+    let found = problem(daemon.get("/api/v1/audit?cursor=x").await, 422, "invalid").await;
+    assert_eq!(found["field"], "cursor");
+}
+
+#[tokio::test]
+async fn the_same_request_under_the_same_name_is_the_same_job() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes) = daemon(folder.path()).await;
+    let send = async |daemon: &Daemon, key: &str, body: Value| {
+        let request = daemon.request(Method::POST, JOBS).header("Idempotency-Key", key);
+        request.header(LEASE_HEADER, daemon.lease().await).json(&body).send().await.unwrap()
+    };
+    let body = || json!({ "kind": "joint_alignment" });
+    // At the same moment, as after a time-out of the client's.
+    let (one, two) = tokio::join!(send(&first, "k 1", body()), send(&first, "k 1", body()));
+    let mut statuses = [one.status().as_u16(), two.status().as_u16()];
+    statuses.sort_unstable();
+    assert_eq!(statuses, [200, 201]);
+    assert_eq!(one.headers()["location"], two.headers()["location"]);
+    let (one, two) = (json_of(one).await, json_of(two).await);
+    assert_eq!(one["id"], two["id"]);
+    // Without the name the bench is held.
+    problem(first.command(Method::POST, JOBS, &body()).await, 409, "busy").await;
+    problem(send(&first, "k 2", body()).await, 409, "busy").await;
+
+    // Over a restart.
+    let (second, _fakes) = daemon(folder.path()).await;
+    let again = send(&second, "k 1", body()).await;
+    assert_eq!(again.status(), 200);
+    let again = json_of(again).await;
+    assert_eq!((&again["id"], &again["state"]), (&one["id"], &json!("interrupted")));
+    assert_eq!(send(&second, "k 2", body()).await.status(), 201, "a refusal takes no name");
+
+    for key in ["", "   ", &"x".repeat(256), "\u{e9}"] {
+        let found = problem(send(&second, key, body()).await, 422, "invalid").await;
+        assert_eq!(found["field"], "Idempotency-Key");
+    }
+}
+
+/// The history's own record of the request is what another body is told from: there is one kind of job only.
+#[tokio::test]
+async fn a_name_that_stands_for_another_request_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes) = daemon(folder.path()).await;
+    let body = json!({ "kind": "joint_alignment" });
+    let send = async |daemon: &Daemon| {
+        let request = daemon.request(Method::POST, JOBS).header("Idempotency-Key", "k");
+        request.header(LEASE_HEADER, daemon.lease().await).json(&body).send().await.unwrap()
+    };
+    let job = json_of(send(&first).await).await;
+    let database = rusqlite::Connection::open(folder.path().join("history.db")).unwrap();
+    database.execute("UPDATE jobs SET request = '{\"kind\":\"other\"}'", []).unwrap();
+    let (second, _fakes) = daemon(folder.path()).await;
+    let found = problem(send(&second).await, 422, "idempotency-key-reused").await;
+    assert_eq!((&found["job"], &found["href"]), (&job["id"], &job["href"]));
+
+    // A day later the name is free.
+    let day_before = i64::try_from(jiff::Timestamp::now().as_nanosecond()).unwrap() - 25 * 3600 * 1_000_000_000;
+    database.execute("UPDATE jobs SET created_at = ?", [day_before]).unwrap();
+    assert_eq!(send(&second).await.status(), 201);
+}
+
+#[tokio::test]
+async fn without_a_history_nothing_moves_and_everything_is_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = folder.path().join("state");
+    // From the start.
+    std::fs::write(&state, "in the way").unwrap();
+    let (daemon, fakes) = daemon(&state).await;
+    let go = async || daemon.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
+    let refused = async || {
+        let found = problem(
+            daemon.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await,
+            503,
+            "history-unwritable",
+        );
+        assert!(found.await["detail"].as_str().unwrap().contains("state"));
+        problem(go().await, 503, "history-unwritable").await;
+        let home = daemon.command(Method::POST, "/api/v1/axes/e/home", &json!({})).await;
+        problem(home, 503, "history-unwritable").await;
+        let bench = until(&daemon, "/api/v1/bench", "said", |bench| bench["history_fault"].is_string()).await;
+        assert!(bench["history_fault"].as_str().unwrap().contains("state"), "{bench}");
+        assert_eq!(bench["axes"][0]["position_mm"], 0.0, "nothing has moved");
+        // Viewing and stopping go on.
+        fakes.camera.take(9);
+        assert_eq!(daemon.get("/api/v1/frame.jpg").await.status(), 200);
+        let stopped = json_of(daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap()).await;
+        assert_eq!(stopped["focus"], "confirmed");
+        json_of(daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap()).await;
+        let list = get(&daemon, JOBS).await;
+        assert!(list["history_fault"].is_string(), "{list}");
+    };
+    refused().await;
+    std::fs::remove_file(&state).unwrap();
+    until(&daemon, "/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
+    let job = waiting(&daemon, &create(&daemon).await).await;
+    let href = job["href"].as_str().unwrap();
+
+    // Later, with a job under way: what it has done is written again once it can be.
+    std::fs::remove_dir_all(&state).unwrap();
+    std::fs::write(&state, "in the way").unwrap();
+    json_of(daemon.request(Method::DELETE, href).send().await.unwrap()).await;
+    let ended = until(&daemon, href, "cancelled", |job| job["state"] == "cancelled").await;
+    refused().await;
+    std::fs::remove_file(&state).unwrap();
+    until(&daemon, "/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
+    assert_eq!(go().await.status(), 202);
+    let (second, _fakes) = self::daemon(&state).await;
+    let kept = until(&second, href, "there", |_| true).await;
+    assert_eq!((&kept["state"], &kept["log"]), (&json!("cancelled"), &ended["log"]));
+}
+
+#[tokio::test]
+async fn the_audit_log_is_read_a_page_at_a_time() {
+    let daemon = Daemon::start(fakes().bench).await;
+    for n in 0..3 {
+        daemon.service.audit(Audit {
+            at: jiff::Timestamp::now(),
+            who: "Ada".to_owned(),
+            what: "job.create".to_owned(),
+            detail: json!({ "n": n }),
+            from: Some("127.0.0.1".to_owned()),
+        });
+    }
+    let first = get(&daemon, "/api/v1/audit?limit=2").await;
+    let of = |list: &Value| -> Vec<Value> {
+        list["entries"].as_array().unwrap().iter().map(|entry| entry["detail"]["n"].clone()).collect()
+    };
+    assert_eq!(of(&first), [json!(2), json!(1)]);
+    assert_eq!((&first["entries"][0]["who"], &first["entries"][0]["from"]), (&json!("Ada"), &json!("127.0.0.1")));
+    let next = first["next"].as_str().unwrap();
+    let rest = get(&daemon, &format!("/api/v1/audit?limit=2&cursor={next}")).await;
+    assert_eq!((of(&rest), &rest["next"]), (vec![json!(0)], &Value::Null));
+}
+
+#[tokio::test]
+async fn values_are_kept_for_a_bench_over_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes) = daemon(folder.path()).await;
+    first.service.keep("lease", json!({ "holder": "Ada" }));
+    until(&first, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    let (second, _fakes) = daemon(folder.path()).await;
+    assert_eq!(second.service.kept("lease").await.unwrap(), Some(json!({ "holder": "Ada" })));
+    assert_eq!(second.service.kept("other").await.unwrap(), None);
+}
+
+/// The program itself, with a state folder that is none.
+#[tokio::test]
+async fn a_daemon_starts_without_a_history_and_shows_its_bench() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = folder.path().join("state");
+    std::fs::write(&state, "in the way").unwrap();
+    // A bench of its own, so that its lock among the temporary files is nobody else's.
+    let config = folder.path().join("bench.toml");
+    std::fs::write(&config, "[bench.simulation]\nrays = 4\n[sensor]\nwidth_px = 400\nheight_px = 400\n").unwrap();
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_plenalign"))
+        .args(["serve", "--simulated", "--json", "--listen", "127.0.0.1:0", "--config"])
+        .arg(&config)
+        .env("PLENALIGN_STATE_DIR", &state)
+        .env("TMPDIR", folder.path())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    let mut output = std::io::BufReader::new(child.stdout.take().unwrap());
+    std::io::BufRead::read_line(&mut output, &mut line).unwrap();
+    let said: Value = serde_json::from_str(&line).unwrap_or_else(|_| panic!("{line:?}"));
+    let url = said["address"].as_str().unwrap().trim_end_matches('/').to_owned();
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let lease = client.post(format!("{url}/api/v1/lease")).json(&json!({ "owner": "a test" })).send().await.unwrap();
+    let key = lease.json::<Value>().await.unwrap()["key"].as_str().unwrap().to_owned();
+    let request = client.post(format!("{url}/api/v1/jobs")).header(LEASE_HEADER, key);
+    let refused = request.json(&json!({ "kind": "joint_alignment" })).send().await.unwrap();
+    problem(refused, 503, "history-unwritable").await;
+    let frame = client.get(format!("{url}/api/v1/frame.jpg")).send().await.unwrap();
+    assert_eq!(frame.status(), 200);
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
