@@ -363,7 +363,7 @@ fn lock(folder: &Path) -> io::Result<File> {
 fn stamp(path: &Path) -> io::Result<Stamp> {
     match fs::metadata(path) {
         Ok(data) => Ok(Some((data.ino(), data.len(), data.mtime(), data.mtime_nsec()))),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
         Err(error) => Err(error),
     }
 }

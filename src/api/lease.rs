@@ -2,14 +2,17 @@
 
 use std::time::Duration;
 
-use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
+use axum::{Extension, Json};
+
+use serde_json::json;
 
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey};
 use super::types::{LeaseAsked, LeaseState};
+use crate::access::{AuditRecord, Principal};
 use crate::control::lease::{DEFAULT_TTL_S, LeaseGrant, LeaseRequest, LeaseView, MAX_TEXT, TTL_RANGE_S};
 
 fn request(asked: LeaseAsked) -> Result<LeaseRequest> {
@@ -70,9 +73,13 @@ pub(super) async fn take(
 )]
 pub(super) async fn take_over(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     JsonBody(asked): JsonBody<LeaseAsked>,
 ) -> Result<(StatusCode, Json<LeaseGrant>)> {
     let request = request(asked)?;
+    let former = app.service.leases().view();
+    let detail = json!({ "owner": &request.owner, "note": &request.note, "former": former });
+    app.gate.audit(AuditRecord::of(&principal, "lease.take_over", detail));
     let service = app.service.clone();
     // In a task of its own: a client that hangs up must not leave a job cancelled and the lease with nobody.
     let granted = tokio::spawn(async move { service.take_over(request).await }).await;

@@ -41,6 +41,7 @@ pub mod types;
 use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
 
+use axum::body::Body;
 use axum::extract::{DefaultBodyLimit, Request};
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware;
@@ -48,6 +49,7 @@ use axum::response::{IntoResponse, Response};
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+use tower::ServiceExt as _;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::set_header::SetResponseHeaderLayer;
 use tower_http::trace::TraceLayer;
@@ -91,6 +93,7 @@ impl App {
 }
 
 /// The API over a service, ready to be served.
+#[derive(Clone)]
 pub struct Api {
     app: App,
 }
@@ -150,6 +153,16 @@ impl Api {
             }))
             .layer(middleware::from_fn(metrics::time))
             .with_state(self.app.clone())
+    }
+
+    /// Whether a request gets through the whole router to an answer.
+    pub async fn answers(&self) -> bool {
+        let Ok(mut request) = Request::get("/healthz").header(header::HOST, "localhost").body(Body::empty()) else {
+            return false;
+        };
+        let address = SocketAddr::from((std::net::Ipv4Addr::LOCALHOST, 0));
+        request.extensions_mut().insert(client::Peer { address, tls: false });
+        self.router().oneshot(request).await.is_ok_and(|answer| answer.status().is_success())
     }
 
     /// Ends every stream and lets what still listens on the token end; returns when the viewers have been told.

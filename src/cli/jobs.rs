@@ -102,7 +102,7 @@ pub(super) fn run(_: Context, args: Args) -> anyhow::Result<ExitCode> {
 }
 
 async fn act(args: Args) -> anyhow::Result<()> {
-    let source = Source::new(args.server.as_deref())?;
+    let source = Source::new(args.server.as_deref(), &args.remote)?;
     match args.action {
         Action::List { limit, state, q } => {
             let list = source.list(state, q, limit.into()).await?;
@@ -180,9 +180,9 @@ enum Source {
 }
 
 impl Source {
-    fn new(server: Option<&str>) -> anyhow::Result<Self> {
+    fn new(server: Option<&str>, remote: &RemoteArgs) -> anyhow::Result<Self> {
         if let Some(server) = server {
-            return Ok(Self::Daemon(remote::Daemon::new(server, &args.remote)?));
+            return Ok(Self::Daemon(remote::Daemon::new(server, remote)?));
         }
         let folder = state_folder()?;
         if !folder.join(FILE_NAME).exists() {

@@ -8,11 +8,11 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
 
-use crate::state_folder::state_folder;
 use super::tls::OwnFiles;
 use crate::access::{Demand, Gate, GateSettings, Networks, Secret, write_private};
 use crate::api::server::{ServerSettings, read_certificate, use_ring};
 use crate::config::{Auth, ServerConfig};
+use crate::state_folder::state_folder;
 
 /// How long the one-time key opens the door.
 const KEY_LASTS: Duration = Duration::from_secs(3600);

@@ -15,10 +15,11 @@ use super::listen::{Exposure, bind};
 use super::lock::BenchLock;
 use super::remote::RemoteArgs;
 use super::{Context, supervised};
-use crate::access::{Gate, LogAudit, TokenStore};
+use crate::access::{Gate, TokenStore};
 use crate::api::Api;
 use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
+use crate::control::history::HistoryAudit;
 use crate::control::{Service, open_bench};
 use crate::state_folder::state_folder;
 use crate::store::Store;
@@ -65,7 +66,7 @@ async fn serve(mut context: Context, args: Args) -> anyhow::Result<ExitCode> {
     // Signals are taken from here on, so that none in the next lines ends the program with a bench half open.
     let mut signals = Signals::new()?;
     let mut server = Server::start(context, &args.listen, args.insecure).await?;
-    let watchdog = supervised::serving(&server.service, server.api.router());
+    let watchdog = supervised::serving(&server.service, &server.api);
     say_address(&server, args.json);
     server.offer_key(!args.json)?;
     tokio::select! {
@@ -129,12 +130,13 @@ impl Server {
         let exposure = Exposure::decide(&config.server, address, &state, insecure)?;
         let lock = BenchLock::take(&config.bench)?;
         let tokens = TokenStore::open(&state).context("the tokens cannot be read")?;
-        let gate = Arc::new(Gate::new(exposure.gate.clone(), tokens, Box::new(LogAudit)));
         let store = Store::open(&state);
         let bench = open_bench(&config).await.context("the bench cannot be opened")?;
         let simulated = bench.is_simulated();
         let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
         service.open_history().await;
+        let audit = Box::new(HistoryAudit(Arc::clone(&service)));
+        let gate = Arc::new(Gate::new(exposure.gate.clone(), tokens, audit));
         // A second server in one process would count into the first one's metrics.
         let metrics = telemetry::install().inspect_err(|error| tracing::warn!(%error, "no metrics are kept")).ok();
         let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);

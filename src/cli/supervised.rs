@@ -6,27 +6,25 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::Body;
-use axum::http::Request;
 use sd_notify::NotifyState;
 use tokio::task::JoinHandle;
-use tower::ServiceExt as _;
 
+use crate::api::Api;
 use crate::control::Service;
 
 /// Longest wait for a sign of progress.
 const PROGRESS: Duration = Duration::from_secs(2);
 
 /// Says that the daemon serves, and feeds the manager's watchdog, where there is one, while it makes progress.
-pub(super) fn serving(service: &Arc<Service>, router: axum::Router) -> Option<JoinHandle<()>> {
+pub(super) fn serving(service: &Arc<Service>, api: &Api) -> Option<JoinHandle<()>> {
     notify(&[NotifyState::Ready]);
     let allowed = sd_notify::watchdog_enabled()?;
-    let service = Arc::clone(service);
+    let (service, api) = (Arc::clone(service), api.clone());
     Some(tokio::spawn(async move {
         let mut tick = tokio::time::interval(allowed / 3);
         loop {
             tick.tick().await;
-            if progresses(&service, &router).await {
+            if progresses(&service, &api).await {
                 notify(&[NotifyState::Watchdog]);
             } else {
                 tracing::error!("no progress within {PROGRESS:?}: the watchdog is not fed");
@@ -40,16 +38,9 @@ pub(super) fn stopping() {
     notify(&[NotifyState::Stopping]);
 }
 
-async fn progresses(service: &Arc<Service>, router: &axum::Router) -> bool {
-    let answered = async {
-        let Ok(request) = Request::get("/healthz").header("host", "localhost").body(Body::empty()) else {
-            return false;
-        };
-        let answer = router.clone().oneshot(request).await;
-        let answered = answer.is_ok_and(|response| response.status().is_success());
-        answered && service.shows_life().await
-    };
-    tokio::time::timeout(PROGRESS, answered).await == Ok(true)
+async fn progresses(service: &Service, api: &Api) -> bool {
+    let alive = async { api.answers().await && service.shows_life().await };
+    tokio::time::timeout(PROGRESS, alive).await == Ok(true)
 }
 
 fn notify(state: &[NotifyState]) {

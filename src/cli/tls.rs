@@ -12,8 +12,8 @@ use rcgen::{
 };
 use serde_json::json;
 
-use crate::state_folder::state_folder;
 use crate::access::write_private;
+use crate::state_folder::state_folder;
 
 /// How long the authority's certificate is good: whoever trusts it need not do so again soon.
 const CA_YEARS: i32 = 10;

@@ -6,8 +6,8 @@ use anyhow::Context as _;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
-use crate::state_folder::state_folder;
 use crate::access::{Scope, TokenRecord, TokenStore};
+use crate::state_folder::state_folder;
 
 /// Arguments of `plenalign token`.
 #[derive(Debug, clap::Args)]

@@ -1,5 +1,6 @@
 //! The history as callers see it: jobs of this run and of earlier ones as one, and everything kept of a job.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
@@ -13,6 +14,7 @@ use super::job::{Iteration, JobKind, JobRequest, JobSnapshot, JobState, LogLine,
 use super::journal::word;
 use super::refusal::{Refusal, ServiceError};
 use super::service::Service;
+use crate::access::{AuditRecord, AuditSink, LogAudit};
 use crate::store::records::{self, Audit, Move, Picture};
 use crate::store::{JobFilter, Page, Store, StoreError, read};
 
@@ -382,17 +384,16 @@ impl Service {
     pub fn audit(&self, audit: Audit) {
         self.journal.audit(audit);
     }
+}
 
-    /// Keeps a value for this bench beyond the run, without waiting; [`Service::kept`] has it again.
-    pub fn keep(&self, key: &str, value: Value) {
-        self.journal.put(key, value);
-    }
+/// The audit log of a service's history, beside the program's own log.
+pub struct HistoryAudit(pub Arc<Service>);
 
-    /// A value kept for this bench, by this run or an earlier one.
-    ///
-    /// # Errors
-    /// When the history cannot be read.
-    pub async fn kept(&self, key: &str) -> Result<Option<Value>, ServiceError> {
-        self.journal.get(key).await.map_err(unreadable)
+impl AuditSink for HistoryAudit {
+    fn record(&self, record: AuditRecord) {
+        LogAudit.record(record.clone());
+        let AuditRecord { at, who, what, detail, from } = record;
+        let from = from.map(|address| address.to_string());
+        self.0.audit(Audit { at, who, what: what.to_owned(), detail, from });
     }
 }

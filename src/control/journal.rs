@@ -10,6 +10,7 @@ use uuid::Uuid;
 
 use super::events::{MeasurementView, StopView};
 use super::job::{JobSnapshot, OperatorStep};
+use super::lease::KeptLease;
 use super::refusal::{Refusal, ServiceError};
 use crate::config::Config;
 use crate::device::AxisName;
@@ -19,6 +20,8 @@ use crate::units::Millimetres;
 
 /// Where the stop's latch is kept beyond a run.
 const STOP_KEY: &str = "stop";
+/// Where the control lease is kept beyond a run.
+const LEASE_KEY: &str = "lease";
 /// What is said of a job that its program left without an end.
 const INTERRUPTED_REASON: &str =
     "the program ended before the job did; its records up to then are kept, and the axes have to be homed again";
@@ -242,6 +245,16 @@ impl Journal {
         // What cannot be read counts as a stop: nothing moves until somebody has looked.
         let unreadable = StopView { latched: true, since: None };
         Ok(kept.map(|value| serde_json::from_value(value).unwrap_or(unreadable)))
+    }
+
+    /// Keeps the control lease.
+    pub(super) fn put_lease(&self, lease: Option<&KeptLease>) {
+        self.put(LEASE_KEY, document(&lease));
+    }
+
+    /// The control lease as an earlier run left it. One that cannot be read is none: it would only keep others out.
+    pub(super) async fn kept_lease(&self) -> Result<Option<KeptLease>, StoreError> {
+        Ok(self.get(LEASE_KEY).await?.and_then(|value| serde_json::from_value(value).ok()))
     }
 
     /// Adds to the audit log.

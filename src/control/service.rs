@@ -596,6 +596,11 @@ impl Service {
                 }
             }
         }
+        if self.leases.view().is_none()
+            && let Some(lease) = self.journal.kept_lease().await?
+        {
+            self.leases.restore(lease);
+        }
         self.publish_bench();
         Ok(())
     }
@@ -634,6 +639,7 @@ impl Service {
             }
             beat(&self.pulses[1]);
             changes.mark_unchanged();
+            self.journal.put_lease(self.leases.keep().as_ref());
             self.publish_bench();
         }
     }

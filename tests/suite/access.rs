@@ -390,7 +390,7 @@ fn the_contract_says_what_is_needed() {
             }
         }
     }
-    assert_eq!(open, ["post /api/v1/session", "get /healthz"]);
+    assert_eq!(open, ["post /api/v1/session", "get /healthz", "get /readyz"]);
     let scope = |path: &str, method: &str| contract["paths"][path][method]["security"][0]["token"][0].clone();
     assert_eq!(scope("/api/v1/stop", "post"), "view");
     assert_eq!(scope("/api/v1/stop", "delete"), "control");

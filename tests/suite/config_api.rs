@@ -9,6 +9,7 @@ use plenalign::api::Api;
 use plenalign::api::server::{ServerSettings, serve};
 use plenalign::config::Config;
 use plenalign::control::Service;
+use plenalign::store::Store;
 use reqwest::{Client, Method, Response};
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -37,7 +38,7 @@ impl Filed {
         let gate = Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(LogAudit));
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let service = Service::start(Arc::new(config), "a test's".to_owned(), fakes().bench);
+        let service = Service::start(Arc::new(config), "a test's".to_owned(), fakes().bench, Store::in_memory());
         let api = Api::new(service, Arc::new(gate), address, origin);
         tokio::spawn(serve(listener, api.router(), ServerSettings::default(), api.closing()));
         Self { client: client(), base: format!("http://{address}"), file, _folder: folder, _api: api }

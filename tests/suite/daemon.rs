@@ -63,7 +63,7 @@ impl Daemon {
     pub(crate) async fn lease(&self) -> &str {
         let take = async {
             let asked = json!({ "owner": "a test", "ttl_s": 3600 });
-            let grant: Value = self.post("/api/v1/lease", &asked).await.json().await.unwrap();
+            let grant: Value = self.post("/api/v1/lease/takeover", &asked).await.json().await.unwrap();
             grant["key"].as_str().unwrap().to_owned()
         };
         self.lease.get_or_init(|| take).await

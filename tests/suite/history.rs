@@ -290,7 +290,7 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
         assert_eq!(bench["axes"][0]["position_mm"], 0.0, "nothing has moved");
         // Viewing and stopping go on.
         fakes.camera.take(9);
-        assert_eq!(daemon.get("/api/v1/frame.jpg").await.status(), 200);
+        assert_eq!(daemon.get("/api/v1/frame.png").await.status(), 200);
         let stopped = json_of(daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap()).await;
         assert_eq!(stopped["focus"], "confirmed");
         json_of(daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap()).await;
@@ -341,15 +341,18 @@ async fn the_audit_log_is_read_a_page_at_a_time() {
 }
 
 #[tokio::test]
-async fn values_are_kept_for_a_bench_over_a_restart() {
+async fn the_control_lease_outlives_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let (first, _fakes) = daemon(folder.path()).await;
-    first.service.keep("lease", json!({ "holder": "Ada" }));
     until(&first, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
-    tokio::time::sleep(Duration::from_millis(100)).await;
+    let key = first.lease().await.to_owned();
+    tokio::time::sleep(Duration::from_millis(300)).await;
     let (second, _fakes) = daemon(folder.path()).await;
-    assert_eq!(second.service.kept("lease").await.unwrap(), Some(json!({ "holder": "Ada" })));
-    assert_eq!(second.service.kept("other").await.unwrap(), None);
+    until(&second, "/api/v1/bench", "held", |bench| bench["lease"]["owner"] == "a test").await;
+    let heartbeat = second.request(reqwest::Method::POST, "/api/v1/lease/heartbeat");
+    assert_eq!(heartbeat.header("Plenalign-Lease", key).send().await.unwrap().status(), 200);
+    let refused = second.post("/api/v1/lease", &json!({ "owner": "another" })).await;
+    assert_eq!(refused.status(), 409);
 }
 
 /// The program itself, with a state folder that is none.
@@ -380,7 +383,7 @@ async fn a_daemon_starts_without_a_history_and_shows_its_bench() {
     let request = client.post(format!("{url}/api/v1/jobs")).header(LEASE_HEADER, key);
     let refused = request.json(&json!({ "kind": "joint_alignment" })).send().await.unwrap();
     problem(refused, 503, "history-unwritable").await;
-    let frame = client.get(format!("{url}/api/v1/frame.jpg")).send().await.unwrap();
+    let frame = client.get(format!("{url}/api/v1/snapshot.jpg")).send().await.unwrap();
     assert_eq!(frame.status(), 200);
     child.kill().unwrap();
     child.wait().unwrap();

@@ -38,7 +38,19 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "store", "access", "telemetry"]),
     (
         "api",
-        &["optics", "units", "raw", "config", "device", "imaging", "store", "state_folder", "control", "access", "telemetry"],
+        &[
+            "optics",
+            "units",
+            "raw",
+            "config",
+            "device",
+            "imaging",
+            "store",
+            "state_folder",
+            "control",
+            "access",
+            "telemetry",
+        ],
     ),
     (
         "cli",

@@ -4,6 +4,23 @@
  */
 
 export interface paths {
+  "/api/v1/audit": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The audit log: who did what, and from where, newest first, a page at a time. */
+    get: operations["list_audit"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/axes/{axis}/home": {
     parameters: {
       query?: never;
@@ -90,10 +107,52 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** The configuration in force, and where it came from. */
+    /**
+     * The configuration in force, and what its file holds now.
+     * @description `ETag` names the state of the file, for `If-Match` when it is written.
+     */
     get: operations["get_config"];
+    /**
+     * Writes the configuration's file, keeping its comments.
+     * @description Refused while the bench moves or a job holds it. Nothing takes effect before the daemon starts again. `If-Match` has
+     *     to carry the `ETag` of the state that was changed.
+     */
+    put: operations["put_config"];
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/config/schema": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The JSON Schema of the configuration. */
+    get: operations["get_config_schema"];
     put?: never;
     post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/config/validate": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /** Checks a configuration without writing it. */
+    post: operations["validate_config"];
     delete?: never;
     options?: never;
     head?: never;
@@ -141,7 +200,7 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** Every job since the program started. */
+    /** The jobs of this run and of earlier ones, newest first, a page at a time. */
     get: operations["list_jobs"];
     put?: never;
     /**
@@ -163,7 +222,7 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** One job. */
+    /** One job, of this run or an earlier one. */
     get: operations["get_job"];
     put?: never;
     post?: never;
@@ -188,6 +247,125 @@ export interface paths {
     put?: never;
     /** Confirms that the operator has done what the job asks. */
     post: operations["confirm_step"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/export.csv": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's iterations as CSV (RFC 4180), a line each, the unit in every column's name. */
+    get: operations["export_job_csv"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/export.json": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** Everything that is kept of a job, as one JSON document. */
+    get: operations["export_job_json"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/iterations": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's iterations. */
+    get: operations["get_job_iterations"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/log": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's log. */
+    get: operations["get_job_log"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/measurements": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's measurements. */
+    get: operations["get_job_measurements"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/moves": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's moves, with their beginnings and ends. */
+    get: operations["get_job_moves"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/report.html": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** A job's report, one page with everything in it, to be printed. */
+    get: operations["get_job_report"];
+    put?: never;
+    post?: never;
     delete?: never;
     options?: never;
     head?: never;
@@ -288,6 +466,28 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/session": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** Who one is. */
+    get: operations["get_session"];
+    put?: never;
+    /**
+     * Signs a browser in.
+     * @description Answers with a cookie that no script can read and that no other site can have sent.
+     */
+    post: operations["sign_in"];
+    /** Signs a browser out. */
+    delete: operations["sign_out"];
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/shell": {
     parameters: {
       query?: never;
@@ -359,6 +559,58 @@ export interface paths {
     put?: never;
     post?: never;
     delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/tickets": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /** Gives out a ticket to one path, which opens it once, for whoever asks here. */
+    post: operations["create_ticket"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/tokens": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** Every token, without its secret. */
+    get: operations["list_tokens"];
+    put?: never;
+    /** Makes a token. */
+    post: operations["create_token"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/tokens/{id}": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    post?: never;
+    /** Revokes a token, with every session opened with it. */
+    delete: operations["revoke_token"];
     options?: never;
     head?: never;
     patch?: never;
@@ -464,6 +716,42 @@ export interface components {
        */
       object_distance_mm: number;
     };
+    /** @description What an operator was asked to do, and when. */
+    AskedStep: components["schemas"]["OperatorStep"] & {
+      /**
+       * Format: date-time
+       * @description When it was asked for, RFC 3339.
+       */
+      asked_at: string;
+      /**
+       * Format: date-time
+       * @description When it was confirmed, RFC 3339; `null` until then.
+       */
+      confirmed_at?: string | null;
+    };
+    /** @description Who did what, and from where. */
+    Audit: {
+      /**
+       * Format: date-time
+       * @description When, RFC 3339.
+       */
+      at: string;
+      /** @description The particulars. */
+      detail: Record<string, never>;
+      /** @description Address that it was asked from. */
+      from?: string | null;
+      /** @description What was done, e.g. `job.create`. */
+      what: string;
+      /** @description Name of whoever did it. */
+      who: string;
+    };
+    /** @description A page of the audit log. */
+    AuditList: {
+      /** @description Who did what, newest first. */
+      entries: components["schemas"]["Audit"][];
+      /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
+      next?: string | null;
+    };
     /**
      * @description Which of the bench's two axes.
      * @enum {string}
@@ -520,6 +808,8 @@ export interface components {
        * @description The e wall, mm.
        */
       e_wall_mm: number;
+      /** @description Why the history cannot be written, which keeps every axis still; absent while it can. */
+      history_fault?: string | null;
       /**
        * Format: uuid
        * @description The job under way, by its id.
@@ -568,14 +858,50 @@ export interface components {
       /** @description Whether frames of old are played from files: nothing of what is seen is now. */
       replay: boolean;
     };
+    /** @description What is wrong with a configuration. */
+    ConfigCheck: {
+      /** @description What is allowed and yet worth a word. */
+      notices: string[];
+      /** @description Everything that is wrong. */
+      problems: components["schemas"]["ConfigFault"][];
+      /** @description Whether it could be written. */
+      valid: boolean;
+    };
+    /** @description Something that is wrong with a configuration. */
+    ConfigFault: {
+      /** @description The key, dotted from the root. */
+      key: string;
+      /** @description What is wrong, and what would be right. */
+      message: string;
+    };
+    /** @description A configuration to be checked or written. */
+    ConfigRequest: {
+      /** @description Every key of the file with its value, as `stored` has it; a key left out gets its default. */
+      config: unknown;
+    };
     /** @description The configuration in force and where it came from. */
     ConfigView: {
-      /** @description The configuration, every key of the file with its value, defaults filled in. */
+      /** @description The configuration in force: every key of the file with its value, defaults filled in, secrets redacted. */
       config: unknown;
       /** @description The file read, if any. */
       file?: string | null;
+      /** @description Keys, with all below them, that are changed only on the machine itself. */
+      locked: string[];
       /** @description Where the design's numbers come from. */
       origin: string;
+      /** @description Keys of the file that take effect when the daemon starts again. */
+      restart_required: string[];
+      /** @description What the file holds now, likewise: the base of a change. Absent where there is no file that can be read. */
+      stored?: unknown;
+    };
+    /** @description What has been written. */
+    ConfigWritten: {
+      /** @description The keys that have changed in the file. */
+      changed: string[];
+      /** @description What is allowed and yet worth a word. */
+      notices: string[];
+      /** @description Keys of the file that take effect when the daemon starts again; nothing takes effect before. */
+      restart_required: string[];
     };
     /** @description A confirmation of an operator step. */
     ConfirmRequest: {
@@ -770,6 +1096,49 @@ export interface components {
      * @enum {string}
      */
     IterationKind: "start" | "probe" | "move" | "verify" | "sample";
+    /** @description Everything that is kept of a job. */
+    JobExport: {
+      /**
+       * Format: date-time
+       * @description When this document was made, RFC 3339.
+       */
+      exported_at: string;
+      /** @description Always `plenalign-job`. */
+      format: string;
+      /** @description The job. */
+      job: components["schemas"]["JobSnapshot"];
+      /** @description What was measured, in order. */
+      measurements: components["schemas"]["MeasurementView"][];
+      /** @description What was moved, in order. */
+      moves: components["schemas"]["Move"][];
+      /** @description What the operator was asked to do, in order. */
+      operator_steps: components["schemas"]["AskedStep"][];
+      /** @description The pictures kept with it. */
+      pictures: components["schemas"]["PictureExport"][];
+      /** @description What was asked for. */
+      request: Record<string, never>;
+      run?: components["schemas"]["RunView"] | null;
+      /** @description Whether the bench was simulated: then nothing in here was measured on a real camera. */
+      simulated: boolean;
+      /**
+       * Format: int32
+       * @description Version of this document's layout.
+       */
+      version: number;
+    };
+    /** @description A job in a list, and where it is found. */
+    JobItem: components["schemas"]["JobSummary"] & {
+      /**
+       * @description Path of this job.
+       * @example /api/v1/jobs/0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11
+       */
+      href: string;
+    };
+    /** @description A job's iterations. */
+    JobIterations: {
+      /** @description What was measured and decided, in order. */
+      iterations: components["schemas"]["Iteration"][];
+    };
     /**
      * @description What a job is to do.
      * @enum {string}
@@ -784,10 +1153,29 @@ export interface components {
       | "spacing_watch"
       | "calibration"
       | "homing";
-    /** @description Every job since the program started. */
+    /** @description A page of the jobs. */
     JobList: {
-      /** @description The jobs, newest last. */
-      jobs: components["schemas"]["JobResource"][];
+      /** @description Why the jobs of earlier runs are missing; `null` where they are not. */
+      history_fault?: string | null;
+      /** @description The jobs, newest first. */
+      jobs: components["schemas"]["JobItem"][];
+      /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
+      next?: string | null;
+    };
+    /** @description A job's log. */
+    JobLog: {
+      /** @description What happened, in order. */
+      lines: components["schemas"]["LogLine"][];
+    };
+    /** @description A job's measurements. */
+    JobMeasurements: {
+      /** @description What was measured, in order. */
+      measurements: components["schemas"]["MeasurementView"][];
+    };
+    /** @description A job's moves. */
+    JobMoves: {
+      /** @description What was moved, in order. */
+      moves: components["schemas"]["Move"][];
     };
     /** @description What a caller asks for with a job. What a kind does not take is refused. */
     JobRequest: {
@@ -902,7 +1290,48 @@ export interface components {
       | "succeeded"
       | "not_converged"
       | "cancelled"
-      | "failed";
+      | "failed"
+      | "interrupted";
+    /** @description A job in a list. */
+    JobSummary: {
+      /**
+       * Format: date-time
+       * @description When it was accepted, RFC 3339.
+       */
+      created_at: string;
+      /**
+       * Format: date-time
+       * @description When it ended, RFC 3339.
+       */
+      ended_at?: string | null;
+      /**
+       * Format: int64
+       * @description Grows with every change of the job.
+       */
+      generation: number;
+      /**
+       * Format: uuid
+       * @description Identity, a UUID of version 7.
+       */
+      id: string;
+      /**
+       * Format: int64
+       * @description How many iterations it has.
+       */
+      iterations: number;
+      /** @description What it does. */
+      kind: components["schemas"]["JobKind"];
+      /** @description How far it is. */
+      progress: components["schemas"]["Progress"];
+      /** @description Why it ended as it did, in words, once it has. */
+      reason?: string | null;
+      /** @description Whether the bench is simulated. */
+      simulated: boolean;
+      /** @description Part of the alignment it is in. */
+      stage: components["schemas"]["Stage"];
+      /** @description Where it is in its life. */
+      state: components["schemas"]["JobState"];
+    };
     /** @description A jog of one axis. */
     JogRequest: {
       /**
@@ -1060,6 +1489,50 @@ export interface components {
        */
       f_number: number;
     };
+    /** @description A motion of one axis. */
+    Move: {
+      /** @description Which axis. */
+      axis: string;
+      /**
+       * Format: double
+       * @description Readback at its end, mm; `null` where unknown.
+       */
+      end_mm?: number | null;
+      /**
+       * Format: date-time
+       * @description When it was over, RFC 3339; `null` until then, and where the program ended first.
+       */
+      ended_at?: string | null;
+      /**
+       * Format: double
+       * @description Where it began, mm; `null` while unknown.
+       */
+      from_mm?: number | null;
+      /**
+       * Format: uuid
+       * @description Identity.
+       */
+      id: string;
+      /**
+       * Format: uuid
+       * @description The job that commanded it; `null` for a motion by hand.
+       */
+      job?: string | null;
+      /** @description `done`, or why it did not end as commanded; `interrupted` where the program ended first; `null` until then. */
+      outcome?: string | null;
+      /**
+       * Format: date-time
+       * @description When it was commanded, RFC 3339.
+       */
+      started_at: string;
+      /**
+       * Format: double
+       * @description Where it was to end, mm; `null` for a motion without a target.
+       */
+      to_mm?: number | null;
+      /** @description `move`, `home`, `jog` or `release`. */
+      what: string;
+    };
     /** @description A move of one axis. */
     MoveRequest: {
       /**
@@ -1067,6 +1540,11 @@ export interface components {
        * @description Where to, in the axis's own coordinate, mm.
        */
       position_mm: number;
+    };
+    /** @description A token just made. */
+    NewToken: components["schemas"]["TokenView"] & {
+      /** @description The secret. It is shown here and never again. */
+      secret: string;
     };
     /** @description What the operator is asked to do. */
     OperatorStep: {
@@ -1213,6 +1691,18 @@ export interface components {
           /** @enum {string} */
           type: "spacing_watch";
         };
+    /** @description A picture kept with a job. */
+    PictureExport: {
+      /**
+       * Format: date-time
+       * @description When it was taken, RFC 3339.
+       */
+      at: string;
+      /** @description The picture as a `data:` URI. */
+      data: string;
+      /** @description Which one: `before` the first move with the shell, or `after` the last. */
+      name: string;
+    };
     /** @description A problem as RFC 9457 has it, with members of its own beside the standard ones. */
     Problem: {
       /** @description What was wrong here, and what would be right. */
@@ -1411,6 +1901,30 @@ export interface components {
       /** @description The simulated truth, on a simulated bench. */
       truth?: Record<string, never> | null;
     };
+    /** @description The run of the program that a job belongs to. */
+    RunView: {
+      /** @description The bench's name. */
+      bench: string;
+      /** @description The configuration in force, as TOML. */
+      configuration: string;
+      /**
+       * Format: uuid
+       * @description Identity.
+       */
+      id: string;
+      /**
+       * Format: date-time
+       * @description When it began, RFC 3339.
+       */
+      started_at: string;
+      /** @description The program's version. */
+      version: string;
+    };
+    /**
+     * @description What somebody may do. Each scope holds those before it.
+     * @enum {string}
+     */
+    Scope: "view" | "control" | "admin";
     /** @description What the daemon sends over the WebSocket as text. */
     ServerMessage:
       | {
@@ -1546,6 +2060,17 @@ export interface components {
           /** @enum {string} */
           type: "problem";
         };
+    /** @description Who one is. */
+    SessionView: {
+      /** @description Whether a token is demanded of everybody. */
+      demanded: boolean;
+      /** @description Name of the token one came in with; `local` where none is demanded. */
+      name: string;
+      /** @description What one may do. */
+      scope: components["schemas"]["Scope"];
+      /** @description Whether this is a browser that has signed in, and can sign out. */
+      signed_in: boolean;
+    };
     /** @description The operator's statement about the shell. */
     ShellRequest: {
       /** @description Whether the shell is on the camera. */
@@ -1561,6 +2086,11 @@ export interface components {
      * @enum {string}
      */
     Side: "low" | "high";
+    /** @description What a browser signs in with. */
+    SignIn: {
+      /** @description A token, or the key of the one-time link. */
+      key: string;
+    };
     /** @description A solution: Δv and e that put the object in focus, and what follows from them. */
     SolutionView: {
       /**
@@ -1708,6 +2238,72 @@ export interface components {
        */
       since?: string | null;
     };
+    /** @description A ticket. */
+    Ticket: {
+      /** @description The path with the ticket in its query: opened once, within the time it lasts. */
+      href: string;
+      /**
+       * Format: int64
+       * @description How long it is good, s.
+       */
+      lasts_s: number;
+      /** @description The ticket itself. */
+      ticket: string;
+    };
+    /** @description What a ticket is to open. */
+    TicketRequest: {
+      /**
+       * @description A path of this API that can be read, without a query.
+       * @example /api/v1/snapshot.jpg
+       */
+      path: string;
+    };
+    /** @description The tokens there are. */
+    TokenList: {
+      /** @description The tokens, newest last. */
+      tokens: components["schemas"]["TokenView"][];
+    };
+    /** @description A token to be made. */
+    TokenRequest: {
+      /**
+       * Format: date-time
+       * @description When it is to end by itself; left out: not before it is revoked.
+       */
+      expires_at?: string | null;
+      /** @description What its holder is to be called: 1 to 64 letters, digits, blanks and `.@_-`. */
+      name: string;
+      /** @description What it is to allow. */
+      scope: components["schemas"]["Scope"];
+    };
+    /** @description A token, without its secret. */
+    TokenView: {
+      /**
+       * Format: date-time
+       * @description When it was made.
+       */
+      created_at: string;
+      /**
+       * Format: date-time
+       * @description When it ends by itself.
+       */
+      expires_at?: string | null;
+      /** @description Path of this token. */
+      href: string;
+      /**
+       * Format: uuid
+       * @description Names it for good.
+       */
+      id: string;
+      /**
+       * Format: date-time
+       * @description When it was last used, to the minute.
+       */
+      last_used_at?: string | null;
+      /** @description What its holder is called. */
+      name: string;
+      /** @description What it allows. */
+      scope: components["schemas"]["Scope"];
+    };
     /** @description What a viewer sends over the WebSocket, as text. */
     ViewerMessage:
       | {
@@ -1766,6 +2362,75 @@ export interface components {
 }
 export type $defs = Record<string, never>;
 export interface operations {
+  list_audit: {
+    parameters: {
+      query?: {
+        /** @description Entries on the page, 1 to 500 */
+        limit?: number;
+        /** @description `next` of the page before */
+        cursor?: string;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["AuditList"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
   home_axis: {
     parameters: {
       query?: never;
@@ -1788,6 +2453,24 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["BenchView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
       404: {
@@ -1818,6 +2501,15 @@ export interface operations {
       };
       /** @description No lease was shown */
       428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -1873,6 +2565,24 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       404: {
         headers: {
           [name: string]: unknown;
@@ -1935,6 +2645,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The controller is away */
       503: {
         headers: {
@@ -1966,7 +2685,34 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -2013,6 +2759,24 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       404: {
         headers: {
           [name: string]: unknown;
@@ -2075,6 +2839,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The controller is away */
       503: {
         headers: {
@@ -2103,6 +2876,24 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   get_config: {
@@ -2116,10 +2907,280 @@ export interface operations {
     responses: {
       200: {
         headers: {
+          /** @description State of the file */
+          ETag?: string;
           [name: string]: unknown;
         };
         content: {
           "application/json": components["schemas"]["ConfigView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  put_config: {
+    parameters: {
+      query?: never;
+      header: {
+        /** @description `ETag` of the state that was changed */
+        "If-Match": string;
+      };
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["ConfigRequest"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          /** @description State of the file now */
+          ETag?: string;
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["ConfigWritten"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description There is no file, or not now */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The file has changed since */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Without If-Match */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description It cannot be kept */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_config_schema: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/schema+json": Record<string, never>;
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  validate_config: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["ConfigRequest"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["ConfigCheck"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
     };
@@ -2139,6 +3200,24 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["DesignView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
     };
@@ -2189,6 +3268,24 @@ export interface operations {
         };
         content?: never;
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description No frame, or none fresh */
       503: {
         headers: {
@@ -2202,7 +3299,22 @@ export interface operations {
   };
   list_jobs: {
     parameters: {
-      query?: never;
+      query?: {
+        /** @description Jobs on the page, 1 to 500 */
+        limit?: number;
+        /** @description `next` of the page before */
+        cursor?: string;
+        /** @description Only these states, with commas between them */
+        state?: string;
+        /** @description Only these kinds, with commas between them */
+        kind?: string;
+        /** @description Created at this time or later, RFC 3339 */
+        since?: string;
+        /** @description Created before this time, RFC 3339 */
+        until?: string;
+        /** @description Words in the id, the reason or a line of the log */
+        q?: string;
+      };
       header?: never;
       path?: never;
       cookie?: never;
@@ -2217,6 +3329,33 @@ export interface operations {
           "application/json": components["schemas"]["JobList"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   create_job: {
@@ -2225,6 +3364,8 @@ export interface operations {
       header?: {
         /** @description Key of the control lease. */
         "Plenalign-Lease"?: string | null;
+        /** @description A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again with it and the same body within a day, it is the same job */
+        "Idempotency-Key"?: string | null;
       };
       path?: never;
       cookie?: never;
@@ -2235,6 +3376,17 @@ export interface operations {
       };
     };
     responses: {
+      /** @description Asked before: the job of then */
+      200: {
+        headers: {
+          /** @description Path of the job */
+          Location?: string;
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobResource"];
+        };
+      };
       201: {
         headers: {
           /** @description Path of the job */
@@ -2247,6 +3399,24 @@ export interface operations {
       };
       /** @description The body is not JSON */
       400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
         headers: {
           [name: string]: unknown;
         };
@@ -2308,7 +3478,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Shutting down */
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2339,7 +3518,34 @@ export interface operations {
           "application/json": components["schemas"]["JobResource"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -2369,7 +3575,34 @@ export interface operations {
           "application/json": components["schemas"]["JobResource"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -2405,6 +3638,24 @@ export interface operations {
       };
       /** @description The body is not JSON */
       400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
         headers: {
           [name: string]: unknown;
         };
@@ -2456,6 +3707,414 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  export_job_csv: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/csv": string;
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  export_job_json: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobExport"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_iterations: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobIterations"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_log: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobLog"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_measurements: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobMeasurements"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_moves: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobMoves"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_report: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/html": string;
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   get_lease: {
@@ -2473,6 +4132,24 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["LeaseState"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
     };
@@ -2500,6 +4177,24 @@ export interface operations {
       };
       /** @description The body is not JSON */
       400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
         headers: {
           [name: string]: unknown;
         };
@@ -2543,6 +4238,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   release_lease: {
@@ -2564,8 +4268,35 @@ export interface operations {
         };
         content?: never;
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description No key was shown */
       428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -2595,6 +4326,24 @@ export interface operations {
           "application/json": components["schemas"]["LeaseView"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The key is not the holder's */
       412: {
         headers: {
@@ -2606,6 +4355,15 @@ export interface operations {
       };
       /** @description No key was shown */
       428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -2638,6 +4396,24 @@ export interface operations {
       };
       /** @description The body is not JSON */
       400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
         headers: {
           [name: string]: unknown;
         };
@@ -2681,6 +4457,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   get_measurement: {
@@ -2700,8 +4485,26 @@ export interface operations {
           "application/json": components["schemas"]["MeasurementView"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Nothing has been measured */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -2726,6 +4529,176 @@ export interface operations {
         };
         content: {
           "application/json": Record<string, never>;
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_session: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["SessionView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  sign_in: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["SignIn"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          /** @description The session */
+          "Set-Cookie"?: string;
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["SessionView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The key opens nothing */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many keys of this address have opened nothing */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  sign_out: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The session is over */
+      204: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content?: never;
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
     };
@@ -2756,6 +4729,24 @@ export interface operations {
       };
       /** @description The body is not JSON */
       400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
         headers: {
           [name: string]: unknown;
         };
@@ -2816,6 +4807,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   get_snapshot: {
@@ -2842,7 +4842,25 @@ export interface operations {
           "image/jpeg": number[];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -2878,6 +4896,24 @@ export interface operations {
           "application/json": components["schemas"]["StopView"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   stop: {
@@ -2897,6 +4933,15 @@ export interface operations {
           "application/json": components["schemas"]["StopReport"];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   reset_stop: {
@@ -2914,6 +4959,33 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["StopView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
     };
@@ -2943,7 +5015,319 @@ export interface operations {
           "multipart/x-mixed-replace": number[];
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  create_ticket: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["TicketRequest"];
+      };
+    };
+    responses: {
+      201: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["Ticket"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  list_tokens: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["TokenList"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  create_token: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["TokenRequest"];
+      };
+    };
+    responses: {
+      201: {
+        headers: {
+          /** @description Path of the token */
+          Location?: string;
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["NewToken"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The name is taken */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description It cannot be kept */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  revoke_token: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The token's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description It opens nothing any more */
+      204: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content?: never;
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description It cannot be kept */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -2974,6 +5358,15 @@ export interface operations {
         };
         content?: never;
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description A page of another origin */
       403: {
         headers: {
@@ -2985,6 +5378,15 @@ export interface operations {
       };
       /** @description No upgrade was asked for */
       426: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
@@ -3030,8 +5432,26 @@ export interface operations {
           "text/plain; version=0.0.4": string;
         };
       };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Nothing is kept */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };
