@@ -256,6 +256,16 @@ impl Alignment<'_> {
         Err(JobEnd::failed("the air loop did not end; this is a defect of the program"))
     }
 
+    /// How b is held with the camera at a Δv (mm): not at all near the solution, where the boards tell it.
+    pub(super) fn hold_b(&self, delta_v_mm: f64, solution: &Solution) -> Option<HoldB> {
+        let far = (delta_v_mm - solution.delta_v).abs() > HOLD_B_BEYOND_MM;
+        far.then(|| HoldB {
+            sigma_mm: B_RELATIVE_SIGMA * self.design.mla.b(),
+            beyond_mm: HOLD_B_BEYOND_MM,
+            image_distance_mm: solution.image_distance,
+        })
+    }
+
     async fn observe_air(
         &mut self,
         levels: &[f64; 3],
@@ -266,12 +276,7 @@ impl Alignment<'_> {
         let reading = self.motion.position_mm(AxisName::Focus)?;
         // Before the first measurement the axis's own reading is the best guess.
         let guess = if self.findings.delta_v_air.is_some() { expected } else { reading };
-        let far = (guess - solution.delta_v).abs() > HOLD_B_BEYOND_MM;
-        let hold_b = far.then(|| HoldB {
-            sigma_mm: B_RELATIVE_SIGMA * self.design.mla.b(),
-            beyond_mm: HOLD_B_BEYOND_MM,
-            image_distance_mm: solution.image_distance,
-        });
+        let hold_b = self.hold_b(guess, solution);
         let triple = self.context.unless_cancelled(self.eye.calibrate(levels, hold_b, frames)).await?;
         let delta_v_mm = triple.camera.image_distance_mm - self.design.air_image_distance();
         self.findings.camera = Some(CalibratedCamera {

@@ -32,7 +32,7 @@ pub struct StopReport {
     /// The e axis.
     pub e: StopDelivery,
     /// From the request until the last byte of the stop order was handed to the operating system, on every axis reached,
-    /// ms; absent where none was.
+    /// ms; 0 where an earlier stop was being carried out already, absent where no axis was reached.
     pub latency_ms: Option<f64>,
 }
 
@@ -202,10 +202,12 @@ impl Motion {
     async fn halt_asked(&self, asked: Instant) -> StopReport {
         self.state().approached = [false; 2];
         let (focus, e) = tokio::join!(self.bench.focus.stop(), self.bench.e.stop());
-        let sent = AxisName::ALL.into_iter().filter_map(|axis| self.bench.stage(axis).stop_sent());
-        let latency_ms = sent
-            .filter(|&sent| sent >= asked)
-            .map(|sent| sent.duration_since(asked).as_secs_f64() * 1000.0)
+        // An order that went out before this one was asked for stops the axis already: nothing was waited for.
+        let latency_ms = [(AxisName::Focus, focus), (AxisName::E, e)]
+            .into_iter()
+            .filter(|&(_, delivery)| delivery != StopDelivery::Undeliverable)
+            .filter_map(|(axis, _)| self.bench.stage(axis).stop_sent())
+            .map(|sent| sent.saturating_duration_since(asked).as_secs_f64() * 1000.0)
             .reduce(f64::max);
         StopReport { focus, e, latency_ms }
     }

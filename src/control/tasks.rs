@@ -122,10 +122,14 @@ impl Alignment<'_> {
         if !self.eye.has_white() {
             self.white_frame().await?;
         }
-        let middle_mm = distance_mm.unwrap_or(self.design.joint(self.motion.l_bound_mm()).equivalent_distance);
+        let solution = self.design.joint(self.motion.l_bound_mm());
+        let middle_mm = distance_mm.unwrap_or(solution.equivalent_distance);
         let levels = self.place_triple_board(middle_mm).await?;
         self.context.doing("calibration: measuring the board");
-        let seen = self.context.unless_cancelled(self.eye.calibrate(&levels, None, VERIFY_FRAMES)).await?;
+        // Where the axis's reading is unknown the camera may stand anywhere.
+        let reading_mm = self.motion.position_mm(AxisName::Focus).unwrap_or(f64::INFINITY);
+        let hold_b = self.hold_b(reading_mm, &solution);
+        let seen = self.context.unless_cancelled(self.eye.calibrate(&levels, hold_b, VERIFY_FRAMES)).await?;
         let camera = seen.camera;
         self.context.outcome(Outcome::Calibration {
             distances_mm: levels,

@@ -6,8 +6,8 @@ use std::io::{BufRead as _, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, ExitCode};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
@@ -247,9 +247,11 @@ async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, share: &Path) -> Result
         let answer = client.get(format!("{DAEMON}{path}")).send().await.map_err(|error| error.to_string())?;
         answer.json().await.map_err(|error| error.to_string())
     };
+    let key = OnceLock::<String>::new();
     let post = async |path: &str, body: Value| -> Result<Value, String> {
         let sent =
-            client.post(format!("{DAEMON}{path}")).header("content-type", "application/json").body(body.to_string());
+            client.post(format!("{DAEMON}{path}")).header("plenalign-lease", key.get().map_or("", String::as_str));
+        let sent = sent.header("content-type", "application/json").body(body.to_string());
         let answer = sent.send().await.map_err(|error| error.to_string())?;
         let status = answer.status();
         let value: Value = answer.json().await.map_err(|error| error.to_string())?;
@@ -265,6 +267,9 @@ async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, share: &Path) -> Result
         return Err(format!("the daemon calls its bench simulated: {bench}"));
     }
     println!("chain: {} with {}", bench["camera"]["identity"], bench["axes"][0]["identity"]);
+    let lease = post("/lease", json!({"owner": "the chain", "ttl_s": 3600})).await?;
+    let key_given = lease["key"].as_str().unwrap_or_default().to_owned();
+    key.get_or_init(|| key_given);
     let job = post("/jobs", json!({"kind": "joint_alignment"})).await?;
     let path_of = |job: &Value| format!("/jobs/{}", job["id"].as_str().unwrap_or_default());
     let mut path = path_of(&job);

@@ -12,7 +12,7 @@ ls -l /dev/video20 /dev/ttyUSB0
 export PLENALIGN_STATE_DIR=/tmp/state RUST_LOG=info
 (
   while ! [ -e /mnt/host/stop ]; do
-    /tmp/plenalign --config /mnt/host/chain.toml serve --listen 0.0.0.0:8080
+    /tmp/plenalign --config /mnt/host/chain.toml serve --listen 0.0.0.0:8080 --insecure
     echo "daemon: ended with $?"
     sleep 1
   done

@@ -12,7 +12,7 @@ use reqwest::{Method, Response};
 use serde_json::{Value, json};
 
 use super::bench::permit;
-use super::daemon::{Daemon, problem};
+use super::daemon::{Daemon, client, problem};
 use super::fakes::{Fakes, fakes};
 
 const JOBS: &str = "/api/v1/jobs";
@@ -377,7 +377,7 @@ async fn a_daemon_starts_without_a_history_and_shows_its_bench() {
     std::io::BufRead::read_line(&mut output, &mut line).unwrap();
     let said: Value = serde_json::from_str(&line).unwrap_or_else(|_| panic!("{line:?}"));
     let url = said["address"].as_str().unwrap().trim_end_matches('/').to_owned();
-    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let client = client();
     let lease = client.post(format!("{url}/api/v1/lease")).json(&json!({ "owner": "a test" })).send().await.unwrap();
     let key = lease.json::<Value>().await.unwrap()["key"].as_str().unwrap().to_owned();
     let request = client.post(format!("{url}/api/v1/jobs")).header(LEASE_HEADER, key);

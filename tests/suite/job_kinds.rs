@@ -63,7 +63,8 @@ async fn clarity_alone_holds_e_and_trims() {
     let report = job.report.as_ref().unwrap();
     let wanted = small_config(3).design().clarity(12.0);
     assert!((report.delta_v_air_target_mm - wanted.delta_v).abs() < 1e-9);
-    assert!((report.e_readback_mm.unwrap() - 12.0).abs() < 0.5, "{:?}", report.e_readback_mm);
+    // As the picture has it: the axis's own scale and zero are wrong by what the bench declares.
+    assert!((report.e_mm.unwrap() - 12.0).abs() < 0.3, "{:?}", report.e_mm);
     assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{report:?}");
 
     let beyond = run(&service, JobRequest { e_mm: Some(-3.0), ..JobRequest::of(JobKind::ClarityOnly) }).await;
@@ -98,7 +99,8 @@ async fn measuring_jobs_measure_and_put_back_what_they_moved() {
         panic!("{:?}", calibrated.outcome);
     };
     // The axis's zero is known to 0.2 mm.
-    assert!((delta_v_mm - start).abs() < 0.3 && image_distance_sigma_mm < 0.05, "{delta_v_mm} at {start}");
+    let allowed = 0.2 + 3.0 * image_distance_sigma_mm;
+    assert!((delta_v_mm - start).abs() < allowed && image_distance_sigma_mm < 0.5, "{delta_v_mm} at {start}");
     assert_eq!(calibrated.iterations.len(), 0);
 
     let swept = run(&service, sweep).await;

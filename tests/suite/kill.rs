@@ -21,6 +21,7 @@ use serde_json::{Value, json};
 use tokio::time::{Instant, sleep, timeout};
 
 use super::bench::small_config;
+use super::daemon::client;
 
 /// An alignment takes about so long here, s: kills fall anywhere in it.
 const ALIGNMENT_S: f64 = 30.0;
@@ -81,8 +82,7 @@ impl Daemon {
         arguments.extend(simulated.then_some("--simulated"));
         let program = Program::start(&arguments, config, state);
         let url = program.said["address"].as_str().unwrap().trim_end_matches('/').to_owned();
-        let client = Client::builder().no_proxy().timeout(Duration::from_secs(20)).build().unwrap();
-        Self { program, url, client, lease: tokio::sync::OnceCell::new() }
+        Self { program, url, client: client(), lease: tokio::sync::OnceCell::new() }
     }
 
     /// Takes the control lease from whoever had it before the kill.
@@ -97,7 +97,8 @@ impl Daemon {
     }
 
     async fn ask(&self, method: Method, path: &str, body: Option<Value>) -> Option<(u16, Value)> {
-        let mut request = self.client.request(method.clone(), format!("{}{path}", self.url));
+        let mut request =
+            self.client.request(method.clone(), format!("{}{path}", self.url)).timeout(Duration::from_secs(20));
         if method != Method::GET {
             request = request.header(LEASE_HEADER, self.take_lease().await?);
         }

@@ -47,11 +47,11 @@ impl Axis {
     }
 }
 
-/// Values with about so many steps between, at round numbers.
+/// Values with about so many steps between, or fewer, at round numbers.
 fn ticks(low: f64, high: f64, about: f64) -> (Vec<f64>, usize) {
     let rough = (high - low) / about;
     let power = 10f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|n| n * power).find(|step| *step >= rough).unwrap_or(rough);
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|n| n * power).find(|step| 1.1 * *step >= rough).unwrap_or(rough);
     let digits = (-step.log10().floor()).max(0.0) as usize;
     let first = (low / step).ceil() as i64;
     let last = (high / step).floor() as i64;

@@ -2224,7 +2224,7 @@ export interface components {
       /**
        * Format: double
        * @description From the request until the last byte of the stop order was handed to the operating system, on every axis reached,
-       *     ms; absent where none was.
+       *     ms; 0 where an earlier stop was being carried out already, absent where no axis was reached.
        */
       latency_ms?: number | null;
     };
