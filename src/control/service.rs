@@ -460,7 +460,7 @@ impl Service {
         self.jogs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Moves an axis towards a side for [`JOG_HOLD`] from now on: asked again in time, it goes on. At the axis's
+    /// Moves an axis towards a side for 0.3 s from now on: asked again in time, it goes on. At the axis's
     /// greatest speed where none is given.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 //!
 //! Every connection is bounded in what it may take: a slow head, a slow reader and an idle connection are cut off, and
 //! so many are served at once, overall and for each address. Beyond that one is still accepted, to be served nothing
-//! but the stop: see [`slots`].
+//! but the stop: see `slots`.
 
 mod connection;
 mod plain;
