@@ -23,7 +23,7 @@ use super::error::{Problem, Result};
 use super::extract::{Query, parse};
 use super::frame::milliseconds;
 use super::hub::{Begin, text};
-use super::picture::{Encoding, QUALITIES, Reduce, age};
+use super::picture::{Encoding, QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
 use super::types::{ServerMessage, ViewerMessage};
 use crate::access::Principal;
@@ -97,8 +97,7 @@ struct Watching {
     window: u32,
     /// Sequence numbers of the pictures on the way.
     unseen: Vec<u64>,
-    last_seq: Option<u64>,
-    skipped: u64,
+    skipped: Skipped,
 }
 
 impl Watching {
@@ -287,8 +286,7 @@ impl Viewer {
                     next_at: Instant::now(),
                     window,
                     unseen: Vec::new(),
-                    last_seq: None,
-                    skipped: 0,
+                    skipped: Skipped::default(),
                 });
             }
             ViewerMessage::Seen { seq } => {
@@ -310,14 +308,13 @@ impl Viewer {
                 return Ok(());
             }
         };
-        let dropped = watching.last_seq.replace(frame.seq).map_or(0, |last| frame.seq.saturating_sub(last + 1));
-        watching.skipped += dropped;
+        let dropped = watching.skipped.until(frame.seq);
         // Counted from when it was due: frames that come at the viewer's own rate, a little late, are all sent.
         watching.next_at = (watching.next_at + watching.interval).max(Instant::now());
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
-        let message = picture_message(&frame, jpeg, watching.skipped, watching.reduce);
+        let message = picture_message(&frame, jpeg, watching.skipped.total, watching.reduce);
         self.send_viewed(What::Frame(message)).await?;
         telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);
         Ok(())
@@ -353,28 +350,19 @@ async fn next_seen(watching: &mut Option<Watching>) -> See {
 
 async fn next_map(map: &mut Option<Maps>) -> Arc<FieldMap> {
     let Some(map) = map else { return std::future::pending().await };
-    loop {
-        if map.changed().await.is_err() {
-            return std::future::pending().await;
-        }
-        let newest = map.borrow_and_update().clone();
-        if let Some(map) = newest {
-            return map;
-        }
-    }
+    next_or_never(map).await
 }
 
 /// The newest frame once there is a new one and the viewer's rate allows it.
 async fn next_frame(frames: &mut Frames, next_at: Instant) -> Arc<Frame> {
     tokio::time::sleep_until(next_at).await;
-    loop {
-        if frames.changed().await.is_err() {
-            return std::future::pending().await;
-        }
-        let newest = frames.borrow_and_update().clone();
-        if let Some(frame) = newest {
-            return frame;
-        }
+    next_or_never(frames).await
+}
+
+async fn next_or_never<T>(source: &mut watch::Receiver<Option<Arc<T>>>) -> Arc<T> {
+    match next(source).await {
+        Some(newest) => newest,
+        None => std::future::pending().await,
     }
 }
 

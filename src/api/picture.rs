@@ -9,7 +9,7 @@ use std::time::Duration;
 use axum::body::Bytes;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
-use tokio::sync::Mutex;
+use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
 
 use crate::device::{Frame, FrameSource};
@@ -155,6 +155,34 @@ fn png(image: &RawImage) -> Result<Bytes, String> {
     }
     .map_err(|error| error.to_string())?;
     Ok(bytes.into())
+}
+
+/// The next thing that a source has; `None` once the source has ended. Nothing is lost when this is dropped half-way.
+pub(super) async fn next<T>(source: &mut watch::Receiver<Option<Arc<T>>>) -> Option<Arc<T>> {
+    loop {
+        source.changed().await.ok()?;
+        let newest = source.borrow_and_update().clone();
+        if newest.is_some() {
+            return newest;
+        }
+    }
+}
+
+/// The frames between those that a viewer was sent.
+#[derive(Debug, Default)]
+pub(super) struct Skipped {
+    last_seq: Option<u64>,
+    /// How many, since it began to watch.
+    pub(super) total: u64,
+}
+
+impl Skipped {
+    /// Another frame is sent: how many there were since the one before.
+    pub(super) fn until(&mut self, seq: u64) -> u64 {
+        let between = self.last_seq.replace(seq).map_or(0, |last| seq.saturating_sub(last + 1));
+        self.total += between;
+        between
+    }
 }
 
 /// Age of a frame, from the end of its exposure.

@@ -19,7 +19,7 @@ use super::App;
 use super::error::{Problem, Result};
 use super::extract::Query;
 use super::frame::{PictureAsked, frame_headers};
-use super::picture::{Encoding, age};
+use super::picture::{Encoding, Skipped, age, next};
 use super::placeholder;
 use crate::device::Frame;
 use crate::telemetry::{self, ViewerKind, Viewing};
@@ -49,8 +49,7 @@ pub(super) async fn mjpeg(State(app): State<App>, Query(asked): Query<PictureAsk
         encoding,
         interval,
         next_at: Instant::now(),
-        last_seq: None,
-        dropped: 0,
+        skipped: Skipped::default(),
         live: false,
         _viewing: telemetry::viewing(ViewerKind::Mjpeg),
     };
@@ -68,8 +67,7 @@ struct Viewer {
     encoding: Encoding,
     interval: Duration,
     next_at: Instant,
-    last_seq: Option<u64>,
-    dropped: u64,
+    skipped: Skipped,
     /// Whether the last picture sent was a live one.
     live: bool,
     _viewing: Viewing,
@@ -93,9 +91,7 @@ impl Viewer {
             Ok(Some(frame)) => match self.app.pictures.encode(&frame, self.encoding).await {
                 Ok(jpeg) => {
                     self.next_at = (self.next_at + self.interval).max(Instant::now());
-                    let last = self.last_seq.replace(frame.seq);
-                    let dropped = last.map_or(0, |last| frame.seq.saturating_sub(last + 1));
-                    self.dropped += dropped;
+                    let dropped = self.skipped.until(frame.seq);
                     telemetry::picture_sent(ViewerKind::Mjpeg, age(&frame), dropped);
                     let mut headers = String::new();
                     for (name, value) in &frame_headers(&frame) {
@@ -104,7 +100,7 @@ impl Viewer {
                     }
                     let captured = frame.captured_at.as_microsecond() as f64 / 1e6;
                     let _ = write!(headers, "x-timestamp: {captured:.6}\r\nplenalign-online: true\r\n");
-                    part(&headers, self.dropped, &jpeg)
+                    part(&headers, self.skipped.total, &jpeg)
                 }
                 Err(error) => {
                     tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
@@ -125,9 +121,8 @@ impl Viewer {
     /// The newest frame that this viewer has not been sent and that is no older than `max_age`.
     async fn newest(&mut self, max_age: Duration) -> Option<Arc<Frame>> {
         loop {
-            self.frames.changed().await.ok()?;
-            let newest = self.frames.borrow_and_update().clone();
-            if let Some(frame) = newest.filter(|frame| age(frame) <= max_age) {
+            let frame = next(&mut self.frames).await?;
+            if age(&frame) <= max_age {
                 return Some(frame);
             }
         }
@@ -135,7 +130,7 @@ impl Viewer {
 
     fn placeholder(&mut self, why: &str) -> Bytes {
         match placeholder::jpeg(why, jiff::Timestamp::now()) {
-            Ok(jpeg) => part("plenalign-online: false\r\n", self.dropped, &jpeg),
+            Ok(jpeg) => part("plenalign-online: false\r\n", self.skipped.total, &jpeg),
             Err(error) => {
                 tracing::error!(%error, "the placeholder could not be encoded");
                 Bytes::new()

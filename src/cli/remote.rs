@@ -22,11 +22,16 @@ const ANSWER: Duration = Duration::from_secs(10);
 /// Looks in a row that may fail before the daemon counts as lost.
 const FAILURES_ALLOWED: u32 = 8;
 
+/// This machine's name.
+pub(super) fn host_name() -> Option<String> {
+    nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok())
+}
+
 /// How this command names itself where it takes the control lease: its user and machine.
 pub(super) fn lease_owner() -> String {
     let user = std::env::var("USER").ok().filter(|user| !user.is_empty()).unwrap_or_else(|| "somebody".to_owned());
-    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_else(|_| "this machine".to_owned());
-    format!("{user}@{} (plenalign align)", machine.trim())
+    let machine = host_name().unwrap_or_else(|| "this machine".to_owned());
+    format!("{user}@{machine} (plenalign align)")
 }
 
 /// How a command that asks a daemon says who it is, and knows the daemon.

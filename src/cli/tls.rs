@@ -98,7 +98,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The names asked for, and those by which a machine is known to itself.
 fn with_own(asked: &[String]) -> anyhow::Result<Vec<String>> {
     let mut names: Vec<String> = Vec::new();
-    let host = nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok());
+    let host = super::remote::host_name();
     let own = host.into_iter().chain(["localhost", "127.0.0.1", "::1"].map(str::to_owned));
     for name in asked.iter().cloned().chain(own.filter(|name| is_name(name))) {
         if !is_name(&name) {

@@ -173,7 +173,7 @@ impl Job {
     /// Gives the history what is new.
     fn keep(&self, snapshot: &JobSnapshot) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let bare = JobSnapshot { iterations: Vec::new(), log: Vec::new(), generation: 0, ..snapshot.clone() };
+        let bare = JobSnapshot { generation: 0, ..snapshot.bare() };
         let whole = kept.newest.as_ref() != Some(&bare);
         let chronicle = self.journal.chronicle(snapshot, self.idempotency_key.as_deref(), kept.written, whole);
         // A snapshot of before another one that came first has less than is written.

@@ -251,6 +251,13 @@ pub struct JobSnapshot {
     pub outcome: Option<Outcome>,
 }
 
+impl JobSnapshot {
+    /// The job without its iterations and its log, which the history keeps one by one.
+    pub(super) fn bare(&self) -> Self {
+        Self { iterations: Vec::new(), log: Vec::new(), ..self.clone() }
+    }
+}
+
 /// Near and far end of an interval; `null` for infinity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Interval {

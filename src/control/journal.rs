@@ -157,7 +157,6 @@ impl Journal {
     }
 
     fn record(&self, snapshot: &JobSnapshot, key: Option<&str>) -> records::Job {
-        let bare = JobSnapshot { iterations: Vec::new(), log: Vec::new(), ..snapshot.clone() };
         records::Job {
             id: snapshot.id,
             run: self.run.id,
@@ -170,7 +169,7 @@ impl Journal {
             reason: snapshot.reason.clone(),
             request: document(&snapshot.request),
             idempotency_key: key.map(str::to_owned),
-            document: document(&bare),
+            document: document(&snapshot.bare()),
         }
     }
 

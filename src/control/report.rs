@@ -8,22 +8,6 @@ use super::motion::Motion;
 use crate::config::Config;
 use crate::device::AxisName;
 
-/// A state's name as on the wire.
-pub(super) fn state_name(state: JobState) -> &'static str {
-    match state {
-        JobState::Pending => "pending",
-        JobState::Running => "running",
-        JobState::WaitingForOperator => "waiting_for_operator",
-        JobState::Cancelling => "cancelling",
-        JobState::Converged => "converged",
-        JobState::Succeeded => "succeeded",
-        JobState::NotConverged => "not_converged",
-        JobState::Cancelled => "cancelled",
-        JobState::Failed => "failed",
-        JobState::Interrupted => "interrupted",
-    }
-}
-
 /// The tilt (degrees) between lens and MLA that a spacing's tilt (px per half frame width) would mean if nothing else
 /// were tilted: d changes by (dl/dΔv)⁻¹ over half the frame's width.
 fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {

@@ -31,24 +31,6 @@ pub enum JobKind {
     Homing,
 }
 
-impl JobKind {
-    /// The word for it, as on the wire.
-    #[must_use]
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::JointAlignment => "joint_alignment",
-            Self::AirOnly => "air_only",
-            Self::ShellOnly => "shell_only",
-            Self::ClarityOnly => "clarity_only",
-            Self::LBoundMeasurement => "l_bound_measurement",
-            Self::FocusSweep => "focus_sweep",
-            Self::SpacingWatch => "spacing_watch",
-            Self::Calibration => "calibration",
-            Self::Homing => "homing",
-        }
-    }
-}
-
 /// What a caller asks for with a job. What a kind does not take is refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

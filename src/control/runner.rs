@@ -7,6 +7,7 @@ use super::alignment::{Alignment, Findings, STEPS};
 use super::context::{JobContext, JobEnd};
 use super::eye::Eye;
 use super::job::{JobKind, JobState};
+use super::journal::word;
 use super::motion::Motion;
 use super::report;
 use crate::config::Config;
@@ -26,21 +27,23 @@ pub(super) async fn run(context: &JobContext, motion: &Motion, eye: &Eye, config
     let mut alignment =
         Alignment { context, motion, eye, config, design: config.design(), findings: Findings::default() };
     let ended = alignment.carry_out().await;
+    let kind = context.snapshot().kind;
     let findings = alignment.findings;
     let (state, reason) = match ended {
         // Whatever a device says of a motion that a stop has cut short, it was the stop.
         Err(JobEnd::Failed { .. }) if motion.stop_view().latched => (JobState::Cancelled, "stopped".to_owned()),
-        Ok(()) => done(context.snapshot().kind),
+        Ok(()) => done(kind),
         Err(JobEnd::Cancelled { why }) => (JobState::Cancelled, why),
         Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
         Err(JobEnd::Failed { why }) => (JobState::Failed, why),
     };
     let good = matches!(state, JobState::Converged | JobState::Succeeded);
     bring_to_rest(context, motion, !good).await;
-    let report = is_alignment(context.snapshot().kind)
+    let report = is_alignment(kind)
         .then(|| report::report(context, motion, eye, config, design_origin, &findings, state, &reason));
-    context.log(format!("{}: {reason}", report::state_name(state)));
-    telemetry::job_ended(context.snapshot().kind.word(), report::state_name(state));
+    let outcome = word(&state);
+    context.log(format!("{outcome}: {reason}"));
+    telemetry::job_ended(&word(&kind), &outcome);
     context.end(state, reason, report);
 }
 

@@ -272,7 +272,6 @@ impl Service {
     /// # Errors
     /// [`Refusal::LeaseHeld`] where the job does not end in time.
     pub async fn take_over(&self, request: LeaseRequest) -> Result<LeaseGrant, ServiceError> {
-        let former = self.leases.view();
         if let Some(job) = self.current() {
             job.cancel(format!("the control lease was taken over by {}", request.owner));
             ended(&job).await;
@@ -280,10 +279,7 @@ impl Service {
         if AxisName::ALL.into_iter().any(|axis| self.motion.claim(axis).is_err()) {
             self.motion.halt().await;
         }
-        let owner = request.owner.clone();
-        let grant = self.leases.take_over(request)?;
-        tracing::warn!(%owner, former = former.as_ref().map_or("nobody", |lease| &lease.owner), "control lease taken over");
-        Ok(grant)
+        Ok(self.leases.take_over(request)?)
     }
 
     /// Starts a job, which is in the history before this returns. It holds the permit's lease until its end.

@@ -1,7 +1,7 @@
 //! Commands given before and after a stop told apart.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 use tokio::time::Instant;
@@ -13,10 +13,8 @@ pub struct Orders {
     /// The newest generation that a stop has made.
     stops: watch::Sender<u64>,
     under_way: watch::Sender<u32>,
-    /// When the oldest stop under way began.
-    began: watch::Sender<Option<Instant>>,
     /// When the last byte of the newest stop was handed to the operating system.
-    sent: watch::Sender<Option<Instant>>,
+    sent: Mutex<Option<Instant>>,
 }
 
 impl Default for Orders {
@@ -25,8 +23,7 @@ impl Default for Orders {
             generation: Arc::default(),
             stops: watch::Sender::new(0),
             under_way: watch::Sender::new(0),
-            began: watch::Sender::new(None),
-            sent: watch::Sender::new(None),
+            sent: Mutex::default(),
         }
     }
 }
@@ -65,7 +62,7 @@ impl Orders {
     pub fn stop(self: &Arc<Self>) -> UnderWay {
         self.under_way.send_modify(|count| {
             if *count == 0 {
-                self.began.send_replace(Some(Instant::now()));
+                *self.sent() = None;
             }
             *count += 1;
         });
@@ -74,23 +71,20 @@ impl Orders {
         under_way
     }
 
+    fn sent(&self) -> MutexGuard<'_, Option<Instant>> {
+        self.sent.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// A stop's last byte has been handed to the operating system. Where several stops are under way, the first of them
     /// is what stops the controller.
     pub fn stop_sent(&self) {
-        let began = *self.began.borrow();
-        self.sent.send_if_modified(|sent| {
-            let first = sent.is_none_or(|sent| began.is_none_or(|began| sent < began));
-            if first {
-                *sent = Some(Instant::now());
-            }
-            first
-        });
+        self.sent().get_or_insert_with(Instant::now);
     }
 
     /// When the last byte of the newest stop was handed to the operating system.
     #[must_use]
     pub fn newest_stop_sent(&self) -> Option<Instant> {
-        *self.sent.borrow()
+        *self.sent()
     }
 
     /// Returns once a stop has outdated a generation.
