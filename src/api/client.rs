@@ -16,6 +16,13 @@ pub(super) struct Peer {
     pub(super) tls: bool,
 }
 
+impl Peer {
+    /// Whether the program asks itself, over no connection: none has the port 0.
+    pub(super) const fn is_own(&self) -> bool {
+        self.address.port() == 0
+    }
+}
+
 /// Whoever sent a request, as a handler sees it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Client {

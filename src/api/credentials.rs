@@ -40,6 +40,14 @@ fn ticket(uri: &Uri) -> Option<&str> {
     uri.query()?.split('&').find_map(|pair| pair.strip_prefix("ticket="))
 }
 
+/// The same URI without a ticket; `None` where it has none.
+pub(super) fn without_ticket(uri: &Uri) -> Option<Uri> {
+    ticket(uri)?;
+    let rest: Vec<&str> = uri.query()?.split('&').filter(|pair| !pair.starts_with("ticket=")).collect();
+    let query = if rest.is_empty() { String::new() } else { format!("?{}", rest.join("&")) };
+    format!("{}{query}", uri.path()).parse().ok()
+}
+
 /// The session in the cookie of this name.
 pub(super) fn session(headers: &HeaderMap, cookie: &str) -> Option<String> {
     headers
@@ -61,6 +69,14 @@ mod tests {
             map.append(*name, value.parse().unwrap());
         }
         Credential::of(&Method::GET, &map, &uri.parse().unwrap(), "session_1")
+    }
+
+    #[test]
+    fn a_ticket_is_taken_out_of_what_a_handler_reads() {
+        let without = |uri: &str| without_ticket(&uri.parse().unwrap()).map(|uri| uri.to_string());
+        assert_eq!(without("/x?a=1&ticket=t7&b=2").as_deref(), Some("/x?a=1&b=2"));
+        assert_eq!(without("/x?ticket=t7").as_deref(), Some("/x"));
+        assert_eq!(without("/x?a=1"), None);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use axum::response::Response;
 
 use super::App;
 use super::client::{Client, Peer, text};
-use super::credentials::Credential;
+use super::credentials::{Credential, without_ticket};
 use super::error::Problem;
 use super::origin::{is_own_host, is_same_origin};
 use super::scopes::{Need, STOP, need};
@@ -54,11 +54,16 @@ pub(super) async fn guard(State(app): State<App>, mut request: Request, next: Ne
             admit(&app, credential, &path, &client, scope).await.map(Some)
         }
     };
-    if !is_stop {
+    // A service manager's watchdog must not starve because others ask too often.
+    if !is_stop && !peer.is_own() {
         let name = admitted.as_ref().ok().and_then(Option::as_ref).map(|principal| principal.name.as_str());
         app.gate.count(client.address, name).map_err(Problem::too_many)?;
     }
     let principal = admitted?;
+    // It is used up, and no parameter of a handler's.
+    if let Some(uri) = without_ticket(request.uri()) {
+        *request.uri_mut() = uri;
+    }
     if let Some(principal) = principal {
         request.extensions_mut().insert(principal);
     }

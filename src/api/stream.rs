@@ -7,6 +7,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
@@ -21,6 +22,7 @@ use super::extract::Query;
 use super::frame::{PictureAsked, frame_headers};
 use super::picture::{Encoding, Skipped, age, next};
 use super::placeholder;
+use crate::access::Principal;
 use crate::device::Frame;
 use crate::telemetry::{self, ViewerKind, Viewing};
 
@@ -38,13 +40,18 @@ const PLACEHOLDER_INTERVAL: Duration = Duration::from_secs(1);
         (status = 422, body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn mjpeg(State(app): State<App>, Query(asked): Query<PictureAsked>) -> Result<Response> {
+pub(super) async fn mjpeg(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    Query(asked): Query<PictureAsked>,
+) -> Result<Response> {
     let (encoding, interval) = (asked.encoding()?, asked.interval()?);
     let mut frames = app.service.bench().camera.live();
     // The picture there is counts as new.
     frames.mark_changed();
     let viewer = Viewer {
         app,
+        principal,
         frames,
         encoding,
         interval,
@@ -63,6 +70,7 @@ pub(super) async fn mjpeg(State(app): State<App>, Query(asked): Query<PictureAsk
 
 struct Viewer {
     app: App,
+    principal: Principal,
     frames: watch::Receiver<Option<Arc<Frame>>>,
     encoding: Encoding,
     interval: Duration,
@@ -74,8 +82,11 @@ struct Viewer {
 }
 
 impl Viewer {
-    /// The next part; none once the program ends.
+    /// The next part; none once the program ends, or whoever looks would no longer be let in.
     async fn next(&mut self) -> Option<Bytes> {
+        if !self.app.gate.knows(&self.principal) {
+            return None;
+        }
         let shutdown = self.app.shutdown.clone();
         shutdown.run_until_cancelled(self.part()).await
     }

@@ -242,6 +242,8 @@ async fn a_revoked_token_takes_its_sessions_with_it() {
     let mut socket = format!("ws://{}/api/v1/ws", guarded.daemon.address).into_client_request().unwrap();
     socket.headers_mut().insert("cookie", HeaderValue::from_str(&cookie).unwrap());
     let (mut socket, _) = tokio_tungstenite::connect_async(socket).await.unwrap();
+    let pictures = guarded.by(&guarded.view, Method::GET, "/api/v1/stream.mjpg").send().await.unwrap();
+    assert_eq!(pictures.status(), 200);
     let list = guarded.by(&guarded.admin, Method::GET, "/api/v1/tokens").send().await.unwrap();
     let list: Value = list.json().await.unwrap();
     let vera = list["tokens"][0]["href"].as_str().unwrap();
@@ -257,6 +259,8 @@ async fn a_revoked_token_takes_its_sessions_with_it() {
         0
     };
     assert_eq!(tokio::time::timeout(std::time::Duration::from_secs(5), closed).await, Ok(1008));
+    let ended = tokio::time::timeout(std::time::Duration::from_secs(5), pictures.bytes()).await;
+    assert!(ended.is_ok(), "the pictures go on for a token that was revoked");
 }
 
 #[tokio::test]
@@ -316,6 +320,11 @@ async fn a_ticket_opens_one_path_once() {
     problem(elsewhere, 401, "unauthorised").await;
     assert_eq!(guarded.daemon.get(href).await.status(), 200);
     problem(guarded.daemon.get(href).await, 401, "unauthorised").await;
+
+    // A handler that knows its parameters does not stumble over the ticket: there is no frame, and that is its answer.
+    let given: Value = ticket(&guarded.view, "/api/v1/snapshot.jpg").await.json().await.unwrap();
+    let answer = guarded.daemon.get(&format!("{}&reduce=2", given["href"].as_str().unwrap())).await;
+    problem(answer, 503, "no-frame").await;
 
     let given: Value = ticket(&guarded.view, "/api/v1/ws").await.json().await.unwrap();
     let url = format!("ws://{}{}", guarded.daemon.address, given["href"].as_str().unwrap());
