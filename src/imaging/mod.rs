@@ -7,6 +7,7 @@
 
 pub mod calibration;
 pub mod clarity;
+pub mod depth;
 pub mod grid;
 pub mod interpolation;
 pub mod live;

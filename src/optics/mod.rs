@@ -36,6 +36,7 @@
 //! With a signed a (Keplerian a < 0) one set of formulas serves both modes: 1/b − 1/a = 1/f_MLA and v = d + a.
 
 pub mod design;
+pub mod distance;
 pub mod exact;
 pub mod field_of_view;
 pub mod main_lens;
@@ -47,6 +48,7 @@ pub mod trace;
 pub mod water;
 
 pub use design::{CameraDesign, Solution};
+pub use distance::DistanceTable;
 pub use exact::{ExactView, WindowPoint, disc_window, overlap_window, through_whole_lens};
 pub use field_of_view::{EBounds, SensorExtent};
 pub use main_lens::MainLens;

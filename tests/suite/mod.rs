@@ -11,6 +11,7 @@ mod config_api;
 mod contract;
 mod daemon;
 mod daemon_signals;
+mod depth;
 mod design_cli;
 mod export;
 mod fakes;

@@ -167,6 +167,35 @@ impl SpacingFrame {
         &self.micro_images
     }
 
+    /// Nearest neighbours among them, each pair once.
+    #[must_use]
+    pub fn pairs(&self) -> &[Pair] {
+        &self.pairs
+    }
+
+    /// Grey levels with vignetting divided out, row by row, and the number of columns.
+    #[must_use]
+    pub fn values(&self) -> (&[f32], usize) {
+        (&self.values, self.width)
+    }
+
+    /// Radius about a micro-image's centre within which it is compared, px.
+    #[must_use]
+    pub const fn mask_radius_px(&self) -> f64 {
+        self.radius
+    }
+
+    /// The brightest that the micro-images show but for their brightest hundredth, grey levels: black is 0.
+    #[must_use]
+    pub fn range(&self) -> f32 {
+        let mut tops: Vec<f32> = self.micro_images.iter().map(|m| m.mean + 2.0 * m.texture.sqrt()).collect();
+        let place = tops.len() * 99 / 100;
+        if tops.is_empty() {
+            return 0.0;
+        }
+        *tops.select_nth_unstable_by(place, f32::total_cmp).1
+    }
+
     /// Standard deviation of the frame's noise as estimated from itself, grey levels of the raw frame.
     #[must_use]
     pub const fn noise_grey_levels(&self) -> f64 {

@@ -21,6 +21,7 @@ mod frame;
 mod map;
 mod model;
 mod noise;
+mod pair;
 mod patch;
 mod score;
 mod search;
@@ -34,6 +35,7 @@ use serde::Serialize;
 pub use error::SpacingError;
 pub use frame::{MASK_FRACTION, MicroImage, Pair, SpacingFrame};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
+pub use pair::{PairFit, PairStep};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
 use crate::optics::{ArrayKind, MlaMode};

@@ -13,7 +13,7 @@ pub(super) const FIELD_TERMS: usize = 3;
 /// believed.
 const ASYMMETRY_PX: f64 = 0.5;
 /// Standard deviation of a grey level's rounding: no frame has less noise.
-const QUANTISATION: f64 = 0.288_675;
+pub(super) const QUANTISATION: f64 = 0.288_675;
 
 /// Where and along which direction a pair measures the spacing.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -46,12 +46,12 @@ pub(super) struct PairScore {
 
 /// The score of one order of a pair.
 pub(super) struct Order {
-    score: [f64; 2],
-    information: [[f64; 2]; 2],
+    pub(super) score: [f64; 2],
+    pub(super) information: [[f64; 2]; 2],
     /// Sum of the weighted, squared slopes that the score along the pair is made of.
-    energy: f64,
+    pub(super) energy: f64,
     residual: f64,
-    misfit: f64,
+    pub(super) misfit: f64,
     /// Gains of the slopes' orthogonalisation and the factors that keep pure noise from counting.
     pub(super) projection: [f64; 2],
     pub(super) trust: [f64; 2],

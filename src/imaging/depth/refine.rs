@@ -1,0 +1,61 @@
+//! The spacing of each pair of neighbours to parts of a pixel.
+
+use rayon::prelude::*;
+
+use super::DepthOptions;
+use crate::imaging::spacing::{PairFit, SpacingFrame};
+
+/// Two micro-images whose chosen spacings are farther apart than this (px) see different things.
+pub(super) const EDGE_PX: f64 = 1.5;
+/// Newton's steps; from a step of the search away the second is good to hundredths of a pixel.
+const STEPS: usize = 2;
+/// Longest step, px: the matching is linear over about a pixel.
+const LONGEST_PX: f64 = 1.0;
+/// Standard uncertainty beyond which a pair says nothing, px.
+const SIGMA_MAX_PX: f64 = 0.5;
+
+/// What one pair says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct PairDepth {
+    /// Its micro-images.
+    pub(super) ends: [usize; 2],
+    /// Spacing, px.
+    pub(super) spacing_px: f64,
+    /// Its standard uncertainty, px: noise, and how badly the two match.
+    pub(super) sigma_px: f64,
+}
+
+/// The pairs that say something, from the spacings chosen for their micro-images.
+pub(super) fn pairs(frame: &SpacingFrame, chosen: &[f64], options: &DepthOptions) -> Vec<PairDepth> {
+    let [least, greatest] = options.spacing_px;
+    frame
+        .pairs()
+        .par_chunks(32)
+        .flat_map_iter(|pairs| {
+            let mut fit = PairFit::default();
+            pairs
+                .iter()
+                .filter_map(|&pair| {
+                    let ends = [pair.first, pair.second];
+                    let [a, b] = ends.map(|end| chosen[end]);
+                    if (a - b).abs() > EDGE_PX {
+                        return None;
+                    }
+                    let start = f64::midpoint(a, b);
+                    let mut spacing_px = start;
+                    let mut sigma_px = f64::INFINITY;
+                    for _ in 0..STEPS {
+                        let step = fit.step(frame, pair, spacing_px)?;
+                        if step.sigma_px > SIGMA_MAX_PX {
+                            return None;
+                        }
+                        spacing_px += step.step_px.clamp(-LONGEST_PX, LONGEST_PX);
+                        sigma_px = step.sigma_px;
+                    }
+                    let within = (least..=greatest).contains(&spacing_px) && (spacing_px - start).abs() < EDGE_PX;
+                    within.then_some(PairDepth { ends, spacing_px, sigma_px })
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
