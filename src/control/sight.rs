@@ -7,9 +7,9 @@ use super::job::SpacingReading;
 use crate::config::Config;
 use crate::imaging::calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate};
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, measure_frames, prepare_frame};
+use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame};
 use crate::imaging::spacing::{SpacingMap, SpacingOptions};
-use crate::imaging::view::View;
+use crate::imaging::view::{View, ViewFrame, ViewOptions};
 use crate::imaging::{clarity, view};
 use crate::optics::CameraDesign;
 use crate::optics::mla::{a_from_spacing, micro_image_pitch};
@@ -138,7 +138,8 @@ impl Sight {
             .map_err(|error| error.to_string())?;
         let view = images.last().and_then(|image| {
             let profile = Some(&self.white.vignetting);
-            view::central_view(&evened(image, self.mosaic), &seen.grid, profile, seen.spacing.on_axis_px).ok()
+            let frame = ViewFrame::new(image, self.mosaic, &seen.grid, profile).ok()?;
+            view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()
         });
         let eog = view.as_ref().map(|view| clarity::eog(view).mean_per_pixel);
         let spacing = SpacingReading {
@@ -156,7 +157,7 @@ impl Sight {
             micro_image_pitch_px: seen.grid.pitch_px(),
             window_px: seen.spacing.window_px,
             eog,
-            picture: view.and_then(jpeg),
+            picture: view.as_ref().and_then(jpeg),
             map,
         })
     }
@@ -264,11 +265,15 @@ impl Sight {
 }
 
 /// A view as a picture; `None` for one that no encoder takes.
-fn jpeg(view: View) -> Option<Arc<Vec<u8>>> {
+fn jpeg(view: &View) -> Option<Arc<Vec<u8>>> {
     let (width, height) = (u16::try_from(view.width).ok()?, u16::try_from(view.height).ok()?);
     let mut bytes = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY);
-    encoder.encode(&view.to_u8(), width, height, jpeg_encoder::ColorType::Luma).ok()?;
+    let colours = match view.planes.len() {
+        3 => jpeg_encoder::ColorType::Rgb,
+        _ => jpeg_encoder::ColorType::Luma,
+    };
+    encoder.encode(&view.to_u8(), width, height, colours).ok()?;
     Some(Arc::new(bytes))
 }
 

@@ -1,5 +1,6 @@
-//! How sharp a view is: the energy of its gradient.
+//! How clear a view is: the energy of its gradient, how like another it is, and how much its patches show.
 
+use super::grid::Grid;
 use super::view::View;
 
 /// Energy of gradient of a view scaled to [0, 255], Eq. 20.
@@ -13,20 +14,20 @@ pub struct Eog {
     pub mean_per_pixel: f64,
 }
 
-/// Energy of gradient (Eq. 20) of a view, its darkest pixel taken as 0 and its brightest as 255. Pixels without a right
-/// and a lower neighbour do not enter; a view of one grey level has none.
+/// Energy of gradient (Eq. 20) of a view's luminance, its darkest pixel taken as 0 and its brightest as 255. Pixels
+/// without a right and a lower neighbour do not enter; a view of one grey level has none.
 #[must_use]
 pub fn eog(view: &View) -> Eog {
     let (w, h) = (view.width, view.height);
-    let (least, greatest) =
-        view.values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
+    let values = view.luminance();
+    let (least, greatest) = values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
     if w < 2 || h < 2 || greatest.partial_cmp(&least) != Some(std::cmp::Ordering::Greater) {
         return Eog { sum: 0.0, mean_per_pixel: 0.0 };
     }
     let scale = 255.0 / f64::from(greatest - least);
     let mut sum = 0.0;
     for y in 0..h - 1 {
-        let (row, below) = (&view.values[y * w..][..w], &view.values[(y + 1) * w..][..w]);
+        let (row, below) = (&values[y * w..][..w], &values[(y + 1) * w..][..w]);
         for (pair, under) in row.windows(2).zip(below) {
             sum += f64::from(pair[1] - pair[0]).powi(2) + f64::from(under - pair[0]).powi(2);
         }
@@ -35,20 +36,86 @@ pub fn eog(view: &View) -> Eog {
     Eog { sum, mean_per_pixel: sum / ((w - 1) * (h - 1)) as f64 }
 }
 
+/// Side of the windows that structural similarity is taken over, px.
+const SSIM_WINDOW: usize = 8;
+
+/// Structural similarity of two views' luminances, −1 to 1, mean over windows of 8×8 pixels every four; the constants are
+/// its authors' (0.01 and 0.03 of the range of the first). `None` where the sizes differ or no window fits.
+#[must_use]
+pub fn ssim(one: &View, other: &View) -> Option<f64> {
+    let (w, h) = (one.width, one.height);
+    if [other.width, other.height] != [w, h] || w < SSIM_WINDOW || h < SSIM_WINDOW {
+        return None;
+    }
+    let (a, b) = (one.luminance(), other.luminance());
+    let (least, greatest) = a.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
+    let range = f64::from(greatest - least).max(1e-9);
+    let [c1, c2] = [0.01, 0.03].map(|k: f64| (k * range).powi(2));
+    let (mut total, mut windows) = (0.0, 0.0);
+    for top in (0..=h - SSIM_WINDOW).step_by(SSIM_WINDOW / 2) {
+        for left in (0..=w - SSIM_WINDOW).step_by(SSIM_WINDOW / 2) {
+            let mut sums = [0.0f64; 5];
+            for y in top..top + SSIM_WINDOW {
+                for k in y * w + left..y * w + left + SSIM_WINDOW {
+                    let (x, y) = (f64::from(a[k]), f64::from(b[k]));
+                    for (sum, term) in sums.iter_mut().zip([x, y, x * x, y * y, x * y]) {
+                        *sum += term;
+                    }
+                }
+            }
+            let [x, y, xx, yy, xy] = sums.map(|sum| sum / (SSIM_WINDOW * SSIM_WINDOW) as f64);
+            let (vx, vy, cov) = (xx - x * x, yy - y * y, xy - x * y);
+            total += (2.0 * x * y + c1) * (2.0 * cov + c2) / ((x * x + y * y + c1) * (vx + vy + c2));
+            windows += 1.0;
+        }
+    }
+    Some(total / windows)
+}
+
+/// How much the borders between a view's patches show: the mean step from pixel to pixel across them over the mean step
+/// within patches. 1 where they do not show; block artefacts raise it. `None` where there is no step to compare with.
+#[must_use]
+pub fn blockiness(view: &View, grid: &Grid) -> Option<f64> {
+    let (w, h) = (view.width, view.height);
+    let values = view.luminance();
+    // Upright: the view's first pixel is the frame's last.
+    let owner = |x: usize, y: usize| {
+        let [x, y] = [w - 1 - x, h - 1 - y].map(|k| (k as f64 + 0.5) / view.scale - 0.5);
+        grid.index_of(x, y)
+    };
+    let owners: Vec<[i32; 2]> = (0..h).flat_map(|y| (0..w).map(move |x| [x, y])).map(|[x, y]| owner(x, y)).collect();
+    let mut sums = [[0.0f64; 2]; 2];
+    for y in 0..h {
+        for x in 0..w {
+            let here = y * w + x;
+            let right = (x + 1 < w).then_some(here + 1);
+            let below = (y + 1 < h).then_some(here + w);
+            for next in [right, below].into_iter().flatten() {
+                let sum = &mut sums[usize::from(owners[here] != owners[next])];
+                sum[0] += f64::from((values[here] - values[next]).abs());
+                sum[1] += 1.0;
+            }
+        }
+    }
+    let [within, across] = sums.map(|[sum, count]| sum / count);
+    let ratio = across / within;
+    ratio.is_finite().then_some(ratio)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_checkerboard_has_the_most_and_a_plain_picture_none() {
-        let board = View { width: 4, height: 3, values: (0..12).map(|k| ((k % 4 + k / 4) % 2) as f32 * 7.0).collect() };
+        let board = View::grey(4, 3, (0..12).map(|k| ((k % 4 + k / 4) % 2) as f32 * 7.0).collect());
         // Six pixels have both neighbours, and each differs from both by the full scale.
         let found = eog(&board);
         assert!((found.sum - 6.0 * 2.0 * 255.0 * 255.0).abs() < 1e-6, "{found:?}");
         assert!((found.mean_per_pixel - 2.0 * 255.0 * 255.0).abs() < 1e-6);
-        let plain = View { width: 4, height: 3, values: vec![9.0; 12] };
+        let plain = View::grey(4, 3, vec![9.0; 12]);
         assert_eq!(eog(&plain).sum, 0.0);
-        let ramp = View { width: 256, height: 2, values: (0..512).map(|k| (k % 256) as f32).collect() };
+        let ramp = View::grey(256, 2, (0..512).map(|k| (k % 256) as f32).collect());
         assert!((eog(&ramp).mean_per_pixel - 1.0).abs() < 1e-9);
     }
 }

@@ -6,6 +6,7 @@
 
 use rayon::prelude::*;
 
+use super::grid::Grid;
 use crate::raw::{CfaPattern, Channel, RawImage};
 
 /// The frame with every colour's mean brought to that of green, 16 bits deep; saturated pixels stay saturated.
@@ -78,6 +79,71 @@ pub fn green(raw: &RawImage, pattern: CfaPattern) -> Vec<f32> {
         }
     });
     plane
+}
+
+/// Red, green and blue at every pixel of a frame (row by row), each filled in where the mosaic has another colour, from
+/// the pixels of the same micro-image alone: a neighbour across the gap sees another part of the scene.
+///
+/// Green comes first, along the direction in which it changes less; red and blue follow as their differences from green,
+/// which change less than they do themselves.
+#[must_use]
+pub fn colours(values: &[f32], pattern: CfaPattern, grid: &Grid) -> [Vec<f32>; 3] {
+    let [width, height] = grid.frame_size;
+    let owner: Vec<[i32; 2]> = (0..height)
+        .into_par_iter()
+        .flat_map_iter(|y| (0..width).map(move |x| grid.index_of(x as f64, y as f64)))
+        .collect();
+    let neighbour = |x: usize, y: usize, dx: isize, dy: isize| {
+        let (nx, ny) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
+        let inside = nx < width && ny < height;
+        (inside && owner[ny * width + nx] == owner[y * width + x]).then(|| ny * width + nx)
+    };
+    let fill = |value: &(dyn Fn(usize, usize) -> f32 + Sync)| -> Vec<f32> {
+        (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| value(x, y))).collect()
+    };
+    let green = fill(&|x, y| {
+        if pattern.channel(x, y) == Channel::Green {
+            return values[y * width + x];
+        }
+        let pair = |dx: isize, dy: isize| Some((values[neighbour(x, y, dx, dy)?], values[neighbour(x, y, -dx, -dy)?]));
+        match (pair(1, 0), pair(0, 1)) {
+            (Some((left, right)), Some((up, down))) => {
+                let (across, along) = ((left - right).abs() + 1e-3, (up - down).abs() + 1e-3);
+                // Each direction by how little it changes.
+                let share = along / (across + along);
+                share * f32::midpoint(left, right) + (1.0 - share) * f32::midpoint(up, down)
+            }
+            _ => {
+                let near = [[1, 0], [-1, 0], [0, 1], [0, -1]].map(|[dx, dy]| neighbour(x, y, dx, dy));
+                mean(near.into_iter().flatten().map(|at| values[at])).unwrap_or(values[y * width + x])
+            }
+        }
+    });
+    let other = |channel: Channel| {
+        fill(&|x, y| {
+            let here = y * width + x;
+            if pattern.channel(x, y) == channel {
+                return values[here];
+            }
+            // The nearest ring that has the colour: beside or diagonal, else two away at a micro-image's edge.
+            let difference = [1isize, 2].into_iter().find_map(|reach| {
+                let ring = (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| [dx, dy]));
+                mean(
+                    ring.filter_map(|[dx, dy]| neighbour(x, y, dx, dy))
+                        .filter(|&at| pattern.channel(at % width, at / width) == channel)
+                        .map(|at| values[at] - green[at]),
+                )
+            });
+            green[here] + difference.unwrap_or(0.0)
+        })
+    };
+    let (red, blue) = (other(Channel::Red), other(Channel::Blue));
+    [red, green, blue]
+}
+
+fn mean(values: impl Iterator<Item = f32>) -> Option<f32> {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / count as f32)
 }
 
 #[cfg(test)]
