@@ -23,6 +23,7 @@ mod stop_axes;
 mod supervised;
 mod tls;
 mod token;
+mod view;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -62,6 +63,8 @@ enum Command {
     Design(design::Args),
     /// Measure the spacing of a raw frame.
     Measure(measure::Args),
+    /// Pictures and distances from a raw frame.
+    View(view::Args),
     /// Find d and b from a raw frame of a triple-level board.
     Calibrate(calibrate::Args),
     /// Render a raw frame of the configured camera by exact rays.
@@ -137,6 +140,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Tls(args) => tls::run(&args),
         Command::Design(args) => design::run(context, args),
         Command::Measure(args) => measure::run(context, args),
+        Command::View(args) => view::run(context, args),
         Command::Calibrate(args) => calibrate::run(context, args),
         Command::Render(args) => render::run(context, args),
         Command::Camera(args) => camera::run(context, args),

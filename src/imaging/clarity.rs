@@ -78,12 +78,7 @@ pub fn ssim(one: &View, other: &View) -> Option<f64> {
 pub fn blockiness(view: &View, grid: &Grid) -> Option<f64> {
     let (w, h) = (view.width, view.height);
     let values = view.luminance();
-    // Upright: the view's first pixel is the frame's last.
-    let owner = |x: usize, y: usize| {
-        let [x, y] = [w - 1 - x, h - 1 - y].map(|k| (k as f64 + 0.5) / view.scale - 0.5);
-        grid.index_of(x, y)
-    };
-    let owners: Vec<[i32; 2]> = (0..h).flat_map(|y| (0..w).map(move |x| [x, y])).map(|[x, y]| owner(x, y)).collect();
+    let owners: Vec<[i32; 2]> = view.owners(grid).collect();
     let mut sums = [[0.0f64; 2]; 2];
     for y in 0..h {
         for x in 0..w {

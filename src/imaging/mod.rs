@@ -15,6 +15,7 @@ pub mod measurement;
 pub mod microlenses;
 pub mod mosaic;
 pub mod overlay;
+pub mod pictures;
 pub mod spacing;
 pub mod view;
 pub mod vignetting;

@@ -64,6 +64,23 @@ impl DistanceTable {
         let inverse = inner? * (1.0 - share) + outer? * share;
         (inverse > 0.0).then(|| 1.0 / inverse)
     }
+
+    /// The inverse of [`DistanceTable::distance`]: the spacing (mm on the sensor) of what is at a distance (mm). `None`
+    /// beyond what the camera or the table can see.
+    #[must_use]
+    pub fn spacing(&self, distance: f64, field: [f64; 2]) -> Option<f64> {
+        let square = field[0].powi(2) + field[1].powi(2);
+        let place = square / self.square_max * (FIELD_NODES - 1) as f64;
+        let lower = (place.floor() as usize).min(FIELD_NODES - 2);
+        let share = place - lower as f64;
+        let [inner, outer] = [lower, lower + 1].map(|node| {
+            let column = &self.columns[node];
+            let after = column.partition_point(|&(_, inverse)| inverse < 1.0 / distance);
+            let (&(s0, d0), &(s1, d1)) = (column.get(after.checked_sub(1)?)?, column.get(after)?);
+            Some(s0 + (s1 - s0) * (1.0 / distance - d0) / (d1 - d0))
+        });
+        Some(inner? * (1.0 - share) + outer? * share)
+    }
 }
 
 /// Spacing of a board's image points at a distance from the axis (mm on the MLA), mean over directions and over the
@@ -144,6 +161,7 @@ mod tests {
                 let seen = f64::midpoint(spacing([1.0, 0.0]), spacing([0.0, 1.0]));
                 let found = table.distance(seen, field).unwrap();
                 assert!((found / distance - 1.0).abs() < 0.005, "{found} instead of {distance} at {field:?}");
+                assert!((table.spacing(found, field).unwrap() - seen).abs() < 1e-5, "{seen} at {field:?}");
             }
             // What the axis alone would make of the corner.
             let corner = f64::midpoint(

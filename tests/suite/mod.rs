@@ -43,5 +43,6 @@ mod structure;
 mod tls;
 mod unit;
 mod view;
+mod view_cli;
 mod vignetting;
 mod websocket;

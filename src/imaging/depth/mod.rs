@@ -91,6 +91,12 @@ impl DepthMap {
     pub fn lens(&self, index: [i32; 2]) -> Option<&LensDepth> {
         self.places.of(index).map(|k| &self.lenses[k])
     }
+
+    /// Where in `lenses` the micro-image with these lattice indices is.
+    #[must_use]
+    pub fn place(&self, index: [i32; 2]) -> Option<usize> {
+        self.places.of(index)
+    }
 }
 
 /// Places of lattice indices in a list of micro-images.

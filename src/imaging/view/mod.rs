@@ -21,6 +21,7 @@ pub use frame::ViewFrame;
 pub use render::render;
 
 use super::depth::DepthMap;
+use super::grid::Grid;
 
 /// A patch smaller than this makes no picture, px.
 pub(super) const PATCH_LEAST_PX: f64 = 0.5;
@@ -123,6 +124,14 @@ impl View {
     #[must_use]
     pub fn grey(width: usize, height: usize, values: Vec<f32>) -> Self {
         Self { width, height, planes: vec![values], scale: 1.0 }
+    }
+
+    /// The micro-image whose patch each pixel lies in, row by row: that whose centre is nearest.
+    pub fn owners<'a>(&'a self, grid: &'a Grid) -> impl Iterator<Item = [i32; 2]> + 'a {
+        // Upright: the view's first pixel is the frame's last.
+        let at = |k: usize, count: usize| ((count - 1 - k) as f64 + 0.5) / self.scale - 0.5;
+        (0..self.height)
+            .flat_map(move |y| (0..self.width).map(move |x| grid.index_of(at(x, self.width), at(y, self.height))))
     }
 
     /// Luminance (ITU-R BT.601) of a picture in colour; the values themselves of a grey one.

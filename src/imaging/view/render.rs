@@ -11,6 +11,8 @@ const UNKNOWN_WEIGHT: f64 = 0.05;
 /// Weight that what lies beyond the used part of a micro-image keeps, so that a place which nothing else shows is not
 /// left out.
 const BEYOND_WEIGHT: f64 = 1e-4;
+/// Difference in spacing that makes it doubtful whether two micro-images see the same surface, px.
+const SAME_SURFACE_PX: f64 = 0.75;
 /// Pixels over which a micro-image's used part ends.
 const EDGE_PX: f64 = 1.5;
 
@@ -89,9 +91,13 @@ impl Painter<'_> {
     fn pixel(&self, q: [f64; 2]) -> [f32; 3] {
         let mut sums = [0.0; 3];
         let mut weights = 0.0;
+        let surface = match (self.blend, self.patches) {
+            (Blend::WholeAperture, Patches::Own(map)) => self.surface(map, q),
+            _ => None,
+        };
         let mut add = |index: [i32; 2], weight: f64| {
             if weight > 0.0 {
-                weights += self.contribute(index, q, weight, &mut sums);
+                weights += self.contribute(index, q, weight, surface, &mut sums);
             }
         };
         let grid = &self.frame.grid;
@@ -124,15 +130,46 @@ impl Painter<'_> {
         if weights > 0.0 { sums.map(|sum| (sum / weights) as f32) } else { [0.0; 3] }
     }
 
-    /// Adds what a micro-image shows of a place, and returns its weight.
-    fn contribute(&self, [i, j]: [i32; 2], q: [f64; 2], weight: f64, sums: &mut [f64; 3]) -> f64 {
+    /// The spacing of the surface at a place of the frame: that of the micro-images around it, as far as they see the same
+    /// surface as the nearest. `None` where the nearest knows nothing.
+    fn surface(&self, map: &DepthMap, q: [f64; 2]) -> Option<f64> {
+        let grid = &self.frame.grid;
+        let known = |index: [i32; 2]| map.lens(index).filter(|lens| lens.state != DepthState::Unknown);
+        let nearest = known(grid.index_of(q[0], q[1]))?.spacing_px;
+        let at = grid.indices_at(q[0], q[1]);
+        let cell = at.map(f64::floor);
+        let [s, t] = [smooth(at[0] - cell[0]), smooth(at[1] - cell[1])];
+        let [i, j] = cell.map(|x| x as i32);
+        let corners = [
+            ([i, j], (1.0 - s) * (1.0 - t)),
+            ([i + 1, j], s * (1.0 - t)),
+            ([i, j + 1], (1.0 - s) * t),
+            ([i + 1, j + 1], s * t),
+        ];
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (index, weight) in corners {
+            if let Some(lens) = known(index) {
+                let weight = weight * agreement(lens.spacing_px, nearest);
+                sum += weight * lens.spacing_px;
+                weights += weight;
+            }
+        }
+        Some(if weights > 1e-6 { sum / weights } else { nearest })
+    }
+
+    /// Adds what a micro-image shows of a place, and returns its weight. With a surface's spacing it shows the place there,
+    /// and counts as far as it sees that surface.
+    fn contribute(&self, [i, j]: [i32; 2], q: [f64; 2], weight: f64, surface: Option<f64>, sums: &mut [f64; 3]) -> f64 {
         let grid = &self.frame.grid;
         let c = grid.position(i, j);
+        let patch = |spacing_px: f64| (self.pitch - spacing_px) / self.pitch;
         let (ratio, trust) = match self.patches {
             Patches::Fixed(_) => (self.ratio, 1.0),
-            Patches::Own(map) => match map.lens([i, j]) {
-                Some(lens) if lens.state != DepthState::Unknown => ((self.pitch - lens.spacing_px) / self.pitch, 1.0),
-                _ => (self.ratio, UNKNOWN_WEIGHT),
+            Patches::Own(map) => match (map.lens([i, j]).filter(|lens| lens.state != DepthState::Unknown), surface) {
+                (Some(lens), Some(surface)) => (patch(surface), agreement(lens.spacing_px, surface)),
+                (Some(lens), None) => (patch(lens.spacing_px), 1.0),
+                (None, Some(surface)) => (patch(surface), UNKNOWN_WEIGHT),
+                (None, None) => (self.ratio, UNKNOWN_WEIGHT),
             },
         };
         let from = [0, 1].map(|axis| self.within[axis] + (q[axis] - c[axis]) * ratio);
@@ -151,6 +188,11 @@ impl Painter<'_> {
         }
         weight
     }
+}
+
+/// How far two spacings (px) can be those of one surface, 0 to 1.
+fn agreement(one: f64, other: f64) -> f64 {
+    (1.0 + ((one - other) / SAME_SURFACE_PX).powi(2)).powi(-2)
 }
 
 /// Rises from 0 to 1 without a kink at either end.

@@ -1,0 +1,321 @@
+//! `plenalign view`: pictures and distances from one raw frame.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail, ensure};
+use serde::Serialize;
+
+use super::Context;
+use super::measure::{disagreements, frame_options, read_white};
+use crate::config::Config;
+use crate::imaging::clarity::eog;
+use crate::imaging::depth::DepthState;
+use crate::imaging::pictures::{Pictures, Pose};
+use crate::imaging::view::View;
+use crate::raw;
+
+/// Grey levels of a depth map's PNG for each millimetre.
+const LEVELS_PER_MM: f32 = 10.0;
+
+/// Arguments of `plenalign view`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// The raw frame: PNG, TIFF or PGM, 8 to 16 bits.
+    #[arg(value_name = "RAW")]
+    raw: PathBuf,
+    /// A white frame of the same camera, at this or another Δv.
+    #[arg(long, value_name = "WHITE")]
+    white: Option<PathBuf>,
+    /// Write the view into this PNG: the central one, or that of --angle or --refocus.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write the distances into this file: a PNG of 16 bits in tenths of a millimetre (0: unknown), or a TIFF of 32-bit
+    /// floating point in millimetres (NaN: unknown).
+    #[arg(long, value_name = "FILE")]
+    depth: Option<PathBuf>,
+    /// Write a picture that is sharp everywhere into this PNG.
+    #[arg(long, value_name = "FILE")]
+    all_in_focus: Option<PathBuf>,
+    /// Make --out sharp at this distance only, mm: in water from the shell's outer vertex, in air from the main lens.
+    #[arg(long, value_name = "MM", requires = "out", conflicts_with = "angle")]
+    refocus: Option<f64>,
+    /// Look from here in the main lens's aperture: right and down, from -1 to 1.
+    #[arg(long, value_name = "U,V", value_delimiter = ',', allow_hyphen_values = true, requires = "out")]
+    angle: Option<Vec<f64>>,
+    /// Δv at which the frame was taken, mm: gives distances, with --e or --air.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    delta_v: Option<f64>,
+    /// e at which the frame was taken through the shell, mm.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "air")]
+    e: Option<f64>,
+    /// The frame was taken in air, without the shell.
+    #[arg(long)]
+    air: bool,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+    /// With --json: what is known about every single micro-image too.
+    #[arg(long, requires = "json")]
+    lenses: bool,
+}
+
+/// What a picture's file says of itself.
+#[derive(Debug, Serialize)]
+struct PictureReport {
+    file: String,
+    width: usize,
+    height: usize,
+    eog_sum: f64,
+    eog_mean_per_pixel: f64,
+}
+
+/// Least, quartiles and greatest of something.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Spread {
+    least: f64,
+    lower_quartile: f64,
+    median: f64,
+    upper_quartile: f64,
+    greatest: f64,
+}
+
+impl Spread {
+    fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
+        let mut values: Vec<f64> = values.collect();
+        values.sort_unstable_by(f64::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        let at = |quarters: usize| values[last * quarters / 4];
+        Some(Self { least: at(0), lower_quartile: at(1), median: at(2), upper_quartile: at(3), greatest: at(4) })
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct LensReport {
+    index: [i32; 2],
+    centre_px: [f64; 2],
+    spacing_px: f64,
+    /// `null` where unknown.
+    sigma_px: Option<f64>,
+    ssim: f64,
+    state: DepthState,
+    /// a/b; `null` where unknown.
+    virtual_depth: Option<f64>,
+    /// `null` where unknown, or without a pose.
+    distance_mm: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    raw: String,
+    frame_px: [usize; 2],
+    array: &'static str,
+    micro_image_pitch_px: f64,
+    micro_images: usize,
+    measured: usize,
+    inferred: usize,
+    unknown: usize,
+    spacing_px: Option<Spread>,
+    patch_px: Option<Spread>,
+    virtual_depth: Option<Spread>,
+    /// `null` without a pose.
+    distance_mm: Option<Spread>,
+    ssim_mean: f64,
+    disagreements: Vec<String>,
+    view: Option<PictureReport>,
+    all_in_focus: Option<PictureReport>,
+    depth_file: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lenses: Option<Vec<LensReport>>,
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let config = &context.config;
+    for (name, value) in [("--delta-v", args.delta_v), ("--e", args.e), ("--refocus", args.refocus)] {
+        ensure!(value.is_none_or(f64::is_finite), "{name} must be a finite number of millimetres");
+    }
+    let direction = match args.angle.as_deref() {
+        None => [0.0; 2],
+        Some(&[u, v]) => [u, v],
+        Some(other) => bail!("--angle: two numbers, right and down, are wanted, not {}", other.len()),
+    };
+    ensure!(args.refocus.is_none_or(|mm| mm > 0.0), "--refocus must be a distance above 0 mm");
+    for (name, path) in [("--out", &args.out), ("--all-in-focus", &args.all_in_focus)] {
+        ensure!(path.as_deref().is_none_or(|path| has_extension(path, &["png"])), "{name}: a name that ends in .png");
+    }
+    let depth_named = args.depth.as_deref().is_none_or(|path| has_extension(path, &["png", "tif", "tiff"]));
+    ensure!(depth_named, "--depth: a name that ends in .png, .tif or .tiff");
+    let pose = pose(config, &args)?;
+    if pose.is_none() && (args.depth.is_some() || args.refocus.is_some()) {
+        bail!("--depth and --refocus need to know where the camera was: --delta-v, and --e or --air");
+    }
+    let frame = raw::read(&args.raw)?;
+    let white = read_white(config, args.white.as_deref())?.map(|(_, model)| model);
+    let mode = config.design().mla.mode;
+    let pictures = Pictures::new(&frame, white.as_ref(), &frame_options(config), mode, pose.as_ref())
+        .with_context(|| args.raw.display().to_string())?;
+
+    let view = args.out.as_deref().map(|path| {
+        let view = match args.refocus {
+            Some(distance_mm) => pictures.refocused(distance_mm)?,
+            None => pictures.view(direction)?,
+        };
+        save(&view, path)
+    });
+    let view = view.transpose()?;
+    let all_in_focus = args.all_in_focus.as_deref().map(|path| save(&pictures.all_in_focus()?, path)).transpose()?;
+    if let Some(path) = &args.depth {
+        save_distances(&pictures, path)?;
+    }
+
+    let report = report(config, &args, &frame, &pictures, view, all_in_focus);
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        print(&report);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn has_extension(path: &Path, wanted: &[&str]) -> bool {
+    path.extension().is_some_and(|found| wanted.iter().any(|&wanted| found.eq_ignore_ascii_case(wanted)))
+}
+
+/// Where the camera was, as far as the arguments say.
+fn pose(config: &Config, args: &Args) -> anyhow::Result<Option<Pose>> {
+    let design = config.design();
+    let view = match (args.delta_v, args.e, args.air) {
+        (Some(delta_v), Some(e), false) => design.exact_in_water(delta_v, e),
+        (Some(delta_v), None, true) => design.exact_in_air(delta_v, design.air_distance),
+        (Some(_), None, false) => bail!("--delta-v alone gives no distances: --e or --air too"),
+        (None, Some(_), _) | (None, _, true) => bail!("--e and --air give no distances without --delta-v"),
+        _ => return Ok(None),
+    };
+    Ok(Some(Pose { view, pixel_mm: config.pixel_pitch().millimetres() }))
+}
+
+fn save(view: &View, path: &Path) -> anyhow::Result<PictureReport> {
+    let (width, height) = (u32::try_from(view.width)?, u32::try_from(view.height)?);
+    let colour = if view.planes.len() == 3 { image::ColorType::Rgb8 } else { image::ColorType::L8 };
+    image::save_buffer(path, &view.to_u8(), width, height, colour)
+        .with_context(|| format!("{}: the picture could not be written", path.display()))?;
+    let eog = eog(view);
+    Ok(PictureReport {
+        file: path.display().to_string(),
+        width: view.width,
+        height: view.height,
+        eog_sum: eog.sum,
+        eog_mean_per_pixel: eog.mean_per_pixel,
+    })
+}
+
+fn save_distances(pictures: &Pictures, path: &Path) -> anyhow::Result<()> {
+    let view = pictures.view([0.0; 2])?;
+    let distances = pictures.distances_of(&view);
+    let (width, height) = (u32::try_from(view.width)?, u32::try_from(view.height)?);
+    let unwritten = || format!("{}: the distances could not be written", path.display());
+    if has_extension(path, &["png"]) {
+        let levels = distances.iter().map(|mm| (mm * LEVELS_PER_MM).round().clamp(0.0, f32::from(u16::MAX)));
+        // What is unknown becomes 0.
+        let levels: Vec<u16> = levels.map(|level| if level.is_nan() { 0 } else { level as u16 }).collect();
+        let picture = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(width, height, levels);
+        return picture.context("a view of another size")?.save(path).with_context(unwritten);
+    }
+    let file = BufWriter::new(File::create(path).with_context(unwritten)?);
+    let mut encoder = tiff::encoder::TiffEncoder::new(file).with_context(unwritten)?;
+    encoder.write_image::<tiff::encoder::colortype::Gray32Float>(width, height, &distances).with_context(unwritten)
+}
+
+fn report(
+    config: &Config,
+    args: &Args,
+    frame: &raw::RawImage,
+    pictures: &Pictures,
+    view: Option<PictureReport>,
+    all_in_focus: Option<PictureReport>,
+) -> Report {
+    let grid = pictures.grid();
+    let pitch_px = grid.pitch_px();
+    let mla_pitch_px = config.design().mla.pitch / config.pixel_pitch().millimetres();
+    let lenses = &pictures.depth.lenses;
+    let count = |state: DepthState| lenses.iter().filter(|lens| lens.state == state).count();
+    let known = || lenses.iter().filter(|lens| lens.state != DepthState::Unknown).map(|lens| lens.spacing_px);
+    let virtual_depth = |spacing_px: f64| mla_pitch_px / (mla_pitch_px - spacing_px);
+    let spacing_px = Spread::of(known());
+    let each = || {
+        lenses.iter().zip(&pictures.distances_mm).map(|(lens, &distance_mm)| {
+            let known = lens.state != DepthState::Unknown;
+            LensReport {
+                index: lens.index,
+                centre_px: lens.centre_px,
+                spacing_px: lens.spacing_px,
+                sigma_px: known.then_some(lens.sigma_px),
+                ssim: lens.ssim,
+                state: lens.state,
+                virtual_depth: known.then(|| virtual_depth(lens.spacing_px)),
+                distance_mm,
+            }
+        })
+    };
+    Report {
+        raw: args.raw.display().to_string(),
+        frame_px: grid.frame_size,
+        array: grid.array.name(),
+        micro_image_pitch_px: pitch_px,
+        micro_images: lenses.len(),
+        measured: count(DepthState::Measured),
+        inferred: count(DepthState::Inferred),
+        unknown: count(DepthState::Unknown),
+        spacing_px,
+        patch_px: Spread::of(known().map(|spacing_px| (pitch_px - spacing_px).abs())),
+        virtual_depth: Spread::of(known().map(virtual_depth)),
+        distance_mm: Spread::of(pictures.distances_mm.iter().copied().flatten()),
+        ssim_mean: lenses.iter().map(|lens| lens.ssim).sum::<f64>() / lenses.len().max(1) as f64,
+        disagreements: spacing_px.map_or_else(Vec::new, |spread| disagreements(config, frame, grid, spread.median)),
+        view,
+        all_in_focus,
+        depth_file: args.depth.as_ref().map(|path| path.display().to_string()),
+        lenses: args.lenses.then(|| each().collect()),
+    }
+}
+
+fn print(report: &Report) {
+    println!("frame            {} of {}x{} px", report.raw, report.frame_px[0], report.frame_px[1]);
+    println!(
+        "micro-images     {} on a {} array, {:.3} px apart: {} measured, {} inferred, {} unknown; SSIM {:.3}",
+        report.micro_images,
+        report.array,
+        report.micro_image_pitch_px,
+        report.measured,
+        report.inferred,
+        report.unknown,
+        report.ssim_mean
+    );
+    let line = |name: &str, unit: &str, spread: Option<Spread>, digits: usize| {
+        let Some(s) = spread else { return };
+        println!(
+            "{name:16} {:.digits$} to {:.digits$} {unit}, half of them from {:.digits$} to {:.digits$}, median {:.digits$}",
+            s.least, s.greatest, s.lower_quartile, s.upper_quartile, s.median
+        );
+    };
+    line("spacing", "px", report.spacing_px, 3);
+    line("patch", "px", report.patch_px, 3);
+    line("virtual depth", "a/b", report.virtual_depth, 3);
+    line("distance", "mm", report.distance_mm, 1);
+    for (name, picture) in [("view", &report.view), ("all in focus", &report.all_in_focus)] {
+        if let Some(p) = picture {
+            println!(
+                "{name:16} {}: {}x{} px, EOG {:.4e} in sum, {:.1} a pixel",
+                p.file, p.width, p.height, p.eog_sum, p.eog_mean_per_pixel
+            );
+        }
+    }
+    if let Some(file) = &report.depth_file {
+        println!("depth            {file}");
+    }
+    for disagreement in &report.disagreements {
+        println!("note             {disagreement}");
+    }
+}
