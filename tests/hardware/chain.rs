@@ -84,7 +84,9 @@ async fn chain(share: &Path) -> Result<(), String> {
     let terminal = twin.serve_on_terminal().map_err(|error| error.to_string())?;
     let told = toml::to_string(&hardware(&config)).map_err(|error| error.to_string())?;
     std::fs::write(share.join("chain.toml"), told).map_err(|error| error.to_string())?;
-    let _ = std::fs::remove_file(share.join("stop"));
+    for old in ["stop", "token"] {
+        let _ = std::fs::remove_file(share.join(old));
+    }
     let mut guest = Guest::boot(share, &terminal.display().to_string())?;
 
     let camera = Arc::new(Camera::start(&truth, &config));
@@ -243,14 +245,16 @@ async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, share: &Path) -> Result
     plenalign::api::server::use_ring();
     let client = reqwest::Client::builder().timeout(Duration::from_secs(20)).tls_certs_only([]);
     let client = client.build().map_err(|error| error.to_string())?;
+    let token = token(share).await;
     let get = async |path: &str| -> Result<Value, String> {
-        let answer = client.get(format!("{DAEMON}{path}")).send().await.map_err(|error| error.to_string())?;
+        let sent = client.get(format!("{DAEMON}{path}")).bearer_auth(&token);
+        let answer = sent.send().await.map_err(|error| error.to_string())?;
         answer.json().await.map_err(|error| error.to_string())
     };
     let key = OnceLock::<String>::new();
     let post = async |path: &str, body: Value| -> Result<Value, String> {
-        let sent =
-            client.post(format!("{DAEMON}{path}")).header("plenalign-lease", key.get().map_or("", String::as_str));
+        let sent = client.post(format!("{DAEMON}{path}")).bearer_auth(&token);
+        let sent = sent.header("plenalign-lease", key.get().map_or("", String::as_str));
         let sent = sent.header("content-type", "application/json").body(body.to_string());
         let answer = sent.send().await.map_err(|error| error.to_string())?;
         let status = answer.status();
@@ -323,6 +327,16 @@ async fn align(truth: &Arc<Truth>, camera: &Arc<Camera>, share: &Path) -> Result
             }
             Some("pending" | "cancelling") | None => {}
             Some(_) => return Err(format!("the job ended: {} {}", job["state"], job["reason"])),
+        }
+    }
+}
+
+/// The token that the guest has made.
+async fn token(share: &Path) -> String {
+    loop {
+        match std::fs::read_to_string(share.join("token")) {
+            Ok(token) => return token.trim().to_owned(),
+            Err(_) => tokio::time::sleep(Duration::from_millis(500)).await,
         }
     }
 }

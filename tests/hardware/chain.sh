@@ -10,6 +10,10 @@ for _ in 1 2 3 4 5 6 7 8 9 10; do
 done
 ls -l /dev/video20 /dev/ttyUSB0
 export PLENALIGN_STATE_DIR=/tmp/state RUST_LOG=info
+# Beyond loopback the daemon demands a token, with TLS or without.
+mkdir -p "$PLENALIGN_STATE_DIR"
+/tmp/plenalign token create --name chain --scope control >/mnt/host/token.part || exit 1
+mv /mnt/host/token.part /mnt/host/token
 (
   while ! [ -e /mnt/host/stop ]; do
     /tmp/plenalign --config /mnt/host/chain.toml serve --listen 0.0.0.0:8080 --insecure

@@ -112,7 +112,6 @@ fn small_and_noisy_frames_in_focus_measure() {
     }
 }
 
-/// On a board that repeats itself within a micro-image several spacings match alike: no number comes of it.
 #[test]
 fn distortion_bends_the_field_and_not_the_axis() {
     let design = Config::default().design();
@@ -134,6 +133,7 @@ fn distortion_bends_the_field_and_not_the_axis() {
     assert!((found.astigmatism_px - scale * -0.128).abs() < 0.02, "{} for {found:?}", scale * -0.128);
 }
 
+/// On a board that repeats itself within a micro-image several spacings match alike: no number comes of it.
 #[test]
 fn a_board_that_repeats_itself_is_refused() {
     let design = Config::default().design();
@@ -149,6 +149,33 @@ fn a_board_that_repeats_itself_is_refused() {
     let raw = expose(&render(&camera, &Scene::Board(Board::new(distance, map)), rays), 400, 400, &Noise::default(), 4);
     let refused = measured(&raw, &white).unwrap_err();
     assert!(matches!(refused, MeasurementError::Spacing(SpacingError::Ambiguous { .. })), "{refused}");
+}
+
+#[test]
+fn small_micro_images_give_a_larger_sigma_or_a_refusal() {
+    let (mut bad, mut measured) = (Vec::new(), 0);
+    for pitch_px in [8.0, 10.5, 13.0, 16.0, 19.0] {
+        for texture in [Texture::Natural, Texture::Charuco, Texture::Guppy] {
+            let frame = Rendered { pitch_px, seed: 3, rays: 16, ..Rendered::default() };
+            let white = WhiteModel::new(&frame.white()).unwrap();
+            let options = FrameOptions::new(frame.mla_pitch_px());
+            let spacing = match measure_frame(&frame.textured(texture), Some(&white), &options) {
+                Ok(found) => found.spacing,
+                Err(refusal) => {
+                    println!("{pitch_px} px {texture:?}: {refusal}");
+                    continue;
+                }
+            };
+            let error = spacing.on_axis_px - frame.spacing_px();
+            println!("{pitch_px} px {texture:?}: off by {error:+.4} ± {:.4} px", spacing.sigma_px);
+            measured += 1;
+            if error.abs() > 3.0 * spacing.sigma_px {
+                bad.push(format!("{pitch_px} px {texture:?}: off by {error:+.4} ± {:.4}", spacing.sigma_px));
+            }
+        }
+    }
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
+    assert!(measured > 0, "all are refused");
 }
 
 #[test]
