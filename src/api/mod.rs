@@ -19,7 +19,7 @@ mod info;
 mod jobs;
 mod lease;
 mod live;
-mod measurements;
+pub mod measurements;
 mod metrics;
 mod origin;
 mod page;
