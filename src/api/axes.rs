@@ -1,13 +1,16 @@
 //! Moving and homing one axis by hand.
 
-use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
+use axum::{Extension, Json};
+use serde_json::json;
 
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey, PathParam};
 use super::types::{JogRequest, MoveRequest};
+use crate::access::{AuditRecord, Principal};
+use crate::control::Acceptance;
 use crate::control::events::BenchView;
 use crate::device::AxisName;
 use crate::units::Millimetres;
@@ -31,11 +34,14 @@ use crate::units::Millimetres;
 )]
 pub(super) async fn go(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     PathParam(axis): PathParam<AxisName>,
     key: LeaseKey,
     JsonBody(request): JsonBody<MoveRequest>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
     let view = app.service.move_axis(&app.permit(&key)?, axis, Millimetres(request.position_mm)).await?;
+    let detail = json!({ "axis": axis, "position_mm": request.position_mm });
+    app.gate.audit(AuditRecord::of(&principal, "axis.move", detail));
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 
@@ -57,10 +63,12 @@ pub(super) async fn go(
 )]
 pub(super) async fn home(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     PathParam(axis): PathParam<AxisName>,
     key: LeaseKey,
 ) -> Result<(StatusCode, Json<BenchView>)> {
     let view = app.service.home_axis(&app.permit(&key)?, axis).await?;
+    app.gate.audit(AuditRecord::of(&principal, "axis.home", json!({ "axis": axis })));
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 
@@ -82,11 +90,18 @@ pub(super) async fn home(
 )]
 pub(super) async fn jog(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     PathParam(axis): PathParam<AxisName>,
     key: LeaseKey,
     JsonBody(request): JsonBody<JogRequest>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
-    let view = app.service.jog(&app.permit(&key)?, axis, request.towards, request.speed_mm_per_s).await?;
+    let permit = app.permit(&key)?;
+    let (view, begins) = app.service.jog(&permit, axis, request.towards, request.speed_mm_per_s).await?;
+    // Not every request that has it go on.
+    if begins == Acceptance::Now {
+        let detail = json!({ "axis": axis, "towards": request.towards });
+        app.gate.audit(AuditRecord::of(&principal, "axis.jog", detail));
+    }
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 

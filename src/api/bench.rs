@@ -1,12 +1,14 @@
 //! The bench's state, and the operator's statement about the shell.
 
-use axum::Json;
 use axum::extract::State;
+use axum::{Extension, Json};
+use serde_json::json;
 
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey};
 use super::types::ShellRequest;
+use crate::access::{AuditRecord, Principal};
 use crate::control::events::BenchView;
 
 /// State of the whole bench.
@@ -31,8 +33,11 @@ pub(super) async fn get(State(app): State<App>) -> Json<BenchView> {
 )]
 pub(super) async fn put_shell(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     key: LeaseKey,
     JsonBody(request): JsonBody<ShellRequest>,
 ) -> Result<Json<BenchView>> {
-    Ok(Json(app.service.set_shell(&app.permit(&key)?, request.state)?))
+    let view = app.service.set_shell(&app.permit(&key)?, request.state)?;
+    app.gate.audit(AuditRecord::of(&principal, "shell.set", json!({ "state": request.state })));
+    Ok(Json(view))
 }

@@ -91,6 +91,21 @@ impl Problem {
             .with(json!({ "limit_bytes": limit_bytes }))
     }
 
+    /// The request's head is larger than any client's has to be.
+    #[must_use]
+    pub fn head_too_large(limit_headers: usize, limit_bytes: usize) -> Self {
+        let detail = format!(
+            "a request may have {limit_headers} headers, and {limit_bytes} bytes of them and of its path together"
+        );
+        Self::new(
+            StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
+            "head-too-large",
+            "The request's head is too large",
+            detail,
+        )
+        .with(json!({ "limit_headers": limit_headers, "limit_bytes": limit_bytes }))
+    }
+
     /// The body is not said to be JSON.
     #[must_use]
     pub fn unsupported_media_type(found: Option<&str>) -> Self {
@@ -333,6 +348,10 @@ impl From<Refusal> for Problem {
             Refusal::JobState { state, .. } => {
                 Self::refused("job-state", "Not in the job's state", it, json!({ "state": state }))
             }
+            Refusal::SpansMotion { axes } => {
+                Self::refused("spans-motion", "The frame spans motion", it, json!({ "axes": axes }))
+            }
+            Refusal::NotMeasurable { .. } => Self::refused("not-measurable", "Nothing can be measured", it, json!({})),
             Refusal::NoHistory { .. } => {
                 let title = "The history cannot be written";
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "history-unwritable", title, it.to_string())

@@ -6,6 +6,7 @@ use std::time::Duration;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use nix::time::{ClockId, clock_gettime};
 use serde::Deserialize;
 use tokio::time::Instant;
 use utoipa::IntoParams;
@@ -24,6 +25,8 @@ use crate::device::Frame;
             ("Plenalign-Frame-Seq" = u64, description = "Sequence number from the camera"),
             ("Plenalign-Frame-Age-Ms" = f64, description = "Age when this answer was made"),
             ("Plenalign-Captured-At" = String, description = "End of the exposure, RFC 3339"),
+            ("Plenalign-Captured-Monotonic-Ms" = f64,
+             description = "The same on the daemon's machine's CLOCK_MONOTONIC, which no setting of the clock disturbs"),
             ("Plenalign-Exposure-Ms" = f64, description = "Length of the exposure"),
             ("Plenalign-Exposure-Assumed" = bool, description = "Whether that is assumed, not the driver's word"),
             ("Plenalign-Focus-Mm" = f64, description = "Readback of the focus axis; absent while unknown"),
@@ -139,6 +142,7 @@ pub(super) fn frame_headers(frame: &Frame) -> HeaderMap {
     say("plenalign-frame-seq", &frame.seq);
     say("plenalign-frame-age-ms", &milliseconds(age(frame)));
     say("plenalign-captured-at", &frame.captured_at);
+    say("plenalign-captured-monotonic-ms", &milliseconds(monotonic(frame.exposed_to)));
     say("plenalign-exposure-ms", &milliseconds(frame.exposed_to.saturating_duration_since(frame.exposed_from)));
     say("plenalign-exposure-assumed", &frame.exposure_assumed);
     if let Some(position) = frame.focus.position {
@@ -158,6 +162,12 @@ fn insert(headers: &mut HeaderMap, name: HeaderName, value: &dyn Display) {
     if let Ok(value) = HeaderValue::try_from(value.to_string()) {
         headers.insert(name, value);
     }
+}
+
+/// A moment on the system's CLOCK_MONOTONIC: comparable between the programs of one machine until it is started anew.
+pub(super) fn monotonic(moment: Instant) -> Duration {
+    let now = clock_gettime(ClockId::CLOCK_MONOTONIC).map(Duration::from).unwrap_or_default();
+    now.saturating_sub(moment.elapsed())
 }
 
 /// A duration in milliseconds, to the microsecond.

@@ -82,10 +82,10 @@ pub struct AuditList {
 }
 
 /// The pairs of a query, each name one that is known.
-struct Query(BTreeMap<String, String>);
+pub(super) struct Query(BTreeMap<String, String>);
 
 impl Query {
-    fn new(pairs: Vec<(String, String)>, known: &[&str]) -> Result<Self> {
+    pub(super) fn new(pairs: Vec<(String, String)>, known: &[&str]) -> Result<Self> {
         let mut query = BTreeMap::new();
         for (name, value) in pairs {
             if !known.contains(&name.as_str()) {
@@ -99,7 +99,7 @@ impl Query {
         Ok(Self(query))
     }
 
-    fn read<T>(&self, name: &str, what: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>> {
+    pub(super) fn read<T>(&self, name: &str, what: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>> {
         let Some(text) = self.0.get(name) else { return Ok(None) };
         let wrong = || Problem::invalid(name, format!("{name}: {text:?} is not {what}"));
         read(text).map(Some).ok_or_else(wrong)
@@ -118,7 +118,7 @@ impl Query {
         self.read(name, "a time such as 2026-11-22T14:00:00Z", |text| text.parse().ok())
     }
 
-    fn limit(&self) -> Result<usize> {
+    pub(super) fn limit(&self) -> Result<usize> {
         let what = format!("a number from 1 to {LIMIT_MOST}");
         let read = |text: &str| text.parse().ok().filter(|limit| (1..=LIMIT_MOST).contains(limit));
         Ok(self.read("limit", &what, read)?.unwrap_or(LIMIT))

@@ -1,15 +1,17 @@
 //! Jobs: start, read, confirm an operator step, cancel.
 
-use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
+use axum::{Extension, Json};
+use serde_json::json;
 use uuid::Uuid;
 
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey, PathParam};
 use super::types::{ConfirmRequest, JobResource};
+use crate::access::{AuditRecord, Principal};
 use crate::control::job::JobRequest;
 use crate::control::{Acceptance, Refusal, ServiceError};
 
@@ -36,20 +38,26 @@ use crate::control::{Acceptance, Refusal, ServiceError};
 )]
 pub(super) async fn create(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     lease: LeaseKey,
     headers: HeaderMap,
     JsonBody(request): JsonBody<JobRequest>,
 ) -> Result<impl IntoResponse> {
     let key = idempotency_key(&headers)?;
     let permit = app.permit(&lease);
-    let service = app.service.clone();
+    let (service, gate) = (app.service.clone(), app.gate.clone());
     // In a task of its own: a client that hangs up leaves no job half accepted.
     let created = tokio::spawn(async move {
-        match key {
+        let created = match key {
             // Asked again, it is answered whoever has the lease by now.
             Some(key) => service.create_job_once(permit, request, key).await,
             None => service.create_job(&permit?, request).await.map(|job| (job, Acceptance::Now)),
+        };
+        if let Ok((job, Acceptance::Now)) = &created {
+            let detail = json!({ "job": job.id, "request": job.request, "owner": job.owner });
+            gate.audit(AuditRecord::of(&principal, "job.create", detail));
         }
+        created
     });
     let (job, acceptance) = created.await.map_err(|_| Problem::internal())??;
     let job = JobResource::from(job);
@@ -100,7 +108,14 @@ pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) 
         (status = 404, body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn cancel(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobResource>> {
+pub(super) async fn cancel(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    PathParam(id): PathParam<Uuid>,
+) -> Result<Json<JobResource>> {
+    if app.service.job(id).is_ok_and(|job| !job.state.is_final()) {
+        app.gate.audit(AuditRecord::of(&principal, "job.cancel", json!({ "job": id })));
+    }
     let cancelled = match app.service.cancel(id) {
         // Of an earlier run, and so over.
         Err(ServiceError::NoSuchJob { .. }) => app.service.find_job(id).await?,
@@ -122,6 +137,7 @@ pub(super) async fn cancel(State(app): State<App>, PathParam(id): PathParam<Uuid
 )]
 pub(super) async fn confirm(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     PathParam(id): PathParam<Uuid>,
     JsonBody(request): JsonBody<ConfirmRequest>,
 ) -> Result<Json<JobResource>> {
@@ -130,6 +146,11 @@ pub(super) async fn confirm(
             let state = format!("{:?}", app.service.find_job(id).await?.state).to_lowercase();
             Err(Refusal::JobState { state, why: "it ended in an earlier run of the program".to_owned() }.into())
         }
-        confirmed => Ok(Json(confirmed?.into())),
+        confirmed => {
+            let confirmed = confirmed?;
+            let detail = json!({ "job": id, "step": request.step });
+            app.gate.audit(AuditRecord::of(&principal, "job.confirm", detail));
+            Ok(Json(confirmed.into()))
+        }
     }
 }

@@ -1,7 +1,5 @@
 //! The control lease: who may move the axes.
 
-use std::time::Duration;
-
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::{Extension, Json};
@@ -13,24 +11,10 @@ use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey};
 use super::types::{LeaseAsked, LeaseState};
 use crate::access::{AuditRecord, Principal};
-use crate::control::lease::{DEFAULT_TTL_S, LeaseGrant, LeaseRequest, LeaseView, MAX_TEXT, TTL_RANGE_S};
+use crate::control::lease::{LeaseGrant, LeaseRequest, LeaseView};
 
 fn request(asked: LeaseAsked) -> Result<LeaseRequest> {
-    let words = |field: &str, text: &str| {
-        if text.trim().is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
-            let detail = format!("{field}: 1 to {MAX_TEXT} printable characters are needed");
-            return Err(Problem::invalid(field, detail));
-        }
-        Ok(())
-    };
-    words("owner", &asked.owner)?;
-    asked.note.as_deref().map_or(Ok(()), |note| words("note", note))?;
-    let ttl_s = asked.ttl_s.unwrap_or(DEFAULT_TTL_S);
-    let [low, high] = TTL_RANGE_S;
-    if !(low..=high).contains(&ttl_s) {
-        return Err(Problem::invalid("ttl_s", format!("ttl_s: {ttl_s} is not within {low} to {high}")));
-    }
-    Ok(LeaseRequest { owner: asked.owner, note: asked.note, ttl: Duration::from_secs_f64(ttl_s) })
+    Ok(LeaseRequest::new(asked.owner, asked.note, asked.ttl_s)?)
 }
 
 /// Who has the control lease.
@@ -55,9 +39,14 @@ pub(super) async fn get(State(app): State<App>) -> Json<LeaseState> {
 )]
 pub(super) async fn take(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     JsonBody(asked): JsonBody<LeaseAsked>,
 ) -> Result<(StatusCode, Json<LeaseGrant>)> {
-    Ok((StatusCode::CREATED, Json(app.service.leases().acquire(request(asked)?)?)))
+    let granted = app.service.leases().acquire(request(asked)?)?;
+    let LeaseView { id, owner, note, .. } = &granted.lease;
+    let detail = json!({ "lease": id, "owner": owner, "note": note });
+    app.gate.audit(AuditRecord::of(&principal, "lease.take", detail));
+    Ok((StatusCode::CREATED, Json(granted)))
 }
 
 /// Takes the control lease from whoever has it.
@@ -79,6 +68,7 @@ pub(super) async fn take_over(
     let request = request(asked)?;
     let former = app.service.leases().view();
     let detail = json!({ "owner": &request.owner, "note": &request.note, "former": former });
+    // Before it is done: that a job was cancelled for it is to be known even where the lease was then not to be had.
     app.gate.audit(AuditRecord::of(&principal, "lease.take_over", detail));
     let service = app.service.clone();
     // In a task of its own: a client that hangs up must not leave a job cancelled and the lease with nobody.
@@ -109,7 +99,14 @@ pub(super) async fn renew(State(app): State<App>, key: LeaseKey) -> Result<Json<
         (status = 428, description = "No key was shown", body = Problem, content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn release(State(app): State<App>, key: LeaseKey) -> Result<StatusCode> {
-    app.service.leases().release(key.shown())?;
+pub(super) async fn release(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    key: LeaseKey,
+) -> Result<StatusCode> {
+    if let Some(released) = app.service.leases().release(key.shown())? {
+        let detail = json!({ "lease": released.id, "owner": released.owner });
+        app.gate.audit(AuditRecord::of(&principal, "lease.release", detail));
+    }
     Ok(StatusCode::NO_CONTENT)
 }

@@ -21,7 +21,7 @@ use uuid::Uuid;
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{Query, parse};
-use super::frame::milliseconds;
+use super::frame::{milliseconds, monotonic};
 use super::hub::{Begin, text};
 use super::picture::{Encoding, QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
@@ -38,6 +38,8 @@ use crate::telemetry::{self, ViewerKind, Viewing};
 const TICK: Duration = Duration::from_secs(2);
 /// A viewer that takes nothing for so long is cut off.
 const SEND_TIMEOUT: Duration = Duration::from_secs(10);
+/// What of it is left to a viewer once the program ends.
+const PARTING: Duration = Duration::from_millis(500);
 /// A viewer that says nothing for so long, pongs included, is gone.
 const SILENCE: Duration = Duration::from_secs(30);
 /// Longest message of a viewer, bytes.
@@ -144,7 +146,7 @@ impl Viewer {
         };
         if let End::Close(code, reason) = end {
             let frame = CloseFrame { code, reason: reason.into() };
-            let _ = tokio::time::timeout(Duration::from_secs(1), self.socket.send(Message::Close(Some(frame)))).await;
+            let _ = tokio::time::timeout(PARTING, self.socket.send(Message::Close(Some(frame)))).await;
         }
     }
 
@@ -192,9 +194,18 @@ impl Viewer {
     }
 
     async fn send(&mut self, message: Message) -> std::result::Result<(), End> {
-        match tokio::time::timeout(SEND_TIMEOUT, self.socket.send(message)).await {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(_)) | Err(_) => Err(End::Gone),
+        let shutdown = &self.app.shutdown;
+        let closing = async {
+            shutdown.cancelled().await;
+            tokio::time::sleep(PARTING).await;
+        };
+        tokio::select! {
+            sent = tokio::time::timeout(SEND_TIMEOUT, self.socket.send(message)) => match sent {
+                Ok(Ok(())) => Ok(()),
+                Ok(Err(_)) | Err(_) => Err(End::Gone),
+            },
+            // Whoever takes nothing must not hold the program's end up.
+            () = closing => Err(End::Gone),
         }
     }
 
@@ -394,6 +405,7 @@ fn picture_message(frame: &Frame, jpeg: axum::body::Bytes, frames_skipped: u64, 
         jpeg,
         seq: frame.seq,
         captured_unix_us: frame.captured_at.as_microsecond(),
+        captured_monotonic_us: monotonic(frame.exposed_to).as_micros() as u64,
         exposure_us: frame.exposed_to.saturating_duration_since(frame.exposed_from).as_micros() as u64,
         exposure_assumed: frame.exposure_assumed,
         focus_mm: frame.focus.position.map(|position| position.value()),

@@ -19,6 +19,7 @@ mod info;
 mod jobs;
 mod lease;
 mod live;
+pub mod measurements;
 mod metrics;
 mod origin;
 mod page;
@@ -185,7 +186,10 @@ impl Api {
     info(
         title = "Plenalign",
         description = "Aligns underwater plenoptic cameras: state of the bench, jobs, axes, \
-        stop, frames. Lengths carry their unit in the key. A client ignores fields that it does not know."
+        stop, frames. Lengths carry their unit in the key. A client ignores fields that it does not know. \
+        Every refusal is a problem (RFC 9457), a request's head of more than 64 headers or 16 KiB included (431); only \
+        what is no HTTP at all (400) and a head beyond 256 headers or 64 KiB (431) are answered by their status alone, \
+        and the connection is closed."
     ),
     components(schemas(types::ServerMessage, types::ViewerMessage, Problem))
 )]
@@ -221,6 +225,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(tokens::create, tokens::list))
         .routes(routes!(tokens::revoke))
         .routes(routes!(info::measurement))
+        .routes(routes!(measurements::measure, measurements::list))
         .routes(routes!(config::get, config::put))
         .routes(routes!(config::schema))
         .routes(routes!(config::validate))

@@ -97,6 +97,9 @@ pub struct Frame {
     /// Whether the frame is of old, played from a file.
     #[prost(bool, tag = "16")]
     pub replayed: bool,
+    /// End of the exposure on the daemon's machine's CLOCK_MONOTONIC, microseconds: no setting of the clock disturbs it.
+    #[prost(uint64, tag = "17")]
+    pub captured_monotonic_us: u64,
 }
 /// What became of a micro-image in the newest measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

@@ -22,6 +22,9 @@ const ADMIN: Need = Need::AtLeast(Scope::Admin);
 /// The stop: whoever may see the bench may stop it, however often, and when there is room for nothing else.
 pub(super) const STOP: (&str, &str) = ("POST", "/api/v1/stop");
 
+/// Measuring a frame, which whoever may look may do.
+const MEASURE: (&str, &str) = ("POST", "/api/v1/measurements");
+
 /// Method and path of every route. HEAD needs what GET does.
 const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/healthz", NOTHING),
@@ -63,6 +66,9 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/audit", ADMIN),
     ("POST", "/api/v1/jobs/{id}/confirm", CONTROL),
     ("GET", "/api/v1/measurement", VIEW),
+    // Nothing moves by it.
+    (MEASURE.0, MEASURE.1, VIEW),
+    ("GET", MEASURE.1, VIEW),
     ("GET", "/api/v1/design", VIEW),
     ("GET", "/api/v1/openapi.json", VIEW),
     ("GET", "/api/v1/config", VIEW),
@@ -129,7 +135,8 @@ mod tests {
     fn what_changes_something_takes_more_than_to_look() {
         for (method, path, need) in TABLE {
             let changes = *method != "GET";
-            let exempt = (*method, *path) == STOP || ["/api/v1/session", "/api/v1/tickets"].contains(path);
+            let exempt =
+                [STOP, MEASURE].contains(&(*method, *path)) || ["/api/v1/session", "/api/v1/tickets"].contains(path);
             if changes && !exempt {
                 assert!(*need == CONTROL || *need == ADMIN, "{method} {path}");
             }

@@ -27,10 +27,11 @@ use crate::telemetry;
 
 /// Where the daemon serves unless told otherwise.
 pub(super) const DEFAULT_ADDRESS: &str = "127.0.0.1:8080";
-/// Between the first signal and the end, whatever hangs.
-const SHUTDOWN: Duration = Duration::from_secs(5);
-/// What of it the axes may take: they are stopped first.
-const AXES: Duration = Duration::from_secs(3);
+/// Between the first signal and the end of what is orderly, whatever hangs. With [`LEFT_OVER`] less than the 5 s that
+/// are promised; each part is bounded by itself, to less.
+const SHUTDOWN: Duration = Duration::from_millis(4_250);
+/// How long a thread that hangs may hold up the end of the process.
+const LEFT_OVER: Duration = Duration::from_millis(250);
 /// Exit code after a second signal: 128 and the number of SIGINT, as shells have it.
 const INTERRUPTED: i32 = 130;
 
@@ -55,7 +56,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
     let code = runtime.block_on(serve(context, args));
     // A blocking task that hangs must not hold the end up.
-    runtime.shutdown_timeout(Duration::from_millis(500));
+    runtime.shutdown_timeout(LEFT_OVER);
     code
 }
 
@@ -163,16 +164,17 @@ impl Server {
         }
     }
 
-    /// Ends it: axes first, then the streams. A second signal ends the program at once.
+    /// Ends it: axes and job first, then the streams while the history is written to its end. A second signal ends the
+    /// program at once.
     pub(super) async fn shut_down(mut self, signals: &mut Signals) {
         tracing::info!("stopping: axes first, then the streams");
         let orderly = async {
-            if timeout(AXES, self.service.shut_down()).await.is_err() {
-                tracing::error!("the axes were not confirmed stopped in time");
-            }
-            self.api.close().await;
-            tracing::info!("streams closed");
-            let _ = (&mut self.task).await;
+            self.service.come_to_rest().await;
+            tokio::join!(self.service.end(), async {
+                self.api.close().await;
+                tracing::info!("streams closed");
+                let _ = (&mut self.task).await;
+            });
         };
         tokio::select! {
             ended = timeout(SHUTDOWN, orderly) => if ended.is_err() {

@@ -283,15 +283,38 @@ impl Eye {
 
     /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured.
     pub(super) async fn measure_live(&self) -> Option<MeasurementView> {
-        let sight = self.sight()?;
+        self.sight()?;
         let mut live = self.bench.camera.live();
         let frame =
             tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
+        self.measure_frame(&frame).await.ok()
+    }
+
+    /// Measures the spacing in one frame; the error is why it cannot be, in words.
+    pub(super) async fn measure_frame(&self, frame: &Arc<Frame>) -> Result<MeasurementView, String> {
+        let sight = self.sight().ok_or("no white frame has been taken")?;
         let (image, from) = (Arc::clone(&frame.image), Instant::now());
-        let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image])).await.ok()?.ok()?;
+        let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image]))
+            .await
+            .map_err(|error| format!("the measurement ended unexpectedly: {error}"))??;
         telemetry::measured(from.elapsed());
-        self.publish_map(&frame, &seen);
-        Some(self.view(&frame, &seen))
+        self.publish_map(frame, &seen);
+        Ok(self.view(frame, &seen))
+    }
+
+    /// The devices that it sees through and past.
+    pub(super) const fn bench(&self) -> &Bench {
+        &self.bench
+    }
+
+    /// The axes' motion.
+    pub(super) fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// Where measurements are kept.
+    pub(super) fn journal(&self) -> &Journal {
+        &self.journal
     }
 }
 

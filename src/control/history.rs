@@ -12,6 +12,7 @@ use uuid::Uuid;
 use super::events::MeasurementView;
 use super::job::{Iteration, JobKind, JobRequest, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Stage};
 use super::journal::word;
+use super::measurement::SingleMeasurement;
 use super::refusal::{Refusal, ServiceError};
 use super::service::Service;
 use crate::access::{AuditRecord, AuditSink, LogAudit};
@@ -177,6 +178,7 @@ fn snapshot(job: records::Job, iterations: Vec<Value>, log: Vec<LogLine>) -> Res
     if job.ended_at.is_some() {
         say("operator_step", Value::Null);
     }
+    say("request", job.request);
     say("state", json!(job.state));
     say("generation", json!(job.generation));
     say("ended_at", json!(job.ended_at));
@@ -324,6 +326,28 @@ impl Service {
     pub async fn measurements(&self, id: Uuid) -> Result<Vec<MeasurementView>, ServiceError> {
         self.find_job(id).await?;
         measurements(self.journal.store(), id).await.map_err(unreadable)
+    }
+
+    /// A page of the measurements that belong to no job, newest first, each with its number; `before` is where the page
+    /// before has ended. Those that a version of other documents has written are left out.
+    ///
+    /// # Errors
+    /// When the history cannot be read.
+    pub async fn measurements_alone(
+        &self,
+        before: Option<u64>,
+        limit: usize,
+    ) -> Result<Page<(u64, SingleMeasurement)>, ServiceError> {
+        let read = move |connection: &_| read::measurements_alone(connection, before, limit);
+        let found = self.journal.store().read(read).await.map_err(unreadable)?;
+        let known = |entry: records::Entry| match serde_json::from_value(entry.document) {
+            Ok(measured) => Some((entry.number, measured)),
+            Err(error) => {
+                tracing::warn!(%error, number = entry.number, "a measurement is left out of the list");
+                None
+            }
+        };
+        Ok(Page { items: found.items.into_iter().filter_map(known).collect(), more: found.more })
     }
 
     /// Everything that is kept of a job.

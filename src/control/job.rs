@@ -219,7 +219,9 @@ pub struct JobSnapshot {
     pub kind: JobKind,
     /// As it was asked for.
     pub request: JobRequest,
-    /// Who started it: the owner of the control lease that it holds until its end.
+    /// Who started it: the owner of the control lease that it holds until its end. Empty where the version that ran it
+    /// knew no owners.
+    #[serde(default)]
     pub owner: String,
     /// Where it is in its life.
     pub state: JobState,

@@ -11,6 +11,7 @@ use uuid::Uuid;
 use super::events::{MeasurementView, StopView};
 use super::job::{JobSnapshot, OperatorStep};
 use super::lease::KeptLease;
+use super::measurement::SingleMeasurement;
 use super::refusal::{Refusal, ServiceError};
 use crate::config::Config;
 use crate::device::AxisName;
@@ -177,6 +178,12 @@ impl Journal {
     pub(super) fn measured(&self, measurement: &MeasurementView) {
         let (job, at, document) = (*self.current(), measurement.captured_at, document(measurement));
         self.store.queue(move |writer| writer.add_measurement(job, at, &document));
+    }
+
+    /// Adds a measurement that belongs to no job.
+    pub(super) fn measured_alone(&self, measured: &SingleMeasurement) {
+        let (at, document) = (measured.measurement.captured_at, document(measured));
+        self.store.queue(move |writer| writer.add_measurement(None, at, &document));
     }
 
     /// Writes what the operator is asked to do, or, with `confirmed_at`, that it is done.

@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::refusal::Refusal;
+use super::refusal::{Refusal, ServiceError};
 
 /// How long a lease outlives the connection that held it, unless renewed otherwise.
 pub const GRACE: Duration = Duration::from_secs(10);
@@ -64,6 +64,34 @@ pub struct LeaseRequest {
     pub note: Option<String>,
     /// Time to live from a heartbeat.
     pub ttl: Duration,
+}
+
+impl LeaseRequest {
+    /// A request that makes sense, for [`DEFAULT_TTL_S`] where no time to live is given.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] names the field: owner and note are short and printable, the time to live is within
+    /// [`TTL_RANGE_S`].
+    pub fn new(owner: String, note: Option<String>, ttl_s: Option<f64>) -> Result<Self, ServiceError> {
+        let words = |field, text: &str| {
+            if text.trim().is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
+                let what = format!("1 to {MAX_TEXT} printable characters are needed");
+                return Err(ServiceError::Invalid { field, what });
+            }
+            Ok(())
+        };
+        words("owner", &owner)?;
+        note.as_deref().map_or(Ok(()), |note| words("note", note))?;
+        let ttl_s = ttl_s.unwrap_or(DEFAULT_TTL_S);
+        let [low, high] = TTL_RANGE_S;
+        if !(low..=high).contains(&ttl_s) {
+            return Err(ServiceError::Invalid {
+                field: "ttl_s",
+                what: format!("{ttl_s} is not within {low} to {high}"),
+            });
+        }
+        Ok(Self { owner, note, ttl: Duration::from_secs_f64(ttl_s) })
+    }
 }
 
 /// That the holder of the lease asks: what every command of motion needs.
@@ -245,24 +273,24 @@ impl Leases {
         Ok(view)
     }
 
-    /// Gives the lease back; where a job holds it, at that job's end. A key that is not the holder's has nothing to
-    /// give back.
+    /// Gives the lease back; where a job holds it, at that job's end. Returns what is given back: a key that is not the
+    /// holder's has nothing to give.
     ///
     /// # Errors
     /// [`Refusal::LeaseRequired`] without a key.
-    pub fn release(&self, key: Option<&str>) -> Result<(), Refusal> {
+    pub fn release(&self, key: Option<&str>) -> Result<Option<LeaseView>, Refusal> {
         let key = key.ok_or(Refusal::LeaseRequired)?;
         let mut held = self.now();
-        match &mut *held {
-            Some(lease) if lease.key == key && lease.job.is_some() => {
-                lease.connections = 0;
-                lease.until = Instant::now();
-            }
-            Some(lease) if lease.key == key => *held = None,
-            _ => return Ok(()),
+        let Some(lease) = held.as_mut().filter(|lease| lease.key == key) else { return Ok(None) };
+        let released = lease.view();
+        if lease.job.is_some() {
+            lease.connections = 0;
+            lease.until = Instant::now();
+        } else {
+            *held = None;
         }
         self.changed();
-        Ok(())
+        Ok(Some(released))
     }
 
     /// A connection holds the lease until [`Leases::disconnect`].

@@ -527,4 +527,10 @@ impl Motion {
         };
         Some(at_rest(AxisName::Focus)?.max(at_rest(AxisName::E)?))
     }
+
+    /// The axes that move, or are not known to stand.
+    pub(super) fn moving(&self) -> Vec<AxisName> {
+        let stands = |axis: AxisName| self.bench.stage(axis).state().borrow().at_rest_since.is_some();
+        AxisName::ALL.into_iter().filter(|&axis| !stands(axis)).collect()
+    }
 }

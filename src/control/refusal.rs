@@ -96,6 +96,21 @@ pub enum Refusal {
         /// What would be right.
         why: String,
     },
+    /// A frame exposed at rest was asked for, and an axis moves or has yet to settle.
+    #[error(
+        "{} moved or had yet to settle during the exposure: wait for the axes, or measure with settled = false",
+        named(axes)
+    )]
+    SpansMotion {
+        /// Which.
+        axes: Vec<AxisName>,
+    },
+    /// There is nothing to be measured.
+    #[error("nothing can be measured: {why}")]
+    NotMeasurable {
+        /// Why not.
+        why: String,
+    },
     /// The history cannot be written: a motion without a record must not be.
     #[error("nothing may move while the history cannot be written: {why}")]
     NoHistory {
@@ -115,6 +130,14 @@ pub enum Refusal {
     /// The program is ending.
     #[error("the program is shutting down")]
     ShuttingDown,
+}
+
+fn named(axes: &[AxisName]) -> String {
+    match axes {
+        [] => "an axis".to_owned(),
+        [axis] => format!("the {axis} axis"),
+        _ => "both axes".to_owned(),
+    }
 }
 
 fn now_held(holder: Option<&str>) -> String {

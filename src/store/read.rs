@@ -194,6 +194,23 @@ pub fn measurements(connection: &Connection, job: Uuid) -> Result<Vec<Entry>> {
     entries(connection, sql, job)
 }
 
+/// A page of the measurements that belong to no job, newest first; each entry's number is the file's own. `before` is
+/// the number of the last one of the page before.
+pub fn measurements_alone(connection: &Connection, before: Option<u64>, limit: usize) -> Result<Page<Entry>> {
+    let sql = "SELECT id, at, document FROM measurements WHERE job IS NULL AND id < ? ORDER BY id DESC LIMIT ?";
+    let before = before.map_or(i64::MAX, |before| i64::try_from(before).unwrap_or(i64::MAX));
+    let entry = |row: &Row<'_>| {
+        Ok(Entry { number: row.get::<_, i64>(0)?.unsigned_abs(), at: time(row, 1)?, document: json(row, 2)? })
+    };
+    let mut items = connection
+        .prepare_cached(sql)?
+        .query_map(params![before, limit as i64 + 1], entry)?
+        .collect::<Result<Vec<_>>>()?;
+    let more = items.len() > limit;
+    items.truncate(limit);
+    Ok(Page { items, more })
+}
+
 fn entries(connection: &Connection, sql: &str, job: Uuid) -> Result<Vec<Entry>> {
     let entry = |row: &Row<'_>| {
         Ok(Entry { number: row.get::<_, i64>(0)?.unsigned_abs(), at: time(row, 1)?, document: json(row, 2)? })

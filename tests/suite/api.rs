@@ -117,7 +117,12 @@ async fn the_newest_frame_comes_as_png_and_jpeg_and_says_what_it_is() {
         assert_eq!((header("plenalign-frame-seq"), header("plenalign-simulated")), ("9", "false"));
         assert_eq!((header("plenalign-focus-mm"), header("plenalign-preview")), ("0.25", "true"));
         assert!(!headers.contains_key("plenalign-e-mm"));
-        assert!(header("plenalign-frame-age-ms").parse::<f64>().unwrap() < 300.0);
+        let number = |name| header(name).parse::<f64>().unwrap();
+        assert!(number("plenalign-frame-age-ms") < 300.0);
+        let now = nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC).unwrap();
+        let now_ms = std::time::Duration::from(now).as_secs_f64() * 1000.0;
+        let taken_ms = number("plenalign-captured-monotonic-ms");
+        assert!((now_ms - 2000.0..=now_ms).contains(&taken_ms), "{taken_ms} is not shortly before {now_ms}");
         let picture = image::load_from_memory(&response.bytes().await.unwrap()).unwrap().into_luma8();
         assert_eq!((picture.dimensions(), picture.get_pixel(5, 5).0), ((64, 48), [9]));
         if kind == "image/png" {

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use plenalign::access::{Gate, GateSettings, LogAudit, TokenStore};
+use plenalign::access::{Gate, GateSettings, TokenStore};
 use plenalign::api::Api;
 use plenalign::api::error::LEASE_HEADER;
 use plenalign::api::server::{ServerSettings, serve, use_ring};
 use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
+use plenalign::control::history::HistoryAudit;
 use plenalign::device::Bench;
 use plenalign::store::Store;
 use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};
@@ -37,20 +38,30 @@ impl Daemon {
 
     /// A daemon behind a gate of the test's own.
     pub(crate) async fn start_behind(config: Config, bench: Bench, gate: Gate, settings: ServerSettings) -> Self {
-        Self::start_whole(config, bench, gate, settings, Store::in_memory()).await
+        Self::start_whole(config, bench, |_| gate, settings, Store::in_memory()).await
     }
 
-    /// A daemon with a history that the test has a hand on.
+    /// A daemon with a history that the test has a hand on, and its audit log in it.
     pub(crate) async fn start_keeping(config: Config, bench: Bench, store: Store) -> Self {
-        let gate = Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(LogAudit));
+        let gate = |service: &Arc<Service>| {
+            let audit = HistoryAudit(Arc::clone(service));
+            Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(audit))
+        };
         Self::start_whole(config, bench, gate, ServerSettings::default(), store).await
     }
 
-    async fn start_whole(config: Config, bench: Bench, gate: Gate, settings: ServerSettings, store: Store) -> Self {
+    async fn start_whole(
+        config: Config,
+        bench: Bench,
+        gate: impl FnOnce(&Arc<Service>) -> Gate,
+        settings: ServerSettings,
+        store: Store,
+    ) -> Self {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench, store);
-        let api = Api::new(Arc::clone(&service), Arc::new(gate), address, ConfigOrigin::Preset);
+        let gate = Arc::new(gate(&service));
+        let api = Api::new(Arc::clone(&service), gate, address, ConfigOrigin::Preset);
         tokio::spawn(serve(listener, api.router(), settings, api.closing()));
         Self { address, api, service, client: client(), lease: OnceCell::new() }
     }

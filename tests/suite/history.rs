@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use super::bench::permit;
 use super::daemon::{Daemon, client, problem};
 use super::fakes::{Fakes, fakes};
+use super::program::{Program, serve};
 
 const JOBS: &str = "/api/v1/jobs";
 
@@ -364,19 +365,10 @@ async fn a_daemon_starts_without_a_history_and_shows_its_bench() {
     // A bench of its own, so that its lock among the temporary files is nobody else's.
     let config = folder.path().join("bench.toml");
     std::fs::write(&config, "[bench.simulation]\nrays = 4\n[sensor]\nwidth_px = 400\nheight_px = 400\n").unwrap();
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_plenalign"))
-        .args(["serve", "--simulated", "--json", "--listen", "127.0.0.1:0", "--config"])
-        .arg(&config)
-        .env("PLENALIGN_STATE_DIR", &state)
-        .env("TMPDIR", folder.path())
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut line = String::new();
-    let mut output = std::io::BufReader::new(child.stdout.take().unwrap());
-    std::io::BufRead::read_line(&mut output, &mut line).unwrap();
-    let said: Value = serde_json::from_str(&line).unwrap_or_else(|_| panic!("{line:?}"));
-    let url = said["address"].as_str().unwrap().trim_end_matches('/').to_owned();
+    let mut command = serve(folder.path(), &[]);
+    command.env("PLENALIGN_STATE_DIR", &state).env("TMPDIR", folder.path());
+    let program = Program::start(command);
+    let url = program.url();
     let client = client();
     let lease = client.post(format!("{url}/api/v1/lease")).json(&json!({ "owner": "a test" })).send().await.unwrap();
     let key = lease.json::<Value>().await.unwrap()["key"].as_str().unwrap().to_owned();
@@ -385,6 +377,4 @@ async fn a_daemon_starts_without_a_history_and_shows_its_bench() {
     problem(refused, 503, "history-unwritable").await;
     let frame = client.get(format!("{url}/api/v1/snapshot.jpg")).send().await.unwrap();
     assert_eq!(frame.status(), 200);
-    child.kill().unwrap();
-    child.wait().unwrap();
 }

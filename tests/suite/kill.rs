@@ -4,10 +4,8 @@
 //! behind `plenalign sim-stage`, a program of its own that survives the kill and keeps its own record of motion.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use plenalign::api::error::LEASE_HEADER;
@@ -22,6 +20,7 @@ use tokio::time::{Instant, sleep, timeout};
 
 use super::bench::small_config;
 use super::daemon::client;
+use super::program::{Program, plenalign};
 
 /// An alignment takes about so long here, s: kills fall anywhere in it.
 const ALIGNMENT_S: f64 = 30.0;
@@ -36,35 +35,11 @@ const SPEED_MM_PER_S: f64 = 8.0;
 /// Quiet for so long, a stage is at rest.
 const QUIET: Duration = Duration::from_millis(700);
 
-struct Program {
-    child: Child,
-    said: Value,
-}
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Program {
-    /// Starts the program and waits for its first line.
-    fn start(arguments: &[&str], config: &Path, state: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_plenalign"))
-            .args(arguments)
-            .arg("--json")
-            .arg("--config")
-            .arg(config)
-            .env("PLENALIGN_STATE_DIR", state)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let said = serde_json::from_str(&line).unwrap_or_else(|_| panic!("{arguments:?} says {line:?}"));
-        Self { child, said }
-    }
+/// Starts the program and waits for its first line.
+fn start(arguments: &[&str], config: &Path, state: &Path) -> Program {
+    let mut command = plenalign(state);
+    command.args(arguments).arg("--json").arg("--config").arg(config);
+    Program::start(command)
 }
 
 /// A daemon to be killed.
@@ -80,8 +55,8 @@ impl Daemon {
     fn start(simulated: bool, config: &Path, state: &Path) -> Self {
         let mut arguments = vec!["serve", "--listen", "127.0.0.1:0"];
         arguments.extend(simulated.then_some("--simulated"));
-        let program = Program::start(&arguments, config, state);
-        let url = program.said["address"].as_str().unwrap().trim_end_matches('/').to_owned();
+        let program = start(&arguments, config, state);
+        let url = program.url().to_owned();
         Self { program, url, client: client(), lease: tokio::sync::OnceCell::new() }
     }
 
@@ -114,10 +89,8 @@ impl Daemon {
         Some(self.ask(Method::GET, path, None).await?.1)
     }
 
-    fn kill(mut self) {
-        // SIGKILL: nothing of it runs any more when this returns.
-        self.program.child.kill().unwrap();
-        self.program.child.wait().unwrap();
+    fn kill(self) {
+        self.program.kill();
     }
 }
 
@@ -365,8 +338,7 @@ async fn kill_with_a_stage(ground: &mut Ground, seed: u64) -> String {
     let (port, record) = (ground.folder.path().join("stage"), ground.folder.path().join("record"));
     let (config, state) = (ground.write_config(&hardware(&port)), ground.state());
     let (link, to) = (port.display().to_string(), record.display().to_string());
-    let _stage =
-        Program::start(&["sim-stage", "--protocol", "grbl", "--link", &link, "--record", &to], &config, &state);
+    let _stage = start(&["sim-stage", "--protocol", "grbl", "--link", &link, "--record", &to], &config, &state);
     let daemon = Daemon::start(false, &config, &state);
     ready(&daemon).await;
     let at = Duration::from_secs_f64(random.random_range(0.0..SCRIPT_S));

@@ -112,12 +112,23 @@ async fn too_many_or_too_large_headers_are_refused() {
     let daemon = daemon(few()).await;
     let with =
         |headers: String| format!("GET /healthz HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n{headers}\r\n");
-    let many: String = (0..100).map(|n| format!("x-{n}: 1\r\n")).collect();
-    let large = format!("x: {}\r\n", "y".repeat(20_000));
-    for headers in [many, large] {
+    let many = |count: usize| (0..count).map(|n| format!("x-{n}: 1\r\n")).collect::<String>();
+    let large = |bytes: usize| format!("x: {}\r\n", "y".repeat(bytes));
+    for headers in [many(100), large(20_000)] {
+        let answer = exchange(daemon.address, &with(headers)).await;
+        assert!(answer.starts_with("HTTP/1.1 431"), "{answer}");
+        assert!(
+            answer.contains("content-type: application/problem+json") && answer.contains("head-too-large"),
+            "{answer}"
+        );
+    }
+    // Beyond what is read at all there is the status alone.
+    for headers in [many(300), large(100_000)] {
         let answer = exchange(daemon.address, &with(headers)).await;
         assert!(answer.starts_with("HTTP/1.1 431"), "{answer}");
     }
+    let path = format!("GET /healthz?{} HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n", "x".repeat(20_000));
+    assert!(exchange(daemon.address, &path).await.contains("head-too-large"));
     assert!(exchange(daemon.address, &with(String::new())).await.starts_with("HTTP/1.1 200"));
 }
 

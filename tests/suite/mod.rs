@@ -1,9 +1,10 @@
-//! The suite, a module for each subject; `bench`, `daemon` and `fakes` are what they share.
+//! The suite, a module for each subject; `bench`, `daemon`, `fakes` and `program` are what they share.
 
 mod access;
 mod alignment;
 mod analytic;
 mod api;
+mod audit;
 mod bench;
 mod calibration;
 mod config;
@@ -21,18 +22,23 @@ mod grid_arrays;
 mod grid_check;
 mod history;
 mod job_kinds;
+mod jobs_cli;
 mod jog;
 mod kill;
 mod lease;
 mod limits;
 mod live;
 mod measure_cli;
+mod measurements;
 mod microlenses;
 mod motion;
 mod no_frame;
+mod older_history;
 mod optics;
+mod program;
 mod rendered;
 mod renderer;
+mod shutdown;
 mod spacing;
 mod stages;
 mod stop;

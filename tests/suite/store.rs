@@ -1,6 +1,7 @@
 //! The history on disk, by itself.
 
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
@@ -267,29 +268,89 @@ async fn a_change_is_made_whole_or_not_at_all() {
     assert!(matches!(*store.health().borrow(), Health::Writable { .. }), "a wrong record is no fault of the disk");
 }
 
-/// A tiny disk of its own, where this may be mounted.
-fn tiny_disk(at: &Path, options: &str) -> bool {
-    std::fs::create_dir_all(at).unwrap();
-    let mounted = std::process::Command::new("mount").args(["-t", "tmpfs", "-o", options, "none"]).arg(at).status();
-    mounted.is_ok_and(|status| status.success())
+/// Set in a test that has been started again where it may mount a disk.
+const AGAIN: &str = "PLENALIGN_TEST_MOUNTS";
+
+/// A disk of its own at a folder. Where this user may not mount one, the test is started again in a namespace in which
+/// it may, and there is nothing left to do here: `None`.
+fn own_disk<'a>(test: &str, at: &'a Path, options: &str) -> Option<Mounted<'a>> {
+    let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", options, "none"]).arg(at).output().unwrap();
+    if mounted.status.success() {
+        return Some(Mounted(at));
+    }
+    let why = String::from_utf8_lossy(&mounted.stderr).into_owned();
+    assert!(std::env::var_os(AGAIN).is_none(), "no disk may be mounted even in a namespace of one's own: {why}");
+    let again = Command::new("unshare")
+        .args(["--map-root-user", "--mount", "--"])
+        .arg(std::env::current_exe().unwrap())
+        .args(["--exact", &format!("suite::store::{test}"), "--nocapture"])
+        .env(AGAIN, "1")
+        .output()
+        .unwrap();
+    let said = [again.stdout, again.stderr].map(|said| String::from_utf8_lossy(&said).into_owned()).concat();
+    assert!(again.status.success() && said.contains("1 passed"), "{why}\n{said}");
+    None
 }
 
 struct Mounted<'a>(&'a Path);
 
 impl Drop for Mounted<'_> {
     fn drop(&mut self) {
-        let _ = std::process::Command::new("umount").arg("-l").arg(self.0).status();
+        let _ = Command::new("umount").arg("-l").arg(self.0).status();
     }
+}
+
+/// Needs no disk of its own: a program may not let its files grow further, as on a disk with a quota that is used up.
+#[test]
+fn a_file_that_may_grow_no_further_is_said_and_mended_by_itself() {
+    let child = Command::new("sh")
+        .arg("-c")
+        // Without this the system ends whoever writes more, instead of refusing the write.
+        .arg("trap '' XFSZ; ulimit -S -f 1024; exec \"$0\" \"$@\"")
+        .arg(std::env::current_exe().unwrap())
+        .args(["--exact", "suite::store::within_half_a_megabyte", "--ignored", "--nocapture"])
+        .output()
+        .unwrap();
+    let said = [child.stdout, child.stderr].map(|said| String::from_utf8_lossy(&said).into_owned()).concat();
+    assert!(child.status.success() && said.contains("1 passed"), "{said}");
+}
+
+/// In a process of its own, whose files may grow to half a megabyte.
+#[tokio::test]
+#[ignore = "started by the test before it"]
+async fn within_half_a_megabyte() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path());
+    let put = async |n: usize| {
+        let kept = Kept { bench: "one".to_owned(), key: format!("{n}"), value: json!("x".repeat(60_000)) };
+        store.write(move |writer| writer.keep(&kept)).await
+    };
+    let (mut written, mut refused) = (0, None);
+    while refused.is_none() {
+        match put(written).await {
+            Ok(()) => written += 1,
+            Err(error) => refused = Some(error),
+        }
+        assert!(written < 50, "more was written than may be");
+    }
+    let refused = refused.unwrap();
+    assert!(written > 0 && matches!(refused, StoreError::Unusable(_)), "after {written}: {refused}");
+    until(&store, "unwritable", |health| health.fault().is_some()).await;
+    // Whole, with everything that was said to be kept.
+    for n in 0..written {
+        assert!(store.read(move |c| read::kept(c, "one", &n.to_string())).await.unwrap().is_some(), "{n} of {written}");
+    }
+    let more = Command::new("prlimit").args(["--fsize=unlimited:", "--pid", &std::process::id().to_string()]).status();
+    assert!(more.unwrap().success());
+    until(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
+    put(written).await.unwrap();
 }
 
 #[tokio::test]
 async fn a_full_disk_is_said_before_it_is_needed_and_mended_by_itself() {
     let folder = tempfile::tempdir().unwrap();
-    if !tiny_disk(folder.path(), "size=8m") {
-        eprintln!("no disk may be mounted here: not tested");
-        return;
-    }
-    let _mounted = Mounted(folder.path());
+    let test = "a_full_disk_is_said_before_it_is_needed_and_mended_by_itself";
+    let Some(_mounted) = own_disk(test, folder.path(), "size=8m") else { return };
     let store = Store::open(folder.path());
     store.write(|_| Ok(())).await.unwrap();
     let ballast = folder.path().join("ballast");
@@ -321,14 +382,10 @@ async fn a_full_disk_is_said_before_it_is_needed_and_mended_by_itself() {
 #[tokio::test]
 async fn a_disk_made_read_only_is_said_and_mended_by_itself() {
     let folder = tempfile::tempdir().unwrap();
-    if !tiny_disk(folder.path(), "size=16m") {
-        eprintln!("no disk may be mounted here: not tested");
-        return;
-    }
-    let _mounted = Mounted(folder.path());
+    let test = "a_disk_made_read_only_is_said_and_mended_by_itself";
+    let Some(_mounted) = own_disk(test, folder.path(), "size=16m") else { return };
     let remount = |how: &str| {
-        let status =
-            std::process::Command::new("mount").args(["-o", &format!("remount,{how}")]).arg(folder.path()).status();
+        let status = Command::new("mount").args(["-o", &format!("remount,{how}")]).arg(folder.path()).status();
         assert!(status.unwrap().success());
     };
     // From the beginning.

@@ -1,9 +1,8 @@
 //! The program beyond loopback, and on the command line: certificates, tokens, the one-time link, the stop.
 
-use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use reqwest::{Certificate, Client};
@@ -13,17 +12,10 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 
 use super::daemon::problem;
-
-/// The program with a state folder of the test's own.
-fn plenalign(state: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_plenalign"));
-    command.args(arguments).env("PLENALIGN_STATE_DIR", state).env_remove("PLENALIGN_TOKEN").env("RUST_LOG", "info");
-    command.env("NO_COLOR", "1");
-    command
-}
+use super::program::{Program, plenalign, serve};
 
 fn run(state: &Path, arguments: &[&str]) -> Output {
-    plenalign(state, arguments).output().unwrap()
+    plenalign(state).args(arguments).output().unwrap()
 }
 
 /// What a command prints as JSON.
@@ -38,42 +30,6 @@ fn refusal(output: &Output) -> String {
     let text = String::from_utf8(output.stderr.clone()).unwrap();
     assert_eq!(text.lines().filter(|line| line.starts_with("plenalign: ")).count(), 1, "{text}");
     text
-}
-
-/// A daemon that is killed at the end of the test.
-struct Program {
-    child: Child,
-    url: String,
-}
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Program {
-    fn serve(state: &Path, arguments: &[&str]) -> Self {
-        let config = state.join("bench.toml");
-        if !config.exists() {
-            std::fs::write(&config, "[bench.simulation]\nrays = 4\n").unwrap();
-        }
-        let mut command = plenalign(state, &["serve", "--simulated", "--json", "--config", config.to_str().unwrap()]);
-        let mut child = command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let Ok(said) = serde_json::from_str::<Value>(&line) else {
-            let mut log = String::new();
-            child.stderr.take().unwrap().read_to_string(&mut log).unwrap();
-            panic!("the program did not start: {log}");
-        };
-        Self { child, url: said["address"].as_str().unwrap().trim_end_matches('/').to_owned() }
-    }
-
-    fn port(&self) -> u16 {
-        self.url.rsplit_once(':').unwrap().1.parse().unwrap()
-    }
 }
 
 fn trusting(ca: &Path) -> Client {
@@ -98,9 +54,9 @@ fn beyond_loopback_it_does_not_start_without_a_certificate() {
 #[tokio::test]
 async fn without_tls_it_still_demands_a_token() {
     let state = tempfile::tempdir().unwrap();
-    let program = Program::serve(state.path(), &["--listen", "0.0.0.0:0", "--insecure"]);
+    let program = Program::start(serve(state.path(), &["--listen", "0.0.0.0:0", "--insecure"]));
     let client = super::daemon::client();
-    let response = client.get(format!("{}/api/v1/bench", program.url)).send().await.unwrap();
+    let response = client.get(format!("{}/api/v1/bench", program.url())).send().await.unwrap();
     problem(response, 401, "unauthorised").await;
 }
 
@@ -131,17 +87,17 @@ async fn a_certificate_made_here_is_served_and_trusted_with_its_authority() {
 
     let token = said(&run(state.path(), &["token", "create", "--name", "Ana", "--scope", "control", "--json"]));
     let secret = token["secret"].as_str().unwrap();
-    let program = Program::serve(state.path(), &["--listen", "0.0.0.0:0"]);
-    assert!(program.url.starts_with("https://localhost:"), "{}", program.url);
+    let program = Program::start(serve(state.path(), &["--listen", "0.0.0.0:0"]));
+    assert!(program.url().starts_with("https://localhost:"), "{}", program.url());
     let client = trusting(&path("ca"));
-    let bench = client.get(format!("{}/api/v1/bench", program.url)).bearer_auth(secret).send().await.unwrap();
+    let bench = client.get(format!("{}/api/v1/bench", program.url())).bearer_auth(secret).send().await.unwrap();
     assert_eq!(bench.status(), 200);
-    let signed_in = client.post(format!("{}/api/v1/session", program.url)).json(&json!({ "key": secret }));
-    let signed_in = signed_in.header("origin", &program.url).send().await.unwrap();
+    let signed_in = client.post(format!("{}/api/v1/session", program.url())).json(&json!({ "key": secret }));
+    let signed_in = signed_in.header("origin", program.url()).send().await.unwrap();
     assert_eq!(signed_in.status(), 200);
     assert!(signed_in.headers()["set-cookie"].to_str().unwrap().contains("; Secure"));
     // Who does not trust the authority does not talk to the daemon.
-    assert!(super::daemon::client().get(&program.url).send().await.is_err());
+    assert!(super::daemon::client().get(program.url()).send().await.is_err());
 
     // Plain HTTP gets an answer, and nothing else.
     let plain = super::daemon::client().get(format!("http://127.0.0.1:{}/login?a=b", program.port()));
@@ -187,8 +143,8 @@ async fn a_stop_gets_through_over_tls_when_every_connection_is_taken() {
         made["certificate"], made["key"]
     );
     std::fs::write(state.path().join("bench.toml"), config).unwrap();
-    let program = Program::serve(state.path(), &["--listen", "127.0.0.1:0"]);
-    assert!(program.url.starts_with("https://127.0.0.1:"));
+    let program = Program::start(serve(state.path(), &["--listen", "127.0.0.1:0"]));
+    assert!(program.url().starts_with("https://127.0.0.1:"));
     let mut held = Vec::new();
     for _ in 0..40 {
         // Some say nothing at all, some begin a handshake that never ends.
@@ -199,12 +155,13 @@ async fn a_stop_gets_through_over_tls_when_every_connection_is_taken() {
         held.push(stream);
     }
     let from = Instant::now();
-    let mut command = plenalign(state.path(), &["stop", "--server", &program.url, "--ca", ca, "--json"]);
+    let mut command = plenalign(state.path());
+    command.args(["stop", "--server", program.url(), "--ca", ca, "--json"]);
     let stopped = said(&command.env("PLENALIGN_TOKEN", token["secret"].as_str().unwrap()).output().unwrap());
     assert_eq!((&stopped["focus"], &stopped["e"]), (&json!("confirmed"), &json!("confirmed")));
     assert!(from.elapsed() < Duration::from_secs(5), "the stop took {:?}", from.elapsed());
     // Without a token it is told why not.
-    let refused = refusal(&run(state.path(), &["stop", "--server", &program.url, "--ca", ca]));
+    let refused = refusal(&run(state.path(), &["stop", "--server", program.url(), "--ca", ca]));
     assert!(refused.contains("token"), "{refused}");
     let mut one = [0];
     let _ = tokio::time::timeout(Duration::from_millis(10), held[0].read(&mut one)).await;
@@ -239,13 +196,13 @@ async fn the_first_person_gets_in_by_a_link_that_only_the_daemons_user_can_read(
     let state = tempfile::tempdir().unwrap();
     std::fs::write(state.path().join("bench.toml"), "[bench.simulation]\nrays = 4\n[server]\nauth = \"required\"\n")
         .unwrap();
-    let program = Program::serve(state.path(), &["--listen", "127.0.0.1:0"]);
+    let program = Program::start(serve(state.path(), &["--listen", "127.0.0.1:0"]));
     let file = state.path().join("login-url");
     let link = wait_for(&file);
     assert_eq!(mode(&file), 0o600);
-    let key = link.trim().strip_prefix(&format!("{}/login?once=", program.url)).unwrap_or_else(|| panic!("{link}"));
+    let key = link.trim().strip_prefix(&format!("{}/login?once=", program.url())).unwrap_or_else(|| panic!("{link}"));
     let client = super::daemon::client();
-    let signed_in = client.post(format!("{}/api/v1/session", program.url)).json(&json!({ "key": key }));
+    let signed_in = client.post(format!("{}/api/v1/session", program.url())).json(&json!({ "key": key }));
     assert_eq!(signed_in.send().await.unwrap().status(), 200);
     assert!(!file.exists(), "a key that is dead is left lying about");
 }

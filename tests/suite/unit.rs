@@ -2,8 +2,9 @@
 
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
+
+use super::program::{Program, plenalign, serve};
 
 #[test]
 fn the_unit_restarts_the_daemon_and_stops_the_axes_after_every_end() {
@@ -22,15 +23,9 @@ fn the_manager_is_told_that_it_serves_that_it_lives_and_that_it_ends() {
     let folder = tempfile::tempdir().unwrap();
     let socket = UnixDatagram::bind(folder.path().join("notify")).unwrap();
     socket.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_plenalign"))
-        .args(["serve", "--simulated", "--listen", "127.0.0.1:0"])
-        .env("PLENALIGN_STATE_DIR", folder.path())
-        .env("NOTIFY_SOCKET", folder.path().join("notify"))
-        .env("WATCHDOG_USEC", "1500000")
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut command = serve(folder.path(), &[]);
+    command.env("NOTIFY_SOCKET", folder.path().join("notify")).env("WATCHDOG_USEC", "1500000");
+    let program = Program::spawn(command);
     let hear = || {
         let mut buffer = [0; 256];
         let length = socket.recv(&mut buffer).expect("the manager hears of the daemon");
@@ -42,43 +37,25 @@ fn the_manager_is_told_that_it_serves_that_it_lives_and_that_it_ends() {
         assert_eq!(hear(), "WATCHDOG=1");
     }
     assert!(from.elapsed() < Duration::from_secs(6), "fed in time: {:?}", from.elapsed());
-    nix::sys::signal::kill(
-        nix::unistd::Pid::from_raw(i32::try_from(child.id()).unwrap()),
-        nix::sys::signal::Signal::SIGTERM,
-    )
-    .unwrap();
+    program.terminate();
     while hear() != "STOPPING=1" {}
-    assert!(child.wait().unwrap().success());
+    let (status, _, log) = program.end(Duration::from_secs(5));
+    assert!(status.success(), "{log}");
 }
 
 #[test]
 fn stopping_the_axes_without_a_daemon_says_what_became_of_each() {
     let folder = tempfile::tempdir().unwrap();
-    let run = |arguments: &[&str]| {
-        Command::new(env!("CARGO_BIN_EXE_plenalign"))
-            .args(arguments)
-            .env("PLENALIGN_STATE_DIR", folder.path())
-            .output()
-            .unwrap()
-    };
+    let run = |arguments: &[&str]| plenalign(folder.path()).args(arguments).output().unwrap();
     let simulated = run(&["stop-axes"]);
     assert!(simulated.status.success());
     assert!(String::from_utf8_lossy(&simulated.stdout).contains("SIMULATED"));
 
     // A twin behind a pseudo-terminal stands for the controller.
     let link = folder.path().join("grbl");
-    let mut twin = Command::new(env!("CARGO_BIN_EXE_plenalign"))
-        .args(["sim-stage", "--protocol", "grbl", "--link"])
-        .arg(&link)
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let from = Instant::now();
-    while !link.exists() {
-        assert!(from.elapsed() < Duration::from_secs(20));
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    let mut command = plenalign(folder.path());
+    command.args(["sim-stage", "--json", "--protocol", "grbl", "--link"]).arg(&link);
+    let twin = Program::start(command);
     let config = folder.path().join("bench.toml");
     let text = format!(
         "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = {:?}\n",
@@ -91,8 +68,7 @@ fn stopping_the_axes_without_a_daemon_says_what_became_of_each() {
         .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&stopped.stderr)));
     assert_eq!(said, serde_json::json!({ "focus": "confirmed", "e": "confirmed" }));
     assert!(stopped.status.success());
-    twin.kill().unwrap();
-    twin.wait().unwrap();
+    twin.kill();
     let gone = run(&["--config", &file, "stop-axes"]);
     assert!(!gone.status.success());
     assert!(String::from_utf8_lossy(&gone.stdout).contains("hardware stop"), "{gone:?}");

@@ -9,7 +9,7 @@ use std::time::Duration;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::Request;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
@@ -33,9 +33,12 @@ use crate::api::scopes::STOP;
 const HANDSHAKE: Duration = Duration::from_secs(10);
 /// How long a connection in the reserve may last.
 const RESERVED: Duration = Duration::from_secs(10);
-/// Headers of a request, and bytes of all of them.
+/// Headers of a request, and bytes of its head: beyond them it is refused with a problem.
 const MOST_HEADERS: usize = 64;
 const LARGEST_HEAD: usize = 16 * 1024;
+/// The same as hyper has them: beyond these it refuses a request by itself, with a status and nothing else.
+const MOST_HEADERS_READ: usize = 256;
+const LARGEST_HEAD_READ: usize = 64 * 1024;
 /// What every TLS connection begins with: a handshake record.
 const TLS_RECORD: u8 = 0x16;
 
@@ -111,6 +114,9 @@ async fn speak(
     let service = service_fn(move |request: hyper::Request<Incoming>| {
         let (router, allowed) = (router.clone(), allowed.clone());
         async move {
+            if is_too_large(&request) {
+                return Ok(closed(Problem::head_too_large(MOST_HEADERS, LARGEST_HEAD).into_response()));
+            }
             let mut request = request.map(Body::new);
             request.extensions_mut().insert(peer);
             let answer = match allowed {
@@ -141,8 +147,17 @@ async fn speak(
 /// HTTP with bounds on a request's head.
 pub(super) fn http() -> http1::Builder {
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).max_headers(MOST_HEADERS).max_buf_size(LARGEST_HEAD);
+    http.timer(TokioTimer::new()).max_headers(MOST_HEADERS_READ).max_buf_size(LARGEST_HEAD_READ);
     http
+}
+
+/// Whether a request's head is larger than any client's has to be.
+fn is_too_large<B>(request: &hyper::Request<B>) -> bool {
+    // What HTTP/1.1 writes about them: a line's end, and between name and value a colon and a space.
+    let line = |(name, value): (&HeaderName, &HeaderValue)| name.as_str().len() + value.len() + 4;
+    let headers = request.headers();
+    let target = request.uri().path_and_query().map_or(0, |target| target.as_str().len());
+    headers.len() > MOST_HEADERS || target + headers.iter().map(line).sum::<usize>() > LARGEST_HEAD
 }
 
 fn is_stop(request: &Request) -> bool {

@@ -26,7 +26,7 @@ pub use tls::{TlsError, read_certificate, use_ring};
 /// Rest after the system gave no connection though one is there: out of file descriptors, as a rule.
 const AFTER_FAILURE: Duration = Duration::from_millis(100);
 /// From the end of the service to that of the last connection.
-const GRACE: Duration = Duration::from_secs(2);
+const GRACE: Duration = Duration::from_secs(1);
 
 /// What a server is told.
 #[derive(Debug, Clone)]

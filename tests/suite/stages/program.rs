@@ -1,8 +1,6 @@
 //! `plenalign sim-stage`: the real drivers at the twin that the program serves.
 
-use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,15 +10,7 @@ use plenalign::device::serial::SerialDial;
 use tokio::time::timeout;
 
 use super::kit::Kit;
-
-struct Program(Child);
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
+use crate::suite::program::{Program, plenalign};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_program_serves_a_twin_of_every_protocol() {
@@ -29,16 +19,10 @@ async fn the_program_serves_a_twin_of_every_protocol() {
         let link = folder.path().join(driver.name());
         // Left over from an earlier run.
         std::os::unix::fs::symlink("/nowhere", &link).unwrap();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_plenalign"))
-            .args(["sim-stage", "--json", "--protocol", driver.name(), "--link"])
-            .arg(&link)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let program = Program(child);
-        let said: serde_json::Value = serde_json::from_str(&line).unwrap();
+        let mut command = plenalign(folder.path());
+        command.args(["sim-stage", "--json", "--protocol", driver.name(), "--link"]).arg(&link);
+        let program = Program::start(command);
+        let said = program.said.clone();
         assert_eq!(said["protocol"], driver.name());
         let port = PathBuf::from(said["port"].as_str().unwrap());
         assert_eq!(port, link);

@@ -449,6 +449,28 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/measurements": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The measurements asked for by `POST`, newest first, a page at a time. */
+    get: operations["list_measurements"];
+    put?: never;
+    /**
+     * Measures the spacing in one frame of full quality; nothing moves.
+     * @description It is kept in the history beside those of the jobs. A white frame has to have been taken, which every alignment and
+     *     calibration begins with.
+     */
+    post: operations["measure"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/openapi.json": {
     parameters: {
       query?: never;
@@ -1261,8 +1283,11 @@ export interface components {
       log: components["schemas"]["LogLine"][];
       operator_step?: components["schemas"]["OperatorStep"] | null;
       outcome?: components["schemas"]["Outcome"] | null;
-      /** @description Who started it: the owner of the control lease that it holds until its end. */
-      owner: string;
+      /**
+       * @description Who started it: the owner of the control lease that it holds until its end. Empty where the version that ran it
+       *     knew no owners.
+       */
+      owner?: string;
       /** @description How far it is. */
       progress: components["schemas"]["Progress"];
       /** @description Why it ended as it did, in words, once it has. */
@@ -1426,6 +1451,27 @@ export interface components {
        * @description Its newest value.
        */
       value: number;
+    };
+    /** @description Which frame is to be measured. */
+    MeasurementAsked: {
+      /**
+       * Format: int64
+       * @description How long ago the frame's exposure may have begun, ms; where it is not given, it begins after the request.
+       */
+      max_age_ms?: number | null;
+      /**
+       * @description Whether the frame has to be exposed wholly while both axes stood settled. Where it was not, the answer is 409 with
+       *     the problem `spans-motion`; with `false` it is measured all the same and `spans_motion` says so.
+       * @default true
+       */
+      settled: boolean;
+    };
+    /** @description A page of the measurements that belong to no job. */
+    MeasurementList: {
+      /** @description What was measured, newest first. */
+      measurements: components["schemas"]["SingleMeasurement"][];
+      /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
+      next?: string | null;
     };
     /** @description The newest measurement of the live picture or of a job. */
     MeasurementView: {
@@ -2090,6 +2136,24 @@ export interface components {
     SignIn: {
       /** @description A token, or the key of the one-time link. */
       key: string;
+    };
+    /** @description What was measured, and of which frame. */
+    SingleMeasurement: components["schemas"]["MeasurementView"] & {
+      /**
+       * Format: date-time
+       * @description Begin of the exposure, RFC 3339; `captured_at` is its end.
+       */
+      exposed_from: string;
+      /** @description Whether the exposure's begin and end are assumed, not the driver's word. */
+      exposure_assumed: boolean;
+      /** @description Whether the frame is of old, played from a file. */
+      replayed: boolean;
+      /** @description Whether the frame was simulated. */
+      simulated: boolean;
+      /** @description Whether an axis moved, or had not settled, during the exposure: no loop uses such a measurement. */
+      spans_motion: boolean;
+      /** @description The axes that did. */
+      unsettled: components["schemas"]["AxisName"][];
     };
     /** @description A solution: Δv and e that put the object in focus, and what follows from them. */
     SolutionView: {
@@ -3235,6 +3299,8 @@ export interface operations {
         headers: {
           /** @description End of the exposure, RFC 3339 */
           "Plenalign-Captured-At"?: string;
+          /** @description The same on the daemon's machine's CLOCK_MONOTONIC, which no setting of the clock disturbs */
+          "Plenalign-Captured-Monotonic-Ms"?: number;
           /** @description Readback of the e axis; absent while unknown */
           "Plenalign-E-Mm"?: number;
           /** @description Whether that is assumed, not the driver's word */
@@ -4505,6 +4571,161 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  list_measurements: {
+    parameters: {
+      query?: {
+        /** @description Entries on the page, 1 to 500 */
+        limit?: number;
+        /** @description `next` of the page before */
+        cursor?: string;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["MeasurementList"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  measure: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["MeasurementAsked"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["SingleMeasurement"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description An axis moved during the exposure (`spans-motion`), or there is nothing to be measured (`not-measurable`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came from the camera */
+      503: {
         headers: {
           [name: string]: unknown;
         };

@@ -1,0 +1,49 @@
+//! How the bench fares, for whoever keeps watch from outside.
+
+use std::sync::atomic::Ordering;
+
+use super::service::Service;
+use crate::telemetry::BenchGauges;
+
+impl Service {
+    /// The bench as it is, for whoever keeps watch from outside.
+    #[must_use]
+    pub fn gauges(&self) -> BenchGauges {
+        let view = self.bench_view();
+        let camera = view.camera;
+        BenchGauges {
+            frame_age: self.bench.camera.newest().map(|frame| frame.exposed_to.elapsed()),
+            camera_online: camera.online,
+            frames_lost: camera.frames_lost,
+            frames_damaged: camera.frames_damaged,
+            axes: view
+                .axes
+                .iter()
+                .map(|axis| (axis.axis.name(), axis.connected, axis.homed, axis.position_mm))
+                .collect(),
+            stop_latched: view.stop.latched,
+            lease_held: view.lease.is_some(),
+            job_running: view.job.is_some(),
+            simulated: view.simulated,
+        }
+    }
+
+    /// What keeps the bench from working now, one sentence each; nothing where all is well.
+    #[must_use]
+    pub fn hindrances(&self) -> Vec<String> {
+        let view = self.bench_view();
+        let mut hindrances = Vec::new();
+        if self.closing.load(Ordering::SeqCst) {
+            hindrances.push("the program is shutting down".to_owned());
+        }
+        for axis in view.axes.iter().filter(|axis| !axis.connected) {
+            let why = axis.fault.as_deref().unwrap_or("its controller does not answer");
+            hindrances.push(format!("the {} axis is not connected: {why}", axis.axis));
+        }
+        if !view.camera.online {
+            let why = view.camera.fault.as_deref().unwrap_or("no frame comes");
+            hindrances.push(format!("the camera is not online: {why}"));
+        }
+        hindrances
+    }
+}

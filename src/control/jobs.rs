@@ -1,0 +1,135 @@
+//! Jobs: accepted one at a time, run, confirmed and cancelled.
+
+use std::sync::Arc;
+
+use uuid::Uuid;
+
+use super::context::{Job, JobContext};
+use super::job::{JobRequest, JobSnapshot};
+use super::lease::Permit;
+use super::service::Service;
+use super::{Refusal, ServiceError, runner};
+use crate::device::AxisName;
+
+/// Jobs kept in memory.
+const MAX_JOBS: usize = 100;
+
+/// Whether something begins with this request, or had begun before: a job under the same name, a jog that goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acceptance {
+    /// Now.
+    Now,
+    /// Before: nothing has begun anew.
+    Before,
+}
+
+impl Service {
+    /// Starts a job, which is in the history before this returns. It holds the permit's lease until its end.
+    ///
+    /// # Errors
+    /// A refusal while another job holds the bench, an axis still moves by hand, the stop is latched, the history cannot
+    /// be written, or the program ends.
+    pub async fn create_job(
+        self: &Arc<Self>,
+        permit: &Permit,
+        request: JobRequest,
+    ) -> Result<JobSnapshot, ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        self.accept_job(permit, request, None).await
+    }
+
+    /// Starts a job under the caller's own name for it: asked again within a day, it is the same job, whoever has the
+    /// lease by then.
+    ///
+    /// # Errors
+    /// As [`Service::create_job`], and a refusal where that name stands for another request.
+    pub async fn create_job_once(
+        self: &Arc<Self>,
+        permit: Result<Permit, ServiceError>,
+        request: JobRequest,
+        key: String,
+    ) -> Result<(JobSnapshot, Acceptance), ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        if let Some(job) = self.job_of_key(&request, &key).await? {
+            return Ok((job, Acceptance::Before));
+        }
+        Ok((self.accept_job(&permit?, request, Some(key)).await?, Acceptance::Now))
+    }
+
+    async fn accept_job(
+        self: &Arc<Self>,
+        permit: &Permit,
+        request: JobRequest,
+        key: Option<String>,
+    ) -> Result<JobSnapshot, ServiceError> {
+        request.check()?;
+        self.history_ready().await?;
+        let (job, context) = self.reserve(permit, &request, key)?;
+        if let Err(error) = self.journal.begin_job(job.chronicle()).await {
+            let id = job.snapshot().id;
+            self.all_jobs().retain(|other| !Arc::ptr_eq(other, &job));
+            self.leases.unbind(id);
+            self.journal.forget_job(id);
+            return Err(error.into());
+        }
+        self.failures().clear();
+        let service = Arc::clone(self);
+        tokio::spawn(async move { service.run(context).await });
+        Ok(job.snapshot())
+    }
+
+    /// Gives the bench to a new job.
+    fn reserve(
+        &self,
+        permit: &Permit,
+        request: &JobRequest,
+        key: Option<String>,
+    ) -> Result<(Arc<Job>, JobContext), ServiceError> {
+        self.open_for_motion()?;
+        if self.motion.stop_view().latched {
+            return Err(Refusal::Stopped.into());
+        }
+        let mut jobs = self.all_jobs();
+        if let Some(holder) = jobs.iter().find(|job| !job.snapshot().state.is_final()) {
+            return Err(Refusal::Busy { job: holder.snapshot().id }.into());
+        }
+        for axis in AxisName::ALL {
+            self.motion.claim(axis)?;
+        }
+        let (journal, operator) = (Arc::clone(&self.journal), self.bench.simulated.clone());
+        let (job, context) = Job::new(request, key, permit.owner(), journal, self.events.clone(), operator);
+        self.leases.bind(permit, job.snapshot().id)?;
+        if jobs.len() >= MAX_JOBS {
+            jobs.remove(0);
+        }
+        jobs.push(Arc::clone(&job));
+        Ok((job, context))
+    }
+
+    async fn run(&self, context: JobContext) {
+        runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin).await;
+        self.journal.end_job();
+        self.leases.unbind(context.snapshot().id);
+        self.publish_bench();
+    }
+
+    /// Confirms the operator step that a job waits for.
+    ///
+    /// # Errors
+    /// When there is no such job, or it does not wait for that step.
+    pub fn confirm(&self, id: Uuid, step: u32) -> Result<JobSnapshot, ServiceError> {
+        let job = self.find(id)?;
+        job.confirm(step)?;
+        Ok(job.snapshot())
+    }
+
+    /// Asks a job to end; may be repeated, also after its end.
+    ///
+    /// # Errors
+    /// [`ServiceError::NoSuchJob`].
+    pub fn cancel(&self, id: Uuid) -> Result<JobSnapshot, ServiceError> {
+        let job = self.find(id)?;
+        job.cancel("cancelled".to_owned());
+        Ok(job.snapshot())
+    }
+}

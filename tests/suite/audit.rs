@@ -1,0 +1,176 @@
+//! The audit log: whatever is commanded is in it, with who commanded it and from where.
+
+use std::time::Duration;
+
+use plenalign::api::error::LEASE_HEADER;
+use reqwest::{Method, Response};
+use serde_json::{Value, json};
+use tokio::time::{Instant, sleep};
+
+use super::daemon::Daemon;
+use super::fakes::fakes;
+
+/// Somebody with a token.
+struct Person<'a> {
+    daemon: &'a Daemon,
+    token: String,
+}
+
+impl Person<'_> {
+    async fn send(&self, method: Method, path: &str, key: Option<&str>, body: Option<Value>) -> Response {
+        let mut request = self.daemon.request(method, path).bearer_auth(&self.token);
+        if let Some(key) = key {
+            request = request.header(LEASE_HEADER, key);
+        }
+        if let Some(body) = body {
+            request = request.json(&body);
+        }
+        request.send().await.unwrap()
+    }
+
+    async fn ask(&self, method: Method, path: &str, key: Option<&str>, body: Option<Value>) -> Value {
+        let response = self.send(method.clone(), path, key, body).await;
+        let status = response.status();
+        let text = response.text().await.unwrap();
+        assert!(status.is_success(), "{method} {path}: {status} {text}");
+        serde_json::from_str(&text).unwrap_or_default()
+    }
+}
+
+async fn person<'a>(daemon: &'a Daemon, by: Option<&Person<'_>>, name: &str, scope: &str) -> Person<'a> {
+    let body = json!({ "name": name, "scope": scope });
+    let made = match by {
+        Some(admin) => admin.ask(Method::POST, "/api/v1/tokens", None, Some(body)).await,
+        None => daemon.post("/api/v1/tokens", &body).await.json().await.unwrap(),
+    };
+    Person { daemon, token: made["secret"].as_str().unwrap_or_else(|| panic!("{made}")).to_owned() }
+}
+
+/// A job of stand-ins, which waits for its operator.
+async fn waiting(ada: &Person<'_>, key: &str) -> (String, u64) {
+    let job = ada.ask(Method::POST, "/api/v1/jobs", Some(key), Some(json!({ "kind": "joint_alignment" }))).await;
+    let href = job["href"].as_str().unwrap().to_owned();
+    let until = Instant::now() + Duration::from_secs(10);
+    loop {
+        let job = ada.ask(Method::GET, &href, None, None).await;
+        if let Some(step) = job["operator_step"]["number"].as_u64() {
+            return (href, step);
+        }
+        assert!(Instant::now() < until, "{job}");
+        sleep(Duration::from_millis(10)).await;
+    }
+}
+
+#[tokio::test]
+async fn whatever_is_commanded_is_in_the_audit_log_with_who_and_from_where() {
+    let fakes = fakes();
+    // So that the job still waits, for a frame, when it is cancelled.
+    fakes.camera.hang();
+    let daemon = Daemon::start(fakes.bench).await;
+    let root = person(&daemon, None, "Root", "admin").await;
+    let ada = person(&daemon, Some(&root), "Ada", "control").await;
+    let vera = person(&daemon, Some(&root), "Vera", "view").await;
+    let owner = |name: &str| Some(json!({ "owner": name, "note": "first light" }));
+
+    let lease = ada.ask(Method::POST, "/api/v1/lease", None, owner("Ada at the bench")).await;
+    let key = lease["key"].as_str().unwrap().to_owned();
+    ada.ask(Method::PUT, "/api/v1/shell", Some(&key), Some(json!({ "state": "off" }))).await;
+    ada.ask(Method::POST, "/api/v1/axes/e/move", Some(&key), Some(json!({ "position_mm": 29.0 }))).await;
+    let (href, step) = waiting(&ada, &key).await;
+    ada.ask(Method::POST, &format!("{href}/confirm"), None, Some(json!({ "step": step }))).await;
+    for _ in 0..2 {
+        // The second time there is nothing left to cancel.
+        ada.ask(Method::DELETE, &href, None, None).await;
+        let until = Instant::now() + Duration::from_secs(10);
+        while ada.ask(Method::GET, &href, None, None).await["ended_at"].is_null() {
+            assert!(Instant::now() < until, "the job does not end");
+            sleep(Duration::from_millis(10)).await;
+        }
+    }
+    ada.ask(Method::DELETE, "/api/v1/lease", Some(&key), None).await;
+    // Refused, and so not done.
+    let refused = vera.send(Method::DELETE, "/api/v1/stop", None, None).await;
+    assert_eq!(refused.status(), 403);
+    vera.ask(Method::POST, "/api/v1/stop", None, None).await;
+    ada.ask(Method::DELETE, "/api/v1/stop", None, None).await;
+    root.ask(Method::POST, "/api/v1/lease/takeover", None, owner("Root")).await;
+    let tokens = root.ask(Method::GET, "/api/v1/tokens", None, None).await;
+    let of_vera = tokens["tokens"].as_array().unwrap().iter().find(|token| token["name"] == "Vera").unwrap();
+    let path = format!("/api/v1/tokens/{}", of_vera["id"].as_str().unwrap());
+    root.ask(Method::DELETE, &path, None, None).await;
+
+    let log = root.ask(Method::GET, "/api/v1/audit", None, None).await;
+    let mut entries = log["entries"].as_array().unwrap().clone();
+    entries.reverse();
+    assert!(entries.iter().all(|entry| entry["from"] == "127.0.0.1"), "{entries:#?}");
+    let name = |entry: &'_ Value, key: &str| entry[key].as_str().unwrap().to_owned();
+    let found: Vec<_> = entries.iter().map(|entry| (name(entry, "what"), name(entry, "who"))).collect();
+    let first = entries[0]["who"].as_str().unwrap();
+    let expected = [
+        ("token.create", first),
+        ("token.create", "Root"),
+        ("token.create", "Root"),
+        ("lease.take", "Ada"),
+        ("shell.set", "Ada"),
+        ("axis.move", "Ada"),
+        ("job.create", "Ada"),
+        ("job.confirm", "Ada"),
+        ("job.cancel", "Ada"),
+        ("lease.release", "Ada"),
+        ("stop", "Vera"),
+        ("stop.reset", "Ada"),
+        ("lease.take_over", "Root"),
+        ("token.revoke", "Root"),
+    ];
+    assert_eq!(found, expected.map(|(what, who)| (what.to_owned(), who.to_owned())));
+    let detail = |what: &str| &entries.iter().find(|entry| entry["what"] == what).unwrap()["detail"];
+    assert_eq!(detail("lease.take")["owner"], "Ada at the bench");
+    assert_eq!(detail("job.create")["request"]["kind"], "joint_alignment");
+    for what in ["job.create", "job.confirm", "job.cancel"] {
+        assert!(href.ends_with(detail(what)["job"].as_str().unwrap()), "{what}");
+    }
+    assert_eq!(detail("job.confirm")["step"], step);
+    assert_eq!(detail("stop")["focus"], "confirmed");
+    // No key and no token is in it.
+    let whole = log.to_string();
+    for secret in [&key, &root.token, &ada.token, &vera.token] {
+        assert!(!whole.contains(secret.as_str()));
+    }
+}
+
+#[tokio::test]
+async fn a_jog_is_in_the_audit_log_once_however_long_it_is_held() {
+    let config = super::bench::small_config(1);
+    let bench = plenalign::control::open_bench(&std::sync::Arc::new(config.clone())).await.unwrap();
+    let daemon = Daemon::start_with(config, bench).await;
+    let home = daemon.command(Method::POST, "/api/v1/axes/focus/home", &Value::Null).await;
+    assert_eq!(home.status(), 202);
+    let focus = async || daemon.get("/api/v1/bench").await.json::<Value>().await.unwrap()["axes"][0].clone();
+    let until = Instant::now() + Duration::from_secs(20);
+    loop {
+        let axis = focus().await;
+        if axis["homed"] == true && axis["moving"] == false {
+            break;
+        }
+        assert!(Instant::now() < until, "{axis}");
+        sleep(Duration::from_millis(20)).await;
+    }
+    let hold = json!({ "towards": "high", "speed_mm_per_s": 0.2 });
+    let mut held = 0;
+    while held < 4 {
+        let answer = daemon.command(Method::POST, "/api/v1/axes/focus/jog", &hold).await;
+        // Homing may not have let go of the axis yet.
+        if answer.status() == 202 {
+            held += 1;
+        } else {
+            assert!(held == 0 && Instant::now() < until, "{}", answer.text().await.unwrap());
+        }
+        sleep(Duration::from_millis(100)).await;
+    }
+    daemon.request(Method::DELETE, "/api/v1/axes/focus/jog").send().await.unwrap();
+    let log: Value = daemon.get("/api/v1/audit").await.json().await.unwrap();
+    let jogs: Vec<&Value> =
+        log["entries"].as_array().unwrap().iter().filter(|entry| entry["what"] == "axis.jog").collect();
+    assert_eq!(jogs.len(), 1, "{log}");
+    assert_eq!(jogs[0]["detail"], json!({ "axis": "focus", "towards": "high" }));
+}
