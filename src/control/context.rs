@@ -310,6 +310,11 @@ impl JobContext {
         });
     }
 
+    /// Why the job was asked to end, if it was.
+    pub(super) fn cancelled_why(&self) -> Option<String> {
+        self.job.cancelled_why.get().cloned()
+    }
+
     /// Runs a step unless the job is cancelled first; the step is dropped then.
     pub(super) async fn unless_cancelled<T, E: Into<JobEnd>>(
         &self,
@@ -318,7 +323,7 @@ impl JobContext {
         tokio::select! {
             biased;
             () = self.job.cancel.cancelled() => {
-                let why = self.job.cancelled_why.get().cloned().unwrap_or_else(|| "cancelled".to_owned());
+                let why = self.cancelled_why().unwrap_or_else(|| "cancelled".to_owned());
                 Err(JobEnd::Cancelled { why })
             }
             result = step => result.map_err(Into::into),

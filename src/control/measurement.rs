@@ -78,7 +78,7 @@ impl Eye {
         let wanted = |frame: &Arc<Frame>| {
             let young = request.max_age.is_some_and(|age| frame.exposed_from.elapsed() <= age);
             // A preview is for viewing only.
-            young && !frame.preview && !(request.settled && !unsettled(frame).is_empty())
+            young && !frame.preview && (!request.settled || unsettled(frame).is_empty())
         };
         if let Some(frame) = self.bench().camera.newest().filter(wanted) {
             return Ok(frame);

@@ -280,11 +280,14 @@ impl Service {
     pub async fn come_to_rest(&self) {
         self.closing.store(true, Ordering::SeqCst);
         let orderly = async {
+            let job = self.current();
+            if let Some(job) = &job {
+                job.cancel("the program ended".to_owned());
+            }
             // Latched, so that a job between two moves cannot begin another one before it hears of its end.
             let stopped = self.motion.stop().await;
             tracing::info!(focus = ?stopped.focus, e = ?stopped.e, "axes stopped");
-            if let Some(job) = self.current() {
-                job.cancel("the program ended".to_owned());
+            if let Some(job) = job {
                 ended(&job).await;
             }
         };

@@ -32,7 +32,8 @@ pub fn render(frame: &ViewFrame, options: &ViewOptions) -> Result<View, ViewErro
         return Err(ViewError::Patch { spacing_px, pitch_px, patch_px });
     }
     let [u, v] = options.direction;
-    if !(u.hypot(v) <= 1.0) {
+    // What is no number is no direction either.
+    if !(0.0..=1.0).contains(&u.hypot(v)) {
         return Err(ViewError::Direction { direction: options.direction });
     }
     let scale = patch_px.abs() / pitch_px;
