@@ -113,4 +113,17 @@ mod tests {
         let ramp = View::grey(256, 2, (0..512).map(|k| (k % 256) as f32).collect());
         assert!((eog(&ramp).mean_per_pixel - 1.0).abs() < 1e-9);
     }
+
+    #[test]
+    fn similarity_falls_with_noise_and_turns_with_the_sign() {
+        let wave = |k: usize| 100.0 + 50.0 * ((k % 32) as f32 * 0.7).sin() * ((k / 32) as f32 * 0.5).cos();
+        let of = |value: &dyn Fn(usize) -> f32| View::grey(32, 32, (0..1024).map(value).collect());
+        let original = of(&wave);
+        assert!((ssim(&original, &original).unwrap() - 1.0).abs() < 1e-6);
+        let noisy = ssim(&original, &of(&|k| wave(k) + if k * 7 % 3 == 0 { 12.0 } else { -6.0 })).unwrap();
+        let noisier = ssim(&original, &of(&|k| wave(k) + if k * 7 % 3 == 0 { 48.0 } else { -24.0 })).unwrap();
+        assert!(noisier < noisy && noisy < 0.99, "{noisier} {noisy}");
+        assert!(ssim(&original, &of(&|k| 200.0 - wave(k))).unwrap() < -0.5);
+        assert_eq!(ssim(&original, &View::grey(16, 64, vec![0.0; 1024])), None);
+    }
 }

@@ -3,8 +3,7 @@
 
 use super::depth::{DepthMap, DepthOptions, DepthState, depth_map};
 use super::grid::Grid;
-use super::measurement::{FrameOptions, MeasurementError, WhiteModel, prepare_frame};
-use super::spacing::{Spacing, measure_spacing};
+use super::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, prepare_frame};
 use super::view::{Blend, Patches, View, ViewError, ViewFrame, ViewOptions, render};
 use super::vignetting::Vignetting;
 use crate::optics::{DistanceTable, ExactView, MlaMode};
@@ -48,8 +47,6 @@ pub struct Pictures {
     /// The distance of what every micro-image of `depth` sees, along the axis (mm: in water from O, in air from M), where
     /// it is known.
     pub distances_mm: Vec<Option<f64>>,
-    /// The spacing on the axis over the whole frame, where one flat board is seen.
-    pub spacing: Option<Spacing>,
     table: Option<(DistanceTable, f64)>,
 }
 
@@ -70,7 +67,7 @@ impl Pictures {
         let depth = depth_map(&prepared.frame, &grid, &DepthOptions::new(mode, options.spacing.mla_pitch_px));
         let own = match white {
             Some(_) => None,
-            None => Vignetting::from_textured(&super::measurement::evened(raw, options.mosaic), &grid).ok(),
+            None => Vignetting::from_textured(&evened(raw, options.mosaic), &grid).ok(),
         };
         let profile = white.map(|white| &white.vignetting).or(own.as_ref());
         let frame = ViewFrame::new(raw, options.mosaic, &grid, profile)?;
@@ -85,8 +82,7 @@ impl Pictures {
                 known.then(|| table.distance(lens.spacing_px * pixel, place)).flatten()
             })
             .collect();
-        let spacing = measure_spacing(&[prepared.frame], &options.spacing).ok();
-        Ok(Self { frame, depth, distances_mm, spacing, table })
+        Ok(Self { frame, depth, distances_mm, table })
     }
 
     /// The view from a place in the aperture (as in [`ViewOptions::direction`]), each patch as large as its micro-image's
