@@ -12,6 +12,7 @@ mod jobs;
 mod listen;
 mod lock;
 mod measure;
+mod pose;
 mod progress;
 mod remote;
 mod render;

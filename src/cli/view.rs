@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::Context;
 use super::measure::{disagreements, frame_options, read_white};
+use super::pose::PoseArgs;
 use crate::config::Config;
 use crate::imaging::clarity::eog;
 use crate::imaging::depth::DepthState;
@@ -45,15 +46,8 @@ pub(super) struct Args {
     /// Look from here in the main lens's aperture: right and down, from -1 to 1.
     #[arg(long, value_name = "U,V", value_delimiter = ',', allow_hyphen_values = true, requires = "out")]
     angle: Option<Vec<f64>>,
-    /// Δv at which the frame was taken, mm: gives distances, with --e or --air.
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    delta_v: Option<f64>,
-    /// e at which the frame was taken through the shell, mm.
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "air")]
-    e: Option<f64>,
-    /// The frame was taken in air, without the shell.
-    #[arg(long)]
-    air: bool,
+    #[command(flatten)]
+    pose: PoseArgs,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -133,9 +127,8 @@ struct Report {
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let config = &context.config;
-    for (name, value) in [("--delta-v", args.delta_v), ("--e", args.e), ("--refocus", args.refocus)] {
-        ensure!(value.is_none_or(f64::is_finite), "{name} must be a finite number of millimetres");
-    }
+    args.pose.check()?;
+    ensure!(args.refocus.is_none_or(f64::is_finite), "--refocus must be a finite number of millimetres");
     let direction = match args.angle.as_deref() {
         None => [0.0; 2],
         Some(&[u, v]) => [u, v],
@@ -147,7 +140,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     }
     let depth_named = args.depth.as_deref().is_none_or(|path| has_extension(path, &["png", "tif", "tiff"]));
     ensure!(depth_named, "--depth: a name that ends in .png, .tif or .tiff");
-    let pose = pose(config, &args)?;
+    let pose = pose(config, &args.pose)?;
     if pose.is_none() && (args.depth.is_some() || args.refocus.is_some()) {
         bail!("--depth and --refocus need to know where the camera was: --delta-v, and --e or --air");
     }
@@ -184,7 +177,7 @@ fn has_extension(path: &Path, wanted: &[&str]) -> bool {
 }
 
 /// Where the camera was, as far as the arguments say.
-fn pose(config: &Config, args: &Args) -> anyhow::Result<Option<Pose>> {
+fn pose(config: &Config, args: &PoseArgs) -> anyhow::Result<Option<Pose>> {
     let design = config.design();
     let view = match (args.delta_v, args.e, args.air) {
         (Some(delta_v), Some(e), false) => design.exact_in_water(delta_v, e),

@@ -55,13 +55,7 @@ impl DistanceTable {
     /// the table can see.
     #[must_use]
     pub fn distance(&self, spacing: f64, field: [f64; 2]) -> Option<f64> {
-        let square = field[0].powi(2) + field[1].powi(2);
-        let place = square / self.square_max * (FIELD_NODES - 1) as f64;
-        // A little beyond the last node the same line goes on.
-        let lower = (place.floor() as usize).min(FIELD_NODES - 2);
-        let share = place - lower as f64;
-        let [inner, outer] = [lower, lower + 1].map(|node| inverse_distance(&self.columns[node], spacing));
-        let inverse = inner? * (1.0 - share) + outer? * share;
+        let inverse = self.across_field(field, |column| line_through(column, |&pair| pair, spacing))?;
         (inverse > 0.0).then(|| 1.0 / inverse)
     }
 
@@ -69,17 +63,17 @@ impl DistanceTable {
     /// beyond what the camera or the table can see.
     #[must_use]
     pub fn spacing(&self, distance: f64, field: [f64; 2]) -> Option<f64> {
+        let turned = |&(spacing, inverse): &(f64, f64)| (inverse, spacing);
+        self.across_field(field, |column| line_through(column, turned, 1.0 / distance))
+    }
+
+    /// What a place in the field has between its two nodes; a little beyond the last node the same line goes on.
+    fn across_field(&self, field: [f64; 2], at_node: impl Fn(&[(f64, f64)]) -> Option<f64>) -> Option<f64> {
         let square = field[0].powi(2) + field[1].powi(2);
         let place = square / self.square_max * (FIELD_NODES - 1) as f64;
         let lower = (place.floor() as usize).min(FIELD_NODES - 2);
         let share = place - lower as f64;
-        let [inner, outer] = [lower, lower + 1].map(|node| {
-            let column = &self.columns[node];
-            let after = column.partition_point(|&(_, inverse)| inverse < 1.0 / distance);
-            let (&(s0, d0), &(s1, d1)) = (column.get(after.checked_sub(1)?)?, column.get(after)?);
-            Some(s0 + (s1 - s0) * (1.0 / distance - d0) / (d1 - d0))
-        });
-        Some(inner? * (1.0 - share) + outer? * share)
+        Some(at_node(&self.columns[lower])? * (1.0 - share) + at_node(&self.columns[lower + 1])? * share)
     }
 }
 
@@ -121,10 +115,12 @@ fn rising(column: &mut Vec<(f64, f64)>) {
     *column = column[best].to_vec();
 }
 
-fn inverse_distance(column: &[(f64, f64)], spacing: f64) -> Option<f64> {
-    let after = column.partition_point(|&(s, _)| s < spacing);
-    let (&(s0, d0), &(s1, d1)) = (column.get(after.checked_sub(1)?)?, column.get(after)?);
-    Some(d0 + (d1 - d0) * (spacing - s0) / (s1 - s0))
+/// The value at `x` on the line through its neighbours in a column, of which `pair` makes abscissa and value, both rising;
+/// `None` outside.
+fn line_through(column: &[(f64, f64)], pair: impl Fn(&(f64, f64)) -> (f64, f64), x: f64) -> Option<f64> {
+    let after = column.partition_point(|entry| pair(entry).0 < x);
+    let ((x0, y0), (x1, y1)) = (pair(column.get(after.checked_sub(1)?)?), pair(column.get(after)?));
+    Some(y0 + (y1 - y0) * (x - x0) / (x1 - x0))
 }
 
 #[cfg(test)]

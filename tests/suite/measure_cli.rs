@@ -7,7 +7,8 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-fn plenalign(arguments: &[&str]) -> Output {
+/// The program's output, run where the referee's frames are.
+pub(super) fn plenalign(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_plenalign"))
         .args(arguments)
         .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/referee"))
@@ -15,7 +16,8 @@ fn plenalign(arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-fn json(arguments: &[&str]) -> Value {
+/// The object that it prints.
+pub(super) fn json(arguments: &[&str]) -> Value {
     let output = plenalign(arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()

@@ -4,23 +4,10 @@
 #![allow(clippy::unwrap_used)]
 
 use std::path::Path;
-use std::process::{Command, Output};
 
 use serde_json::Value;
 
-fn plenalign(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_plenalign"))
-        .args(arguments)
-        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/referee"))
-        .output()
-        .unwrap()
-}
-
-fn json(arguments: &[&str]) -> Value {
-    let output = plenalign(arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
+use super::measure_cli::{json, plenalign};
 
 #[test]
 fn pictures_and_distances_come_of_one_frame() {

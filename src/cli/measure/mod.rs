@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 
 use super::Context;
+use super::pose::PoseArgs;
 use crate::config::Config;
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::{FrameOptions, WhiteModel, evened, measure_frames};
@@ -30,15 +31,8 @@ pub(super) struct Args {
     /// A white frame of the same camera, at this or another Δv.
     #[arg(long, value_name = "WHITE")]
     white: Option<PathBuf>,
-    /// Δv at which the frames were taken, mm: gives the object distance, with --e or --air.
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    delta_v: Option<f64>,
-    /// e at which the frames were taken through the shell, mm.
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "air")]
-    e: Option<f64>,
-    /// The frames were taken in air, without the shell.
-    #[arg(long)]
-    air: bool,
+    #[command(flatten)]
+    pose: PoseArgs,
     /// Draw micro-images, pairs, spacing error, rejected micro-images and flawed microlenses over the (first) frame, into this PNG.
     #[arg(long, value_name = "FILE")]
     overlay: Option<PathBuf>,
@@ -52,9 +46,7 @@ pub(super) struct Args {
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let config = &context.config;
-    for (name, value) in [("--delta-v", args.delta_v), ("--e", args.e)] {
-        anyhow::ensure!(value.is_none_or(f64::is_finite), "{name} must be a finite number of millimetres");
-    }
+    args.pose.check()?;
     if let Some(path) = &args.overlay {
         let png = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
         anyhow::ensure!(png, "--overlay {}: a name that ends in .png is needed", path.display());

@@ -199,7 +199,7 @@ impl Report {
         let pixel = config.pixel_pitch().millimetres();
         let mla_pitch_px = config.design().mla.pitch / pixel;
         let spacing_px = measured.spacing.on_axis_px;
-        let targets = Targets::new(config, args.e, measured.spacing.window_px);
+        let targets = Targets::new(config, args.pose.e, measured.spacing.window_px);
         let target_px = match config.assembly.spacing_target {
             SpacingTarget::Exact => targets.window_px.unwrap_or(targets.paraxial_px),
             SpacingTarget::Paraxial => targets.paraxial_px,
@@ -325,13 +325,13 @@ impl Report {
 /// is none.
 fn object_distance(config: &Config, args: &Args, spacing_mm: f64, window_mm: f64) -> Result<f64, String> {
     let design = config.design();
-    let Some(delta_v) = args.delta_v else {
+    let Some(delta_v) = args.pose.delta_v else {
         return Err("Δv is not given: --delta-v, with --e or --air".to_owned());
     };
     // The inverse is paraxial: what the shell's aberrations add over the window is taken off first.
-    let aberrations = args.e.and_then(|e| design.exact_in_water(delta_v, e).excess(window_mm)).unwrap_or(0.0);
+    let aberrations = args.pose.e.and_then(|e| design.exact_in_water(delta_v, e).excess(window_mm)).unwrap_or(0.0);
     let equivalent = design.equivalent_from_spacing(spacing_mm - aberrations, delta_v);
-    let distance = match (args.e, args.air) {
+    let distance = match (args.pose.e, args.pose.air) {
         (_, true) => equivalent,
         (Some(e), false) => design.shell.object_distance(equivalent, e),
         (None, false) => return Err("neither e nor air is given: --e or --air".to_owned()),

@@ -89,7 +89,7 @@ impl DepthMap {
     /// The micro-image with these lattice indices, if it lies wholly within the frame.
     #[must_use]
     pub fn lens(&self, index: [i32; 2]) -> Option<&LensDepth> {
-        self.places.of(index).map(|k| &self.lenses[k])
+        self.place(index).map(|k| &self.lenses[k])
     }
 
     /// Where in `lenses` the micro-image with these lattice indices is.

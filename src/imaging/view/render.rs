@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{Blend, PATCH_LEAST_PX, Patches, View, ViewError, ViewFrame, ViewOptions};
 use crate::imaging::depth::{DepthMap, DepthState};
-use crate::imaging::grid::reciprocal;
+use crate::imaging::grid::{Grid, reciprocal};
 
 /// Weight of a micro-image whose spacing is not known beside those whose is.
 const UNKNOWN_WEIGHT: f64 = 0.05;
@@ -105,15 +105,9 @@ impl Painter<'_> {
         match self.blend {
             Blend::Abutting => add(grid.index_of(q[0], q[1]), 1.0),
             Blend::Seamless => {
-                // The corners of the lattice cell, each by how near it is: their weights sum to one everywhere.
-                let at = grid.indices_at(q[0], q[1]);
-                let cell = at.map(f64::floor);
-                let [s, t] = [smooth(at[0] - cell[0]), smooth(at[1] - cell[1])];
-                let [i, j] = cell.map(|x| x as i32);
-                add([i, j], (1.0 - s) * (1.0 - t));
-                add([i + 1, j], s * (1.0 - t));
-                add([i, j + 1], (1.0 - s) * t);
-                add([i + 1, j + 1], s * t);
+                for (index, weight) in corners(grid, q) {
+                    add(index, weight);
+                }
             }
             Blend::WholeAperture => {
                 let at = grid.indices_at(q[0], q[1]);
@@ -137,18 +131,8 @@ impl Painter<'_> {
         let grid = &self.frame.grid;
         let known = |index: [i32; 2]| map.lens(index).filter(|lens| lens.state != DepthState::Unknown);
         let nearest = known(grid.index_of(q[0], q[1]))?.spacing_px;
-        let at = grid.indices_at(q[0], q[1]);
-        let cell = at.map(f64::floor);
-        let [s, t] = [smooth(at[0] - cell[0]), smooth(at[1] - cell[1])];
-        let [i, j] = cell.map(|x| x as i32);
-        let corners = [
-            ([i, j], (1.0 - s) * (1.0 - t)),
-            ([i + 1, j], s * (1.0 - t)),
-            ([i, j + 1], (1.0 - s) * t),
-            ([i + 1, j + 1], s * t),
-        ];
         let (mut sum, mut weights) = (0.0, 0.0);
-        for (index, weight) in corners {
+        for (index, weight) in corners(grid, q) {
             if let Some(lens) = known(index) {
                 let weight = weight * agreement(lens.spacing_px, nearest);
                 sum += weight * lens.spacing_px;
@@ -189,6 +173,16 @@ impl Painter<'_> {
         }
         weight
     }
+}
+
+/// The micro-images at the corners of the lattice cell that a place (px) lies in, each with how near it is: the weights
+/// sum to one everywhere.
+fn corners(grid: &Grid, q: [f64; 2]) -> [([i32; 2], f64); 4] {
+    let at = grid.indices_at(q[0], q[1]);
+    let cell = at.map(f64::floor);
+    let [s, t] = [smooth(at[0] - cell[0]), smooth(at[1] - cell[1])];
+    let [i, j] = cell.map(|x| x as i32);
+    [([i, j], (1.0 - s) * (1.0 - t)), ([i + 1, j], s * (1.0 - t)), ([i, j + 1], (1.0 - s) * t), ([i + 1, j + 1], s * t)]
 }
 
 /// How far two spacings (px) can be those of one surface, 0 to 1.
