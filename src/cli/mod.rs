@@ -21,6 +21,7 @@ mod serve;
 mod sim_stage;
 mod stop;
 mod stop_axes;
+mod study;
 mod supervised;
 mod tls;
 mod token;
@@ -72,6 +73,8 @@ enum Command {
     Render(render::Args),
     /// Show the cameras that are connected, what they offer and how they can be set.
     Camera(camera::Args),
+    /// Run the paper's experiments again on the simulated camera, and write a report.
+    Study(study::Args),
     /// List, show and export the jobs of the history.
     Jobs(jobs::Args),
     /// Serve the simulated bench and align it before your eyes.
@@ -145,6 +148,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Calibrate(args) => calibrate::run(context, args),
         Command::Render(args) => render::run(context, args),
         Command::Camera(args) => camera::run(context, args),
+        Command::Study(args) => study::run(context, args),
         Command::Jobs(args) => jobs::run(context, args),
         Command::Demo(args) => demo::run(context, args),
         Command::SimStage(args) => sim_stage::run(context, args),

@@ -46,6 +46,7 @@ mod stop_latency;
 mod store;
 mod stream;
 mod structure;
+mod study;
 mod tls;
 mod unit;
 mod view;

@@ -36,9 +36,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("device", &["optics", "units", "raw", "config", "telemetry"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
     ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "store", "access", "telemetry"]),
+    ("study", &["optics", "units", "raw", "config", "imaging", "sim", "control", "text"]),
+    ("text", &[]),
     (
         "api",
         &[
+            "text",
             "optics",
             "units",
             "raw",
@@ -55,6 +58,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
+            "study",
             "optics",
             "units",
             "raw",

@@ -5,7 +5,6 @@ pub(crate) mod figures;
 mod html;
 mod json;
 mod plot;
-mod text;
 
 use axum::extract::State;
 use axum::http::{HeaderName, HeaderValue, header};

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 /// Text within HTML or SVG, also within an attribute's quotes.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -21,12 +21,12 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// A field of a CSV record (RFC 4180): quoted where it has to be.
-pub(super) fn csv_field(text: &str) -> String {
+pub(crate) fn csv_field(text: &str) -> String {
     if text.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
 
 /// Bytes as base64 (RFC 4648), for a data URI.
-pub(super) fn base64(bytes: &[u8]) -> String {
+fn base64(bytes: &[u8]) -> String {
     const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {
@@ -42,8 +42,13 @@ pub(super) fn base64(bytes: &[u8]) -> String {
     text
 }
 
+/// Bytes of a media type as a URI that holds them.
+pub(crate) fn data_uri(media_type: &str, bytes: &[u8]) -> String {
+    format!("data:{media_type};base64,{}", base64(bytes))
+}
+
 /// A time for a reader.
-pub(super) fn time(at: jiff::Timestamp) -> String {
+pub(crate) fn time(at: jiff::Timestamp) -> String {
     let mut text = String::new();
     let _ = write!(text, "{at:.0}");
     text.replace('T', " ").replace('Z', " UTC")
