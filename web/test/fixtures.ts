@@ -98,6 +98,7 @@ export const picture: PictureFacts = {
   framesSkipped: 0,
   widthPx: 1160,
   heightPx: 1160,
+  reduce: 1,
 };
 
 export function snapshot(seq: number, jobs: Job[] = [], boot_id = boot): ServerMessage {

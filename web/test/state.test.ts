@@ -1,20 +1,19 @@
 import { describe, expect, it } from "vitest";
 import { fixed, signed, withSigma } from "../src/format";
 import {
-  along,
-  axisScale,
   currentJob,
   initial,
   measurementAge,
   pictureAge,
   pictureState,
-  reading,
   receive,
   receivePicture,
   STALE_MS,
   type State,
 } from "../src/state";
 import type { ServerMessage } from "../src/wire";
+import { reading } from "../src/reading";
+import { along, axisScale } from "../src/travel";
 import { bench, boot, job, measurement, picture, snapshot } from "./fixtures";
 
 const open = (): State => receive(initial, snapshot(5, [job("a", 1)]), 1000);
