@@ -30,6 +30,8 @@ export interface State {
   /** Newest last. */
   jobs: Job[];
   measurement: Measurement | null;
+  /** This page's clock less the daemon's, ms; null before the daemon has told the time. */
+  clockAheadMs: number | null;
   /** This page's clock when the measurement came, ms. */
   measurementAt: number | null;
   picture: PictureFacts | null;
@@ -59,6 +61,7 @@ export const initial: State = {
   version: null,
   bench: null,
   jobs: [],
+  clockAheadMs: null,
   measurement: null,
   measurementAt: null,
   picture: null,
@@ -121,6 +124,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         }),
       };
     case "tick":
+      return { ...heard, seq, clockAheadMs: now - Date.parse(message.now) };
     case "gap":
       return { ...heard, seq };
     case "problem":
@@ -154,9 +158,11 @@ export function pictureAge(state: State, now: number): number | null {
   return state.picture && state.pictureAt !== null ? state.picture.ageMs + (now - state.pictureAt) : null;
 }
 
-/** Age of the measurement shown, ms. */
+/** Age of the measurement shown, ms: since its frame was taken where the daemon's clock is known, or since it came. */
 export function measurementAge(state: State, now: number): number | null {
-  return state.measurement && state.measurementAt !== null ? now - state.measurementAt : null;
+  if (!state.measurement || state.measurementAt === null) return null;
+  if (state.clockAheadMs === null) return now - state.measurementAt;
+  return Math.max(0, now - state.clockAheadMs - Date.parse(state.measurement.captured_at));
 }
 
 export type PictureState = "none" | "fresh" | "stale";

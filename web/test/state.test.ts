@@ -33,6 +33,20 @@ describe("measurementAge", () => {
     const reloaded = receive(initial, { ...snapshot(1), measurement: taken } as ServerMessage, 9000);
     expect(measurementAge(reloaded, 9000)).toBe(7000);
   });
+
+  it("counts from when the frame was taken once the daemon has told the time, whatever this page's clock says", () => {
+    const captured_at = "2026-01-01T00:00:10Z";
+    const message = { type: "measurement", seq: 6, boot_id: boot } as const;
+    const came = receive(
+      open(),
+      { ...message, measurement: { ...measurement(20, 0.01), captured_at } },
+      5000,
+    );
+    const tick = { type: "tick", seq: 6, boot_id: boot, now: "2026-01-01T00:00:14Z" } as const;
+    const told = receive(came, tick, 6000);
+    expect(measurementAge(told, 6000)).toBe(4000);
+    expect(measurementAge(told, 7500)).toBe(5500);
+  });
 });
 
 describe("receive", () => {

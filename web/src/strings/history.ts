@@ -3,7 +3,7 @@
 export const history = {
   title: "History",
   search: "Search",
-  searchMore: "note, owner, reason",
+  searchMore: "words of its reason or log, or its id",
   kind: "Kind",
   state: "State",
   any: "any",

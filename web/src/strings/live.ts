@@ -7,7 +7,7 @@ import type { Direction } from "../reading";
 export const picture = {
   live: "Live frame",
   none: "No picture yet",
-  stale: (seconds: string) => `STALE · ${seconds} s old`,
+  stale: (span: string) => `STALE · ${span} old`,
   preview: "preview",
   moving: "moving",
   frame: (seq: number, age: string) => `frame ${seq} · ${age} ms old`,
@@ -51,7 +51,7 @@ export const meter = {
   noneMore: "The live picture is measured once a white frame has been taken: an alignment begins with one.",
   spacing: "Spacing",
   target: "target",
-  ago: (seconds: string) => `OLD · measured ${seconds} s ago`,
+  ago: (span: string) => `OLD · ${span}`,
   inFocus: "IN FOCUS",
   words: {
     larger: "Spacing too large",

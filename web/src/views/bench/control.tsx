@@ -21,7 +21,7 @@ export function Bench(scene: Scene) {
   const busy = Boolean(bench.job) || bench.stop.latched || state.link !== "open" || !commanding;
   return (
     <section class="card axes" aria-label={strings.byHand.title}>
-      <h2>{strings.byHand.title}</h2>
+      <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
       <p class="paces">
         <span class="quiet">{strings.byHand.step}</span>

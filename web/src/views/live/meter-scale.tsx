@@ -1,5 +1,5 @@
-import { fixed, signed } from "../../format";
-import { band, beyond, MARKS_PX, place } from "../../meter";
+import { fixed } from "../../format";
+import { band, beyond, END_PX, MARKS_PX, place } from "../../meter";
 import type { Best, Reading } from "../../reading";
 import { strings } from "../../strings";
 
@@ -35,19 +35,13 @@ export function MeterScale({ reading, best, blurPx }: Props) {
         />
       </div>
       <p class="marks">
-        {MARKS_PX.map((mark) => (
+        <span class="end">▼ {strings.meter.ends.smaller}</span>
+        {MARKS_PX.filter((mark) => Math.abs(mark) < END_PX).map((mark) => (
           <span key={mark} style={{ left: percent(place(mark)) }}>
-            {mark === 0
-              ? "0"
-              : Math.abs(mark) === 10
-                ? signed(mark, 0)
-                : fixed(mark, mark > -1 && mark < 1 ? 1 : 0)}
+            {fixed(mark, Number.isInteger(mark) ? 0 : 1)}
           </span>
         ))}
-      </p>
-      <p class="ends">
-        <span>▼ {strings.meter.ends.smaller}</span>
-        <span>{strings.meter.ends.larger} ▲</span>
+        <span class="end">{strings.meter.ends.larger} ▲</span>
       </p>
     </div>
   );

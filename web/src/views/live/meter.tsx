@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { advice, type Moved } from "../../advice";
 import { correction, tilt } from "../../correction";
-import { fixed, signed } from "../../format";
+import { fixed, signed, span } from "../../format";
 import { digits } from "../../meter";
 import { reading } from "../../reading";
 import { currentJob, isFinal, measurementAge, OLD_MEASUREMENT_MS, type State } from "../../state";
@@ -51,8 +51,12 @@ export function Meter(scene: Scene) {
       aria-label={strings.meter.title}
     >
       <h2>
-        {strings.meter.title} <span class="quiet sigma">± {fixed(now.sigmaPx, places)} px</span>
-        {old && <span class="tag old">{strings.meter.ago(fixed(age / 1000, 0))}</span>}
+        {strings.meter.title}
+        <span class="quiet sigma">
+          <b id="spacing">{fixed(now.spacingPx, 4)}</b> ± {fixed(now.sigmaPx, 4)} · {strings.meter.target}{" "}
+          {fixed(now.targetPx, 4)} px
+        </span>
+        {old && <span class="tag old">{strings.meter.ago(span(age))}</span>}
         {now.inFocus && <span class="tag good">✓ {strings.meter.inFocus}</span>}
       </h2>
       <p class="large" aria-hidden="true">
@@ -67,17 +71,11 @@ export function Meter(scene: Scene) {
       <MeterScale reading={now} best={state.best} blurPx={state.design?.blur_limit_px ?? null} />
       <p class="advice">
         <b>{words}.</b> {wanted.main}
-      </p>
-      <p class="facts">
         {wanted.other && (
-          <span>
-            {wanted.other} ({strings.meter.estimate})
-          </span>
+          <small>
+            , {wanted.other} ({strings.meter.estimate})
+          </small>
         )}
-        <span>
-          {strings.meter.spacing} <b id="spacing">{fixed(now.spacingPx, 4)}</b> ± {fixed(now.sigmaPx, 4)} px ·{" "}
-          {strings.meter.target} {fixed(now.targetPx, 4)} px
-        </span>
       </p>
       <div class="meter-more">
         {leaning && <TiltArrow tilt={leaning} />}

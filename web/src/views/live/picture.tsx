@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { fixed } from "../../format";
+import { fixed, span } from "../../format";
 import { range } from "../../field-map";
 import { painter } from "../../painter";
 import { pictureAge, pictureState } from "../../state";
@@ -23,9 +23,7 @@ export function LivePicture(scene: Scene) {
           {facts?.replayed && <span class="stamp">{strings.replay}</span>}
         </span>
         {shown === "none" && <p class="over">{strings.picture.none}</p>}
-        {shown === "stale" && age !== null && (
-          <p class="over">{strings.picture.stale(fixed(age / 1000, 0))}</p>
-        )}
+        {shown === "stale" && age !== null && <p class="over">{strings.picture.stale(span(age))}</p>}
       </div>
       <Overlays {...scene} />
       <p class="facts">
