@@ -13,6 +13,8 @@ import { stop, watchStopKey } from "./stopping";
 import { App } from "./views/app";
 import type { Problem } from "./wire";
 
+const ASK_AGAIN_MS = 2000;
+
 let state: State = { ...initial, route: routeOf(location.hash), preferences: recall(localStorage) };
 let scheduled = false;
 const root = document.getElementById("app");
@@ -85,6 +87,8 @@ async function identify(): Promise<void> {
     return;
   }
   live.open();
+  // Nothing is offered to who is not known: asked again until it is.
+  if (who.is === "unclear" && state.session === null) setTimeout(() => void identify(), ASK_AGAIN_MS);
 }
 
 /** The design's figures; the page does without where they cannot be had. */
