@@ -34,7 +34,7 @@ try {
 
   step("a live picture comes, and says how old it is");
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
-  assert.match(await page.locator(".picture .facts").first().innerText(), /frame \d+ · \d+ ms old/);
+  assert.match(await page.locator(".picture p.facts").first().innerText(), /frame \d+ · \d+ ms old/);
   await photograph(page, "idle");
 
   step("STOP latches, refuses a start, and is reset");

@@ -1,7 +1,7 @@
 // Two people at two browsers: who has control, jogging by press and hold, steps, large moves, homing, the stop key.
 
 import assert from "node:assert/strict";
-import { browse, faults, folder, open, photograph, start, step } from "./harness.mjs";
+import { accessible, browse, faults, folder, open, photograph, start, step } from "./harness.mjs";
 
 const place = folder(`
 [sensor]
@@ -142,6 +142,13 @@ try {
   step("given back, it is free for everybody");
   await ben.page.getByRole("button", { name: "Release control" }).click();
   await ana.page.locator(".lease[data-lease=free]").waitFor();
+
+  step("nothing on any page keeps out who cannot see or has no mouse");
+  for (const name of ["Live", "Alignment", "History", "Settings"]) {
+    await open(ana.page, name);
+    await ana.page.waitForTimeout(500);
+    await accessible(ana.page);
+  }
 
   for (const { own } of [ana, ben]) assert.deepEqual(own(), []);
 

@@ -88,6 +88,7 @@ export function Charts({ state, now }: Scene) {
             <span class="line accent" /> {strings.charts.spacing} <span class="line good" /> {legend}
           </p>
           <Plot label={strings.charts.spacing} height={HEIGHT} data={spacings} options={spacing} />
+          {state.spacings.at.length === 0 && <p class="chart-none">{strings.charts.none}</p>}
         </div>
         <div>
           <p class="facts key">
