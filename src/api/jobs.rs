@@ -7,6 +7,7 @@ use axum::response::IntoResponse;
 use uuid::Uuid;
 
 use super::App;
+use super::contract::{FromHistory, Motion};
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey, PathParam};
 use super::types::{ConfirmRequest, JobResource};
@@ -20,18 +21,14 @@ use crate::control::{Acceptance, Refusal, ServiceError};
 #[utoipa::path(
     post, path = "/api/v1/jobs", operation_id = "create_job", tag = "jobs", request_body = JobRequest,
     params(LeaseKey, ("Idempotency-Key" = Option<String>, Header,
+        min_length = 1, max_length = 255, pattern = "^[ -~]*[!-~][ -~]*$",
         description = "A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again \
                        with it and the same body within a day, it is the same job")),
     responses(
         (status = 200, description = "Asked before: the job of then", body = JobResource,
          headers(("Location" = String, description = "Path of the job"))),
         (status = 201, body = JobResource, headers(("Location" = String, description = "Path of the job"))),
-        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
-        (status = 412, description = "The lease's key is not the holder's", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be written, or the program is shutting down", body = Problem,
-         content_type = "application/problem+json"),
+        Motion,
     )
 )]
 pub(super) async fn create(
@@ -80,9 +77,7 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>> {
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobResource),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobResource>> {
@@ -97,7 +92,7 @@ pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) 
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobResource),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn cancel(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobResource>> {
@@ -115,7 +110,7 @@ pub(super) async fn cancel(State(app): State<App>, PathParam(id): PathParam<Uuid
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobResource),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
+        FromHistory,
         (status = 409, description = "The job does not wait for this", body = Problem,
          content_type = "application/problem+json"),
     )

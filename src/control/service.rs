@@ -8,13 +8,14 @@ use std::time::Duration;
 use tokio::sync::{broadcast, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
+use tracing::Instrument as _;
 use uuid::Uuid;
 
 use super::context::{Job, JobContext};
 use super::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView, ShellState};
 use super::eye::Eye;
 use super::job::{JobRequest, JobSnapshot, JobState};
-use super::journal::Journal;
+use super::journal::{Journal, word};
 use super::lease::{LeaseGrant, LeaseRequest, Leases, Permit};
 use super::motion::{Claim, Motion};
 use super::{Refusal, ServiceError, StopReport, runner};
@@ -365,7 +366,10 @@ impl Service {
     }
 
     async fn run(&self, context: JobContext) {
-        runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin).await;
+        let (id, kind) = (context.snapshot().id, context.snapshot().kind);
+        let span = tracing::info_span!("job", otel.name = format!("job {}", word(&kind)), %id);
+        let running = runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin);
+        running.instrument(span).await;
         self.journal.end_job();
         self.leases.unbind(context.snapshot().id);
         self.publish_bench();
@@ -470,9 +474,12 @@ impl Service {
     ) -> Result<BenchView, ServiceError> {
         let greatest = self.motion.axis(axis).speed_mm_per_s;
         let speed = speed_mm_per_s.unwrap_or(greatest);
-        if !(speed > 0.0 && speed <= greatest) {
-            let what = format!("{speed} is not above 0 and at most {greatest}");
+        if speed.is_nan() || speed <= 0.0 {
+            let what = format!("{speed} is not above 0");
             return Err(ServiceError::Invalid { field: "speed_mm_per_s", what });
+        }
+        if speed > greatest {
+            return Err(Refusal::Speed { axis, speed, max: greatest }.into());
         }
         if self.renew_jog(axis, towards, speed) {
             return Ok(self.bench_view());

@@ -33,6 +33,7 @@ mod optics;
 mod rendered;
 mod renderer;
 mod spacing;
+mod spans;
 mod stages;
 mod stop;
 mod stop_latency;
