@@ -53,6 +53,11 @@ requests_per_s = 100000
 TOML
   printf '%s\n' "$@" >>"$daemon_folder/plenalign.toml"
   cat >>"$daemon_folder/plenalign.toml" <<'TOML'
+[sensor]
+width_px = 400
+height_px = 400
+[bench.camera]
+timeout_ms = 10000
 [bench.simulation]
 rays = 4
 TOML

@@ -39,8 +39,8 @@ for _ in $(seq 100); do
   grep -q '^plenalign_jobs_total{' "$folder/metrics" && break
   sleep 0.2
 done
-for metric in stop_latency_seconds http_request_seconds picture_latency_seconds serial_round_trip_seconds \
-  controller_connections_total jobs_total frame_age_seconds; do
+for metric in stop_latency_seconds http_request_seconds picture_latency_seconds \
+  jobs_total frame_age_seconds viewers; do
   grep -q "^plenalign_$metric" "$folder/metrics" || {
     echo "promtool: there is no plenalign_$metric" >&2
     exit 1

@@ -36,7 +36,8 @@ async def ask(method, path, body=None, **headers):
 
 
 def open_socket(query="", headers=AUTHORISED):
-    return connect(SOCKET + query, additional_headers=headers, ping_interval=None, max_size=None)
+    # Without a bound on what waits to be read here: with one a full queue would keep the close from being seen.
+    return connect(SOCKET + query, additional_headers=headers, ping_interval=None, max_size=None, max_queue=None)
 
 
 async def next_text(socket):

@@ -55,13 +55,16 @@ try {
   const complaints = [];
   docs.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
   docs.on("request", (request) => {
-    if (!request.url().startsWith(address) && !request.url().startsWith("data:")) complaints.push(request.url());
+    if (!request.url().startsWith(address) && !request.url().startsWith("data:"))
+      complaints.push(request.url());
   });
   await docs.goto(`${address}api/v1/docs`);
   await docs.locator("#operations-stop-get_stop .opblock-summary").click({ timeout: 20_000 });
   await docs.locator("#operations-stop-get_stop .try-out__btn").click();
   await docs.locator("#operations-stop-get_stop .execute").click();
-  await docs.locator("#operations-stop-get_stop .live-responses-table", { hasText: '"latched": false' }).waitFor();
+  await docs
+    .locator("#operations-stop-get_stop .live-responses-table", { hasText: '"latched": false' })
+    .waitFor();
   if (process.env.SCREENSHOT) await docs.screenshot({ path: process.env.SCREENSHOT });
   assert.deepEqual(complaints, []);
   await docs.close();

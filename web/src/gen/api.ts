@@ -176,6 +176,23 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/docs": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** This contract as a page, to be browsed and tried: whoever is signed in sees it. */
+    get: operations["get_docs"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/frame.png": {
     parameters: {
       query?: never;
@@ -1178,51 +1195,107 @@ export interface components {
       moves: components["schemas"]["Move"][];
     };
     /** @description What a caller asks for with a job. What a kind does not take is refused. */
-    JobRequest: {
-      /** @description The axes to home (homing); both where it is not given. */
-      axes?: components["schemas"]["AxisName"][] | null;
-      axis?: components["schemas"]["AxisName"] | null;
-      /**
-       * Format: double
-       * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
-       *     joint solution has it unless given.
-       */
-      distance_mm?: number | null;
-      /**
-       * Format: double
-       * @description For how long, s (spacing watch).
-       */
-      duration_s?: number | null;
-      /**
-       * Format: double
-       * @description The e to hold, mm (clarity only); the configured initial e where it is not given.
-       */
-      e_mm?: number | null;
-      /**
-       * Format: double
-       * @description Where the sweep begins, mm (focus sweep).
-       */
-      from_mm?: number | null;
-      /**
-       * Format: double
-       * @description Between two measurements, s (spacing watch); 1 where it is not given. At most 500 measurements are made.
-       */
-      interval_s?: number | null;
-      /** @description What to do. */
-      kind: components["schemas"]["JobKind"];
-      /** @description What it is for, in the caller's words. */
-      note?: string | null;
-      /**
-       * Format: int32
-       * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
-       */
-      steps?: number | null;
-      /**
-       * Format: double
-       * @description Where it ends, mm (focus sweep).
-       */
-      to_mm?: number | null;
-    };
+    JobRequest:
+      | {
+          /** @enum {string} */
+          kind: "joint_alignment";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "air_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "shell_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description The e to hold, mm (clarity only); the configured initial e where it is not given.
+           */
+          e_mm?: number | null;
+          /** @enum {string} */
+          kind: "clarity_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "l_bound_measurement";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          axis: components["schemas"]["AxisName"] | null;
+          /**
+           * Format: double
+           * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
+           *     joint solution has it unless given.
+           */
+          distance_mm?: number | null;
+          /**
+           * Format: double
+           * @description Where the sweep begins, mm (focus sweep).
+           */
+          from_mm: number | null;
+          /** @enum {string} */
+          kind: "focus_sweep";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+          /**
+           * Format: int32
+           * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
+           */
+          steps?: number | null;
+          /**
+           * Format: double
+           * @description Where it ends, mm (focus sweep).
+           */
+          to_mm: number | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description For how long, s (spacing watch).
+           */
+          duration_s: number | null;
+          /**
+           * Format: double
+           * @description Between two measurements, s (spacing watch); 1 where it is not given, and longer where more than 500 measurements
+           *     would be made.
+           */
+          interval_s?: number | null;
+          /** @enum {string} */
+          kind: "spacing_watch";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
+           *     joint solution has it unless given.
+           */
+          distance_mm?: number | null;
+          /** @enum {string} */
+          kind: "calibration";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @description The axes to home (homing); both where it is not given. */
+          axes?: components["schemas"]["AxisName"][] | null;
+          /** @enum {string} */
+          kind: "homing";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        };
     /** @description A job and where it is found. */
     JobResource: components["schemas"]["JobSnapshot"] & {
       /**
@@ -2365,9 +2438,9 @@ export interface operations {
   list_audit: {
     parameters: {
       query?: {
-        /** @description Entries on the page, 1 to 500 */
+        /** @description Entries on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
       };
       header?: never;
@@ -2473,6 +2546,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -2517,7 +2591,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2583,7 +2657,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -2627,7 +2711,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -2654,7 +2738,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2703,6 +2787,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -2777,7 +2862,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -2821,7 +2916,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -2848,7 +2943,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2988,6 +3083,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description There is no file, or not now */
       409: {
         headers: {
@@ -3024,7 +3128,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3147,6 +3251,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -3165,7 +3278,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3219,6 +3332,32 @@ export interface operations {
         content: {
           "application/problem+json": components["schemas"]["Problem"];
         };
+      };
+    };
+  };
+  get_docs: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/html": string;
+        };
+      };
+      /** @description The page is that which If-None-Match names */
+      304: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content?: never;
       };
     };
   };
@@ -3300,19 +3439,19 @@ export interface operations {
   list_jobs: {
     parameters: {
       query?: {
-        /** @description Jobs on the page, 1 to 500 */
+        /** @description Jobs on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
-        /** @description Only these states, with commas between them */
-        state?: string;
-        /** @description Only these kinds, with commas between them */
-        kind?: string;
-        /** @description Created at this time or later, RFC 3339 */
+        /** @description Only these states, with commas between them. */
+        state?: components["schemas"]["JobState"][];
+        /** @description Only these kinds, with commas between them. */
+        kind?: components["schemas"]["JobKind"][];
+        /** @description Created at this time or later, RFC 3339. */
         since?: string;
-        /** @description Created before this time, RFC 3339 */
+        /** @description Created before this time, RFC 3339. */
         until?: string;
-        /** @description Words in the id, the reason or a line of the log */
+        /** @description Words in the id, the reason or a line of the log. */
         q?: string;
       };
       header?: never;
@@ -3424,6 +3563,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Refused now */
       409: {
         headers: {
@@ -3460,7 +3608,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3487,7 +3635,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be written, or the program is shutting down */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -3527,6 +3675,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3593,6 +3742,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3603,6 +3753,15 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -3663,7 +3822,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -3698,7 +3867,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3709,6 +3878,15 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -3747,6 +3925,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3804,6 +3983,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3861,6 +4041,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3918,6 +4099,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3975,6 +4157,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4032,6 +4215,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4089,6 +4273,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4202,6 +4387,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Another has it: who, and what for */
       409: {
         headers: {
@@ -4229,7 +4423,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4344,7 +4538,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The key is not the holder's */
+      /** @description The lease's key is not the holder's */
       412: {
         headers: {
           [name: string]: unknown;
@@ -4353,7 +4547,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description No key was shown */
+      /** @description No lease was shown */
       428: {
         headers: {
           [name: string]: unknown;
@@ -4421,6 +4615,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The job that holds it did not end in time */
       409: {
         headers: {
@@ -4448,7 +4651,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4629,6 +4832,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -4647,7 +4859,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4754,6 +4966,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Refused now */
       409: {
         headers: {
           [name: string]: unknown;
@@ -4789,7 +5011,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4816,13 +5038,21 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   get_snapshot: {
     parameters: {
       query?: {
-        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
-        reduce?: number;
+        reduce?: 1 | 2 | 4;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;
         /** @description At most so many pictures a second, 0.1 to 60 (streams). */
@@ -4993,8 +5223,7 @@ export interface operations {
   get_stream: {
     parameters: {
       query?: {
-        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
-        reduce?: number;
+        reduce?: 1 | 2 | 4;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;
         /** @description At most so many pictures a second, 0.1 to 60 (streams). */
@@ -5082,6 +5311,24 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Who asks may not read this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -5100,7 +5347,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5216,7 +5463,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The name is taken */
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The name is taken, or the time it is to end at is past */
       409: {
         headers: {
           [name: string]: unknown;
@@ -5243,7 +5499,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5369,6 +5625,15 @@ export interface operations {
       };
       /** @description A page of another origin */
       403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
         headers: {
           [name: string]: unknown;
         };
