@@ -34,14 +34,29 @@ const LAST_USE_STEP: SignedDuration = SignedDuration::from_secs(60);
 const FILE: &str = "tokens.json";
 const LOCK: &str = "tokens.lock";
 
+/// Letters of names, beside those of ASCII: Latin, Greek and Cyrillic, kana, Chinese characters, hangul. Ranges, so
+/// that the API's contract can have the same.
+const LETTERS: [std::ops::RangeInclusive<char>; 5] = [
+    '\u{c0}'..='\u{24f}',
+    '\u{370}'..='\u{4ff}',
+    '\u{3040}'..='\u{30ff}',
+    '\u{4e00}'..='\u{9fff}',
+    '\u{ac00}'..='\u{d7a3}',
+];
+
+fn is_of_a_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || " .@_-".contains(c) || LETTERS.iter().any(|letters| letters.contains(&c))
+}
+
 /// Why tokens cannot be read or changed.
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
     /// The name cannot be one.
-    #[error(
-        "{0:?} cannot be a token's name: 1 to 64 letters, digits, blanks and .@_-, but none of local, plenalign and one-time link"
-    )]
+    #[error("{0:?} cannot be a token's name: 1 to 64 letters, digits, blanks and .@_-")]
     Name(String),
+    /// The program itself uses the name.
+    #[error("the name {0:?} is taken by the program itself; choose another")]
+    Reserved(String),
     /// Another token has the name.
     #[error("there is a token named {0:?} already; revoke it first, or choose another name")]
     Taken(String),
@@ -167,11 +182,13 @@ impl TokenStore {
         scope: Scope,
         expires_at: Option<Timestamp>,
     ) -> Result<(Secret, TokenRecord), TokenError> {
-        let name = name.trim();
-        let possible = |c: char| c.is_alphanumeric() || " .@_-".contains(c);
         let length = name.chars().count();
-        if length == 0 || length > LONGEST_NAME || RESERVED.contains(&name) || !name.chars().all(possible) {
+        let name = name.trim_matches(' ');
+        if name.is_empty() || length > LONGEST_NAME || !name.chars().all(is_of_a_name) {
             return Err(TokenError::Name(name.to_owned()));
+        }
+        if RESERVED.contains(&name) {
+            return Err(TokenError::Reserved(name.to_owned()));
         }
         let now = Timestamp::now();
         if let Some(end) = expires_at.filter(|end| *end <= now) {
@@ -425,9 +442,13 @@ mod tests {
         let store = TokenStore::in_memory();
         store.create("a", Scope::View, None).unwrap();
         assert!(matches!(store.create("a", Scope::View, None), Err(TokenError::Taken(_))));
-        for name in ["", "  ", "local", "one-time link", "plenalign", "a\nb", "<b>", &"x".repeat(65)] {
+        for name in ["", "  ", "a\nb", "<b>", "\u{202e}", &"x".repeat(65)] {
             assert!(matches!(store.create(name, Scope::View, None), Err(TokenError::Name(_))), "{name:?}");
         }
+        for name in ["local", "one-time link", "plenalign"] {
+            assert!(matches!(store.create(name, Scope::View, None), Err(TokenError::Reserved(_))), "{name:?}");
+        }
+        store.create("José Οδυσσέας 山田", Scope::View, None).unwrap();
         let past = Timestamp::now() - SignedDuration::from_secs(1);
         assert!(matches!(store.create("b", Scope::View, Some(past)), Err(TokenError::Past(_))));
         assert!(matches!(store.revoke("b"), Err(TokenError::Unknown(_))));

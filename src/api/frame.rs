@@ -45,13 +45,19 @@ pub(super) async fn png(State(app): State<App>, headers: HeaderMap) -> Result<Re
     answer(&app, &headers, Encoding::Png, "image/png", None).await
 }
 
+/// What `reduce` may be.
+fn reductions() -> utoipa::openapi::schema::Object {
+    use utoipa::openapi::schema::{ObjectBuilder, Type};
+    ObjectBuilder::new().schema_type(Type::Integer).enum_values(Some([1, 2, 4])).default(Some(1.into())).build()
+}
+
 /// How a picture for viewing is wanted.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PictureAsked {
     /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
-    #[param(default = 1)]
+    #[param(schema_with = reductions)]
     reduce: Option<u32>,
     /// Quality of the JPEG, 10 to 100.
     #[param(default = 80, minimum = 10, maximum = 100)]

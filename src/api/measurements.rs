@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::{JsonBody, QueryPairs};
-use super::history::Query;
+use super::extract::{JsonBody, Query};
+use super::history::PageAsked;
 use crate::control::measurement::{MeasurementRequest, SingleMeasurement};
 
 /// Oldest frame that may be asked for, ms.
@@ -72,10 +72,7 @@ pub(super) async fn measure(
 /// The measurements asked for by `POST`, newest first, a page at a time.
 #[utoipa::path(
     get, path = "/api/v1/measurements", operation_id = "list_measurements", tag = "bench",
-    params(
-        ("limit" = Option<u32>, Query, description = "Entries on the page, 1 to 500", minimum = 1, maximum = 500),
-        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
-    ),
+    params(PageAsked),
     responses(
         (status = 200, body = MeasurementList),
         (status = 422, description = "A parameter does not say what it must; `field` names it", body = Problem,
@@ -84,10 +81,8 @@ pub(super) async fn measure(
          content_type = "application/problem+json"),
     )
 )]
-pub(super) async fn list(State(app): State<App>, QueryPairs(pairs): QueryPairs) -> Result<Json<MeasurementList>> {
-    let query = Query::new(pairs, &["limit", "cursor"])?;
-    let before = query.read("cursor", "what `next` of another page says", |text| text.parse().ok())?;
-    let page = app.service.measurements_alone(before, query.limit()?).await?;
+pub(super) async fn list(State(app): State<App>, Query(asked): Query<PageAsked>) -> Result<Json<MeasurementList>> {
+    let page = app.service.measurements_alone(asked.cursor.map(|number| number.0), asked.limit.0).await?;
     let next = page.items.last().filter(|_| page.more).map(|(number, _)| number.to_string());
     Ok(Json(MeasurementList { measurements: page.items.into_iter().map(|(_, measured)| measured).collect(), next }))
 }

@@ -6,7 +6,7 @@ use utoipa::openapi::security::{
 };
 use utoipa::openapi::{Components, OpenApi};
 
-use super::problem;
+use super::contract::problem;
 use super::scopes::{Need, STOP, need};
 use crate::access::Scope;
 

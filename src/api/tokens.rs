@@ -56,7 +56,10 @@ pub(super) struct TokenList {
 #[serde(deny_unknown_fields)]
 pub(super) struct TokenRequest {
     /// What its holder is to be called: 1 to 64 letters, digits, blanks and `.@_-`.
-    #[schema(max_length = 64)]
+    #[schema(
+        max_length = 64,
+        pattern = "^[A-Za-z0-9 .@_À-ɏͰ-ӿ぀-ヿ一-鿿가-힣-]*[A-Za-z0-9.@_À-ɏͰ-ӿ぀-ヿ一-鿿가-힣-][A-Za-z0-9 .@_À-ɏͰ-ӿ぀-ヿ一-鿿가-힣-]*$"
+    )]
     pub(super) name: String,
     /// What it is to allow.
     pub(super) scope: Scope,
@@ -87,7 +90,7 @@ pub(super) async fn list(State(app): State<App>) -> Json<TokenList> {
     post, path = "/api/v1/tokens", operation_id = "create_token", tag = "access", request_body = TokenRequest,
     responses(
         (status = 201, body = NewToken, headers(("Location" = String, description = "Path of the token"))),
-        (status = 409, description = "The name is taken", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The name is taken, or the time it is to end at is past", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "It cannot be kept", body = Problem, content_type = "application/problem+json"),
     )
 )]

@@ -38,10 +38,18 @@ impl From<JobSnapshot> for JobResource {
 #[serde(deny_unknown_fields)]
 pub struct LeaseAsked {
     /// Who: shown to everybody who asks for it meanwhile.
-    #[schema(min_length = 1, max_length = 200)]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = "^[^\\x00-\\x1f\\x7f-\\x9f]*[^\\s\\x00-\\x1f\\x7f-\\x9f][^\\x00-\\x1f\\x7f-\\x9f]*$"
+    )]
     pub owner: String,
     /// What for.
-    #[schema(min_length = 1, max_length = 200)]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = "^[^\\x00-\\x1f\\x7f-\\x9f]*[^\\s\\x00-\\x1f\\x7f-\\x9f][^\\x00-\\x1f\\x7f-\\x9f]*$"
+    )]
     pub note: Option<String>,
     /// Time to live from a heartbeat, s; 30 where it is not given.
     #[schema(minimum = 2, maximum = 3600)]
@@ -60,6 +68,7 @@ pub struct LeaseState {
 #[serde(deny_unknown_fields)]
 pub struct ConfirmRequest {
     /// Number of the step that has been carried out: a late confirmation of an earlier step is refused.
+    #[schema(maximum = 4294967295.0)]
     pub step: u32,
 }
 
@@ -78,6 +87,7 @@ pub struct JogRequest {
     /// Which way: towards smaller or larger positions.
     pub towards: Side,
     /// How fast, mm/s; the axis's greatest speed where it is not given.
+    #[schema(exclusive_minimum = 0)]
     pub speed_mm_per_s: Option<f64>,
 }
 

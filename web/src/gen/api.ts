@@ -176,6 +176,23 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/docs": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** This contract as a page, to be browsed and tried: whoever is signed in sees it. */
+    get: operations["get_docs"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/frame.png": {
     parameters: {
       query?: never;
@@ -1200,51 +1217,107 @@ export interface components {
       moves: components["schemas"]["Move"][];
     };
     /** @description What a caller asks for with a job. What a kind does not take is refused. */
-    JobRequest: {
-      /** @description The axes to home (homing); both where it is not given. */
-      axes?: components["schemas"]["AxisName"][] | null;
-      axis?: components["schemas"]["AxisName"] | null;
-      /**
-       * Format: double
-       * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
-       *     joint solution has it unless given.
-       */
-      distance_mm?: number | null;
-      /**
-       * Format: double
-       * @description For how long, s (spacing watch).
-       */
-      duration_s?: number | null;
-      /**
-       * Format: double
-       * @description The e to hold, mm (clarity only); the configured initial e where it is not given.
-       */
-      e_mm?: number | null;
-      /**
-       * Format: double
-       * @description Where the sweep begins, mm (focus sweep).
-       */
-      from_mm?: number | null;
-      /**
-       * Format: double
-       * @description Between two measurements, s (spacing watch); 1 where it is not given. At most 500 measurements are made.
-       */
-      interval_s?: number | null;
-      /** @description What to do. */
-      kind: components["schemas"]["JobKind"];
-      /** @description What it is for, in the caller's words. */
-      note?: string | null;
-      /**
-       * Format: int32
-       * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
-       */
-      steps?: number | null;
-      /**
-       * Format: double
-       * @description Where it ends, mm (focus sweep).
-       */
-      to_mm?: number | null;
-    };
+    JobRequest:
+      | {
+          /** @enum {string} */
+          kind: "joint_alignment";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "air_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "shell_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description The e to hold, mm (clarity only); the configured initial e where it is not given.
+           */
+          e_mm?: number | null;
+          /** @enum {string} */
+          kind: "clarity_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "l_bound_measurement";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          axis: components["schemas"]["AxisName"] | null;
+          /**
+           * Format: double
+           * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
+           *     joint solution has it unless given.
+           */
+          distance_mm?: number | null;
+          /**
+           * Format: double
+           * @description Where the sweep begins, mm (focus sweep).
+           */
+          from_mm: number | null;
+          /** @enum {string} */
+          kind: "focus_sweep";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+          /**
+           * Format: int32
+           * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
+           */
+          steps?: number | null;
+          /**
+           * Format: double
+           * @description Where it ends, mm (focus sweep).
+           */
+          to_mm: number | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description For how long, s (spacing watch).
+           */
+          duration_s: number | null;
+          /**
+           * Format: double
+           * @description Between two measurements, s (spacing watch); 1 where it is not given, and longer where more than 500 measurements
+           *     would be made.
+           */
+          interval_s?: number | null;
+          /** @enum {string} */
+          kind: "spacing_watch";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
+           *     joint solution has it unless given.
+           */
+          distance_mm?: number | null;
+          /** @enum {string} */
+          kind: "calibration";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @description The axes to home (homing); both where it is not given. */
+          axes?: components["schemas"]["AxisName"][] | null;
+          /** @enum {string} */
+          kind: "homing";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        };
     /** @description A job and where it is found. */
     JobResource: components["schemas"]["JobSnapshot"] & {
       /**
@@ -2429,9 +2502,9 @@ export interface operations {
   list_audit: {
     parameters: {
       query?: {
-        /** @description Entries on the page, 1 to 500 */
+        /** @description Entries on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
       };
       header?: never;
@@ -2537,6 +2610,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -2581,7 +2655,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2647,7 +2721,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -2691,7 +2775,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -2718,7 +2802,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2767,6 +2851,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -2841,7 +2926,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -2885,7 +2980,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -2912,7 +3007,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -3052,6 +3147,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description There is no file, or not now */
       409: {
         headers: {
@@ -3088,7 +3192,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3211,6 +3315,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -3229,7 +3342,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3283,6 +3396,32 @@ export interface operations {
         content: {
           "application/problem+json": components["schemas"]["Problem"];
         };
+      };
+    };
+  };
+  get_docs: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/html": string;
+        };
+      };
+      /** @description The page is that which If-None-Match names */
+      304: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content?: never;
       };
     };
   };
@@ -3366,19 +3505,19 @@ export interface operations {
   list_jobs: {
     parameters: {
       query?: {
-        /** @description Jobs on the page, 1 to 500 */
+        /** @description Jobs on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
-        /** @description Only these states, with commas between them */
-        state?: string;
-        /** @description Only these kinds, with commas between them */
-        kind?: string;
-        /** @description Created at this time or later, RFC 3339 */
+        /** @description Only these states, with commas between them. */
+        state?: components["schemas"]["JobState"][];
+        /** @description Only these kinds, with commas between them. */
+        kind?: components["schemas"]["JobKind"][];
+        /** @description Created at this time or later, RFC 3339. */
         since?: string;
-        /** @description Created before this time, RFC 3339 */
+        /** @description Created before this time, RFC 3339. */
         until?: string;
-        /** @description Words in the id, the reason or a line of the log */
+        /** @description Words in the id, the reason or a line of the log. */
         q?: string;
       };
       header?: never;
@@ -3490,6 +3629,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Refused now */
       409: {
         headers: {
@@ -3526,7 +3674,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3553,7 +3701,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be written, or the program is shutting down */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -3593,6 +3741,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3659,6 +3808,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3669,6 +3819,15 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -3729,7 +3888,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -3764,7 +3933,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3775,6 +3944,15 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -3813,6 +3991,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3870,6 +4049,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3927,6 +4107,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3984,6 +4165,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4041,6 +4223,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4098,6 +4281,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4155,6 +4339,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4268,6 +4453,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Another has it: who, and what for */
       409: {
         headers: {
@@ -4295,7 +4489,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4410,7 +4604,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The key is not the holder's */
+      /** @description The lease's key is not the holder's */
       412: {
         headers: {
           [name: string]: unknown;
@@ -4419,7 +4613,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description No key was shown */
+      /** @description No lease was shown */
       428: {
         headers: {
           [name: string]: unknown;
@@ -4487,6 +4681,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The job that holds it did not end in time */
       409: {
         headers: {
@@ -4514,7 +4717,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4850,6 +5053,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -4868,7 +5080,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4975,6 +5187,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Refused now */
       409: {
         headers: {
           [name: string]: unknown;
@@ -5010,7 +5232,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5037,13 +5259,21 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   get_snapshot: {
     parameters: {
       query?: {
-        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
-        reduce?: number;
+        reduce?: 1 | 2 | 4;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;
         /** @description At most so many pictures a second, 0.1 to 60 (streams). */
@@ -5214,8 +5444,7 @@ export interface operations {
   get_stream: {
     parameters: {
       query?: {
-        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
-        reduce?: number;
+        reduce?: 1 | 2 | 4;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;
         /** @description At most so many pictures a second, 0.1 to 60 (streams). */
@@ -5303,6 +5532,24 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Who asks may not read this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -5321,7 +5568,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5437,7 +5684,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The name is taken */
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The name is taken, or the time it is to end at is past */
       409: {
         headers: {
           [name: string]: unknown;
@@ -5464,7 +5720,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5590,6 +5846,15 @@ export interface operations {
       };
       /** @description A page of another origin */
       403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
         headers: {
           [name: string]: unknown;
         };
