@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::App;
+use super::contract::FromHistory;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, Query};
 use super::history::PageAsked;
@@ -73,16 +74,11 @@ pub(super) async fn measure(
 #[utoipa::path(
     get, path = "/api/v1/measurements", operation_id = "list_measurements", tag = "bench",
     params(PageAsked),
-    responses(
-        (status = 200, body = MeasurementList),
-        (status = 422, description = "A parameter does not say what it must; `field` names it", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
-    )
+    responses((status = 200, body = MeasurementList), FromHistory)
 )]
 pub(super) async fn list(State(app): State<App>, Query(asked): Query<PageAsked>) -> Result<Json<MeasurementList>> {
-    let page = app.service.measurements_alone(asked.cursor.map(|number| number.0), asked.limit.0).await?;
+    let page =
+        app.service.measurements_alone(asked.cursor.map(|number| number.0.unsigned_abs()), asked.limit.0).await?;
     let next = page.items.last().filter(|_| page.more).map(|(number, _)| number.to_string());
     Ok(Json(MeasurementList { measurements: page.items.into_iter().map(|(_, measured)| measured).collect(), next }))
 }

@@ -4786,9 +4786,9 @@ export interface operations {
   list_measurements: {
     parameters: {
       query?: {
-        /** @description Entries on the page, 1 to 500 */
+        /** @description Entries on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
       };
       header?: never;
@@ -4882,6 +4882,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description An axis moved during the exposure (`spans-motion`), or there is nothing to be measured (`not-measurable`) */
       409: {
         headers: {
@@ -4909,7 +4918,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
