@@ -13,7 +13,8 @@ set -euo pipefail
 # libclang-dev      bindgen, which reads the kernel's V4L2 headers for the v4l crate
 # linux-libc-dev    those headers
 # curl              the tests' plain HTTP client
-build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates curl)
+# libturbojpeg0     encodes pictures for viewers in half the time; used where it is there, and not needed to build
+build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates curl libturbojpeg0)
 # chromium          the browser in which the page is tested
 # openssl           another's opinion of the certificates made
 # python3           the table of `make test-long`

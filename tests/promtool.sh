@@ -40,7 +40,7 @@ for _ in $(seq 100); do
   sleep 0.2
 done
 for metric in stop_latency_seconds http_request_seconds picture_latency_seconds \
-  jobs_total frame_age_seconds viewers; do
+  jobs_total frame_age_seconds viewers axis_position_metres picture_encoder_info; do
   grep -q "^plenalign_$metric" "$folder/metrics" || {
     echo "promtool: there is no plenalign_$metric" >&2
     exit 1

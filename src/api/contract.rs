@@ -1,9 +1,11 @@
 //! The contract, completed with what follows from what the handlers say: failures that every operation of a kind
-//! shares, and what each kind of job takes.
+//! shares, what each kind of job takes, what can be done with what has been made, and the configuration's own schema.
 
 use std::collections::BTreeMap;
 
+use serde_json::{Map, Value, json};
 use utoipa::IntoResponses;
+use utoipa::openapi::link::Link;
 use utoipa::openapi::path::{Operation, Parameter, ParameterIn};
 use utoipa::openapi::schema::{AdditionalProperties, Object, OneOf, Schema, SchemaType, Type};
 use utoipa::openapi::{
@@ -11,6 +13,7 @@ use utoipa::openapi::{
 };
 
 use super::security;
+use crate::config::Config;
 use crate::control::job::{JobKind, JobRequest};
 
 /// Failures of a command that only the holder of the control lease may give.
@@ -65,7 +68,64 @@ pub(super) fn complete(mut contract: OpenApi) -> OpenApi {
     if let Some(components) = &mut contract.components {
         tell_jobs_apart(components);
     }
+    link(&mut contract, "/api/v1/jobs", "$response.body#/id");
+    link(&mut contract, "/api/v1/tokens", "$response.body#/id");
     contract
+}
+
+/// Has the answer of what makes something lead to everything that can be done with it.
+fn link(contract: &mut OpenApi, collection: &str, id: &str) {
+    let below = format!("{collection}/{{id}}");
+    let of_one = contract.paths.paths.iter().filter(|(path, _)| path.starts_with(&below));
+    let operations = of_one.flat_map(|(_, item)| [&item.get, &item.post, &item.put, &item.delete]).flatten();
+    let names: Vec<String> = operations.filter_map(|operation| operation.operation_id.clone()).collect();
+    let Some(made) = contract.paths.paths.get_mut(collection).and_then(|item| item.post.as_mut()) else { return };
+    for status in ["200", "201"] {
+        if let Some(RefOr::T(answer)) = made.responses.responses.get_mut(status) {
+            for name in &names {
+                let link = Link::builder().operation_id(name).parameter("id", id).build();
+                answer.links.insert(name.clone(), link.into());
+            }
+        }
+    }
+}
+
+/// The contract as JSON, with the schema of the configuration in its place: it is made by other means than the rest.
+pub(super) fn with_configuration(mut contract: Value) -> Value {
+    let mut schema = Config::json_schema();
+    lead_to_components(&mut schema);
+    let parts = schema.as_object_mut().and_then(|schema| {
+        schema.remove("$schema");
+        schema.remove("$defs")
+    });
+    let parts: Map<String, Value> = parts.and_then(|parts| parts.as_object().cloned()).unwrap_or_default();
+    if let Some(schemas) = contract.pointer_mut("/components/schemas").and_then(Value::as_object_mut) {
+        schemas.extend(parts.into_iter().map(|(name, part)| (format!("Config.{name}"), part)));
+        schemas.insert("Config".to_owned(), schema);
+        let place = schemas.get_mut("ConfigRequest").and_then(|asked| asked.pointer_mut("/properties/config"));
+        if let Some(Value::Object(place)) = place {
+            place.insert("$ref".to_owned(), json!("#/components/schemas/Config"));
+        }
+    }
+    contract
+}
+
+/// Has a schema's references lead to where its parts are in the contract.
+fn lead_to_components(schema: &mut Value) {
+    match schema {
+        Value::Object(members) => {
+            for (key, member) in members {
+                match member {
+                    Value::String(to) if key == "$ref" => {
+                        *to = to.replace("#/$defs/", "#/components/schemas/Config.");
+                    }
+                    member => lead_to_components(member),
+                }
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(lead_to_components),
+        _ => {}
+    }
 }
 
 /// Every request with a body, a query or a parameter in its path can fail in these ways, wherever it goes.

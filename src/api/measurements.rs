@@ -13,6 +13,7 @@ use super::error::{Problem, Result};
 use super::extract::{JsonBody, Query};
 use super::history::PageAsked;
 use crate::control::measurement::{MeasurementRequest, SingleMeasurement};
+use crate::control::whole::whole_or_none;
 
 /// Oldest frame that may be asked for, ms.
 const MAX_AGE_MS: u64 = 60_000;
@@ -28,6 +29,7 @@ pub struct MeasurementAsked {
     pub settled: bool,
     /// How long ago the frame's exposure may have begun, ms; where it is not given, it begins after the request.
     #[schema(maximum = 60_000)]
+    #[serde(default, deserialize_with = "whole_or_none")]
     pub max_age_ms: Option<u64>,
 }
 

@@ -18,6 +18,7 @@ pub mod history;
 mod hub;
 mod info;
 mod jobs;
+pub mod jpeg;
 mod lease;
 mod live;
 pub mod measurements;
@@ -254,7 +255,13 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
 #[must_use]
 pub fn openapi_json() -> &'static str {
     static TEXT: OnceLock<String> = OnceLock::new();
-    TEXT.get_or_init(|| openapi().to_pretty_json().map(|text| text + "\n").unwrap_or_default())
+    TEXT.get_or_init(|| {
+        let contract = serde_json::to_value(openapi()).map(contract::with_configuration);
+        contract
+            .and_then(|contract| serde_json::to_string_pretty(&contract))
+            .map(|text| text + "\n")
+            .unwrap_or_default()
+    })
 }
 
 async fn page_or_problem(request: Request) -> Response {

@@ -9,6 +9,7 @@ use crate::config::Side;
 use crate::control::events::{BenchView, MeasurementView, ShellState};
 use crate::control::job::JobSnapshot;
 use crate::control::lease::LeaseView;
+use crate::control::whole::whole;
 
 /// Where a job is found.
 #[must_use]
@@ -69,6 +70,7 @@ pub struct LeaseState {
 pub struct ConfirmRequest {
     /// Number of the step that has been carried out: a late confirmation of an earlier step is refused.
     #[schema(maximum = 4294967295.0)]
+    #[serde(deserialize_with = "whole")]
     pub step: u32,
 }
 
@@ -213,18 +215,18 @@ pub enum ViewerMessage {
         #[schema(minimum = 0.1, maximum = 60, default = 15)]
         max_rate_hz: f64,
         /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
-        #[serde(default = "default_reduce")]
+        #[serde(default = "default_reduce", deserialize_with = "whole")]
         #[schema(default = 1)]
         reduce: u32,
         /// Quality of the JPEG, 10 to 100.
-        #[serde(default = "default_quality")]
+        #[serde(default = "default_quality", deserialize_with = "whole")]
         #[schema(minimum = 10, maximum = 100, default = 80)]
         quality: u8,
         /// Whether to send the spacing over the field, too, at each new measurement.
         #[serde(default)]
         overlay: bool,
         /// At most so many pictures on the way that the viewer has not said it has seen; 0 for no such bound.
-        #[serde(default)]
+        #[serde(default, deserialize_with = "whole")]
         #[schema(maximum = 16, default = 0)]
         window: u32,
     },
@@ -236,6 +238,7 @@ pub enum ViewerMessage {
     /// Says that a picture has been shown, where `window` bounds how many are on the way.
     Seen {
         /// The picture's sequence number.
+        #[serde(deserialize_with = "whole")]
         seq: u64,
     },
 }

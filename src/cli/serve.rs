@@ -18,6 +18,7 @@ use super::remote::RemoteArgs;
 use super::{Context, supervised};
 use crate::access::{Gate, TokenStore};
 use crate::api::Api;
+use crate::api::jpeg::Encoder;
 use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
 use crate::control::history::HistoryAudit;
@@ -142,6 +143,9 @@ impl Server {
         let gate = Arc::new(Gate::new(exposure.gate.clone(), tokens, audit));
         // A second server in one process would count into the first one's metrics.
         let metrics = telemetry::install().inspect_err(|error| tracing::warn!(%error, "no metrics are kept")).ok();
+        let encoder = Encoder::here().name();
+        telemetry::picture_encoder(encoder);
+        tracing::info!(encoder, "pictures for viewers");
         let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);
         let serving = serve_connections(listener, api.router(), exposure.server.clone(), api.closing());
         let task = tokio::spawn(serving);

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::lease::MAX_TEXT;
 use super::refusal::ServiceError;
+use super::whole::whole_or_none;
 use crate::device::AxisName;
 
 /// What a job is to do.
@@ -77,7 +78,7 @@ pub struct JobRequest {
     #[schema(minimum = -10000, maximum = 10000)]
     pub to_mm: Option<f64>,
     /// Positions measured, both ends included (focus sweep); 11 where it is not given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_none")]
     #[schema(minimum = 2, maximum = 200)]
     pub steps: Option<u32>,
     /// For how long, s (spacing watch).

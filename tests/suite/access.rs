@@ -304,8 +304,9 @@ async fn guessing_is_slowed_down_and_holds_up_nobody_who_has_a_token() {
         assert!((1..=60).contains(&wait), "{wait}");
         problem(refused, 429, "too-many-requests").await;
     }
+    // A wrong token is wrong, however many came before it.
     let refused = guarded.by("guess", Method::GET, "/api/v1/bench").send().await.unwrap();
-    problem(refused, 429, "too-many-requests").await;
+    problem(refused, 401, "unauthorised").await;
     assert_eq!(guarded.status(&guarded.view, Method::POST, "/api/v1/stop").await, 200);
 }
 

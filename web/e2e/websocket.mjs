@@ -36,7 +36,11 @@ function open({ path = "/api/v1/ws", headers = { authorization }, origin } = {})
   socket.on("error", () => {});
   const opened = new Promise((resolve, reject) => {
     socket.once("open", resolve);
-    socket.once("unexpected-response", (_, response) => reject(new Error(`${response.statusCode}`)));
+    socket.once("unexpected-response", (request, response) => {
+      // Its connection would else stay open, and this program with it.
+      request.destroy();
+      reject(new Error(`${response.statusCode}`));
+    });
   });
   const closed = new Promise((resolve) => {
     socket.once("close", (code, reason) => resolve({ code, reason: reason.toString() }));
