@@ -4,6 +4,7 @@
 //! Progress goes to standard error, an error is one line there, and the exit code is 0 only on success.
 
 mod align;
+mod announce;
 mod calibrate;
 mod camera;
 mod demo;
@@ -11,6 +12,7 @@ mod design;
 mod jobs;
 mod listen;
 mod lock;
+mod logging;
 mod measure;
 mod pose;
 mod progress;
@@ -121,9 +123,7 @@ fn one_line(error: &anyhow::Error) -> String {
 }
 
 fn run(cli: Cli) -> anyhow::Result<ExitCode> {
-    // Logs go to standard error, and only warnings unless RUST_LOG asks for more.
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let _logging = logging::start();
     let (read, origin) = Config::open(cli.config.as_deref())?;
     let mut assignments = Vec::new();
     for assignment in &cli.set {

@@ -40,6 +40,7 @@ mod rendered;
 mod renderer;
 mod shutdown;
 mod spacing;
+mod spans;
 mod stages;
 mod stop;
 mod stop_latency;

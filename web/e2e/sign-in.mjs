@@ -21,6 +21,11 @@ try {
   await page.locator("#sign-in").waitFor();
   assert.equal(await page.locator("#stop").count(), 0);
 
+  step("nor the API's contract");
+  await page.goto(`${address}api/v1/docs`);
+  await page.locator("#sign-in", { hasText: "sign in" }).waitFor();
+  assert.equal(await page.locator(".opblock").count(), 0);
+
   step("the one-time link opens the page and leaves nothing in the address bar");
   await page.goto(link);
   await page.locator(".who", { hasText: "one-time link" }).waitFor({ timeout: 10_000 });
@@ -28,6 +33,25 @@ try {
   assert.equal(page.url(), address);
   await page.reload();
   await page.locator(".who", { hasText: "one-time link" }).waitFor({ timeout: 10_000 });
+
+  step("the API's contract is shown, with nothing from elsewhere, and can be tried");
+  const docs = await page.context().newPage();
+  const complaints = [];
+  docs.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
+  docs.on("request", (request) => {
+    if (!request.url().startsWith(address) && !request.url().startsWith("data:"))
+      complaints.push(request.url());
+  });
+  await docs.goto(`${address}api/v1/docs`);
+  await docs.locator("#operations-stop-get_stop .opblock-summary").click({ timeout: 20_000 });
+  await docs.locator("#operations-stop-get_stop .try-out__btn").click();
+  await docs.locator("#operations-stop-get_stop .execute").click();
+  await docs
+    .locator("#operations-stop-get_stop .live-responses-table", { hasText: '"latched": false' })
+    .waitFor();
+  if (process.env.SCREENSHOT) await docs.screenshot({ path: process.env.SCREENSHOT });
+  assert.deepEqual(complaints, []);
+  await docs.close();
 
   step("signed out, nothing is left on the screen, and the link is dead");
   await page.locator("#sign-out").click();
