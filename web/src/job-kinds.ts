@@ -67,6 +67,11 @@ export function draftOf(kind: JobKind, note = ""): Draft {
   return { kind, note, numbers: {}, axis: "focus", axes: ["focus", "e"] };
 }
 
+/** A request while its fields are being filled in. */
+type Filled = { kind: JobKind; note?: string; axis?: AxisName; axes?: AxisName[] } & Partial<
+  Record<NumberField["name"], number>
+>;
+
 export type Checked =
   { ok: true; request: JobRequest } | { ok: false; faults: Partial<Record<Field["name"] | "note", string>> };
 
@@ -79,7 +84,7 @@ export function numberOf(text: string): number {
 /** The request that a form makes, or what is wrong with it, field by field. */
 export function check(draft: Draft, axes: Axis[]): Checked {
   const faults: Partial<Record<Field["name"] | "note", string>> = {};
-  const request: JobRequest = { kind: draft.kind };
+  const request: Filled = { kind: draft.kind };
   if (draft.note.trim() !== "") request.note = draft.note.trim();
   if (draft.note.length > 200) faults.note = strings.form.tooLong(200);
   for (const field of FIELDS[draft.kind]) {
@@ -107,7 +112,10 @@ export function check(draft: Draft, axes: Axis[]): Checked {
     if (interval < least && !faults.interval_s)
       faults.interval_s = strings.form.interval(MOST_MEASUREMENTS, least);
   }
-  return Object.keys(faults).length > 0 ? { ok: false, faults } : { ok: true, request };
+  // FIELDS has for each kind what its request has, which the compiler cannot follow.
+  return Object.keys(faults).length > 0
+    ? { ok: false, faults }
+    : { ok: true, request: request as JobRequest };
 }
 
 /** Where a sweep may go is where its axis may go. */
