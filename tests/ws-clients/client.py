@@ -104,7 +104,7 @@ async def pictures_are_protobuf():
     async with open_socket() as socket:
         await socket.send(json.dumps({"type": "pictures", "on": True, "max_rate_hz": 20, "reduce": 2}))
         frames = []
-        async with asyncio.timeout(15):
+        async with asyncio.timeout(60):
             while len(frames) < 3:
                 message = await socket.recv()
                 if isinstance(message, bytes):

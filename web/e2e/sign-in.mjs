@@ -14,7 +14,8 @@ const browser = await browse();
 try {
   const address = await daemon.address();
   const link = await oneTimeLink();
-  const page = await browser.newPage({ viewport: { width: 1024, height: 900 } });
+  const context = await browser.newContext({ viewport: { width: 1024, height: 900 } });
+  const page = await context.newPage();
 
   step("a stranger is asked for a token and shown nothing");
   await page.goto(address);
@@ -35,15 +36,15 @@ try {
   await page.locator(".who", { hasText: "one-time link" }).waitFor({ timeout: 10_000 });
 
   step("the API's contract is shown, with nothing from elsewhere, and can be tried");
-  const docs = await page.context().newPage();
+  const docs = await context.newPage();
   const complaints = [];
   docs.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
   docs.on("request", (request) => {
     if (!request.url().startsWith(address) && !request.url().startsWith("data:"))
       complaints.push(request.url());
   });
-  await docs.goto(`${address}api/v1/docs`);
-  await docs.locator("#operations-stop-get_stop .opblock-summary").click({ timeout: 20_000 });
+  await docs.goto(`${address}api/v1/docs`, { timeout: 120_000 });
+  await docs.locator("#operations-stop-get_stop .opblock-summary").click({ timeout: 120_000 });
   await docs.locator("#operations-stop-get_stop .try-out__btn").click();
   await docs.locator("#operations-stop-get_stop .execute").click();
   await docs

@@ -21,7 +21,7 @@ async function main(): Promise<void> {
     dom_id: "#contract",
     spec: await answer.json(),
     deepLinking: true,
-    docExpansion: "none",
+    docExpansion: "list",
     // Nothing is asked of a validator elsewhere, and no token is kept.
     validatorUrl: null,
     persistAuthorization: false,
