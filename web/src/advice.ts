@@ -35,8 +35,5 @@ export function advice(
       other: words.or(signedLength(deltaVMm, unit, 4)),
     };
   }
-  return {
-    main: deltaVMm > 0 ? words.grow(apart) : words.shrink(apart),
-    other: eMm === null ? null : words.orE(signedLength(eMm, unit, 2)),
-  };
+  return { main: deltaVMm > 0 ? words.grow(apart) : words.shrink(apart), other: null };
 }

@@ -27,8 +27,8 @@ export type Result<T> = { ok: true; value: T } | { ok: false; problem: Problem }
 const TIMEOUT_MS = 8000;
 /** A takeover waits for a job to end. */
 const TAKEOVER_MS = 30_000;
-/** The daemon's deadman has ended a jog long before. */
-const JOG_MS = 2000;
+/** The daemon's deadman has ended a jog long before; a stop that is not answered by then is sent anew. */
+const SHORT_MS = 3000;
 
 interface Asked {
   body?: unknown;
@@ -60,7 +60,8 @@ async function exchange<T>(
 }
 
 function request<T>(method: string, path: string, body?: unknown, key?: string): Promise<Result<T>> {
-  const timeoutMs = path.endsWith("/takeover") ? TAKEOVER_MS : path.endsWith("/jog") ? JOG_MS : TIMEOUT_MS;
+  const short = path.endsWith("/jog") || path.endsWith("/stop");
+  const timeoutMs = short ? SHORT_MS : path.endsWith("/takeover") ? TAKEOVER_MS : TIMEOUT_MS;
   return exchange<T>(method, path, {
     body,
     timeoutMs,

@@ -122,6 +122,8 @@ describe("the advice", () => {
   it("moves MLA and sensor while Δv is set", () => {
     expect(of(19.78, "delta_v").main).toMatch(/^Move MLA and sensor 0\.\d+ mm away from the lens$/);
     expect(of(19.67, "delta_v").main).toMatch(/towards the lens$/);
+    // The shell is off then: there is no e to be moved.
+    expect(of(19.67, "delta_v").other).toBeNull();
   });
 
   it("calls for no move on the target, and for no distance far from it", () => {

@@ -3,7 +3,6 @@
 import type { AxisName, ShellState, Side } from "../wire";
 
 export const lease = {
-  title: "Control",
   owner: "a browser",
   free: "Nobody has control.",
   mine: "This page has control.",
@@ -22,7 +21,6 @@ export const lease = {
 export const axis = {
   name: { focus: "Focus axis", e: "e axis" } satisfies Record<AxisName, string>,
   short: { focus: "focus", e: "e" } satisfies Record<AxisName, string>,
-  readback: "readback",
   readbackMore: "Where the controller says the axis stands. Δv and e themselves are measured in the picture.",
   unknown: "unknown",
   notHomed: "not homed",
@@ -44,7 +42,6 @@ export const byHand = {
     high: "Hold to move towards larger positions",
   } satisfies Record<Side, string>,
   holdOf: (axis: string, hold: string) => `${axis} axis: ${hold}`,
-  holding: "moving while you hold",
   pace: "Hold at",
   paces: { slow: "slow", fast: "fast" },
   moveTo: (axis: string, unit: string) => `Move the ${axis} axis to, ${unit}`,

@@ -24,6 +24,4 @@ export const history = {
   clear: "Clear",
   difference: "spacing less target, px",
   missing: "Jobs of earlier runs are missing",
-  open: "Open",
-  target: "target",
 };

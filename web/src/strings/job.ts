@@ -116,12 +116,9 @@ export const job = {
     failed: "Failed",
     interrupted: "Interrupted",
   } satisfies Record<JobState, string>,
-  downloads: "Report and downloads",
   report: "Report to print",
   csv: "Iterations, CSV",
   json: "Everything, JSON",
-  print: "Print this page",
-  nothing: "nothing but a note",
 };
 
 export const form = {

@@ -49,7 +49,6 @@ export const meter = {
   title: "Focus",
   none: "Nothing measured yet",
   noneMore: "The live picture is measured once a white frame has been taken: an alignment begins with one.",
-  spacing: "Spacing",
   target: "target",
   ago: (span: string) => `OLD · ${span}`,
   inFocus: "IN FOCUS",
@@ -64,7 +63,6 @@ export const meter = {
   or: (length: string) => `or Δv by ${length}`,
   grow: (length: string) => `Move MLA and sensor ${length} away from the lens`,
   shrink: (length: string) => `Move MLA and sensor ${length} towards the lens`,
-  orE: (length: string) => `or, with the shell on, e by ${length}`,
   estimate: "by the design's figures",
   farther: "too far from the target for a distance: Δv or e must grow",
   nearer: "too far from the target for a distance: Δv or e must shrink",
@@ -90,7 +88,6 @@ export const meter = {
 
 export const charts = {
   title: "Last two minutes",
-  ago: "s ago",
   spacing: "spacing, px",
   target: "target",
   band: "± 2 σ",

@@ -1,7 +1,6 @@
 // Words of the settings page.
 
 export const settings = {
-  title: "Settings",
   page: "This page",
   pageMore: "Kept in this browser, for this browser.",
   name: "Your name",

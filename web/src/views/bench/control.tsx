@@ -2,7 +2,6 @@ import { PACES, type Pace } from "../../pace";
 import { STEPS_MM } from "../../preferences";
 import { may } from "../../state";
 import { strings } from "../../strings";
-import { length } from "../../units";
 import { useState } from "preact/hooks";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
@@ -29,11 +28,7 @@ export function Bench(scene: Scene) {
           label={strings.byHand.step}
           of={STEPS_MM}
           chosen={stepMm}
-          name={(step) =>
-            length(step, unit, step < 0.1 ? 3 : 2)
-              .replace(/(\.\d*?)0+ /, "$1 ")
-              .replace(". ", " ")
-          }
+          name={(step) => (unit === "mm" ? `${step} mm` : `${step * 1000} µm`)}
           choose={(step) => update({ preferences: { ...state.preferences, stepMm: step } })}
         />
         <span class="quiet">{strings.byHand.pace}</span>
