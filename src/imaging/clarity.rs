@@ -90,7 +90,7 @@ pub fn eog_within_patches(view: &View, grid: &Grid) -> Option<Eog> {
     let (least, greatest) = values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
     let scale = 255.0 / f64::from(greatest - least);
     let step = within.square / within.count * scale * scale;
-    step.is_finite().then(|| Eog { sum: step * (within.count + across.count), mean_per_pixel: 2.0 * step })
+    step.is_finite().then_some(Eog { sum: step * (within.count + across.count), mean_per_pixel: 2.0 * step })
 }
 
 /// Steps from pixel to pixel: how many, and the sums of their size and of its square.
