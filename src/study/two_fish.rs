@@ -301,7 +301,9 @@ fn pictures(chapter: &mut Chapter, studio: &Studio, shot: &Shot) -> Result<(), S
         "both fish sharp in all-in-focus, by eye",
         shown(&within),
         above(&within),
-        "the sum, which does not change with the size a view is drawn at",
+        "the sum, which does not change with the size a view is drawn at. The all-in-focus view averages each place over \
+         all micro-images that see it: its noise and its finest detail are less than those of a view of single patches, \
+         where that view has the right patch; it stays below a view that is right for most of the scene",
     ));
     let whole = |k: usize| figures[k].0;
     chapter.findings.push(Finding::compared(
@@ -310,7 +312,7 @@ fn pictures(chapter: &mut Chapter, studio: &Studio, shot: &Shot) -> Result<(), S
         shown(&whole),
         above(&whole),
         "block artefacts are edges, too: Eq. 20 counts them for the views that have them, so that a view of one patch size \
-         gains by being worse. Without them, as above, the order is that of the eye",
+         gains by being worse",
     ));
     chapter.tables.push(table);
     Ok(())

@@ -60,9 +60,11 @@ async fn sigterm_in_mid_run_stops_the_axes_before_the_streams() {
     let (status, took, log) = program.end(Duration::from_secs(5));
     assert_eq!(status.code(), Some(0), "{log}");
     assert!(took < Duration::from_secs(5));
-    let stopped = place(&log, "axes stopped focus=Confirmed e=Confirmed");
-    let ended = place(&log, "cancelled: ");
-    assert!(stopped < ended && ended < place(&log, "streams closed"), "{log}");
+    // The job that ends stops its axes, and so does the end of the program: whichever comes first, nothing is told before.
+    let (stopped, ended) = (place(&log, "axes stopped"), place(&log, "cancelled: "));
+    let confirmed = place(&log, "axes stopped focus=Confirmed e=Confirmed");
+    let closed = place(&log, "streams closed");
+    assert!(stopped < ended && ended < closed && confirmed < closed, "{log}");
     assert!(!log.contains("ERROR"), "{log}");
 }
 
