@@ -41,8 +41,9 @@ try {
 
   step("another key can be the stop key");
   await ana.page.locator(".stop-key").getByRole("button", { name: "Change" }).click();
+  await ana.page.locator(".stop-key", { hasText: "Press the key" }).waitFor();
   await ana.page.keyboard.press("F8");
-  assert.equal(await ana.page.locator("#stop-key").textContent(), "F8");
+  await ana.page.locator("#stop-key", { hasText: "F8" }).waitFor();
   await ana.page.locator("h1").click();
   await ana.page.keyboard.press("Space");
   await ana.page.waitForTimeout(300);

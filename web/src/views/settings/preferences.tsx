@@ -1,4 +1,4 @@
-import { useEffect, useState } from "preact/hooks";
+import { useLayoutEffect, useState } from "preact/hooks";
 import { choosable, SPACE } from "../../stop-key";
 import { strings } from "../../strings";
 import type { LengthUnit } from "../../units";
@@ -54,7 +54,8 @@ interface KeyProps {
 /** The key that stops. While another is chosen, the present one still stops. */
 function ChooseKey({ name, set, reset }: KeyProps) {
   const [listening, listen] = useState(false);
-  useEffect(() => {
+  // Before the prompt is painted: whoever reads it is heard.
+  useLayoutEffect(() => {
     if (!listening) return undefined;
     const hear = (event: KeyboardEvent) => {
       event.preventDefault();
