@@ -104,6 +104,8 @@ try {
   const from = await position("focus");
   await ana.page.getByRole("button", { name: "Move the focus axis by −0.100 mm" }).click();
   await until(async () => Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "no step was made");
+  await until(async () => !(await bench()).axes.some((axis) => axis.moving), "the step does not end");
+  await ana.page.waitForTimeout(1000);
 
   step("a large move is asked about; STOP stays within reach");
   const field = ana.page.getByLabel("Move the focus axis to, mm");
