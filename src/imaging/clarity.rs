@@ -18,22 +18,35 @@ pub struct Eog {
 /// without a right and a lower neighbour do not enter; a view of one grey level has none.
 #[must_use]
 pub fn eog(view: &View) -> Eog {
-    let (w, h) = (view.width, view.height);
     let values = view.luminance();
-    let (least, greatest) = values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
-    if w < 2 || h < 2 || greatest.partial_cmp(&least) != Some(std::cmp::Ordering::Greater) {
+    let (least, greatest) = range(&values);
+    if view.width < 2 || view.height < 2 || greatest.partial_cmp(&least) != Some(std::cmp::Ordering::Greater) {
         return Eog { sum: 0.0, mean_per_pixel: 0.0 };
     }
     let scale = 255.0 / f64::from(greatest - least);
+    let mean_per_pixel = scale * scale * gradient_energy(view);
+    Eog { sum: mean_per_pixel * ((view.width - 1) * (view.height - 1)) as f64, mean_per_pixel }
+}
+
+/// The sum of Eq. 20 over the number of pixels that enter it, of a view's luminance as it is, its range not scaled: for
+/// views whose luminance has been brought to a common one. NaN without a pixel that has both neighbours.
+#[must_use]
+pub fn gradient_energy(view: &View) -> f64 {
+    let (w, h) = (view.width, view.height);
+    let values = view.luminance();
     let mut sum = 0.0;
-    for y in 0..h - 1 {
+    for y in 0..h.saturating_sub(1) {
         let (row, below) = (&values[y * w..][..w], &values[(y + 1) * w..][..w]);
         for (pair, under) in row.windows(2).zip(below) {
             sum += f64::from(pair[1] - pair[0]).powi(2) + f64::from(under - pair[0]).powi(2);
         }
     }
-    sum *= scale * scale;
-    Eog { sum, mean_per_pixel: sum / ((w - 1) * (h - 1)) as f64 }
+    sum / (w.saturating_sub(1) * h.saturating_sub(1)) as f64
+}
+
+/// The least and the greatest of some values.
+fn range(values: &[f32]) -> (f32, f32) {
+    values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(least, greatest), &v| (least.min(v), greatest.max(v)))
 }
 
 /// Side of the windows that structural similarity is taken over, px.
@@ -48,7 +61,7 @@ pub fn ssim(one: &View, other: &View) -> Option<f64> {
         return None;
     }
     let (a, b) = (one.luminance(), other.luminance());
-    let (least, greatest) = a.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
+    let (least, greatest) = range(&a);
     let range = f64::from(greatest - least).max(1e-9);
     let [c1, c2] = [0.01, 0.03].map(|k: f64| (k * range).powi(2));
     let (mut total, mut windows) = (0.0, 0.0);
@@ -87,7 +100,7 @@ pub fn blockiness(view: &View, grid: &Grid) -> Option<f64> {
 pub fn eog_within_patches(view: &View, grid: &Grid) -> Option<Eog> {
     let [within, across] = steps(view, grid);
     let values = view.luminance();
-    let (least, greatest) = values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
+    let (least, greatest) = range(&values);
     let scale = 255.0 / f64::from(greatest - least);
     let step = within.square / within.count * scale * scale;
     step.is_finite().then_some(Eog { sum: step * (within.count + across.count), mean_per_pixel: 2.0 * step })

@@ -8,7 +8,7 @@ use super::chapter::{Chapter, Chart, Curve, Finding, Table};
 use super::studio::Studio;
 use super::{Desk, StudyError};
 use crate::optics::CameraDesign;
-use crate::sim::renderer::{CameraTruth, Medium, RenderOptions, Renderer, Tracer};
+use crate::sim::renderer::{CameraTruth, RenderOptions, Renderer, Tracer};
 use crate::sim::scene::{Board, Scene};
 use crate::sim::texture::TextureMap;
 
@@ -243,11 +243,9 @@ fn reoptimise(chapter: &mut Chapter, studio: &Studio, joint: &Case, limit: f64) 
     for distance in [Some(0.7 * depth.near), beyond].into_iter().flatten() {
         let again = design.reoptimised(distance, e);
         let blur = |delta_v: f64| {
-            let medium = Medium::Water { shell: design.shell, e, decentre: [0.0; 2] };
-            let camera = CameraTruth::from_design(design, delta_v, medium, studio.pixel, studio.side, studio.side);
-            measured(studio, camera, distance).map(|(blur, _)| blur).ok_or_else(|| {
-                StudyError::unseen(format!("the blur at {distance:.0} mm"), "no whole edge in a micro-image")
-            })
+            measured(studio, studio.camera(&Case { delta_v, ..*joint }), distance).map(|(blur, _)| blur).ok_or_else(
+                || StudyError::unseen(format!("the blur at {distance:.0} mm"), "no whole edge in a micro-image"),
+            )
         };
         let (before, after) = (blur(joint.delta_v)?, blur(again.delta_v)?);
         sharp &= before * studio.pixel > limit && after * studio.pixel < limit;

@@ -9,7 +9,7 @@ use super::on_board::{Raster, on_board};
 use super::studio::{Shot, Studio, raw_png, view_png};
 use super::{Desk, StudyError};
 use crate::config::Texture;
-use crate::imaging::clarity::{Eog, eog};
+use crate::imaging::clarity::{Eog, eog, gradient_energy};
 use crate::imaging::depth::DepthState;
 use crate::imaging::view::View;
 use crate::sim::scene::{Board, Scene, texel_for};
@@ -197,7 +197,7 @@ fn look(
         let view = shot.pictures.view([0.0; 2]).map_err(|error| failed(&error))?;
         let piece =
             on_board(&shot, &view, raster).ok_or_else(|| failed(&"the common piece of board is not all in view"))?;
-        on.push(energy(&piece));
+        on.push(gradient_energy(&piece));
         first.get_or_insert((shot, view));
     }
     let Some((shot, view)) = first else { return Err(failed(&"no frame was taken")) };
@@ -229,20 +229,6 @@ fn look(
         patch_px: patches.get(patches.len() / 2).copied().unwrap_or(f64::NAN),
         on_board: on,
     })
-}
-
-/// Energy of gradient a pixel of a picture as it is, without scaling its range: its mean has been set.
-fn energy(view: &View) -> f64 {
-    let (w, values) = (view.width, &view.planes[0]);
-    let mut sum = 0.0;
-    for y in 0..view.height - 1 {
-        for x in 0..w - 1 {
-            let here = f64::from(values[y * w + x]);
-            sum +=
-                (f64::from(values[y * w + x + 1]) - here).powi(2) + (f64::from(values[(y + 1) * w + x]) - here).powi(2);
-        }
-    }
-    sum / ((w - 1) * (view.height - 1)) as f64
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -141,7 +141,7 @@ impl Bench<'_> {
         Ok((seen.spacing.on_axis_px, seen.spacing.sigma_px))
     }
 
-    /// The white frame of the bench: one for each tenth of a millimetre of Δv, as an operator would take them at most.
+    /// The white frame of the bench: a new one wherever Δv is half a millimetre from those there are.
     fn white(&self, camera: &CameraTruth, delta_v: f64) -> Result<WhiteModel, StudyError> {
         const APART_MM: f64 = 0.5;
         let kept = self.whites.borrow().iter().find(|(at, _)| (at - delta_v).abs() < APART_MM).map(|(_, w)| w.clone());

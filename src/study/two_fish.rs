@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::case::cases;
+use super::case::{Case, cases};
 use super::chapter::{Chapter, Finding, Table};
 use super::studio::{Shot, Studio, colour_png, raw_png, view_png};
 use super::{Desk, StudyError};
@@ -11,7 +11,8 @@ use crate::config::Texture;
 use crate::imaging::clarity::{blockiness, eog, eog_within_patches};
 use crate::imaging::depth::DepthState;
 use crate::imaging::view::{Blend, View};
-use crate::sim::renderer::{CameraTruth, Medium, Tracer};
+use crate::optics::ExactView;
+use crate::sim::renderer::{CameraTruth, Tracer};
 use crate::sim::scene::{Board, Cutout, Scene, texel_for};
 use crate::sim::texture::{SIDE as TEXELS, TextureMap};
 
@@ -30,7 +31,7 @@ pub(super) fn write(desk: &Desk<'_>) -> Result<Chapter, StudyError> {
     let side = if desk.options.quick { 480 } else { config.sensor.width_px.min(config.sensor.height_px) as usize };
     let studio = Studio { design, pixel, side, rays: 16, noise: 2.0, seed: desk.options.seed };
     let [.., joint] = cases(config);
-    let scene = Tank::new(&studio, joint.delta_v, joint.e.unwrap_or(0.0), desk.options.seed);
+    let scene = Tank::new(&studio, &joint, desk.options.seed);
     let shot = studio.take(&joint, &Scene::Cutouts(scene.things.clone()), 0)?;
     desk.watch.done(1, 2);
 
@@ -54,13 +55,12 @@ struct Tank {
 }
 
 impl Tank {
-    fn new(studio: &Studio, delta_v: f64, e: f64, seed: u64) -> Self {
+    fn new(studio: &Studio, case: &Case, seed: u64) -> Self {
         let design = &studio.design;
-        let medium = Medium::Water { shell: design.shell, e, decentre: [0.0; 2] };
-        let camera = CameraTruth::from_design(design, delta_v, medium, studio.pixel, studio.side, studio.side);
+        let medium = case.medium(design);
         let half_at = |distance: f64| {
-            let view = crate::optics::ExactView { board_distance: distance, ..design.exact_in_water(delta_v, e) };
-            let edge = view.chief_board_point([0.5 * studio.side as f64 * camera.pixel, 0.0]);
+            let view = ExactView { board_distance: distance, ..case.view(design) };
+            let edge = view.chief_board_point([0.5 * studio.side as f64 * studio.pixel, 0.0]);
             edge.map_or(100.0, |[x, _]| x.abs())
         };
         // Everything is drawn on a square of the texture about its origin; the outline has the texture's own scale.
@@ -221,16 +221,7 @@ fn colour(value: f64) -> [u8; 3] {
 
 fn pictures(chapter: &mut Chapter, studio: &Studio, shot: &Shot) -> Result<(), StudyError> {
     let failed = |error| StudyError::unseen("a view of the two fish", error);
-    let design = &studio.design;
-    let spacing = |distance: f64| {
-        let e = match shot.camera.medium {
-            Medium::Water { e, .. } => e,
-            Medium::Air => 0.0,
-        };
-        let equivalent = design.shell.equivalent_distance(distance, e);
-        let a = design.main_lens.image_distance(equivalent) - shot.camera.lens_to_mla;
-        design.mla.spacing(a) / studio.pixel
-    };
+    let spacing = |distance: f64| ExactView { board_distance: distance, ..shot.view }.paraxial_spacing() / studio.pixel;
     let pitch = shot.pictures.grid().pitch_px();
     // The nearer thing has the larger spacing and the smaller patch.
     let [small, large] = [NEAR_MM, FAR_MM].map(spacing);
