@@ -13,11 +13,10 @@ use std::time::Instant;
 use plenalign::config::Config;
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, measure_frame};
 use plenalign::imaging::spacing::Spacing;
-use plenalign::sim::exposure::{Noise, expose};
-use plenalign::sim::flaws::Flaws;
+use plenalign::sim::configured;
+use plenalign::sim::exposure::expose;
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use plenalign::sim::scene::{Board, Scene, texel_for};
-use plenalign::sim::shutter::{Shutter, configured_texture};
 
 const PIXEL_MM: f64 = 0.00345;
 /// Side of a frame, px.
@@ -94,15 +93,15 @@ fn measured(case: &Case, seed: u64) -> Result<(Spacing, f64, f64), String> {
     // A Δv that is a little off puts the spacing anywhere between whole pixels.
     let delta_v = design.joint(0.0).delta_v + 0.12 * (chance(1) - 0.5);
     let simulation = &config.bench.simulation;
-    let mut camera = CameraTruth::from_design(&design, delta_v, medium, PIXEL_MM, SIDE, SIDE);
-    camera.take_simulation(simulation, seed);
+    let camera = CameraTruth::from_design(&design, delta_v, medium, PIXEL_MM, SIDE, SIDE);
+    let camera = configured::camera(camera, simulation, seed);
     let renderer = Renderer::new(RenderOptions { rays: RAYS, seed });
-    let flaws = Flaws::seeded(config, case.water, seed);
+    let flaws = configured::flaws(config, case.water, seed);
     let texel = texel_for(&design, medium, distance, PIXEL_MM);
-    let map = Arc::new(configured_texture(config, simulation.texture, texel, seed));
-    let shutter = Shutter::configured(config);
+    let map = Arc::new(configured::texture(config, simulation.texture, texel, seed));
+    let shutter = configured::shutter(config);
     let frame = |scene: &Scene, noise: u64| {
-        expose(&shutter.collect(&renderer, &camera, scene, &flaws), SIDE, SIDE, &Noise::from(simulation), noise)
+        expose(&shutter.collect(&renderer, &camera, scene, &flaws), SIDE, SIDE, &configured::noise(simulation), noise)
     };
     let white = frame(&Scene::Diffuser, 2 * seed);
     let raw = frame(&Scene::Board(Board::new(distance, map)), 2 * seed + 1);

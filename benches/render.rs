@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use plenalign::config::{Config, Texture};
+use plenalign::sim::configured;
 use plenalign::sim::exposure::{Noise, expose};
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use plenalign::sim::scene::{Board, Scene, TripleBoard, texel_for};
@@ -16,9 +17,8 @@ fn frames(criterion: &mut Criterion) {
     let design = config.design();
     let pixel = config.pixel_pitch().millimetres();
     let camera = |medium, delta_v| {
-        let mut camera = CameraTruth::from_design(&design, delta_v, medium, pixel, 1160, 1160);
-        camera.take_simulation(&config.bench.simulation, 1);
-        camera
+        let camera = CameraTruth::from_design(&design, delta_v, medium, pixel, 1160, 1160);
+        configured::camera(camera, &config.bench.simulation, 1)
     };
     let water = |e| Medium::Water { shell: design.shell, e, decentre: [0.0; 2] };
     let joint = design.joint(0.0);

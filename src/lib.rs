@@ -15,6 +15,7 @@
 //!      |
 //!  units, raw            lengths with units; a raw frame's pixels
 //!
+//!  plenoptics            the crate of imaging, optics, raw, units and of the renderer in sim: numbers only
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
 //!  access                who asks and what they may do; tokens, sessions, tickets
 //!  store                 the history on disk: plain records in and out, used by control
@@ -31,13 +32,11 @@ pub mod cli;
 pub mod config;
 pub mod control;
 pub mod device;
-pub mod imaging;
-pub mod optics;
-pub mod raw;
 pub mod sim;
 pub mod state_folder;
 pub mod store;
 pub mod study;
 pub mod telemetry;
 mod text;
-pub mod units;
+
+pub use plenoptics::{imaging, optics, raw, units};

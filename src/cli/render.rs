@@ -12,11 +12,10 @@ use serde_json::json;
 use super::Context;
 use crate::config::{Config, Texture};
 use crate::raw;
-use crate::sim::exposure::{Noise, expose};
-use crate::sim::flaws::Flaws;
+use crate::sim::configured;
+use crate::sim::exposure::expose;
 use crate::sim::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use crate::sim::scene::{Board, Scene, TripleBoard, texel_for};
-use crate::sim::shutter::{Shutter, configured_texture};
 
 /// What is on the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -112,10 +111,10 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let start = Instant::now();
     let scene = scene(&context.config, &args, &setting);
     let renderer = Renderer::new(RenderOptions { rays: setting.rays, seed: setting.seed });
-    let flaws = Flaws::seeded(&context.config, setting.e.is_some(), setting.seed);
-    let irradiance = Shutter::configured(&context.config).collect(&renderer, &setting.camera, &scene, &flaws);
+    let flaws = configured::flaws(&context.config, setting.e.is_some(), setting.seed);
+    let irradiance = configured::shutter(&context.config).collect(&renderer, &setting.camera, &scene, &flaws);
     let (width, height) = (setting.camera.width, setting.camera.height);
-    let frame = expose(&irradiance, width, height, &Noise::from(simulation), setting.seed);
+    let frame = expose(&irradiance, width, height, &configured::noise(simulation), setting.seed);
     let seconds = start.elapsed().as_secs_f64();
     raw::write(&args.out, &frame).context("the frame could not be written")?;
     if args.json {
@@ -160,8 +159,8 @@ fn setting(config: &Config, args: &Args) -> anyhow::Result<Setting> {
         -design.air_lens_to_mla()
     );
     let (width, height) = (config.sensor.width_px as usize, config.sensor.height_px as usize);
-    let mut camera = CameraTruth::from_design(&design, delta_v, medium, pixel, width, height);
-    camera.take_simulation(&config.bench.simulation, seed);
+    let camera = CameraTruth::from_design(&design, delta_v, medium, pixel, width, height);
+    let mut camera = configured::camera(camera, &config.bench.simulation, seed);
     if let Some(aperture) = args.aperture {
         ensure!(aperture.is_finite() && aperture > 0.0, "--aperture {aperture}: a diameter above 0 mm is needed");
         camera.aperture = aperture;
@@ -193,7 +192,7 @@ fn scene(config: &Config, args: &Args, setting: &Setting) -> Scene {
         return Scene::Diffuser;
     }
     let tilt = config.bench.simulation.board_tilt_mrad.map(|tilt| tilt / 1000.0);
-    let texture = Arc::new(configured_texture(config, setting.texture, setting.texel, setting.seed));
+    let texture = Arc::new(configured::texture(config, setting.texture, setting.texel, setting.seed));
     if let [distance] = setting.distances[..] {
         return Scene::Board(Board { tilt, ..Board::new(distance, texture) });
     }

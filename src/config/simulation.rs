@@ -1,23 +1,10 @@
 //! `[bench.simulation]`: the simulated bench's truth.
 
+pub use plenoptics::sim::texture::Texture;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
-
-/// What is on the simulated boards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Texture {
-    /// A chessboard with marker-like squares.
-    Charuco,
-    /// Random, with the amplitude spectrum of natural scenes.
-    Natural,
-    /// A guppy: bright patches on a pale body over gravel.
-    Guppy,
-    /// An Oscar: dark body with bright blotches over plants.
-    Oscar,
-}
 
 /// `[bench.simulation]`: how the simulated bench differs from what is configured, and how it looks. The daemon's
 /// control loops never read this section.

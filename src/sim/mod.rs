@@ -4,13 +4,10 @@
 
 pub mod bench;
 pub mod camera;
-pub mod exposure;
-pub mod flaws;
+pub mod configured;
 mod picture;
 pub mod plant;
-pub mod renderer;
-pub mod scene;
-pub mod shutter;
 pub mod stage;
-pub mod texture;
 pub mod truth;
+
+pub use plenoptics::sim::{exposure, flaws, renderer, scene, shutter, texture};

@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::configured;
 use super::exposure::{Noise, expose};
-use super::flaws::Flaws;
 use super::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use super::scene::{Board, Scene, TripleBoard, texel_for};
-use super::shutter::{Displacement, Shutter, configured_texture};
+use super::shutter::Displacement;
 use super::texture::TextureMap;
 use super::truth::{Pose, Surroundings};
 use crate::config::Config;
@@ -30,7 +30,7 @@ impl Picture {
         let simulation = &config.bench.simulation;
         Self {
             design: config.design(),
-            noise: Noise::from(simulation),
+            noise: configured::noise(simulation),
             config: config.clone(),
             renderers: Mutex::new(HashMap::new()),
             textures: Mutex::new(HashMap::new()),
@@ -49,8 +49,8 @@ impl Picture {
             e: to.e_mm - from.e_mm,
             ..Displacement::default()
         };
-        let shutter = Shutter::configured(&self.config).with_travel(travel);
-        let flaws = Flaws::seeded(&self.config, from.shell_on, seed);
+        let shutter = configured::shutter(&self.config).with_travel(travel);
+        let flaws = configured::flaws(&self.config, from.shell_on, seed);
         let irradiance = shutter.collect(&self.renderer(rays, seed), &camera, &self.scene(from), &flaws);
         expose(&irradiance, camera.width, camera.height, &self.noise, seed.rotate_left(32) ^ seq)
     }
@@ -63,8 +63,8 @@ impl Picture {
 
     fn camera(&self, pose: &Pose) -> CameraTruth {
         let simulation = &self.config.bench.simulation;
-        let mut camera = self.design_camera(pose.shell_on.then_some(pose.e_mm));
-        camera.take_simulation(simulation, simulation.seed);
+        let camera = self.design_camera(pose.shell_on.then_some(pose.e_mm));
+        let camera = configured::camera(camera, simulation, simulation.seed);
         CameraTruth {
             focal_length: self.design.main_lens.focal_length * (1.0 + simulation.focal_length_error),
             lens_to_mla: pose.lens_to_mla_mm,
@@ -128,7 +128,7 @@ impl Picture {
         let mut textures = self.textures.lock().unwrap_or_else(PoisonError::into_inner);
         let made = textures
             .entry((texel * NANOMETRES) as u64)
-            .or_insert_with(|| Arc::new(configured_texture(&self.config, simulation.texture, texel, simulation.seed)));
+            .or_insert_with(|| Arc::new(configured::texture(&self.config, simulation.texture, texel, simulation.seed)));
         Arc::clone(made)
     }
 }

@@ -3,6 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// Where the crates are.
+const CRATES: [&str; 2] = [".", "crates/plenoptics"];
+
+/// Every source file with its path below its crate's `src`.
 fn sources() -> Vec<(PathBuf, String)> {
     fn collect(folder: &Path, files: &mut Vec<(PathBuf, String)>) {
         for entry in fs::read_dir(folder).unwrap() {
@@ -15,11 +19,14 @@ fn sources() -> Vec<(PathBuf, String)> {
             }
         }
     }
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut files = Vec::new();
-    collect(&root, &mut files);
-    assert!(files.len() > 30, "the sources were not found");
-    files.into_iter().map(|(path, text)| (path.strip_prefix(&root).unwrap().to_owned(), text)).collect()
+    let mut all = Vec::new();
+    for root in CRATES.map(|of| Path::new(env!("CARGO_MANIFEST_DIR")).join(of).join("src")) {
+        let mut files = Vec::new();
+        collect(&root, &mut files);
+        assert!(files.len() > 30, "the sources were not found");
+        all.extend(files.into_iter().map(|(path, text)| (path.strip_prefix(&root).unwrap().to_owned(), text)));
+    }
+    all
 }
 
 /// Modules that the module in the first place may name.

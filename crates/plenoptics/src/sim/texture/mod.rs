@@ -9,12 +9,27 @@ mod noise;
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use crate::config::Texture;
 use crate::raw::Channel;
 
 /// Texels along a side: over two and a half times the field at the default scale, so that strips differ.
 pub const SIDE: usize = 1024;
+
+/// What is on a board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Texture {
+    /// A chessboard with marker-like squares.
+    Charuco,
+    /// Random, with the amplitude spectrum of natural scenes.
+    Natural,
+    /// A guppy: bright patches on a pale body over gravel.
+    Guppy,
+    /// An Oscar: dark body with bright blotches over plants.
+    Oscar,
+}
 
 /// A periodic texture with its coarser levels. Values are reflectances, 0 to 1.
 #[derive(Debug, Clone)]

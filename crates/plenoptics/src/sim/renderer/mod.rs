@@ -304,13 +304,13 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::config::Config;
+    use crate::optics::tests::reference_camera;
 
     /// A camera with nothing but what this renderer has had from the start gives the frames it always gave, to the bit:
     /// arithmetic without libraries only, so that every machine agrees.
     #[test]
     fn frames_without_flaws_are_pinned() {
-        let design = Config::default().design();
+        let design = reference_camera();
         let mut state = 1u32;
         let values: Vec<f32> = (0..64 * 64)
             .map(|_| {
@@ -355,7 +355,7 @@ mod tests {
     /// The fast path's rays end where those in double precision do.
     #[test]
     fn single_precision_is_far_better_than_a_pixel() {
-        let design = Config::default().design();
+        let design = reference_camera();
         let board = Board::new(800.0, std::sync::Arc::new(TextureMap::from_values(&[0.5], 1.0)));
         for e in [0.0, 30.0] {
             let medium = Medium::Water { shell: design.shell, e, decentre: [0.3, -0.2] };

@@ -59,11 +59,11 @@ pub use tolerance::{DepthOfField, EInterval};
 pub use trace::Ray;
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// The reference camera, inferred from the paper's Table 2.
-    pub(super) fn reference_camera() -> CameraDesign {
+    pub(crate) fn reference_camera() -> CameraDesign {
         CameraDesign {
             main_lens: MainLens { focal_length: 20.0 },
             mla: Mla {
@@ -80,7 +80,7 @@ mod tests {
     }
 
     /// A Keplerian camera behind a thin shell.
-    pub(super) fn keplerian_camera() -> CameraDesign {
+    pub(crate) fn keplerian_camera() -> CameraDesign {
         CameraDesign {
             main_lens: MainLens { focal_length: 25.0 },
             mla: Mla {

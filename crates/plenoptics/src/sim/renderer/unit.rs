@@ -117,7 +117,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::config::Config;
+    use crate::optics::tests::reference_camera;
     use crate::optics::{ArrayKind, MainLens};
     use crate::sim::flaws::Speck;
     use crate::sim::renderer::{Medium, RenderOptions, Renderer, Tracer};
@@ -127,7 +127,7 @@ mod tests {
     const PIXEL: f64 = 0.00345;
 
     fn camera(array: ArrayKind) -> CameraTruth {
-        let design = Config::default().design();
+        let design = reference_camera();
         let mut camera = CameraTruth::from_design(&design, 2.205, Medium::Air, PIXEL, 240, 180);
         camera.array = array;
         camera.rotation = 0.01;

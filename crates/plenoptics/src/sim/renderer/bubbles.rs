@@ -121,14 +121,14 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::config::Config;
+    use crate::optics::tests::reference_camera;
     use crate::sim::flaws::Flaws;
     use crate::sim::renderer::{RenderOptions, Renderer, Tracer};
     use crate::sim::scene::{Board, Scene};
     use crate::sim::texture::TextureMap;
 
     fn bubbles(medium: Medium) -> Bubbles {
-        let design = Config::default().design();
+        let design = reference_camera();
         let camera = CameraTruth::from_design(&design, 0.0, medium, 0.00345, 1160, 1160);
         let bubble = Bubble { place: [0.0, 0.0], distance: 100.0, radius: 1.0, highlight: 8.0 };
         Bubbles::new(&camera, &[bubble], 800.0).unwrap()
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn a_bubble_in_water_bends_rays_as_a_sphere_of_air_does() {
-        let shell = Config::default().design().shell;
+        let shell = reference_camera().shell;
         let found = bubbles(Medium::Water { shell, e: 0.0, decentre: [0.0; 2] });
         for height in [0.1, 0.4, 0.7f64] {
             // Two refractions, each by the difference of the angles inside and outside.
@@ -187,7 +187,7 @@ mod tests {
     /// A bubble's shadow is where chief rays put a thing at its distance, which is not where they put the board.
     #[test]
     fn adjacent_micro_images_see_a_bubble_at_its_own_distance() {
-        let design = Config::default().design();
+        let design = reference_camera();
         let medium = Medium::Water { shell: design.shell, e: 0.0, decentre: [0.0; 2] };
         let mut camera = CameraTruth::from_design(&design, design.joint(0.0).delta_v, medium, 0.00345, 61, 31);
         camera.offset = [camera.mla_pitch / 2.0 / camera.pixel, 0.0];

@@ -143,7 +143,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::config::Config;
+    use crate::optics::tests::reference_camera;
     use crate::sim::renderer::{Medium, RenderOptions, render};
     use crate::sim::scene::Scene;
     use crate::sim::texture::TextureMap;
@@ -152,7 +152,7 @@ mod tests {
     const DISTANCE: f64 = 167.17;
 
     fn camera() -> CameraTruth {
-        CameraTruth::from_design(&Config::default().design(), 2.205, Medium::Air, PIXEL, 1160, 1160)
+        CameraTruth::from_design(&reference_camera(), 2.205, Medium::Air, PIXEL, 1160, 1160)
     }
 
     fn board() -> Board {

@@ -7,7 +7,6 @@ use rand_distr::Poisson;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use crate::config::SimulationConfig;
 use crate::raw::RawImage;
 
 /// Grey level, of the 255 of an 8-bit frame, of an irradiance of 1 at a gain of 1.
@@ -29,17 +28,6 @@ pub struct Noise {
 impl Default for Noise {
     fn default() -> Self {
         Self { read_noise_levels: 2.0, electrons_per_level: 0.0, bits: 8, exposure_gain: 1.0 }
-    }
-}
-
-impl From<&SimulationConfig> for Noise {
-    fn from(simulation: &SimulationConfig) -> Self {
-        Self {
-            read_noise_levels: simulation.read_noise_levels,
-            electrons_per_level: simulation.electrons_per_level,
-            bits: simulation.bits,
-            ..Self::default()
-        }
     }
 }
 

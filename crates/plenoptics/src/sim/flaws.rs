@@ -4,8 +4,6 @@
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use crate::config::Config;
-
 /// A round speck between sensor and array.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Speck {
@@ -113,49 +111,6 @@ impl Default for Flaws {
     }
 }
 
-impl Flaws {
-    /// The configured number of flaws, spread by the seed: dust over the frame, bubbles over the field that it sees. They
-    /// depend on nothing that moves.
-    #[must_use]
-    pub fn seeded(config: &Config, in_water: bool, seed: u64) -> Self {
-        let simulation = &config.bench.simulation;
-        let sensor = config.sensor_extent();
-        let mut random = Pcg64::seed_from_u64(seed ^ 0xd057_0f5a_3b1e_c0de);
-        let dust = &simulation.dust;
-        let dust = (0..dust.specks)
-            .map(|_| Speck {
-                place: [sensor.width, sensor.height].map(|side| side * random.random_range(-0.5..0.5)),
-                radius: between(&mut random, dust.radius_um) / 1000.0,
-                opacity: between(&mut random, dust.opacity),
-                height: dust.height_um / 1000.0,
-            })
-            .collect();
-        let mut random = Pcg64::seed_from_u64(seed ^ 0xb0bb_1e50_0000_f100);
-        let bubbles = &simulation.bubbles;
-        let bubbles = (0..bubbles.count)
-            .map(|_| {
-                let distance = between(&mut random, bubbles.distance_mm);
-                // Rays of the field part from near the shell's centre, or from the lens.
-                let away = distance + if in_water { config.shell.outer_radius_mm } else { 0.0 };
-                let seen = away / config.main_lens.focal_length_mm;
-                Bubble {
-                    place: [sensor.width, sensor.height].map(|side| side * seen * random.random_range(-0.5..0.5)),
-                    distance,
-                    radius: between(&mut random, bubbles.radius_mm),
-                    highlight: bubbles.highlight,
-                }
-            })
-            .collect();
-        let microlenses = MicrolensFlaws {
-            seed: seed ^ 0x1e45_dead_d127_0000,
-            dead_share: simulation.microlenses.dead_share,
-            dirty_share: simulation.microlenses.dirty_share,
-            dirty_transmission: simulation.microlenses.dirty_transmission,
-        };
-        Self { dust, bubbles, microlenses }
-    }
-}
-
 /// A value drawn evenly from a range.
 fn between(random: &mut impl Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * random.random::<f64>()
@@ -187,27 +142,5 @@ mod tests {
         assert!((dead - 800i32).abs() < 110 && (dirty - 12_000i32).abs() < 370, "{dead} dead, {dirty} dirty");
         assert!((sum / f64::from(dirty) - 0.6).abs() < 0.004, "{sum}");
         assert_eq!(MicrolensFlaws::NONE.state([5, -7]), MicrolensState::Clean);
-    }
-
-    #[test]
-    fn seeded_flaws_lie_where_configured() {
-        let mut config = Config::default();
-        assert_eq!(
-            Flaws::seeded(&config, true, 5),
-            Flaws { microlenses: Flaws::seeded(&config, true, 5).microlenses, ..Flaws::default() }
-        );
-        config.bench.simulation.dust.specks = 300;
-        config.bench.simulation.bubbles.count = 40;
-        let flaws = Flaws::seeded(&config, true, 5);
-        assert_eq!(flaws, Flaws::seeded(&config, true, 5));
-        assert_ne!(flaws, Flaws::seeded(&config, true, 6));
-        assert_eq!(flaws.dust, Flaws::seeded(&config, false, 5).dust);
-        assert_eq!((flaws.dust.len(), flaws.bubbles.len()), (300, 40));
-        for speck in &flaws.dust {
-            assert!(speck.place.iter().all(|place| place.abs() <= 2.001) && (0.002..=0.012).contains(&speck.radius));
-        }
-        for bubble in &flaws.bubbles {
-            assert!((60.0..=400.0).contains(&bubble.distance) && (0.2..=0.8).contains(&bubble.radius));
-        }
     }
 }

@@ -4,8 +4,6 @@
 use super::flaws::Flaws;
 use super::renderer::{CameraTruth, Medium, Renderer};
 use super::scene::Scene;
-use super::texture::TextureMap;
-use crate::config::{Config, Texture};
 use crate::raw::{CfaPattern, Channel};
 
 /// How far things have moved, mm.
@@ -69,23 +67,6 @@ pub struct Shutter {
 }
 
 impl Shutter {
-    /// The configured exposure, centred on the pose.
-    #[must_use]
-    pub fn configured(config: &Config) -> Self {
-        const MICROMETRE: f64 = 1e-3;
-        let simulation = &config.bench.simulation;
-        let motion = &simulation.motion;
-        let whole = Displacement {
-            delta_v: motion.delta_v_um * MICROMETRE,
-            e: motion.e_um * MICROMETRE,
-            board: motion.board_um.map(|way| way * MICROMETRE),
-        };
-        let still = Displacement::default();
-        let sensitivities = simulation.mosaic.sensitivities;
-        let mosaic = config.sensor.mosaic.map(|pattern| Mosaic { pattern, sensitivities });
-        Self { steps: motion.steps, from: still.plus(whole, -0.5), to: still.plus(whole, 0.5), mosaic }
-    }
-
     /// The same with a travel that begins at the pose.
     #[must_use]
     pub fn with_travel(self, travel: Displacement) -> Self {
@@ -131,38 +112,29 @@ impl Shutter {
     }
 }
 
-/// A configured board's texture, with its colours where the sensor has filters to see them. `texel` in mm.
-#[must_use]
-pub fn configured_texture(config: &Config, texture: Texture, texel: f64, seed: u64) -> TextureMap {
-    if config.sensor.mosaic.is_some() {
-        TextureMap::generate_coloured(texture, texel, seed, config.bench.simulation.mosaic.colour)
-    } else {
-        TextureMap::generate(texture, texel, seed)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::config::Config;
+    use crate::optics::tests::reference_camera;
     use crate::sim::renderer::{RenderOptions, Tracer};
     use crate::sim::scene::{Board, TripleBoard, texel_for};
+    use crate::sim::texture::{Texture, TextureMap};
 
     const PIXEL: f64 = 0.00345;
 
     fn camera(medium: Medium, width: usize, height: usize) -> CameraTruth {
-        let design = Config::default().design();
+        let design = reference_camera();
         CameraTruth::from_design(&design, design.joint(0.0).delta_v, medium, PIXEL, width, height)
     }
 
     fn water() -> Medium {
-        Medium::Water { shell: Config::default().design().shell, e: 2.0, decentre: [0.0; 2] }
+        Medium::Water { shell: reference_camera().shell, e: 2.0, decentre: [0.0; 2] }
     }
 
     fn textured(distance: f64, medium: Medium, colour: f64) -> Scene {
-        let texel = texel_for(&Config::default().design(), medium, distance, PIXEL);
+        let texel = texel_for(&reference_camera(), medium, distance, PIXEL);
         Scene::Board(Board::new(distance, Arc::new(TextureMap::generate_coloured(Texture::Natural, texel, 1, colour))))
     }
 
@@ -170,27 +142,12 @@ mod tests {
         Renderer::new(RenderOptions { rays, seed: 4 })
     }
 
-    #[test]
-    fn with_nothing_configured_a_frame_is_the_plain_one_to_the_bit() {
-        let mut config = Config::default();
-        let (camera, scene) = (camera(water(), 120, 60), textured(800.0, water(), 0.0));
-        let plain = renderer(8).render(&camera, &scene);
-        let flaws = Flaws::seeded(&config, true, 1);
-        assert_eq!(plain, Shutter::configured(&config).collect(&renderer(8), &camera, &scene, &flaws));
-        config.bench.simulation.motion.steps = 5;
-        assert_eq!(plain, Shutter::configured(&config).collect(&renderer(8), &camera, &scene, &flaws));
-        let mut seeded = camera;
-        seeded.take_simulation(&config.bench.simulation, 1);
-        let explicit = CameraTruth { distortion_k1: 0.0, pupil_walk: 0.0, focal_factors: [1.0; 3], ..seeded };
-        assert_eq!(seeded, explicit);
-    }
-
     /// A moving edge is smeared evenly over its way: the variance of its profile grows by the way's square over twelve.
     #[test]
     fn a_moving_board_smears_an_edge_over_its_way() {
         let mut camera = camera(water(), 31, 31);
         // Of the joint solution at e = 0, where the board is sharp.
-        camera.medium = Medium::Water { shell: Config::default().design().shell, e: 0.0, decentre: [0.0; 2] };
+        camera.medium = Medium::Water { shell: reference_camera().shell, e: 0.0, decentre: [0.0; 2] };
         let values: Vec<f32> = (0..256 * 256).map(|k| if k % 256 < 128 { 1.0 } else { 0.0 }).collect();
         let board = Board {
             texture_origin: [128.0, 0.0],

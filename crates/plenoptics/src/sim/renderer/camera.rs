@@ -1,9 +1,5 @@
 //! The camera as it truly is, and the lattice of its microlenses.
 
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
-
-use crate::config::SimulationConfig;
 use crate::optics::{ArrayKind, CameraDesign, Shell};
 
 /// What is between the main lens and the board.
@@ -108,28 +104,6 @@ impl CameraTruth {
             focal_factors: [1.0; 3],
             baffled: true,
             medium,
-        }
-    }
-
-    /// Takes over how the simulated array lies and how the parts sit: the array's rotation (configured, or drawn from
-    /// `seed` within ±1°) and offset (drawn from `seed` within half a pitch), the tilts, the shell's decentre, the main
-    /// lens's aberrations, the microlenses' types, and whether they let neighbours' light through.
-    pub fn take_simulation(&mut self, simulation: &SimulationConfig, seed: u64) {
-        let mut random = Pcg64::seed_from_u64(seed ^ 0xa77a_11e5_0f5e_7000);
-        let drawn: f64 = random.random_range(-1.0..1.0);
-        let pitch = self.mla_pitch / self.pixel;
-        self.rotation = simulation.array_rotation_deg.unwrap_or(drawn).to_radians();
-        self.offset = [random.random_range(-0.5..0.5) * pitch, random.random_range(-0.5..0.5) * pitch];
-        self.mla_tilt = simulation.mla_tilt_mrad.map(|tilt| tilt / 1000.0);
-        self.lens_tilt = simulation.lens_tilt_mrad.map(|tilt| tilt / 1000.0);
-        self.distortion_k1 = simulation.distortion_k1;
-        self.pupil_walk = simulation.exit_pupil_walk_mm;
-        for (factor, configured) in self.focal_factors.iter_mut().zip(&simulation.microlenses.focal_factors) {
-            *factor = *configured;
-        }
-        self.baffled = !simulation.cross_talk;
-        if let Medium::Water { decentre, .. } = &mut self.medium {
-            *decentre = simulation.shell_decentre_mm;
         }
     }
 
