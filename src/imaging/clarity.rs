@@ -78,7 +78,7 @@ pub fn ssim(one: &View, other: &View) -> Option<f64> {
 pub fn blockiness(view: &View, grid: &Grid) -> Option<f64> {
     let (w, h) = (view.width, view.height);
     let values = view.luminance();
-    let owners: Vec<[i32; 2]> = view.owners(grid).collect();
+    let owners: Vec<[i32; 2]> = view.extent().owners(grid).collect();
     let mut sums = [[0.0f64; 2]; 2];
     for y in 0..h {
         for x in 0..w {
