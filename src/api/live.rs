@@ -16,6 +16,7 @@ use prost::Message as _;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior};
+use tungstenite::error::ProtocolError;
 use uuid::Uuid;
 
 use super::App;
@@ -38,12 +39,14 @@ use crate::telemetry::{self, ViewerKind, Viewing};
 const TICK: Duration = Duration::from_secs(2);
 /// A viewer that takes nothing for so long is cut off.
 const SEND_TIMEOUT: Duration = Duration::from_secs(10);
-/// What of it is left to a viewer once the program ends.
+/// What of it is left to a viewer once the program ends; as much again for its farewell.
 const PARTING: Duration = Duration::from_millis(500);
 /// A viewer that says nothing for so long, pongs included, is gone.
 const SILENCE: Duration = Duration::from_secs(30);
 /// Longest message of a viewer, bytes.
 const MESSAGE_LIMIT: usize = 4096;
+/// How long the end may take: saying it and hearing that it was heard.
+const FAREWELL: Duration = Duration::from_secs(1);
 
 type Frames = watch::Receiver<Option<Arc<Frame>>>;
 type Maps = watch::Receiver<Option<Arc<FieldMap>>>;
@@ -110,10 +113,27 @@ impl Watching {
 
 /// Why a viewer's task ends.
 enum End {
-    /// The viewer closed, or the connection broke.
+    /// The connection broke.
     Gone,
+    /// The viewer closed, and has yet to be answered.
+    Left,
     /// This side closes, and says why.
     Close(u16, &'static str),
+}
+
+impl End {
+    /// What follows from a message that could not be read.
+    fn of(error: axum::Error) -> Self {
+        use tungstenite::Error;
+        match error.into_inner().downcast_ref::<Error>() {
+            Some(Error::Capacity(_)) => Self::Close(close_code::SIZE, "a message may be 4096 bytes long"),
+            Some(Error::Utf8(_)) => Self::Close(close_code::INVALID, "a text message has to be UTF-8"),
+            Some(Error::Protocol(error)) if *error != ProtocolError::ResetWithoutClosingHandshake => {
+                Self::Close(close_code::PROTOCOL, "this breaks the WebSocket protocol")
+            }
+            _ => Self::Gone,
+        }
+    }
 }
 
 struct Viewer {
@@ -128,9 +148,7 @@ struct Viewer {
 
 impl Drop for Viewer {
     fn drop(&mut self) {
-        if let Some(lease) = &self.lease {
-            self.app.service.leases().disconnect(lease);
-        }
+        self.let_go();
     }
 }
 
@@ -144,9 +162,31 @@ impl Viewer {
             Ok(never) => match never {},
             Err(end) => end,
         };
-        if let End::Close(code, reason) = end {
-            let frame = CloseFrame { code, reason: reason.into() };
-            let _ = tokio::time::timeout(PARTING, self.socket.send(Message::Close(Some(frame)))).await;
+        // From here on nobody watches, and nobody is there for the lease.
+        self.let_go();
+        let farewell = async {
+            match end {
+                End::Gone => return,
+                // The answer to a close is sent while the next message is awaited.
+                End::Left => {}
+                End::Close(code, reason) => {
+                    let frame = CloseFrame { code, reason: reason.into() };
+                    if self.socket.send(Message::Close(Some(frame))).await.is_err() {
+                        return;
+                    }
+                }
+            }
+            while let Some(Ok(_)) = self.socket.recv().await {}
+        };
+        let allowed = if self.app.shutdown.is_cancelled() { PARTING } else { FAREWELL };
+        let _ = tokio::time::timeout(allowed, farewell).await;
+    }
+
+    /// Watches nothing any more, and is no longer there for the lease.
+    fn let_go(&mut self) {
+        self.watching = None;
+        if let Some(lease) = self.lease.take() {
+            self.app.service.leases().disconnect(&lease);
         }
     }
 
@@ -239,7 +279,9 @@ impl Viewer {
     ) -> std::result::Result<(), End> {
         self.heard_at = Instant::now();
         match message {
-            None | Some(Err(_)) | Some(Ok(Message::Close(_))) => Err(End::Gone),
+            None => Err(End::Gone),
+            Some(Err(error)) => Err(End::of(error)),
+            Some(Ok(Message::Close(_))) => Err(End::Left),
             Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(()),
             Some(Ok(Message::Binary(_))) => Err(End::Close(close_code::UNSUPPORTED, "send text")),
             Some(Ok(Message::Text(text))) => match self.obey(&text) {

@@ -12,6 +12,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
 
+use super::jpeg::Encoder;
 use crate::device::{Frame, FrameSource};
 use crate::raw::{RawImage, Samples};
 
@@ -109,13 +110,7 @@ fn jpeg(image: &RawImage, reduce: Reduce, quality: u8) -> Result<Bytes, String> 
 
 /// A greyscale JPEG of 8-bit samples.
 pub(super) fn grey_jpeg(samples: &[u8], width: usize, height: usize, quality: u8) -> Result<Bytes, String> {
-    let too_large = |_| format!("a frame of {width}x{height} is too large for JPEG");
-    let (w, h) = (u16::try_from(width).map_err(too_large)?, u16::try_from(height).map_err(too_large)?);
-    let mut bytes = Vec::with_capacity(samples.len() / 4);
-    jpeg_encoder::Encoder::new(&mut bytes, quality)
-        .encode(samples, w, h, jpeg_encoder::ColorType::Luma)
-        .map_err(|error| error.to_string())?;
-    Ok(bytes.into())
+    Encoder::here().grey(samples, width, height, quality).map(Bytes::from)
 }
 
 /// The frame for viewing: 8 bits, means over squares of `reduce` pixels.
