@@ -2143,7 +2143,7 @@ export interface components {
     };
     /** @description Which spacing counts as in focus behind the shell. */
     "Config.SpacingTarget": "paraxial" | "exact";
-    /** @description What is on the simulated boards. */
+    /** @description What is on a board. */
     "Config.Texture": "charuco" | "natural" | "guppy" | "oscar";
     /** @description `[server.tls]` */
     "Config.TlsConfig": {
