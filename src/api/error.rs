@@ -246,6 +246,18 @@ impl Problem {
             .with(json!({ "problems": problems }))
     }
 
+    /// No camera can be as the draft asks for.
+    #[must_use]
+    pub fn design_impossible(problems: Value) -> Self {
+        let detail = if problems.as_array().is_some_and(Vec::is_empty) {
+            "each value could be, and together they come to no finite numbers"
+        } else {
+            "problems says what is wrong with it, key by key"
+        };
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "design-impossible", "No camera can be like that", detail)
+            .with(json!({ "problems": problems }))
+    }
+
     /// The configuration changes what is changed only on the machine itself.
     #[must_use]
     pub fn config_locked(problems: Value) -> Self {

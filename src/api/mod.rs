@@ -9,6 +9,8 @@ mod client;
 mod config;
 mod contract;
 mod credentials;
+mod devices;
+mod draft;
 pub mod error;
 pub mod export;
 mod extract;
@@ -236,7 +238,8 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(config::get, config::put))
         .routes(routes!(config::schema))
         .routes(routes!(config::validate))
-        .routes(routes!(info::design))
+        .routes(routes!(info::design, draft::work_out))
+        .routes(routes!(devices::get))
         .routes(routes!(info::openapi))
         .routes(routes!(page::docs))
         .routes(routes!(metrics::health))

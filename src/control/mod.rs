@@ -11,6 +11,7 @@ mod by_hand;
 pub mod calibrated;
 mod context;
 pub mod design;
+pub mod draft;
 pub mod events;
 mod eye;
 mod health;

@@ -14,6 +14,7 @@ mod daemon;
 mod daemon_signals;
 mod depth;
 mod design_cli;
+mod draft;
 mod export;
 mod fakes;
 mod grbl;
