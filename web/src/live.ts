@@ -14,6 +14,10 @@ const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
 /** Pictures on the way: one is drawn while the next one travels. */
 const WINDOW = 2;
+/** Where drawing takes longer than this, ms, the one that travels would wait, and be old when it is drawn. */
+const SLOW_MS = 60;
+/** How much the newest picture counts in what drawing takes of late. */
+const NEWEST = 0.2;
 
 export interface Listener {
   link(link: Link): void;
@@ -40,6 +44,8 @@ export class Live {
   private retryMs = FIRST_RETRY_MS;
   private heardAt = 0;
   private wanted = false;
+  /** What drawing a picture has taken of late, ms. */
+  private drawingMs = 0;
   private wish: Wish = { pictures: false, overlay: false, reduce: 1 };
 
   constructor(
@@ -105,8 +111,16 @@ export class Live {
     const seen = parseSeen(bytes);
     if (seen?.is === "map") this.listener.map(seen.map);
     if (seen?.is !== "picture") return;
+    const began = performance.now();
     await this.listener.picture(seen.picture);
+    const slow = this.isSlow;
+    this.drawingMs += NEWEST * (performance.now() - began - this.drawingMs);
+    if (slow !== this.isSlow) this.ask();
     this.send(socket, { type: "seen", seq: seen.picture.facts.seq });
+  }
+
+  private get isSlow(): boolean {
+    return this.drawingMs > SLOW_MS;
   }
 
   /** A connection that says nothing is none, whatever TCP thinks. */
@@ -126,7 +140,7 @@ export class Live {
       reduce,
       quality: QUALITY,
       overlay,
-      window: WINDOW,
+      window: this.isSlow ? 1 : WINDOW,
     });
   }
 

@@ -66,7 +66,9 @@ const live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
     set(receive(state, message, Date.now()));
   },
   picture: async (picture) => {
-    if (await painter.show(picture)) set(receivePicture(state, picture.facts, Date.now()));
+    // What decoding takes counts as age.
+    const came = Date.now();
+    if (await painter.show(picture)) set(receivePicture(state, picture.facts, came));
   },
   map: (map) => painter.showMap(map),
 });

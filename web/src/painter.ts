@@ -3,12 +3,10 @@
 
 import { pairs, range, tint } from "./field-map";
 import type { Overlay } from "./preferences";
-import { saturated } from "./saturation";
+import { SaturationWatch } from "./saturation-watch";
 import { fit, isWhole, pan, pixelAt, zoom, type Size, type Viewport } from "./viewport";
 import type { FieldMap, Lens, Picture, PictureFacts } from "./wire";
 
-/** Between two looks for saturated pixels: each reads the whole picture. */
-const SATURATION_MS = 300;
 const GRID = "#5ad2c0";
 const CROSS = "#ff4fd0";
 const PAIR = "#ffffff";
@@ -23,7 +21,7 @@ export class Painter {
   private overlays: Overlay[] = [];
   /** Null while the whole frame is shown. */
   private viewport: Viewport | null = null;
-  private mask: { canvas: OffscreenCanvas; at: number; share: number } | null = null;
+  private readonly saturated = new SaturationWatch(() => this.soon(true));
   private due = false;
   private dueOver = false;
   private times: number[] = [];
@@ -58,14 +56,17 @@ export class Painter {
     this.facts = picture.facts;
     const now = performance.now();
     this.times = [...this.times.filter((time) => now - time < 2000), now];
-    this.soon(this.overlays.includes("saturation"));
+    // What is laid over is drawn anew when it is known anew, not with each picture.
+    if (this.overlays.includes("saturation")) this.saturated.look(picture.jpeg, now);
+    this.soon(false);
     return true;
   }
 
   /** Nothing of it is left for the next one who looks. */
   forget(): void {
     this.bitmap?.close();
-    this.bitmap = this.facts = this.map = this.mask = this.viewport = null;
+    this.bitmap = this.facts = this.map = this.viewport = null;
+    this.saturated.forget();
     this.links = [];
     this.soon(true);
   }
@@ -79,7 +80,7 @@ export class Painter {
   showOverlays(overlays: Overlay[]): void {
     if (overlays === this.overlays) return;
     this.overlays = overlays;
-    if (!overlays.includes("saturation")) this.mask = null;
+    if (!overlays.includes("saturation")) this.saturated.forget();
     this.soon(true);
   }
 
@@ -95,7 +96,7 @@ export class Painter {
 
   /** Share of the pixels that are saturated; null while nobody asks. */
   get saturation(): number | null {
-    return this.mask?.share ?? null;
+    return this.saturated.newest?.share ?? null;
   }
 
   /** Pixels of the screen to a raw one. */
@@ -223,22 +224,10 @@ export class Painter {
   }
 
   private drawSaturation(context: CanvasRenderingContext2D, frame: Size): void {
-    if (!this.bitmap) return;
-    const { width, height } = this.bitmap;
-    const now = performance.now();
-    if (!this.mask || now - this.mask.at > SATURATION_MS) {
-      const canvas = this.mask?.canvas ?? new OffscreenCanvas(width, height);
-      Object.assign(canvas, canvas.width === width && canvas.height === height ? {} : { width, height });
-      const drawn = canvas.getContext("2d", { willReadFrequently: true });
-      if (!drawn) return;
-      drawn.drawImage(this.bitmap, 0, 0);
-      const pixels = drawn.getImageData(0, 0, width, height);
-      const count = saturated(pixels.data, pixels.data);
-      drawn.putImageData(pixels, 0, 0);
-      this.mask = { canvas, at: now, share: count / (width * height) };
-    }
+    const found = this.saturated.newest;
+    if (!found) return;
     context.imageSmoothingEnabled = false;
-    context.drawImage(this.mask.canvas, -0.5, -0.5, frame.width, frame.height);
+    context.drawImage(found.mask, -0.5, -0.5, frame.width, frame.height);
   }
 }
 

@@ -27,6 +27,10 @@ export type Lease = Schemas["LeaseView"];
 export type Side = Schemas["Side"];
 export type Scope = Schemas["Scope"];
 export type Design = Schemas["DesignView"];
+export type Draft = Schemas["DraftView"];
+export type DraftBase = Schemas["DraftBase"];
+export type DraftState = Schemas["DraftStateView"];
+export type DraftStateName = Schemas["DraftStateName"];
 export type JobKind = Schemas["JobKind"];
 export type JobRequest = Schemas["JobRequest"];
 export type JobItem = Schemas["JobItem"];
@@ -36,13 +40,17 @@ export type ConfigView = Schemas["ConfigView"];
 export type ConfigCheck = Schemas["ConfigCheck"];
 export type ConfigFault = Schemas["ConfigFault"];
 export type ConfigWritten = Schemas["ConfigWritten"];
+export type Devices = Schemas["DevicesFound"];
 export type Token = Schemas["TokenView"];
 export type TokenList = Schemas["TokenList"];
 export type TokenRequest = Schemas["TokenRequest"];
 export type NewToken = Schemas["NewToken"];
 export type LeaseGrant = Schemas["LeaseGrant"];
 export type Session = Schemas["SessionView"];
-export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail">;
+export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail"> & {
+  /** What is wrong, key by key, where the kind has that. */
+  problems?: ConfigFault[];
+};
 
 /** Every message type this page reads; a type not here is ignored. */
 const KNOWN = [
