@@ -120,6 +120,11 @@ try {
   await field.press("Enter");
   await ana.page.locator(".ask .primary").click();
   await until(async () => (await position("focus")) > 4.4, "the move was not made");
+  await until(async () => !(await bench()).axes.some((axis) => axis.moving), "the move does not end");
+  await until(
+    async () => (await ana.page.locator(".axes .tag", { hasText: "moving" }).count()) === 0,
+    "the page shows an axis as moving that is still",
+  );
 
   step("a place beyond the limits is named as such");
   await field.fill("90");
