@@ -103,7 +103,7 @@ mod tests {
             assert_eq!((axis.field, axis.rays.len()), (0.0, 3));
             for ray in &axis.rays {
                 let [.., object] = ray[..] else { panic!("{ray:?}") };
-                assert!(object[1].abs() < 2.0, "a ray of the axis misses the object by {} mm", object[1]);
+                assert!(object[1].abs() < 0.05, "a ray of the axis misses the object by {} mm", object[1]);
                 assert!((object[0] - (camera.shell.outer_radius + camera.object_distance)).abs() < 1e-9);
                 assert_eq!(ray.len(), 6);
             }
