@@ -21,7 +21,7 @@ fn board() -> (ViewFrame, Grid) {
     let (white, board) = (frame("air_charuco_white"), frame("air_charuco"));
     let grid = find_grid(&white, &GridOptions::default()).unwrap();
     let profile = Vignetting::from_white(&white, &grid).unwrap();
-    (ViewFrame::new(&board, None, &grid, Some(&profile)).unwrap(), grid)
+    (ViewFrame::new(&board, None, &grid, Some(&profile.over(&grid))).unwrap(), grid)
 }
 
 const SPACING_PX: f64 = 19.612;

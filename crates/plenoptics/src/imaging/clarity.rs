@@ -118,7 +118,7 @@ struct Steps {
 fn steps(view: &View, grid: &Grid) -> [Steps; 2] {
     let (w, h) = (view.width, view.height);
     let values = view.luminance();
-    let owners: Vec<[i32; 2]> = view.owners(grid).collect();
+    let owners: Vec<[i32; 2]> = view.extent().owners(grid).collect();
     let mut found = [Steps::default(); 2];
     for y in 0..h {
         for x in 0..w {

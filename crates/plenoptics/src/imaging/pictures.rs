@@ -3,9 +3,8 @@
 
 use super::depth::{DepthMap, DepthOptions, DepthState, depth_map};
 use super::grid::Grid;
-use super::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, prepare_frame};
-use super::view::{Blend, Patches, View, ViewError, ViewFrame, ViewOptions, render};
-use super::vignetting::Vignetting;
+use super::measurement::{FrameOptions, MeasurementError, WhiteModel, prepare_frame};
+use super::view::{Blend, Extent, Patches, View, ViewError, ViewFrame, ViewOptions, extent, render};
 use crate::optics::{DistanceTable, ExactView, MlaMode};
 use crate::raw::RawImage;
 
@@ -65,12 +64,7 @@ impl Pictures {
         let prepared = prepare_frame(raw, white, options)?;
         let grid = prepared.grid;
         let depth = depth_map(&prepared.frame, &grid, &DepthOptions::new(mode, options.spacing.mla_pitch_px));
-        let own = match white {
-            Some(_) => None,
-            None => Vignetting::from_textured(&evened(raw, options.mosaic), &grid).ok(),
-        };
-        let profile = white.map(|white| &white.vignetting).or(own.as_ref());
-        let frame = ViewFrame::new(raw, options.mosaic, &grid, profile)?;
+        let frame = ViewFrame::new(raw, options.mosaic, &grid, Some(&prepared.light))?;
         let table = pose.map(|pose| (DistanceTable::new(&pose.view, mode, radius_mm(&grid, pose)), pose.pixel_mm));
         let distances_mm = depth
             .lenses
@@ -124,11 +118,16 @@ impl Pictures {
         self.fixed(spacing / pixel, Blend::WholeAperture)
     }
 
-    /// The distance (mm) of what each pixel of a view shows, by its nearest micro-image: row by row, NaN where unknown.
-    #[must_use]
-    pub fn distances_of(&self, view: &View) -> Vec<f32> {
+    /// The distance (mm) of what each pixel of [`Pictures::view`] shows, by its nearest micro-image: row by row, NaN where
+    /// unknown.
+    ///
+    /// # Errors
+    /// [`ViewError`] where no spacing is known.
+    pub fn distances(&self) -> Result<(Extent, Vec<f32>), PictureError> {
+        let extent = extent(&self.frame.grid, Patches::Own(&self.depth))?;
         let of = |index: [i32; 2]| self.depth.place(index).and_then(|place| self.distances_mm[place]);
-        view.owners(&self.frame.grid).map(|index| of(index).map_or(f32::NAN, |mm| mm as f32)).collect()
+        let distances = extent.owners(&self.frame.grid).map(|index| of(index).map_or(f32::NAN, |mm| mm as f32));
+        Ok((extent, distances.collect()))
     }
 
     /// The micro-images' grid.

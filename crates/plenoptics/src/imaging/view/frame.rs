@@ -6,7 +6,7 @@ use super::ViewError;
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::evened;
 use crate::imaging::mosaic::colours;
-use crate::imaging::vignetting::Vignetting;
+use crate::imaging::vignetting::Light;
 use crate::raw::{CfaPattern, RawImage};
 
 /// Transmission below which a pixel is not divided by it but by this: a gap stays dark instead of becoming noise.
@@ -26,7 +26,8 @@ pub struct ViewFrame {
 }
 
 impl ViewFrame {
-    /// Makes a frame ready; without a profile it keeps its vignetting. A mosaic's colours are brought to one mean.
+    /// Makes a frame ready; where it is not known what light reaches its pixels it keeps its vignetting. A mosaic's
+    /// colours are brought to one mean.
     ///
     /// # Errors
     /// [`ViewError::OtherFrameSize`] where grid and frame do not belong together.
@@ -34,7 +35,7 @@ impl ViewFrame {
         raw: &RawImage,
         mosaic: Option<CfaPattern>,
         grid: &Grid,
-        vignetting: Option<&Vignetting>,
+        light: Option<&Light>,
     ) -> Result<Self, ViewError> {
         let size = [raw.width(), raw.height()];
         if size != grid.frame_size {
@@ -43,14 +44,16 @@ impl ViewFrame {
         let mut values = evened(raw, mosaic).to_f32();
         let half = grid.pitch_px() / 2.0;
         let mut radius = USED_PART * half;
-        if let Some(vignetting) = vignetting {
-            let transmission = vignetting.render(grid);
+        if let Some(light) = light {
+            if light.shares.len() != values.len() {
+                return Err(ViewError::OtherFrameSize { grid: grid.frame_size, frame: size });
+            }
             values
                 .par_iter_mut()
-                .zip(&transmission)
+                .zip(&light.shares)
                 .with_min_len(1 << 14)
                 .for_each(|(value, &share)| *value /= share.max(TRANSMISSION_LEAST));
-            radius = vignetting.usable_radius_px(grid).min(half);
+            radius = light.usable_radius_px.min(half);
         }
         let planes = match mosaic {
             None => vec![values],

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Blend, PATCH_LEAST_PX, Patches, View, ViewError, ViewFrame, ViewOptions};
+use super::{Blend, Extent, PATCH_LEAST_PX, Patches, View, ViewError, ViewFrame, ViewOptions};
 use crate::imaging::depth::{DepthMap, DepthState};
 use crate::imaging::grid::{Grid, reciprocal};
 
@@ -22,22 +22,13 @@ const EDGE_PX: f64 = 1.5;
 /// [`ViewError`] where the spacing leaves no patch, the direction none of the aperture, or no spacing is known.
 pub fn render(frame: &ViewFrame, options: &ViewOptions) -> Result<View, ViewError> {
     let grid = &frame.grid;
-    let pitch_px = grid.pitch_px();
-    let spacing_px = match options.patches {
-        Patches::Fixed(spacing_px) => spacing_px,
-        Patches::Own(map) => typical(map).ok_or(ViewError::NoDepth)?,
-    };
-    let patch_px = pitch_px - spacing_px;
-    if !(PATCH_LEAST_PX..=pitch_px).contains(&patch_px.abs()) {
-        return Err(ViewError::Patch { spacing_px, pitch_px, patch_px });
-    }
+    let (pitch_px, patch_px) = (grid.pitch_px(), patch_px(grid, options.patches)?);
     let [u, v] = options.direction;
     // What is no number is no direction either.
     if !(0.0..=1.0).contains(&u.hypot(v)) {
         return Err(ViewError::Direction { direction: options.direction });
     }
-    let scale = patch_px.abs() / pitch_px;
-    let [width, height] = grid.frame_size.map(|n| ((n as f64 * scale) as usize).max(1));
+    let Extent { width, height, scale } = extent(grid, options.patches)?;
     let painter = Painter {
         frame,
         patches: options.patches,
@@ -64,6 +55,31 @@ pub fn render(frame: &ViewFrame, options: &ViewOptions) -> Result<View, ViewErro
         .collect();
     let planes = (0..planes).map(|plane| pixels.iter().skip(plane).step_by(planes).copied().collect()).collect();
     Ok(View { width, height, planes, scale })
+}
+
+/// How large a view with these patches is, whatever its direction.
+///
+/// # Errors
+/// [`ViewError`] where the spacing leaves no patch, or none is known.
+pub fn extent(grid: &Grid, patches: Patches) -> Result<Extent, ViewError> {
+    let scale = patch_px(grid, patches)?.abs() / grid.pitch_px();
+    let [width, height] = grid.frame_size.map(|n| ((n as f64 * scale) as usize).max(1));
+    Ok(Extent { width, height, scale })
+}
+
+/// P − l of the typical patch, px.
+fn patch_px(grid: &Grid, patches: Patches) -> Result<f64, ViewError> {
+    let pitch_px = grid.pitch_px();
+    let spacing_px = match patches {
+        Patches::Fixed(spacing_px) => spacing_px,
+        Patches::Own(map) => typical(map).ok_or(ViewError::NoDepth)?,
+    };
+    let patch_px = pitch_px - spacing_px;
+    if (PATCH_LEAST_PX..=pitch_px).contains(&patch_px.abs()) {
+        Ok(patch_px)
+    } else {
+        Err(ViewError::Patch { spacing_px, pitch_px, patch_px })
+    }
 }
 
 /// The median of the spacings that are known, px.
