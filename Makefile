@@ -30,7 +30,7 @@ test-vendor-clients:
 
 bench:
 	@deploy/setup.sh bench
-	cargo bench --bench grid --bench spacing --bench live --bench render
+	cargo bench --bench grid --bench spacing --bench live --bench views --bench render
 	cargo bench --bench accuracy
 	benches/compare/run.sh
 

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Extension;
+use axum::body::Bytes;
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
@@ -25,7 +26,9 @@ use super::frame::{milliseconds, monotonic};
 use super::hub::{Begin, text};
 use super::picture::{Encoding, QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
-use super::types::{ServerMessage, ViewerMessage};
+use super::scene::{Format, Scene};
+use super::types::{ServerMessage, Show, ViewerMessage};
+use super::view::picture;
 use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
@@ -42,6 +45,8 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 const PARTING: Duration = Duration::from_millis(500);
 /// A viewer that says nothing for so long, pongs included, is gone.
 const SILENCE: Duration = Duration::from_secs(30);
+/// Before another frame is tried after one of which no picture could be made.
+const RETRY: Duration = Duration::from_millis(500);
 /// Longest message of a viewer, bytes.
 const MESSAGE_LIMIT: usize = 4096;
 
@@ -90,6 +95,9 @@ struct Watching {
     _viewing: Viewing,
     /// Has the spacing of what is seen measured.
     _spacing: Arc<()>,
+    show: Show,
+    /// Why the newest frame could not be shown, where that was so and the viewer was told.
+    told: Option<String>,
     reduce: Reduce,
     quality: u8,
     /// At least so long between two pictures.
@@ -264,7 +272,7 @@ impl Viewer {
                     leases.disconnect(&before);
                 }
             }
-            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, quality, overlay, window } => {
+            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, quality, show, overlay, window } => {
                 let reduce = Reduce::from_number(reduce)
                     .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {reduce} is not 1, 2 or 4")))?;
                 if !(0.1..=60.0).contains(&max_rate_hz) {
@@ -291,6 +299,8 @@ impl Viewer {
                     map,
                     _viewing: telemetry::viewing(ViewerKind::WebSocket),
                     _spacing: self.app.service.look_on(),
+                    show,
+                    told: None,
                     reduce,
                     quality,
                     interval: Duration::from_secs_f64(1.0 / max_rate_hz),
@@ -311,21 +321,29 @@ impl Viewer {
 
     async fn send_picture(&mut self, frame: Arc<Frame>) -> std::result::Result<(), End> {
         let Some(watching) = &mut self.watching else { return Ok(()) };
-        let encoding = Encoding::Jpeg { reduce: watching.reduce, quality: watching.quality };
-        let jpeg = match self.app.pictures.encode(&frame, encoding).await {
-            Ok(jpeg) => jpeg,
-            Err(error) => {
-                tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
-                return Ok(());
+        let (frame, jpeg) = match shown(&self.app, frame, watching).await {
+            Ok(shown) => shown,
+            Err(problem) => {
+                // A frame of another kind may come: it is not tried again at once, and said once.
+                watching.next_at = Instant::now() + watching.interval.max(RETRY);
+                let why = problem.detail.clone();
+                if watching.told.replace(why.clone()) == Some(why) {
+                    return Ok(());
+                }
+                return self.send_problem(problem).await;
             }
         };
+        watching.told = None;
+        if watching.skipped.has(frame.seq) {
+            return Ok(());
+        }
         let dropped = watching.skipped.until(frame.seq);
         // Counted from when it was due: frames that come at the viewer's own rate, a little late, are all sent.
         watching.next_at = (watching.next_at + watching.interval).max(Instant::now());
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
-        let message = picture_message(&frame, jpeg, watching.skipped.total, watching.reduce);
+        let message = picture_message(&frame, jpeg, watching);
         self.send_viewed(What::Frame(message)).await?;
         telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);
         Ok(())
@@ -400,7 +418,33 @@ fn lens_state(state: LensState) -> proto::LensState {
     }
 }
 
-fn picture_message(frame: &Frame, jpeg: axum::body::Bytes, frames_skipped: u64, reduce: Reduce) -> proto::Frame {
+/// What a viewer is to see of a frame, or of a newer one that was made ready for another viewer meanwhile.
+async fn shown(app: &App, frame: Arc<Frame>, watching: &Watching) -> Result<(Arc<Frame>, Bytes)> {
+    let scene = match watching.show {
+        Show::Raw => {
+            let encoding = Encoding::Jpeg { reduce: watching.reduce, quality: watching.quality };
+            let jpeg = app.pictures.encode(&frame, encoding).await.map_err(|error| {
+                tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
+                Problem::internal()
+            })?;
+            return Ok((frame, jpeg));
+        }
+        Show::Central => Scene::central([0.0; 2]),
+        Show::AllInFocus => Scene::AllInFocus,
+        Show::Depth => Scene::Depth,
+    };
+    let look = app.service.look_at(&frame).await.map_err(ServiceError::from)?;
+    let jpeg = picture(app, &look, scene, Format::Jpeg { quality: watching.quality }).await?;
+    Ok((Arc::clone(&look.frame), jpeg))
+}
+
+fn picture_message(frame: &Frame, jpeg: Bytes, watching: &Watching) -> proto::Frame {
+    let (picture, reduce) = match watching.show {
+        Show::Raw => (proto::Picture::Raw, watching.reduce),
+        Show::Central => (proto::Picture::Central, Reduce::Not),
+        Show::AllInFocus => (proto::Picture::AllInFocus, Reduce::Not),
+        Show::Depth => (proto::Picture::Depth, Reduce::Not),
+    };
     proto::Frame {
         jpeg,
         seq: frame.seq,
@@ -414,10 +458,11 @@ fn picture_message(frame: &Frame, jpeg: axum::body::Bytes, frames_skipped: u64, 
         preview: frame.preview,
         simulated: frame.simulated,
         age_ms: milliseconds(age(frame)),
-        frames_skipped,
+        frames_skipped: watching.skipped.total,
         width_px: frame.image.width() as u32,
         height_px: frame.image.height() as u32,
         reduce: reduce.number(),
         replayed: frame.replayed,
+        picture: picture.into(),
     }
 }

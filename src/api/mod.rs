@@ -29,6 +29,7 @@ mod placeholder;
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
+mod scene;
 mod scopes;
 mod security;
 pub mod server;
@@ -38,6 +39,7 @@ mod stream;
 mod tickets;
 mod tokens;
 pub mod types;
+pub mod view;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
@@ -220,6 +222,9 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(frame::png))
         .routes(routes!(frame::snapshot))
         .routes(routes!(stream::mjpeg))
+        .routes(routes!(view::report))
+        .routes(routes!(view::jpeg))
+        .routes(routes!(view::png))
         .routes(routes!(session::sign_in, session::get, session::sign_out))
         .routes(routes!(tickets::create))
         .routes(routes!(tokens::create, tokens::list))

@@ -58,7 +58,7 @@ impl Steps {
         let mla_pitch_px = self.design.mla.pitch / PIXEL_MM;
         let options = FrameOptions { white_at_this_setting: true, ..FrameOptions::new(mla_pitch_px) };
         let prepared = prepare_frame(&raw, Some(&white), &options).unwrap();
-        depth_map(&prepared.frame, &prepared.grid, &DepthOptions::new(self.design.mla.mode, mla_pitch_px))
+        depth_map(&prepared.frame, &prepared.grid, &DepthOptions::new(self.design.mla.mode, mla_pitch_px)).unwrap()
     }
 
     /// What the chief ray of a sensor point (mm from the axis) sees: its distance, if all that a micro-image there sees

@@ -49,6 +49,7 @@ mod structure;
 mod tls;
 mod unit;
 mod view;
+mod view_api;
 mod view_cli;
 mod vignetting;
 mod websocket;

@@ -1,9 +1,10 @@
 //! The spacing of every single micro-image, and hence how far away what it sees is.
 //!
 //! ```text
+//!   frame.rs    a frame made ready: micro-images, neighbours, noise; overlap.rs: the pixels that two neighbours share
 //!   volume.rs   how alike neighbours are (SSIM) at every spacing that they may have
 //!   paths.rs    the spacing of each micro-image that its neighbours allow: semi-global matching over the lattice
-//!   refine.rs   from there to parts of a pixel, pair by pair, each with its uncertainty
+//!   refine.rs   from there to parts of a pixel, pair by pair (fit.rs), each with its uncertainty
 //!   settle.rs   micro-images from their pairs, and those without texture from those with it, as far as they reach
 //! ```
 //!
@@ -11,15 +12,21 @@
 //! it agrees with the matching content of its neighbours is the same search. Distances follow from spacings by
 //! [`crate::optics::DistanceTable`].
 
+mod fit;
+mod frame;
+mod overlap;
 mod paths;
 mod refine;
 mod settle;
 mod volume;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+pub use frame::DepthFrame;
 
 use super::grid::Grid;
-use super::spacing::{SpacingFrame, capture_range};
+use super::spacing::{SpacingError, SpacingFrame, capture_range};
 use crate::optics::MlaMode;
 
 /// Steps of the search over the spacing for each micro-image pitch.
@@ -46,7 +53,7 @@ impl DepthOptions {
 }
 
 /// Where a micro-image's spacing comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthState {
     /// From its own texture.
@@ -90,6 +97,13 @@ impl DepthMap {
     #[must_use]
     pub fn lens(&self, index: [i32; 2]) -> Option<&LensDepth> {
         self.place(index).map(|k| &self.lenses[k])
+    }
+
+    /// Structural similarity of the micro-images' patches with the matching content of their neighbours, mean over all
+    /// of them, −1 to 1: how well the frame's views fit together.
+    #[must_use]
+    pub fn ssim_mean(&self) -> f64 {
+        self.lenses.iter().map(|lens| lens.ssim).sum::<f64>() / self.lenses.len().max(1) as f64
     }
 
     /// Where in `lenses` the micro-image with these lattice indices is.
@@ -138,30 +152,40 @@ impl Places {
     }
 }
 
-/// The spacing of every micro-image of a prepared frame.
-#[must_use]
-pub fn depth_map(frame: &SpacingFrame, grid: &Grid, options: &DepthOptions) -> DepthMap {
-    let places = Places::new(frame.micro_images().iter().map(|m| m.index));
-    let [least, greatest] = options.spacing_px;
-    let step = (frame.micro_image_pitch_px() / STEPS_PER_PITCH).max(LEAST_STEP_PX);
-    let count = ((greatest - least) / step).ceil().max(1.0) as usize + 1;
-    let spacings: Vec<f64> = (0..count).map(|k| least + (greatest - least) * k as f64 / (count - 1) as f64).collect();
-    let volume = volume::Volume::new(frame, &spacings);
-    let labels = paths::labels(frame, grid, &places, &volume);
-    let chosen: Vec<f64> = labels.iter().map(|&label| spacings[label]).collect();
-    let pairs = refine::pairs(frame, &chosen, options);
-    let lenses = settle::settle(frame, grid, &places, &chosen, &pairs, options)
-        .into_iter()
-        .zip(frame.micro_images())
-        .zip(labels.iter().enumerate())
-        .map(|((settled, m), (k, &label))| LensDepth {
-            index: m.index,
-            centre_px: m.centre,
-            spacing_px: settled.spacing_px,
-            sigma_px: settled.sigma_px,
-            ssim: f64::from(volume.ssim(k)[label]),
-            state: settled.state,
-        })
-        .collect();
-    DepthMap { grid: grid.clone(), lenses, places }
+/// The spacing of every micro-image of a frame prepared for measuring its spacing; every pixel of it counts as measured.
+///
+/// # Errors
+/// [`SpacingError`] where frame and grid do not belong together, or there are too few micro-images.
+pub fn depth_map(frame: &SpacingFrame, grid: &Grid, options: &DepthOptions) -> Result<DepthMap, SpacingError> {
+    Ok(DepthFrame::new(frame.values().0, None, grid)?.depth_map(options))
+}
+
+impl DepthFrame<'_> {
+    /// The spacing of every micro-image.
+    #[must_use]
+    pub fn depth_map(&self, options: &DepthOptions) -> DepthMap {
+        let [least, greatest] = options.spacing_px;
+        let step = (self.grid.pitch_px() / STEPS_PER_PITCH).max(LEAST_STEP_PX);
+        let count = ((greatest - least) / step).ceil().max(1.0) as usize + 1;
+        let spacings: Vec<f64> =
+            (0..count).map(|k| least + (greatest - least) * k as f64 / (count - 1) as f64).collect();
+        let volume = volume::Volume::new(self, &spacings);
+        let labels = paths::labels(self, &volume);
+        let chosen: Vec<f64> = labels.iter().map(|&label| spacings[label]).collect();
+        let pairs = refine::pairs(self, &chosen, options);
+        let lenses = settle::settle(self, &chosen, &pairs, options)
+            .into_iter()
+            .zip(&self.lenses)
+            .zip(labels.iter().enumerate())
+            .map(|((settled, lens), (k, &label))| LensDepth {
+                index: lens.index,
+                centre_px: lens.centre,
+                spacing_px: settled.spacing_px,
+                sigma_px: settled.sigma_px,
+                ssim: f64::from(volume.ssim(k)[label]),
+                state: settled.state,
+            })
+            .collect();
+        DepthMap { grid: self.grid.clone(), lenses, places: self.places.clone() }
+    }
 }

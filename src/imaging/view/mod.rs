@@ -14,10 +14,12 @@
 //!
 //! Views stand upright: the main lens turns the scene by 180°, and they turn it back.
 
+mod cells;
 mod frame;
 mod render;
 
 pub use frame::ViewFrame;
+pub(super) use frame::{divided, used_radius_px};
 pub use render::render;
 
 use super::depth::DepthMap;
