@@ -5,7 +5,7 @@ LISTEN ?= 127.0.0.1:8080
 # ONCE=1 ends `make run` after the report.
 ONCE ?=
 
-.PHONY: run test test-long test-hardware test-vendor-clients bench web fmt clean
+.PHONY: run test test-long test-hardware test-vendor-clients test-schemathesis bench web fmt clean
 
 run:
 	@deploy/setup.sh build
@@ -28,9 +28,13 @@ test-long:
 test-vendor-clients:
 	@tests/vendor-clients/run.sh
 
+# The contract tried on the daemon; EXAMPLES=200 tries more.
+test-schemathesis:
+	@tests/schemathesis/run.sh
+
 bench:
 	@deploy/setup.sh bench
-	cargo bench --bench grid --bench spacing --bench live --bench views --bench render
+	cargo bench --bench grid --bench spacing --bench live --bench views --bench jpeg --bench render
 	cargo bench --bench accuracy
 	benches/compare/run.sh
 

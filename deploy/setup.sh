@@ -13,12 +13,14 @@ set -euo pipefail
 # libclang-dev      bindgen, which reads the kernel's V4L2 headers for the v4l crate
 # linux-libc-dev    those headers
 # curl              the tests' plain HTTP client
-build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates curl)
+# libturbojpeg0     encodes pictures for viewers in half the time; used where it is there, and not needed to build
+build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates curl libturbojpeg0)
 # chromium          the browser in which the page is tested
 # openssl           another's opinion of the certificates made
 # python3           the table of `make test-long`
-# python3-venv      where the stage vendors' clients are put
-test_packages=(chromium openssl python3 python3-venv)
+# python3-venv      where the stage vendors' clients, Schemathesis and other tools' clients are put
+# iproute2, util-linux   a network of its own for the announcement's test
+test_packages=(chromium openssl python3 python3-venv iproute2 util-linux)
 # python3-venv      where the comparison's OpenCV and NumPy are put
 bench_packages=(python3 python3-venv)
 # qemu-system-x86   emulates the machine that the virtual cameras run on

@@ -37,5 +37,7 @@ pub mod raw;
 pub mod sim;
 pub mod state_folder;
 pub mod store;
+pub mod study;
 pub mod telemetry;
+mod text;
 pub mod units;

@@ -23,13 +23,14 @@ const FRAMES_LOST: &str = "plenalign_frames_lost_total";
 const FRAMES_DAMAGED: &str = "plenalign_frames_damaged_total";
 const AXIS_CONNECTED: &str = "plenalign_axis_connected";
 const AXIS_HOMED: &str = "plenalign_axis_homed";
-const AXIS_POSITION: &str = "plenalign_axis_position_millimetres";
+const AXIS_POSITION: &str = "plenalign_axis_position_metres";
 const STOP_LATCHED: &str = "plenalign_stop_latched";
 const LEASE_HELD: &str = "plenalign_lease_held";
 const JOB_RUNNING: &str = "plenalign_job_running";
 const VIEWERS: &str = "plenalign_viewers";
 const SIMULATED: &str = "plenalign_simulated";
 const BUILD: &str = "plenalign_build_info";
+const PICTURE_ENCODER: &str = "plenalign_picture_encoder_info";
 
 /// Upper ends of the histograms' buckets, s: from a serial byte to a measurement of twelve megapixels.
 const BUCKETS_S: [f64; 16] =
@@ -80,15 +81,21 @@ pub fn install() -> Result<PrometheusHandle, String> {
     describe_counter!(FRAMES_DAMAGED, "Frames that came damaged");
     describe_gauge!(AXIS_CONNECTED, "Whether an axis's controller answers");
     describe_gauge!(AXIS_HOMED, "Whether an axis's position is known");
-    describe_gauge!(AXIS_POSITION, "Readback of an axis; absent while unknown");
+    describe_gauge!(AXIS_POSITION, "Readback of an axis; NaN while unknown");
     describe_gauge!(STOP_LATCHED, "Whether motion is refused until the stop is reset");
     describe_gauge!(LEASE_HELD, "Whether somebody has the control lease");
     describe_gauge!(JOB_RUNNING, "Whether a job is under way");
     describe_gauge!(VIEWERS, "Viewers of the live picture");
     describe_gauge!(SIMULATED, "Whether the bench is simulated");
+    describe_gauge!(PICTURE_ENCODER, "What encodes pictures for viewers; always 1");
     describe_gauge!(BUILD, "Version of the program; always 1");
     gauge!(BUILD, "version" => env!("CARGO_PKG_VERSION")).set(1.0);
     Ok(handle)
+}
+
+/// Pictures for viewers are encoded by this.
+pub fn picture_encoder(name: &'static str) {
+    gauge!(PICTURE_ENCODER, "encoder" => name).set(1.0);
 }
 
 /// A stop's last byte was handed to the serial line so long after it was asked for.
@@ -183,7 +190,7 @@ pub fn bench(now: &BenchGauges) {
     for &(axis, connected, homed, position_mm) in &now.axes {
         gauge!(AXIS_CONNECTED, "axis" => axis).set(flag(connected));
         gauge!(AXIS_HOMED, "axis" => axis).set(flag(homed));
-        gauge!(AXIS_POSITION, "axis" => axis).set(position_mm.unwrap_or(f64::NAN));
+        gauge!(AXIS_POSITION, "axis" => axis).set(position_mm.map_or(f64::NAN, |position| position / 1000.0));
     }
     gauge!(STOP_LATCHED).set(flag(now.stop_latched));
     gauge!(LEASE_HELD).set(flag(now.lease_held));

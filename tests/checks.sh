@@ -32,6 +32,10 @@ part "clippy" lints
 part "tests" cargo test --quiet
 part "docs" docs
 part "vendors' clients" tests/vendor-clients/run.sh
+part "websocket clients" tests/ws-clients/run.sh
+part "schemathesis" tests/schemathesis/run.sh
+part "promtool" tests/promtool.sh
+part "announcement" tests/mdns/run.sh
 part "page in a browser" browser
 
 echo "== all checks passed in $SECONDS s"

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# The long counts: the daemon killed at many random moments, then the reference bench aligned for many seeds; each result
-# is kept, so that a broken run goes on where it ended.
+# The long counts: the daemon killed at many random moments, the contract tried with many examples, then the reference
+# bench aligned for many seeds; each result is kept, so that a broken run goes on where it ended.
 #
-#   tests/long.sh            kills 1 to 200, seeds 1 to 20
-#   KILLS=201-400 SEEDS=21-40 tests/long.sh
+#   tests/long.sh            kills 1 to 200, 200 examples, seeds 1 to 20
+#   KILLS=201-400 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -19,6 +19,7 @@ results=target/long
 mkdir -p "$results"
 KILLS=$kills KILL_RESULTS=$PWD/$results \
   cargo test --release --quiet --test integration many_kills -- --ignored --nocapture
+EXAMPLES=${EXAMPLES:-200} tests/schemathesis/run.sh
 for seed in $(seq "$first" "$last"); do
   result=$results/align-$seed.json
   if [[ ! -s $result ]]; then

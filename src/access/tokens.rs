@@ -12,6 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use jiff::{SignedDuration, Timestamp};
 use uuid::Uuid;
 
+use super::name::name as possible;
 use super::principal::{LOCAL, Scope};
 use super::record::{Records, SessionRecord, TokenRecord};
 use super::secret::{Digest, Secret};
@@ -19,14 +20,12 @@ use super::state_file::write_private;
 
 /// What every token begins with: by it, one that has leaked into a log or a repository is found.
 const PREFIX: &str = "plenalign_";
-/// Longest name of a token, characters.
-const LONGEST_NAME: usize = 64;
 /// Names that are not for tokens.
 const RESERVED: [&str; 3] = [LOCAL, ONE_TIME, OWN];
 /// Name of who came in by the one-time key.
 pub(super) const ONE_TIME: &str = "one-time link";
-/// Name of the program's own client.
-pub(super) const OWN: &str = "plenalign";
+/// Name of the program itself, and of its own client.
+pub const OWN: &str = "plenalign";
 /// Tokens and sessions kept at most, each.
 const MOST: usize = 1000;
 /// How exactly the last use is known.
@@ -38,10 +37,11 @@ const LOCK: &str = "tokens.lock";
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
     /// The name cannot be one.
-    #[error(
-        "{0:?} cannot be a token's name: 1 to 64 letters, digits, blanks and .@_-, but none of local, plenalign and one-time link"
-    )]
+    #[error("{0:?} cannot be a token's name: 1 to 64 letters, digits, blanks and .@_-")]
     Name(String),
+    /// The program itself uses the name.
+    #[error("the name {0:?} is taken by the program itself; choose another")]
+    Reserved(String),
     /// Another token has the name.
     #[error("there is a token named {0:?} already; revoke it first, or choose another name")]
     Taken(String),
@@ -167,11 +167,9 @@ impl TokenStore {
         scope: Scope,
         expires_at: Option<Timestamp>,
     ) -> Result<(Secret, TokenRecord), TokenError> {
-        let name = name.trim();
-        let possible = |c: char| c.is_alphanumeric() || " .@_-".contains(c);
-        let length = name.chars().count();
-        if length == 0 || length > LONGEST_NAME || RESERVED.contains(&name) || !name.chars().all(possible) {
-            return Err(TokenError::Name(name.to_owned()));
+        let Some(name) = possible(name) else { return Err(TokenError::Name(name.to_owned())) };
+        if RESERVED.contains(&name) {
+            return Err(TokenError::Reserved(name.to_owned()));
         }
         let now = Timestamp::now();
         if let Some(end) = expires_at.filter(|end| *end <= now) {
@@ -425,8 +423,11 @@ mod tests {
         let store = TokenStore::in_memory();
         store.create("a", Scope::View, None).unwrap();
         assert!(matches!(store.create("a", Scope::View, None), Err(TokenError::Taken(_))));
-        for name in ["", "  ", "local", "one-time link", "plenalign", "a\nb", "<b>", &"x".repeat(65)] {
+        for name in ["", "  ", "a\nb", "<b>", "\u{202e}", &"x".repeat(65)] {
             assert!(matches!(store.create(name, Scope::View, None), Err(TokenError::Name(_))), "{name:?}");
+        }
+        for name in ["local", "one-time link", "plenalign"] {
+            assert!(matches!(store.create(name, Scope::View, None), Err(TokenError::Reserved(_))), "{name:?}");
         }
         let past = Timestamp::now() - SignedDuration::from_secs(1);
         assert!(matches!(store.create("b", Scope::View, Some(past)), Err(TokenError::Past(_))));

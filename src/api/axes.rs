@@ -6,7 +6,8 @@ use axum::{Extension, Json};
 use serde_json::json;
 
 use super::App;
-use super::error::{Problem, Result};
+use super::contract::Motion;
+use super::error::Result;
 use super::extract::{JsonBody, LeaseKey, PathParam};
 use super::types::{JogRequest, MoveRequest};
 use crate::access::{AuditRecord, Principal};
@@ -24,12 +25,7 @@ use crate::units::Millimetres;
     params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
     responses(
         (status = 202, description = "The move has begun", body = BenchView),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
-        (status = 412, description = "The lease's key is not the holder's", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
+        Motion,
     )
 )]
 pub(super) async fn go(
@@ -53,12 +49,7 @@ pub(super) async fn go(
     params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
     responses(
         (status = 202, description = "Homing has begun", body = BenchView),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
-        (status = 412, description = "The lease's key is not the holder's", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
+        Motion,
     )
 )]
 pub(super) async fn home(
@@ -80,12 +71,7 @@ pub(super) async fn home(
     params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
     responses(
         (status = 202, description = "The axis moves", body = BenchView),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
-        (status = 412, description = "The lease's key is not the holder's", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The controller is away", body = Problem, content_type = "application/problem+json"),
+        Motion,
     )
 )]
 pub(super) async fn jog(
@@ -111,7 +97,6 @@ pub(super) async fn jog(
     params(("axis" = AxisName, Path, description = "Which axis")),
     responses(
         (status = 200, body = BenchView),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn end_jog(State(app): State<App>, PathParam(axis): PathParam<AxisName>) -> Json<BenchView> {

@@ -5,7 +5,8 @@ use axum::{Extension, Json};
 use serde_json::json;
 
 use super::App;
-use super::error::{Problem, Result};
+use super::contract::Motion;
+use super::error::Result;
 use super::extract::{JsonBody, LeaseKey};
 use super::types::ShellRequest;
 use crate::access::{AuditRecord, Principal};
@@ -25,10 +26,7 @@ pub(super) async fn get(State(app): State<App>) -> Json<BenchView> {
     params(LeaseKey),
     responses(
         (status = 200, body = BenchView),
-        (status = 412, description = "The lease's key is not the holder's", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 409, body = Problem, content_type = "application/problem+json"),
+        Motion,
     )
 )]
 pub(super) async fn put_shell(

@@ -91,7 +91,15 @@ pub(super) struct ConfigView {
     pub(super) locked: Vec<String>,
 }
 
-/// A configuration to be checked or written.
+/// What may be a configuration.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ConfigTried {
+    /// Anything: the answer says what is wrong with it.
+    pub(super) config: Value,
+}
+
+/// A configuration to be written.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ConfigRequest {
@@ -170,11 +178,11 @@ pub(super) async fn schema() -> impl IntoResponse {
 /// Checks a configuration without writing it.
 #[utoipa::path(
     post, path = "/api/v1/config/validate", operation_id = "validate_config", tag = "configuration",
-    request_body = ConfigRequest, responses((status = 200, body = ConfigCheck))
+    request_body = ConfigTried, responses((status = 200, body = ConfigCheck))
 )]
 pub(super) async fn validate(
     State(app): State<App>,
-    JsonBody(ConfigRequest { config }): JsonBody<ConfigRequest>,
+    JsonBody(ConfigTried { config }): JsonBody<ConfigTried>,
 ) -> Result<Json<ConfigCheck>> {
     let file = app.config.clone();
     let base =
@@ -189,17 +197,18 @@ pub(super) async fn validate(
 /// Writes the configuration's file, keeping its comments.
 ///
 /// Refused while the bench moves or a job holds it. Nothing takes effect before the daemon starts again. `If-Match` has
-/// to carry the `ETag` of the state that was changed.
+/// to carry the `ETag` of the state that was changed: `*`, which is any state, is not enough.
 #[utoipa::path(
     put, path = "/api/v1/config", operation_id = "put_config", tag = "configuration", request_body = ConfigRequest,
-    params(("If-Match" = String, Header, description = "`ETag` of the state that was changed")),
+    params(("If-Match" = String, Header, pattern = "^\"[0-9a-f]{32}\"$",
+        description = "`ETag` of the state that was changed")),
     responses(
         (status = 200, body = ConfigWritten, headers(("ETag" = String, description = "State of the file now"))),
         (status = 409, description = "There is no file, or not now", body = Problem,
          content_type = "application/problem+json"),
         (status = 412, description = "The file has changed since", body = Problem,
          content_type = "application/problem+json"),
-        (status = 428, description = "Without If-Match", body = Problem, content_type = "application/problem+json"),
+        (status = 428, description = "If-Match names no state", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "It cannot be kept", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -237,12 +246,12 @@ impl ConfigFile {
         let _one = self.writing.lock();
         let stored = self.read()?;
         let now = tag(&stored.text);
-        match state {
-            None => return Err(Problem::if_match_missing(&now)),
-            Some(state) if state.split(',').all(|one| one.trim() != now && one.trim() != "*") => {
-                return Err(Problem::config_changed(&now));
-            }
-            Some(_) => {}
+        let mut states = state.into_iter().flat_map(|states| states.split(',')).map(str::trim).peekable();
+        if states.peek().is_none_or(|state| *state == "*") {
+            return Err(Problem::if_match_missing(&now));
+        }
+        if states.all(|state| state != now) {
+            return Err(Problem::config_changed(&now));
         }
         let (after, changes) = accepted(asked, &stored.config).map_err(|faults| refused(&faults))?;
         if changes.is_empty() {

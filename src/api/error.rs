@@ -337,6 +337,10 @@ impl From<Refusal> for Problem {
                 let members = json!({ "axis": axis, "distance_mm": distance.value(), "max_mm": max.value() });
                 Self::refused("step", "Longer than one move may be", it, members)
             }
+            Refusal::Speed { axis, speed, max } => {
+                let members = json!({ "axis": axis, "speed_mm_per_s": speed, "max_mm_per_s": max });
+                Self::refused("speed", "Faster than the axis goes", it, members)
+            }
             Refusal::NotHomed { axis } => {
                 Self::refused("not-homed", "The axis is not homed", it, json!({ "axis": axis }))
             }
@@ -432,8 +436,10 @@ impl From<TokenError> for Problem {
         let said = error.to_string();
         match error {
             TokenError::Name(_) => Self::invalid("name", said),
-            TokenError::Past(_) => Self::invalid("expires_at", said),
-            TokenError::Taken(_) | TokenError::Full => Self::taken(said),
+            TokenError::Past(_) => {
+                Self::new(StatusCode::CONFLICT, "past", "The time is over", said).with(json!({ "field": "expires_at" }))
+            }
+            TokenError::Taken(_) | TokenError::Reserved(_) | TokenError::Full => Self::taken(said),
             TokenError::Unknown(_) => Self::not_found(said),
             TokenError::File { .. } => Self::not_kept(said),
         }

@@ -59,15 +59,19 @@ pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
         let path = error.path().to_string();
         let inner = error.into_inner();
         if inner.is_data() {
-            // Serde names a missing or unknown field in its message, and the path is that of the object around it.
-            let message = inner.to_string();
-            let named = message.split('`').nth(1).filter(|_| message.contains("field `"));
-            let field = if path == "." { named.unwrap_or(".").to_owned() } else { path };
-            Problem::invalid(&field, format!("{field}: {message}"))
+            unfit(path, &inner.to_string())
         } else {
             Problem::malformed(format!("the body is not JSON: {inner}"))
         }
     })
+}
+
+/// What serde says of a field that does not fit, at a path from the root.
+fn unfit(path: String, message: &str) -> Problem {
+    // Serde names a missing or unknown field in its message, and the path is that of the object around it.
+    let named = message.split('`').nth(1).filter(|_| message.contains("field `"));
+    let field = if matches!(path.as_str(), "." | "?") { named.unwrap_or(".").to_owned() } else { path };
+    Problem::invalid(&field, format!("{field}: {message}"))
 }
 
 /// The control lease's key, as the request shows it.
@@ -96,20 +100,6 @@ impl<S: Send + Sync> FromRequestParts<S> for LeaseKey {
     }
 }
 
-/// The pairs of a query, in order, decoded.
-pub(super) struct QueryPairs(pub Vec<(String, String)>);
-
-impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
-    type Rejection = Problem;
-
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
-        match axum::extract::Query::try_from_uri(&parts.uri) {
-            Ok(axum::extract::Query(pairs)) => Ok(Self(pairs)),
-            Err(rejection) => Err(Problem::malformed(format!("the query cannot be read: {}", rejection.body_text()))),
-        }
-    }
-}
-
 /// What follows the question mark of a path.
 pub(super) struct Query<T>(pub T);
 
@@ -117,15 +107,10 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
-        match axum::extract::Query::<T>::try_from_uri(&parts.uri) {
-            Ok(axum::extract::Query(value)) => Ok(Self(value)),
-            Err(rejection) => {
-                let text = rejection.body_text();
-                // "... query string: max_rate_hz: invalid float literal": the parameter's name comes last but one.
-                let field = text.rsplit(": ").nth(1).unwrap_or("query").to_owned();
-                Err(Problem::invalid(&field, text))
-            }
-        }
+        let pairs = form_urlencoded::parse(parts.uri.query().unwrap_or_default().as_bytes());
+        serde_path_to_error::deserialize(serde_urlencoded::Deserializer::new(pairs))
+            .map(Self)
+            .map_err(|error| unfit(error.path().to_string(), &error.inner().to_string()))
     }
 }
 

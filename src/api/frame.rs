@@ -45,13 +45,32 @@ pub(super) async fn png(State(app): State<App>, headers: HeaderMap) -> Result<Re
     answer(&app, &headers, Encoding::Png, "image/png", None).await
 }
 
-/// How a picture for viewing is wanted.
+/// What `reduce` may be.
+fn reductions() -> utoipa::openapi::schema::Object {
+    use utoipa::openapi::schema::{ObjectBuilder, Type};
+    ObjectBuilder::new().schema_type(Type::Integer).enum_values(Some([1, 2, 4])).default(Some(1.into())).build()
+}
+
+/// How one picture for viewing is wanted.
+#[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SnapshotAsked {
+    /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
+    #[param(schema_with = reductions)]
+    reduce: Option<u32>,
+    /// Quality of the JPEG, 10 to 100.
+    #[param(default = 80, minimum = 10, maximum = 100)]
+    quality: Option<u8>,
+}
+
+/// How pictures for viewing are wanted.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PictureAsked {
     /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
-    #[param(default = 1)]
+    #[param(schema_with = reductions)]
     reduce: Option<u32>,
     /// Quality of the JPEG, 10 to 100.
     #[param(default = 80, minimum = 10, maximum = 100)]
@@ -61,17 +80,21 @@ pub(super) struct PictureAsked {
     max_rate_hz: Option<f64>,
 }
 
+fn encoding(reduce: Option<u32>, quality: Option<u8>) -> Result<Encoding> {
+    let number = reduce.unwrap_or(1);
+    let reduce = Reduce::from_number(number)
+        .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {number} is not 1, 2 or 4")))?;
+    let quality = quality.unwrap_or(DEFAULT_QUALITY);
+    if !QUALITIES.contains(&quality) {
+        return Err(Problem::invalid("quality", format!("quality: {quality} is not within 10 to 100")));
+    }
+    Ok(Encoding::Jpeg { reduce, quality })
+}
+
 impl PictureAsked {
     /// The encoding asked for.
     pub(super) fn encoding(self) -> Result<Encoding> {
-        let number = self.reduce.unwrap_or(1);
-        let reduce = Reduce::from_number(number)
-            .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {number} is not 1, 2 or 4")))?;
-        let quality = self.quality.unwrap_or(DEFAULT_QUALITY);
-        if !QUALITIES.contains(&quality) {
-            return Err(Problem::invalid("quality", format!("quality: {quality} is not within 10 to 100")));
-        }
-        Ok(Encoding::Jpeg { reduce, quality })
+        encoding(self.reduce, self.quality)
     }
 
     /// Least time between two pictures.
@@ -86,7 +109,7 @@ impl PictureAsked {
 
 /// A frame taken after this was asked for, as a greyscale JPEG; the headers are those of the PNG.
 #[utoipa::path(
-    get, path = "/api/v1/snapshot.jpg", operation_id = "get_snapshot", tag = "frames", params(PictureAsked),
+    get, path = "/api/v1/snapshot.jpg", operation_id = "get_snapshot", tag = "frames", params(SnapshotAsked),
     responses(
         (status = 200, body = [u8], content_type = "image/jpeg"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
@@ -96,10 +119,10 @@ impl PictureAsked {
 )]
 pub(super) async fn snapshot(
     State(app): State<App>,
-    Query(asked): Query<PictureAsked>,
+    Query(asked): Query<SnapshotAsked>,
     headers: HeaderMap,
 ) -> Result<Response> {
-    answer(&app, &headers, asked.encoding()?, "image/jpeg", Some(Instant::now())).await
+    answer(&app, &headers, encoding(asked.reduce, asked.quality)?, "image/jpeg", Some(Instant::now())).await
 }
 
 async fn answer(

@@ -1,20 +1,20 @@
 //! What is kept: the list of jobs, what each has measured, moved and logged, and the audit log.
 
-use std::collections::BTreeMap;
-
 use axum::Json;
 use axum::extract::State;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 use super::App;
-use super::error::{Problem, Result};
-use super::extract::{PathParam, QueryPairs};
+use super::contract::FromHistory;
+use super::error::Result;
+use super::extract::{PathParam, Query};
 use super::types::job_href;
 use crate::control::events::MeasurementView;
 use crate::control::history::{JobQuery, JobSummary};
-use crate::control::job::{Iteration, LogLine};
+use crate::control::job::{Iteration, JobKind, JobState, LogLine};
 use crate::store::records::{Audit, Move};
 
 /// Entries on a page unless another number is asked for.
@@ -81,80 +81,113 @@ pub struct AuditList {
     pub next: Option<String>,
 }
 
-/// The pairs of a query, each name one that is known.
-pub(super) struct Query(BTreeMap<String, String>);
+/// Which jobs are wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct JobsAsked {
+    /// Jobs on the page, 1 to 500.
+    #[param(value_type = Option<u32>, minimum = 1, maximum = 500, default = 50)]
+    #[serde(default)]
+    limit: Limit,
+    /// `next` of the page before.
+    cursor: Option<Uuid>,
+    /// Only these states, with commas between them.
+    #[param(value_type = Option<Vec<JobState>>, style = Form, explode = false)]
+    #[serde(default)]
+    state: Words<JobState>,
+    /// Only these kinds, with commas between them.
+    #[param(value_type = Option<Vec<JobKind>>, style = Form, explode = false)]
+    #[serde(default)]
+    kind: Words<JobKind>,
+    /// Created at this time or later, RFC 3339.
+    #[param(value_type = Option<String>, format = DateTime)]
+    since: Option<jiff::Timestamp>,
+    /// Created before this time, RFC 3339.
+    #[param(value_type = Option<String>, format = DateTime)]
+    until: Option<jiff::Timestamp>,
+    /// Words in the id, the reason or a line of the log.
+    q: Option<String>,
+}
 
-impl Query {
-    pub(super) fn new(pairs: Vec<(String, String)>, known: &[&str]) -> Result<Self> {
-        let mut query = BTreeMap::new();
-        for (name, value) in pairs {
-            if !known.contains(&name.as_str()) {
-                let detail = format!("{name}: there is no such parameter; there are {}", known.join(", "));
-                return Err(Problem::invalid(&name, detail));
-            }
-            if query.insert(name.clone(), value).is_some() {
-                return Err(Problem::invalid(&name, format!("{name}: it is given twice")));
-            }
-        }
-        Ok(Self(query))
+/// Which page of a numbered list is wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PageAsked {
+    /// Entries on the page, 1 to 500.
+    #[param(value_type = Option<u32>, minimum = 1, maximum = 500, default = 50)]
+    #[serde(default)]
+    pub(super) limit: Limit,
+    /// `next` of the page before.
+    #[param(value_type = Option<String>, pattern = "^[0-9]{1,18}$")]
+    pub(super) cursor: Option<Number>,
+}
+
+/// A whole number in digits.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(try_from = "String")]
+pub(super) struct Number(pub(super) i64);
+
+impl TryFrom<String> for Number {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<Self, String> {
+        let digits = text.len() <= 18 && text.bytes().all(|byte| byte.is_ascii_digit());
+        text.parse().ok().filter(|_| digits).map(Self).ok_or_else(|| format!("{text:?} is not what `next` says"))
     }
+}
 
-    pub(super) fn read<T>(&self, name: &str, what: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>> {
-        let Some(text) = self.0.get(name) else { return Ok(None) };
-        let wrong = || Problem::invalid(name, format!("{name}: {text:?} is not {what}"));
-        read(text).map(Some).ok_or_else(wrong)
+/// Entries on a page.
+#[derive(Debug, Deserialize)]
+#[serde(try_from = "usize")]
+pub(super) struct Limit(pub(super) usize);
+
+impl Default for Limit {
+    fn default() -> Self {
+        Self(LIMIT)
     }
+}
 
-    /// Words with commas between them.
-    fn words<T: serde::de::DeserializeOwned>(&self, name: &str, what: &str) -> Result<Vec<T>> {
-        let read = |text: &str| {
-            let one = |word: &str| serde_json::from_value(serde_json::Value::from(word)).ok();
-            text.split(',').map(str::trim).map(one).collect()
-        };
-        Ok(self.read(name, what, read)?.unwrap_or_default())
+impl TryFrom<usize> for Limit {
+    type Error = String;
+
+    fn try_from(limit: usize) -> std::result::Result<Self, String> {
+        let allowed = (1..=LIMIT_MOST).contains(&limit);
+        allowed.then_some(Self(limit)).ok_or_else(|| format!("{limit} is not a number from 1 to {LIMIT_MOST}"))
     }
+}
 
-    fn time(&self, name: &str) -> Result<Option<jiff::Timestamp>> {
-        self.read(name, "a time such as 2026-11-22T14:00:00Z", |text| text.parse().ok())
+/// Words with commas between them; none where there is nothing.
+#[derive(Debug, Deserialize)]
+#[serde(try_from = "String", bound = "T: DeserializeOwned")]
+struct Words<T>(Vec<T>);
+
+impl<T> Default for Words<T> {
+    fn default() -> Self {
+        Self(Vec::new())
     }
+}
 
-    pub(super) fn limit(&self) -> Result<usize> {
-        let what = format!("a number from 1 to {LIMIT_MOST}");
-        let read = |text: &str| text.parse().ok().filter(|limit| (1..=LIMIT_MOST).contains(limit));
-        Ok(self.read("limit", &what, read)?.unwrap_or(LIMIT))
+impl<T: DeserializeOwned> TryFrom<String> for Words<T> {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<Self, String> {
+        let one = |word: &str| serde_json::from_value(word.trim().into()).map_err(|error| error.to_string());
+        text.split(',').filter(|_| !text.is_empty()).map(one).collect::<std::result::Result<_, _>>().map(Self)
     }
 }
 
 /// The jobs of this run and of earlier ones, newest first, a page at a time.
 #[utoipa::path(
     get, path = "/api/v1/jobs", operation_id = "list_jobs", tag = "jobs",
-    params(
-        ("limit" = Option<u32>, Query, description = "Jobs on the page, 1 to 500", minimum = 1, maximum = 500),
-        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
-        ("state" = Option<String>, Query, description = "Only these states, with commas between them"),
-        ("kind" = Option<String>, Query, description = "Only these kinds, with commas between them"),
-        ("since" = Option<String>, Query, description = "Created at this time or later, RFC 3339"),
-        ("until" = Option<String>, Query, description = "Created before this time, RFC 3339"),
-        ("q" = Option<String>, Query, description = "Words in the id, the reason or a line of the log"),
-    ),
-    responses(
-        (status = 200, body = JobList),
-        (status = 422, description = "A parameter does not say what it must; `field` names it", body = Problem,
-         content_type = "application/problem+json"),
-    )
+    params(JobsAsked), responses((status = 200, body = JobList))
 )]
-pub(super) async fn jobs(State(app): State<App>, QueryPairs(pairs): QueryPairs) -> Result<Json<JobList>> {
-    let query = Query::new(pairs, &["limit", "cursor", "state", "kind", "since", "until", "q"])?;
-    let states = "a state, or several with commas between them, such as converged,failed";
-    let wanted = JobQuery {
-        states: query.words("state", states)?,
-        kinds: query.words("kind", "a kind of job, such as joint_alignment, or several with commas between them")?,
-        since: query.time("since")?,
-        until: query.time("until")?,
-        text: query.read("q", "text", |text| Some(text.to_owned()))?.filter(|text| !text.is_empty()),
-        before: query.read("cursor", "what `next` of another page says", |text| text.parse().ok())?,
-    };
-    let (page, history_fault) = app.service.job_page(&wanted, query.limit()?).await;
+pub(super) async fn jobs(State(app): State<App>, Query(asked): Query<JobsAsked>) -> Result<Json<JobList>> {
+    let JobsAsked { limit, cursor, state, kind, since, until, q } = asked;
+    let text = q.filter(|text| !text.is_empty());
+    let wanted = JobQuery { states: state.0, kinds: kind.0, since, until, text, before: cursor };
+    let (page, history_fault) = app.service.job_page(&wanted, limit.0).await;
     let next = page.items.last().filter(|_| page.more).map(|job| job.id.to_string());
     let jobs = page.items.into_iter().map(|job| JobItem { href: job_href(job.id), job }).collect();
     Ok(Json(JobList { jobs, next, history_fault }))
@@ -166,9 +199,7 @@ pub(super) async fn jobs(State(app): State<App>, QueryPairs(pairs): QueryPairs) 
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobLog),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn log(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobLog>> {
@@ -181,9 +212,7 @@ pub(super) async fn log(State(app): State<App>, PathParam(id): PathParam<Uuid>) 
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobIterations),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn iterations(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobIterations>> {
@@ -196,9 +225,7 @@ pub(super) async fn iterations(State(app): State<App>, PathParam(id): PathParam<
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobMeasurements),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn measurements(
@@ -214,9 +241,7 @@ pub(super) async fn measurements(
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobMoves),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn moves(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobMoves>> {
@@ -226,22 +251,10 @@ pub(super) async fn moves(State(app): State<App>, PathParam(id): PathParam<Uuid>
 /// The audit log: who did what, and from where, newest first, a page at a time.
 #[utoipa::path(
     get, path = "/api/v1/audit", operation_id = "list_audit", tag = "daemon",
-    params(
-        ("limit" = Option<u32>, Query, description = "Entries on the page, 1 to 500", minimum = 1, maximum = 500),
-        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
-    ),
-    responses(
-        (status = 200, body = AuditList),
-        (status = 422, description = "A parameter does not say what it must; `field` names it", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
-    )
+    params(PageAsked), responses((status = 200, body = AuditList), FromHistory)
 )]
-pub(super) async fn audit(State(app): State<App>, QueryPairs(pairs): QueryPairs) -> Result<Json<AuditList>> {
-    let query = Query::new(pairs, &["limit", "cursor"])?;
-    let before = query.read("cursor", "what `next` of another page says", |text| text.parse().ok())?;
-    let page = app.service.audit_page(before, query.limit()?).await?;
+pub(super) async fn audit(State(app): State<App>, Query(asked): Query<PageAsked>) -> Result<Json<AuditList>> {
+    let page = app.service.audit_page(asked.cursor.map(|Number(number)| number), asked.limit.0).await?;
     let next = page.items.last().filter(|_| page.more).map(|(number, _)| number.to_string());
     Ok(Json(AuditList { entries: page.items.into_iter().map(|(_, entry)| entry).collect(), next }))
 }

@@ -8,6 +8,7 @@ use serde_json::json;
 use uuid::Uuid;
 
 use super::App;
+use super::contract::{FromHistory, Motion};
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey, PathParam};
 use super::types::{ConfirmRequest, JobResource};
@@ -22,18 +23,14 @@ use crate::control::{Acceptance, Refusal, ServiceError};
 #[utoipa::path(
     post, path = "/api/v1/jobs", operation_id = "create_job", tag = "jobs", request_body = JobRequest,
     params(LeaseKey, ("Idempotency-Key" = Option<String>, Header,
+        min_length = 1, max_length = 255, pattern = "^[ -~]*[!-~][ -~]*$",
         description = "A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again \
                        with it and the same body within a day, it is the same job")),
     responses(
         (status = 200, description = "Asked before: the job of then", body = JobResource,
          headers(("Location" = String, description = "Path of the job"))),
         (status = 201, body = JobResource, headers(("Location" = String, description = "Path of the job"))),
-        (status = 409, description = "Refused now", body = Problem, content_type = "application/problem+json"),
-        (status = 412, description = "The lease's key is not the holder's", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No lease was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be written, or the program is shutting down", body = Problem,
-         content_type = "application/problem+json"),
+        Motion,
     )
 )]
 pub(super) async fn create(
@@ -88,9 +85,7 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>> {
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobResource),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Json<JobResource>> {
@@ -105,7 +100,7 @@ pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) 
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobResource),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn cancel(
@@ -130,7 +125,7 @@ pub(super) async fn cancel(
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobResource),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
+        FromHistory,
         (status = 409, description = "The job does not wait for this", body = Problem,
          content_type = "application/problem+json"),
     )

@@ -7,6 +7,7 @@ use axum::{Extension, Json};
 use serde_json::json;
 
 use super::App;
+use super::contract::Leased;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey};
 use super::types::{LeaseAsked, LeaseState};
@@ -82,9 +83,7 @@ pub(super) async fn take_over(
     post, path = "/api/v1/lease/heartbeat", operation_id = "renew_lease", tag = "lease", params(LeaseKey),
     responses(
         (status = 200, body = LeaseView),
-        (status = 412, description = "The key is not the holder's", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No key was shown", body = Problem, content_type = "application/problem+json"),
+        Leased,
     )
 )]
 pub(super) async fn renew(State(app): State<App>, key: LeaseKey) -> Result<Json<LeaseView>> {

@@ -8,7 +8,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Extension;
-use axum::body::Bytes;
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
@@ -17,31 +16,30 @@ use prost::Message as _;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior};
+use tungstenite::error::ProtocolError;
 use uuid::Uuid;
 
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{Query, parse};
-use super::frame::{milliseconds, monotonic};
+use super::frame::milliseconds;
 use super::hub::{Begin, text};
-use super::picture::{Encoding, QUALITIES, Reduce, Skipped, age, next};
+use super::picture::{QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
-use super::scene::{Format, Scene};
-use super::types::{ServerMessage, Show, ViewerMessage};
-use super::view::picture;
+use super::types::{ServerMessage, ViewerMessage};
+use super::viewed::{Wanted, map_message, picture_message, shown};
 use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
 use crate::control::lease::Permit;
 use crate::device::Frame;
-use crate::imaging::spacing::{LensSpacing, LensState};
 use crate::telemetry::{self, ViewerKind, Viewing};
 
 /// Between signs of life.
 const TICK: Duration = Duration::from_secs(2);
 /// A viewer that takes nothing for so long is cut off.
 const SEND_TIMEOUT: Duration = Duration::from_secs(10);
-/// What of it is left to a viewer once the program ends.
+/// What of it is left to a viewer once the program ends; as much again for its farewell.
 const PARTING: Duration = Duration::from_millis(500);
 /// A viewer that says nothing for so long, pongs included, is gone.
 const SILENCE: Duration = Duration::from_secs(30);
@@ -49,6 +47,8 @@ const SILENCE: Duration = Duration::from_secs(30);
 const RETRY: Duration = Duration::from_millis(500);
 /// Longest message of a viewer, bytes.
 const MESSAGE_LIMIT: usize = 4096;
+/// How long the end may take: saying it and hearing that it was heard.
+const FAREWELL: Duration = Duration::from_secs(1);
 
 type Frames = watch::Receiver<Option<Arc<Frame>>>;
 type Maps = watch::Receiver<Option<Arc<FieldMap>>>;
@@ -95,11 +95,9 @@ struct Watching {
     _viewing: Viewing,
     /// Has the spacing of what is seen measured.
     _spacing: Arc<()>,
-    show: Show,
+    wanted: Wanted,
     /// Why the newest frame could not be shown, where that was so and the viewer was told.
     told: Option<String>,
-    reduce: Reduce,
-    quality: u8,
     /// At least so long between two pictures.
     interval: Duration,
     next_at: Instant,
@@ -118,10 +116,27 @@ impl Watching {
 
 /// Why a viewer's task ends.
 enum End {
-    /// The viewer closed, or the connection broke.
+    /// The connection broke.
     Gone,
+    /// The viewer closed, and has yet to be answered.
+    Left,
     /// This side closes, and says why.
     Close(u16, &'static str),
+}
+
+impl End {
+    /// What follows from a message that could not be read.
+    fn of(error: axum::Error) -> Self {
+        use tungstenite::Error;
+        match error.into_inner().downcast_ref::<Error>() {
+            Some(Error::Capacity(_)) => Self::Close(close_code::SIZE, "a message may be 4096 bytes long"),
+            Some(Error::Utf8(_)) => Self::Close(close_code::INVALID, "a text message has to be UTF-8"),
+            Some(Error::Protocol(error)) if *error != ProtocolError::ResetWithoutClosingHandshake => {
+                Self::Close(close_code::PROTOCOL, "this breaks the WebSocket protocol")
+            }
+            _ => Self::Gone,
+        }
+    }
 }
 
 struct Viewer {
@@ -136,9 +151,7 @@ struct Viewer {
 
 impl Drop for Viewer {
     fn drop(&mut self) {
-        if let Some(lease) = &self.lease {
-            self.app.service.leases().disconnect(lease);
-        }
+        self.let_go();
     }
 }
 
@@ -152,9 +165,31 @@ impl Viewer {
             Ok(never) => match never {},
             Err(end) => end,
         };
-        if let End::Close(code, reason) = end {
-            let frame = CloseFrame { code, reason: reason.into() };
-            let _ = tokio::time::timeout(PARTING, self.socket.send(Message::Close(Some(frame)))).await;
+        // From here on nobody watches, and nobody is there for the lease.
+        self.let_go();
+        let farewell = async {
+            match end {
+                End::Gone => return,
+                // The answer to a close is sent while the next message is awaited.
+                End::Left => {}
+                End::Close(code, reason) => {
+                    let frame = CloseFrame { code, reason: reason.into() };
+                    if self.socket.send(Message::Close(Some(frame))).await.is_err() {
+                        return;
+                    }
+                }
+            }
+            while let Some(Ok(_)) = self.socket.recv().await {}
+        };
+        let allowed = if self.app.shutdown.is_cancelled() { PARTING } else { FAREWELL };
+        let _ = tokio::time::timeout(allowed, farewell).await;
+    }
+
+    /// Watches nothing any more, and is no longer there for the lease.
+    fn let_go(&mut self) {
+        self.watching = None;
+        if let Some(lease) = self.lease.take() {
+            self.app.service.leases().disconnect(&lease);
         }
     }
 
@@ -247,7 +282,9 @@ impl Viewer {
     ) -> std::result::Result<(), End> {
         self.heard_at = Instant::now();
         match message {
-            None | Some(Err(_)) | Some(Ok(Message::Close(_))) => Err(End::Gone),
+            None => Err(End::Gone),
+            Some(Err(error)) => Err(End::of(error)),
+            Some(Ok(Message::Close(_))) => Err(End::Left),
             Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(()),
             Some(Ok(Message::Binary(_))) => Err(End::Close(close_code::UNSUPPORTED, "send text")),
             Some(Ok(Message::Text(text))) => match self.obey(&text) {
@@ -299,10 +336,8 @@ impl Viewer {
                     map,
                     _viewing: telemetry::viewing(ViewerKind::WebSocket),
                     _spacing: self.app.service.look_on(),
-                    show,
+                    wanted: Wanted { show, reduce, quality },
                     told: None,
-                    reduce,
-                    quality,
                     interval: Duration::from_secs_f64(1.0 / max_rate_hz),
                     next_at: Instant::now(),
                     window,
@@ -321,7 +356,7 @@ impl Viewer {
 
     async fn send_picture(&mut self, frame: Arc<Frame>) -> std::result::Result<(), End> {
         let Some(watching) = &mut self.watching else { return Ok(()) };
-        let (frame, jpeg) = match shown(&self.app, frame, watching).await {
+        let (frame, jpeg) = match shown(&self.app, frame, watching.wanted).await {
             Ok(shown) => shown,
             Err(problem) => {
                 // A frame of another kind may come: it is not tried again at once, and said once.
@@ -343,7 +378,7 @@ impl Viewer {
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
-        let message = picture_message(&frame, jpeg, watching);
+        let message = picture_message(&frame, jpeg, watching.wanted, watching.skipped.total);
         self.send_viewed(What::Frame(message)).await?;
         telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);
         Ok(())
@@ -392,77 +427,5 @@ async fn next_or_never<T>(source: &mut watch::Receiver<Option<Arc<T>>>) -> Arc<T
     match next(source).await {
         Some(newest) => newest,
         None => std::future::pending().await,
-    }
-}
-
-fn map_message(field: &FieldMap) -> proto::SpacingMap {
-    let lenses = &field.map.lenses;
-    let each = |value: fn(&LensSpacing) -> f64| lenses.iter().map(|lens| value(lens) as f32).collect();
-    proto::SpacingMap {
-        frame_seq: field.frame_seq,
-        micro_image_pitch_px: field.micro_image_pitch_px,
-        spacing_target_px: field.spacing_target_px,
-        x_px: each(|lens| lens.centre_px[0]),
-        y_px: each(|lens| lens.centre_px[1]),
-        spacing_px: each(|lens| lens.spacing_px),
-        sigma_px: each(|lens| lens.sigma_px),
-        state: lenses.iter().map(|lens| i32::from(lens_state(lens.state))).collect(),
-    }
-}
-
-fn lens_state(state: LensState) -> proto::LensState {
-    match state {
-        LensState::Matched => proto::LensState::Matched,
-        LensState::Mismatched => proto::LensState::Mismatched,
-        LensState::Blank => proto::LensState::Blank,
-    }
-}
-
-/// What a viewer is to see of a frame, or of a newer one that was made ready for another viewer meanwhile.
-async fn shown(app: &App, frame: Arc<Frame>, watching: &Watching) -> Result<(Arc<Frame>, Bytes)> {
-    let scene = match watching.show {
-        Show::Raw => {
-            let encoding = Encoding::Jpeg { reduce: watching.reduce, quality: watching.quality };
-            let jpeg = app.pictures.encode(&frame, encoding).await.map_err(|error| {
-                tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
-                Problem::internal()
-            })?;
-            return Ok((frame, jpeg));
-        }
-        Show::Central => Scene::central([0.0; 2]),
-        Show::AllInFocus => Scene::AllInFocus,
-        Show::Depth => Scene::Depth,
-    };
-    let look = app.service.look_at(&frame).await.map_err(ServiceError::from)?;
-    let jpeg = picture(app, &look, scene, Format::Jpeg { quality: watching.quality }).await?;
-    Ok((Arc::clone(&look.frame), jpeg))
-}
-
-fn picture_message(frame: &Frame, jpeg: Bytes, watching: &Watching) -> proto::Frame {
-    let (picture, reduce) = match watching.show {
-        Show::Raw => (proto::Picture::Raw, watching.reduce),
-        Show::Central => (proto::Picture::Central, Reduce::Not),
-        Show::AllInFocus => (proto::Picture::AllInFocus, Reduce::Not),
-        Show::Depth => (proto::Picture::Depth, Reduce::Not),
-    };
-    proto::Frame {
-        jpeg,
-        seq: frame.seq,
-        captured_unix_us: frame.captured_at.as_microsecond(),
-        captured_monotonic_us: monotonic(frame.exposed_to).as_micros() as u64,
-        exposure_us: frame.exposed_to.saturating_duration_since(frame.exposed_from).as_micros() as u64,
-        exposure_assumed: frame.exposure_assumed,
-        focus_mm: frame.focus.position.map(|position| position.value()),
-        e_mm: frame.e.position.map(|position| position.value()),
-        settled: frame.focus.settled && frame.e.settled,
-        preview: frame.preview,
-        simulated: frame.simulated,
-        age_ms: milliseconds(age(frame)),
-        frames_skipped: watching.skipped.total,
-        width_px: frame.image.width() as u32,
-        height_px: frame.image.height() as u32,
-        reduce: reduce.number(),
-        replayed: frame.replayed,
-        picture: picture.into(),
     }
 }

@@ -8,10 +8,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::App;
+use super::contract::FromHistory;
 use super::error::{Problem, Result};
-use super::extract::{JsonBody, QueryPairs};
-use super::history::Query;
+use super::extract::{JsonBody, Query};
+use super::history::PageAsked;
 use crate::control::measurement::{MeasurementRequest, SingleMeasurement};
+use crate::control::whole::whole_or_none;
 
 /// Oldest frame that may be asked for, ms.
 const MAX_AGE_MS: u64 = 60_000;
@@ -27,6 +29,7 @@ pub struct MeasurementAsked {
     pub settled: bool,
     /// How long ago the frame's exposure may have begun, ms; where it is not given, it begins after the request.
     #[schema(maximum = 60_000)]
+    #[serde(default, deserialize_with = "whole_or_none")]
     pub max_age_ms: Option<u64>,
 }
 
@@ -72,22 +75,12 @@ pub(super) async fn measure(
 /// The measurements asked for by `POST`, newest first, a page at a time.
 #[utoipa::path(
     get, path = "/api/v1/measurements", operation_id = "list_measurements", tag = "bench",
-    params(
-        ("limit" = Option<u32>, Query, description = "Entries on the page, 1 to 500", minimum = 1, maximum = 500),
-        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
-    ),
-    responses(
-        (status = 200, body = MeasurementList),
-        (status = 422, description = "A parameter does not say what it must; `field` names it", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
-    )
+    params(PageAsked),
+    responses((status = 200, body = MeasurementList), FromHistory)
 )]
-pub(super) async fn list(State(app): State<App>, QueryPairs(pairs): QueryPairs) -> Result<Json<MeasurementList>> {
-    let query = Query::new(pairs, &["limit", "cursor"])?;
-    let before = query.read("cursor", "what `next` of another page says", |text| text.parse().ok())?;
-    let page = app.service.measurements_alone(before, query.limit()?).await?;
+pub(super) async fn list(State(app): State<App>, Query(asked): Query<PageAsked>) -> Result<Json<MeasurementList>> {
+    let page =
+        app.service.measurements_alone(asked.cursor.map(|number| number.0.unsigned_abs()), asked.limit.0).await?;
     let next = page.items.last().filter(|_| page.more).map(|(number, _)| number.to_string());
     Ok(Json(MeasurementList { measurements: page.items.into_iter().map(|(_, measured)| measured).collect(), next }))
 }

@@ -7,6 +7,7 @@ mod axes;
 mod bench;
 mod client;
 mod config;
+mod contract;
 mod credentials;
 pub mod error;
 pub mod export;
@@ -17,6 +18,7 @@ pub mod history;
 mod hub;
 mod info;
 mod jobs;
+pub mod jpeg;
 mod lease;
 mod live;
 pub mod measurements;
@@ -40,12 +42,13 @@ mod tickets;
 mod tokens;
 pub mod types;
 pub mod view;
+mod viewed;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
 
 use axum::body::Body;
-use axum::extract::{DefaultBodyLimit, Request};
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request};
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware;
 use axum::response::{IntoResponse, Response};
@@ -152,7 +155,12 @@ impl Api {
             .layer(header(header::REFERRER_POLICY, "no-referrer"))
             // The path alone: a query may hold a ticket or a key, and a log is read by many.
             .layer(TraceLayer::new_for_http().make_span_with(|request: &Request| {
-                tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
+                let (method, path) = (request.method(), request.uri().path());
+                // By its route: paths hold names, and are as many as there are jobs.
+                let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str);
+                tracing::debug_span!(
+                    "request", otel.name = format!("{method} {route}"), otel.kind = "server", %method, path
+                )
             }))
             .layer(middleware::from_fn(metrics::time))
             .with_state(self.app.clone())
@@ -236,6 +244,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(config::validate))
         .routes(routes!(info::design))
         .routes(routes!(info::openapi))
+        .routes(routes!(page::docs))
         .routes(routes!(metrics::health))
         .routes(routes!(metrics::ready))
         .routes(routes!(metrics::metrics))
@@ -245,37 +254,20 @@ fn routes() -> OpenApiRouter<App> {
 /// The contract as code has it.
 #[must_use]
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    let mut contract = routes().to_openapi();
-    security::describe(&mut contract);
-    // Every request with a body can fail in these ways, wherever it goes.
-    for item in contract.paths.paths.values_mut() {
-        for operation in [&mut item.post, &mut item.put].into_iter().flatten() {
-            if operation.request_body.is_some() {
-                for (status, description) in [
-                    ("400", "The body is not JSON"),
-                    ("413", "The body is too large"),
-                    ("415", "The body is not said to be JSON"),
-                    ("422", "The body does not say what it must; `field` names where"),
-                ] {
-                    operation.responses.responses.entry(status.to_owned()).or_insert_with(|| problem(description));
-                }
-            }
-        }
-    }
-    contract
-}
-
-fn problem(description: &str) -> utoipa::openapi::RefOr<utoipa::openapi::Response> {
-    use utoipa::openapi::{ContentBuilder, Ref, ResponseBuilder};
-    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
-    ResponseBuilder::new().description(description).content("application/problem+json", content).build().into()
+    contract::complete(routes().to_openapi())
 }
 
 /// The contract as a file: JSON with a line's end.
 #[must_use]
 pub fn openapi_json() -> &'static str {
     static TEXT: OnceLock<String> = OnceLock::new();
-    TEXT.get_or_init(|| openapi().to_pretty_json().map(|text| text + "\n").unwrap_or_default())
+    TEXT.get_or_init(|| {
+        let contract = serde_json::to_value(openapi()).map(contract::with_configuration);
+        contract
+            .and_then(|contract| serde_json::to_string_pretty(&contract))
+            .map(|text| text + "\n")
+            .unwrap_or_default()
+    })
 }
 
 async fn page_or_problem(request: Request) -> Response {
@@ -287,7 +279,7 @@ async fn page_or_problem(request: Request) -> Response {
     if !matches!(request.method().as_str(), "GET" | "HEAD") {
         return method_not_allowed(request).await;
     }
-    page::serve(request.uri().clone(), request.headers().clone()).await
+    page::serve(request.uri(), request.headers())
 }
 
 async fn method_not_allowed(request: Request) -> Response {

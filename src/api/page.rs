@@ -22,23 +22,42 @@ const NOTICE: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><
 const CONTENT_SECURITY_POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; \
 style-src 'self' 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
+/// This contract as a page, to be browsed and tried: whoever is signed in sees it.
+#[utoipa::path(
+    get, path = "/api/v1/docs", operation_id = "get_docs", tag = "daemon",
+    responses(
+        (status = 200, body = String, content_type = "text/html"),
+        (status = 304, description = "The page is that which If-None-Match names"),
+    )
+)]
+pub(super) async fn docs(headers: HeaderMap) -> Response {
+    file("docs.html", &headers).unwrap_or_else(notice)
+}
+
 /// A file of the page, or a problem for what is not there.
-pub(super) async fn serve(uri: Uri, headers: HeaderMap) -> Response {
+pub(super) fn serve(uri: &Uri, headers: &HeaderMap) -> Response {
     let path = uri.path().trim_start_matches('/');
     // A one-time link leads to the page, too, which signs in with the key that the link holds.
     let name = if matches!(path, "" | "login") { "index.html" } else { path };
-    if let Some(file) = Page::get(name) {
-        let etag = format!("\"{}\"", hex(&file.metadata.sha256_hash()[..16]));
-        let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| value.as_bytes() == etag.as_bytes());
-        let kind = mime_guess::from_path(name).first_or_octet_stream();
-        let body = if known { Default::default() } else { file.data };
-        let status = if known { StatusCode::NOT_MODIFIED } else { StatusCode::OK };
-        return dressed((status, [(header::CONTENT_TYPE, kind.to_string()), (header::ETAG, etag)], body));
-    }
-    if name == "index.html" {
-        return dressed(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], NOTICE));
-    }
-    Problem::not_found(format!("there is nothing at {}", uri.path())).into_response()
+    let missing = || match name {
+        "index.html" => notice(),
+        _ => Problem::not_found(format!("there is nothing at {}", uri.path())).into_response(),
+    };
+    file(name, headers).unwrap_or_else(missing)
+}
+
+fn file(name: &str, headers: &HeaderMap) -> Option<Response> {
+    let file = Page::get(name)?;
+    let etag = format!("\"{}\"", hex(&file.metadata.sha256_hash()[..16]));
+    let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| value.as_bytes() == etag.as_bytes());
+    let kind = mime_guess::from_path(name).first_or_octet_stream();
+    let body = if known { Default::default() } else { file.data };
+    let status = if known { StatusCode::NOT_MODIFIED } else { StatusCode::OK };
+    Some(dressed((status, [(header::CONTENT_TYPE, kind.to_string()), (header::ETAG, etag)], body)))
+}
+
+fn notice() -> Response {
+    dressed(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], NOTICE))
 }
 
 fn dressed(response: impl IntoResponse) -> Response {

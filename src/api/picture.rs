@@ -12,6 +12,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
 
+use super::jpeg::Encoder;
 use super::scene::{Format, Scene};
 use crate::device::{Frame, FrameSource};
 use crate::raw::{RawImage, Samples};
@@ -129,26 +130,17 @@ fn jpeg(image: &RawImage, reduce: Reduce, quality: u8) -> Result<Bytes, String> 
 
 /// A greyscale JPEG of 8-bit samples.
 pub(super) fn grey_jpeg(samples: &[u8], width: usize, height: usize, quality: u8) -> Result<Bytes, String> {
-    encoded_jpeg(samples, width, height, quality, jpeg_encoder::ColorType::Luma)
+    Encoder::here().grey(samples, width, height, quality).map(Bytes::from)
 }
 
-/// A JPEG in colour of 8-bit samples, red, green and blue of a pixel together.
+/// A JPEG in colour of 8-bit samples, red, green and blue of a pixel together. A view is small: the encoder in Rust is fast
+/// enough.
 pub(super) fn coloured_jpeg(samples: &[u8], width: usize, height: usize, quality: u8) -> Result<Bytes, String> {
-    encoded_jpeg(samples, width, height, quality, jpeg_encoder::ColorType::Rgb)
-}
-
-fn encoded_jpeg(
-    samples: &[u8],
-    width: usize,
-    height: usize,
-    quality: u8,
-    colours: jpeg_encoder::ColorType,
-) -> Result<Bytes, String> {
-    let too_large = |_| format!("a frame of {width}x{height} is too large for JPEG");
+    let too_large = |_| format!("a view of {width}x{height} is too large for JPEG");
     let (w, h) = (u16::try_from(width).map_err(too_large)?, u16::try_from(height).map_err(too_large)?);
     let mut bytes = Vec::with_capacity(samples.len() / 4);
     jpeg_encoder::Encoder::new(&mut bytes, quality)
-        .encode(samples, w, h, colours)
+        .encode(samples, w, h, jpeg_encoder::ColorType::Rgb)
         .map_err(|error| error.to_string())?;
     Ok(bytes.into())
 }

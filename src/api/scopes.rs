@@ -30,6 +30,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/healthz", NOTHING),
     ("GET", "/readyz", NOTHING),
     ("GET", "/metrics", VIEW),
+    ("GET", "/api/v1/docs", NOTHING),
     ("POST", "/api/v1/session", NOTHING),
     ("GET", "/api/v1/session", VIEW),
     ("DELETE", "/api/v1/session", VIEW),
@@ -94,13 +95,29 @@ pub(super) fn need_to_read(path: &str) -> Option<Need> {
     TABLE.iter().find(|(method, route, _)| *method == "GET" && fits(route, path)).map(|(.., need)| *need)
 }
 
+/// The paths that can be read, as a regular expression.
+pub(super) fn readable_pattern() -> String {
+    let read = TABLE.iter().filter(|(method, ..)| *method == "GET").map(|(_, route, _)| {
+        let parts = route
+            .split('/')
+            .map(|part| if part.starts_with('{') { "[^/?#]+".into() } else { part.replace('.', "\\.") });
+        parts.collect::<Vec<_>>().join("/")
+    });
+    format!("^({})$", read.collect::<Vec<_>>().join("|"))
+}
+
+/// Whether a part of a path can stand for a parameter.
+fn is_name(part: &str) -> bool {
+    !part.is_empty() && !part.contains(['?', '#'])
+}
+
 /// Whether a route's path, with its parameters in braces, is that of a path asked for.
 fn fits(route: &str, path: &str) -> bool {
     let (mut route, mut path) = (route.split('/'), path.split('/'));
     loop {
         match (route.next(), path.next()) {
             (None, None) => return true,
-            (Some(name), Some(part)) if name == part || name.starts_with('{') && !part.is_empty() => {}
+            (Some(name), Some(part)) if name == part || name.starts_with('{') && is_name(part) => {}
             _ => return false,
         }
     }
@@ -152,7 +169,9 @@ mod tests {
     fn a_path_is_told_from_its_neighbours() {
         assert_eq!(need_to_read("/api/v1/jobs/17"), Some(VIEW));
         assert_eq!(need_to_read("/api/v1/tokens"), Some(ADMIN));
-        for none in ["/api/v1/jobs/17/18", "/api/v1/jobs/", "/api/v1/tokens/1", "/", "/api/v1/stop/x"] {
+        for none in
+            ["/api/v1/jobs/17/18", "/api/v1/jobs/", "/api/v1/tokens/1", "/", "/api/v1/stop/x", "/api/v1/jobs/1?q=2"]
+        {
             assert_eq!(need_to_read(none), None, "{none}");
         }
     }

@@ -6,7 +6,7 @@ use utoipa::openapi::security::{
 };
 use utoipa::openapi::{Components, OpenApi};
 
-use super::problem;
+use super::contract::problem;
 use super::scopes::{Need, STOP, need};
 use crate::access::Scope;
 
@@ -23,7 +23,10 @@ pub(super) fn describe(contract: &mut OpenApi) {
     for (path, item) in &mut contract.paths.paths {
         for (method, operation) in operations(item) {
             if let Some(Need::AtLeast(scope)) = need(method, path) {
-                secure(operation, scope, method == "GET", (method, path.as_str()) == STOP);
+                secure(operation, scope, method == "GET");
+            }
+            if (method, path.as_str()) != STOP {
+                fails(operation, "429", "Too many requests; Retry-After says when to try again");
             }
         }
     }
@@ -54,20 +57,19 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut O
         .filter_map(|(method, operation)| operation.as_mut().map(|operation| (method, operation)))
 }
 
-fn secure(operation: &mut Operation, scope: Scope, reads: bool, is_stop: bool) {
+fn secure(operation: &mut Operation, scope: Scope, reads: bool) {
     let mut ways = vec![TOKEN, SESSION];
     if reads {
         ways.push(TICKET);
     }
     operation.security = Some(ways.into_iter().map(|way| SecurityRequirement::new(way, [scope.name()])).collect());
-    let mut failures = vec![("401", "Who asks is not known")];
+    fails(operation, "401", "Who asks is not known");
     if scope > Scope::View {
-        failures.push(("403", "Who asks may not do this"));
+        fails(operation, "403", "Who asks may not do this");
     }
-    if !is_stop {
-        failures.push(("429", "Too many requests; Retry-After says when to try again"));
-    }
-    for (status, description) in failures {
-        operation.responses.responses.entry(status.to_owned()).or_insert_with(|| problem(description));
-    }
+}
+
+/// Says how an operation fails, unless it says so itself.
+fn fails(operation: &mut Operation, status: &str, description: &str) {
+    operation.responses.responses.entry(status.to_owned()).or_insert_with(|| problem(description));
 }

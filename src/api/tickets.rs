@@ -9,15 +9,27 @@ use utoipa::ToSchema;
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::JsonBody;
-use super::scopes::{Need, need_to_read};
+use super::scopes::{Need, need_to_read, readable_pattern};
 use crate::access::{Principal, TICKET_LASTS};
+
+/// A path that can be read.
+fn readable() -> utoipa::openapi::schema::Object {
+    use utoipa::openapi::schema::{ObjectBuilder, Type};
+    ObjectBuilder::new()
+        .schema_type(Type::String)
+        .description(Some("A path of this API that can be read, without a query."))
+        .pattern(Some(readable_pattern()))
+        .max_length(Some(200))
+        .examples([serde_json::json!("/api/v1/snapshot.jpg")])
+        .build()
+}
 
 /// What a ticket is to open.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TicketRequest {
     /// A path of this API that can be read, without a query.
-    #[schema(example = "/api/v1/snapshot.jpg", max_length = 200)]
+    #[schema(schema_with = readable)]
     pub(super) path: String,
 }
 
@@ -35,7 +47,11 @@ pub(super) struct Ticket {
 /// Gives out a ticket to one path, which opens it once, for whoever asks here.
 #[utoipa::path(
     post, path = "/api/v1/tickets", operation_id = "create_ticket", tag = "access", request_body = TicketRequest,
-    responses((status = 201, body = Ticket))
+    responses(
+        (status = 201, body = Ticket),
+        (status = 403, description = "Who asks may not read this", body = Problem,
+         content_type = "application/problem+json"),
+    )
 )]
 pub(super) async fn create(
     State(app): State<App>,

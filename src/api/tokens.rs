@@ -56,7 +56,10 @@ pub(super) struct TokenList {
 #[serde(deny_unknown_fields)]
 pub(super) struct TokenRequest {
     /// What its holder is to be called: 1 to 64 letters, digits, blanks and `.@_-`.
-    #[schema(max_length = 64)]
+    #[schema(
+        max_length = 64,
+        pattern = "^[\\p{L}\\p{N}\\u0300-\\u036f\\u0900-\\u0fff .@_-]*[\\p{L}\\p{N}\\u0300-\\u036f\\u0900-\\u0fff.@_-][\\p{L}\\p{N}\\u0300-\\u036f\\u0900-\\u0fff .@_-]*$"
+    )]
     pub(super) name: String,
     /// What it is to allow.
     pub(super) scope: Scope,
@@ -87,7 +90,8 @@ pub(super) async fn list(State(app): State<App>) -> Json<TokenList> {
     post, path = "/api/v1/tokens", operation_id = "create_token", tag = "access", request_body = TokenRequest,
     responses(
         (status = 201, body = NewToken, headers(("Location" = String, description = "Path of the token"))),
-        (status = 409, description = "The name is taken", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The name is taken, or the time it is to end at is past", body = Problem,
+         content_type = "application/problem+json"),
         (status = 503, description = "It cannot be kept", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -142,5 +146,17 @@ async fn changing<T: Send + 'static>(
     match tokio::task::spawn_blocking(move || change(&gate)).await {
         Ok(changed) => changed.map_err(Problem::from),
         Err(_) => Err(Problem::internal()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::access::{LONGEST_NAME, NAME_PATTERN};
+
+    #[test]
+    fn the_contract_has_the_names_that_can_be() {
+        let contract = serde_json::to_value(crate::api::openapi()).unwrap();
+        let stated = &contract["components"]["schemas"]["TokenRequest"]["properties"]["name"];
+        assert_eq!((&stated["pattern"], &stated["maxLength"]), (&NAME_PATTERN.into(), &LONGEST_NAME.into()));
     }
 }

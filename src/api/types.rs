@@ -9,6 +9,7 @@ use crate::config::Side;
 use crate::control::events::{BenchView, MeasurementView, ShellState};
 use crate::control::job::JobSnapshot;
 use crate::control::lease::LeaseView;
+use crate::control::whole::whole;
 
 /// Where a job is found.
 #[must_use]
@@ -38,10 +39,18 @@ impl From<JobSnapshot> for JobResource {
 #[serde(deny_unknown_fields)]
 pub struct LeaseAsked {
     /// Who: shown to everybody who asks for it meanwhile.
-    #[schema(min_length = 1, max_length = 200)]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = "^[^\\x00-\\x1f\\x7f-\\x9f]*[^\\s\\x00-\\x1f\\x7f-\\x9f][^\\x00-\\x1f\\x7f-\\x9f]*$"
+    )]
     pub owner: String,
     /// What for.
-    #[schema(min_length = 1, max_length = 200)]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = "^[^\\x00-\\x1f\\x7f-\\x9f]*[^\\s\\x00-\\x1f\\x7f-\\x9f][^\\x00-\\x1f\\x7f-\\x9f]*$"
+    )]
     pub note: Option<String>,
     /// Time to live from a heartbeat, s; 30 where it is not given.
     #[schema(minimum = 2, maximum = 3600)]
@@ -60,6 +69,8 @@ pub struct LeaseState {
 #[serde(deny_unknown_fields)]
 pub struct ConfirmRequest {
     /// Number of the step that has been carried out: a late confirmation of an earlier step is refused.
+    #[schema(maximum = 4294967295.0)]
+    #[serde(deserialize_with = "whole")]
     pub step: u32,
 }
 
@@ -78,6 +89,7 @@ pub struct JogRequest {
     /// Which way: towards smaller or larger positions.
     pub towards: Side,
     /// How fast, mm/s; the axis's greatest speed where it is not given.
+    #[schema(exclusive_minimum = 0)]
     pub speed_mm_per_s: Option<f64>,
 }
 
@@ -203,11 +215,11 @@ pub enum ViewerMessage {
         #[schema(minimum = 0.1, maximum = 60, default = 15)]
         max_rate_hz: f64,
         /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
-        #[serde(default = "default_reduce")]
+        #[serde(default = "default_reduce", deserialize_with = "whole")]
         #[schema(default = 1)]
         reduce: u32,
         /// Quality of the JPEG, 10 to 100.
-        #[serde(default = "default_quality")]
+        #[serde(default = "default_quality", deserialize_with = "whole")]
         #[schema(minimum = 10, maximum = 100, default = 80)]
         quality: u8,
         /// What the pictures show. All but the raw frame are as large as a view is: `reduce` is not for them.
@@ -217,7 +229,7 @@ pub enum ViewerMessage {
         #[serde(default)]
         overlay: bool,
         /// At most so many pictures on the way that the viewer has not said it has seen; 0 for no such bound.
-        #[serde(default)]
+        #[serde(default, deserialize_with = "whole")]
         #[schema(maximum = 16, default = 0)]
         window: u32,
     },
@@ -229,6 +241,7 @@ pub enum ViewerMessage {
     /// Says that a picture has been shown, where `window` bounds how many are on the way.
     Seen {
         /// The picture's sequence number.
+        #[serde(deserialize_with = "whole")]
         seq: u64,
     },
 }

@@ -4,6 +4,7 @@
 //! Progress goes to standard error, an error is one line there, and the exit code is 0 only on success.
 
 mod align;
+mod announce;
 mod calibrate;
 mod camera;
 mod demo;
@@ -11,6 +12,7 @@ mod design;
 mod jobs;
 mod listen;
 mod lock;
+mod logging;
 mod measure;
 mod pose;
 mod progress;
@@ -21,6 +23,7 @@ mod serve;
 mod sim_stage;
 mod stop;
 mod stop_axes;
+mod study;
 mod supervised;
 mod tls;
 mod token;
@@ -72,6 +75,8 @@ enum Command {
     Render(render::Args),
     /// Show the cameras that are connected, what they offer and how they can be set.
     Camera(camera::Args),
+    /// Run the paper's experiments again on the simulated camera, and write a report.
+    Study(study::Args),
     /// List, show and export the jobs of the history.
     Jobs(jobs::Args),
     /// Serve the simulated bench and align it before your eyes.
@@ -118,9 +123,7 @@ fn one_line(error: &anyhow::Error) -> String {
 }
 
 fn run(cli: Cli) -> anyhow::Result<ExitCode> {
-    // Logs go to standard error, and only warnings unless RUST_LOG asks for more.
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let _logging = logging::start();
     let (read, origin) = Config::open(cli.config.as_deref())?;
     let mut assignments = Vec::new();
     for assignment in &cli.set {
@@ -145,6 +148,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Calibrate(args) => calibrate::run(context, args),
         Command::Render(args) => render::run(context, args),
         Command::Camera(args) => camera::run(context, args),
+        Command::Study(args) => study::run(context, args),
         Command::Jobs(args) => jobs::run(context, args),
         Command::Demo(args) => demo::run(context, args),
         Command::SimStage(args) => sim_stage::run(context, args),

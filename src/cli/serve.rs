@@ -11,12 +11,14 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
+use super::announce::Announcement;
 use super::listen::{Exposure, bind};
 use super::lock::BenchLock;
 use super::remote::RemoteArgs;
 use super::{Context, supervised};
 use crate::access::{Gate, TokenStore};
 use crate::api::Api;
+use crate::api::jpeg::Encoder;
 use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
 use crate::control::history::HistoryAudit;
@@ -117,6 +119,7 @@ pub(super) struct Server {
     gate: Arc<Gate>,
     exposure: Exposure,
     task: JoinHandle<()>,
+    announcement: Option<Announcement>,
     _lock: BenchLock,
 }
 
@@ -140,9 +143,15 @@ impl Server {
         let gate = Arc::new(Gate::new(exposure.gate.clone(), tokens, audit));
         // A second server in one process would count into the first one's metrics.
         let metrics = telemetry::install().inspect_err(|error| tracing::warn!(%error, "no metrics are kept")).ok();
+        let encoder = Encoder::here().name();
+        telemetry::picture_encoder(encoder);
+        tracing::info!(encoder, "pictures for viewers");
         let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);
         let serving = serve_connections(listener, api.router(), exposure.server.clone(), api.closing());
-        Ok(Self { address, simulated, service, api, gate, exposure, task: tokio::spawn(serving), _lock: lock })
+        let task = tokio::spawn(serving);
+        let announcement =
+            if config.server.mdns { announce(address, exposure.server.tls.is_some(), simulated) } else { None };
+        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, _lock: lock })
     }
 
     /// Where it is reached, without a slash at the end.
@@ -170,17 +179,39 @@ impl Server {
         tracing::info!("stopping: axes first, then the streams");
         let orderly = async {
             self.service.come_to_rest().await;
-            tokio::join!(self.service.end(), async {
-                self.api.close().await;
-                tracing::info!("streams closed");
-                let _ = (&mut self.task).await;
-            });
+            let announcement = self.announcement.take();
+            tokio::join!(
+                self.service.end(),
+                async {
+                    self.api.close().await;
+                    tracing::info!("streams closed");
+                    let _ = (&mut self.task).await;
+                },
+                async {
+                    let _ = tokio::task::spawn_blocking(move || drop(announcement)).await;
+                },
+            );
         };
         tokio::select! {
             ended = timeout(SHUTDOWN, orderly) => if ended.is_err() {
                 tracing::warn!("connections were still open when the time was up");
             },
             () = signals.next() => std::process::exit(INTERRUPTED),
+        }
+    }
+}
+
+/// Announces the daemon; it serves all the same where that fails.
+fn announce(address: SocketAddr, tls: bool, simulated: bool) -> Option<Announcement> {
+    match Announcement::start(address, tls, simulated) {
+        Ok(Some(announcement)) => Some(announcement),
+        Ok(None) => {
+            tracing::warn!(%address, "server.mdns: not announced, since nobody else reaches loopback");
+            None
+        }
+        Err(error) => {
+            tracing::warn!(error = format!("{error:#}"), "server.mdns: the daemon is not announced");
+            None
         }
     }
 }

@@ -1,13 +1,16 @@
 //! `plenalign token`: tokens made, listed and revoked on the machine itself.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
 use jiff::{SignedDuration, Timestamp};
-use serde_json::json;
+use serde_json::{Value, json};
 
-use crate::access::{Scope, TokenRecord, TokenStore};
+use crate::access::{LOCAL, Scope, TokenRecord, TokenStore};
 use crate::state_folder::state_folder;
+use crate::store::Store;
+use crate::store::records::Audit;
 
 /// Arguments of `plenalign token`.
 #[derive(Debug, clap::Args)]
@@ -50,6 +53,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             let lasts = |days: u16| Timestamp::now().checked_add(SignedDuration::from_hours(24 * i64::from(days)));
             let expires_at = expires_in_days.map(lasts).transpose().context("the token would never expire")?;
             let (secret, record) = store.create(name, *scope, expires_at)?;
+            let detail = json!({ "id": record.id, "name": record.name, "scope": record.scope });
+            write_down(&folder, "token.create", detail);
             if args.json {
                 let mut object = as_json(&record);
                 object["secret"] = json!(secret.reveal());
@@ -74,6 +79,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         Command::Revoke { token } => {
             let record = store.revoke(token)?;
+            write_down(&folder, "token.revoke", json!({ "id": record.id, "name": record.name }));
             if args.json {
                 println!("{}", as_json(&record));
             } else {
@@ -82,6 +88,28 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Adds to the audit log what was done here, and by which user of the machine. It is done already: where the history
+/// cannot be written, that is said and nothing taken back.
+fn write_down(folder: &Path, what: &str, mut detail: Value) {
+    detail["user"] = json!(user());
+    let entry = Audit { at: Timestamp::now(), who: LOCAL.to_owned(), what: what.to_owned(), detail, from: None };
+    let written = tokio::runtime::Builder::new_current_thread().enable_time().build().map_err(anyhow::Error::from);
+    let written = written.and_then(|runtime| {
+        let history = Store::open(folder);
+        Ok(runtime.block_on(history.write(move |writer| writer.add_audit(&entry)))?)
+    });
+    if let Err(error) = written {
+        eprintln!("plenalign: this is not in the audit log: {error:#}");
+    }
+}
+
+/// Who is at the command line.
+fn user() -> String {
+    let id = nix::unistd::getuid();
+    let found = nix::unistd::User::from_uid(id).ok().flatten();
+    found.map_or_else(|| format!("user {id}"), |user| user.name)
 }
 
 fn as_json(record: &TokenRecord) -> serde_json::Value {

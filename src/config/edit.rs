@@ -184,6 +184,8 @@ fn to_toml(json: &Json, path: &str) -> Result<Option<Value>, (String, &'static s
         Json::Bool(on) => Value::Boolean(*on),
         Json::Number(number) => match (number.as_i64(), number.as_f64()) {
             (Some(whole), _) => Value::Integer(whole),
+            // JSON makes no difference between 400 and 400.0; a key for fractions takes either.
+            (None, Some(whole)) if whole.fract() == 0.0 && whole.abs() < 1e15 => Value::Integer(whole as i64),
             (None, Some(fraction)) => Value::Float(fraction),
             (None, None) => return Err((path.to_owned(), "the number is too large")),
         },
@@ -273,6 +275,16 @@ mod tests {
         let edited = before.edited(text, &after).unwrap();
         assert_eq!(config(&edited), after, "{edited}");
         edited
+    }
+
+    #[test]
+    fn a_whole_number_may_be_written_with_a_point() {
+        let known = Config::default();
+        let read = |width: serde_json::Value| {
+            Config::from_json(&serde_json::json!({ "sensor": { "width_px": width, "height_px": 400 } }), &known)
+        };
+        assert_eq!(read(400.0.into()).unwrap(), read(400.into()).unwrap());
+        assert!(read(400.5.into()).is_err());
     }
 
     #[test]

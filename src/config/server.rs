@@ -40,6 +40,8 @@ pub struct ServerConfig {
     pub idle_timeout_s: f64,
     /// Requests a second of one token or address, in the long run; four times as many at once.
     pub requests_per_s: f64,
+    /// Whether the daemon is announced on the local network (mDNS, `_plenalign._tcp`); never on loopback.
+    pub mdns: bool,
     /// Certificate and key.
     pub tls: TlsConfig,
 }
@@ -72,6 +74,7 @@ impl Default for ServerConfig {
             max_connections_per_address: 64,
             idle_timeout_s: 30.0,
             requests_per_s: 100.0,
+            mdns: false,
             tls: TlsConfig::default(),
         }
     }

@@ -113,9 +113,12 @@ impl Service {
     ) -> Result<(BenchView, Acceptance), ServiceError> {
         let greatest = self.motion.axis(axis).speed_mm_per_s;
         let speed = speed_mm_per_s.unwrap_or(greatest);
-        if !(speed > 0.0 && speed <= greatest) {
-            let what = format!("{speed} is not above 0 and at most {greatest}");
+        if speed.is_nan() || speed <= 0.0 {
+            let what = format!("{speed} is not above 0");
             return Err(ServiceError::Invalid { field: "speed_mm_per_s", what });
+        }
+        if speed > greatest {
+            return Err(Refusal::Speed { axis, speed, max: greatest }.into());
         }
         if self.renew_jog(axis, towards, speed) {
             return Ok((self.bench_view(), Acceptance::Before));

@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
+use tracing::Instrument as _;
 use uuid::Uuid;
 
 use super::context::{Job, JobContext};
 use super::job::{JobRequest, JobSnapshot};
+use super::journal::word;
 use super::lease::Permit;
 use super::service::Service;
 use super::{Refusal, ServiceError, runner};
@@ -107,9 +109,12 @@ impl Service {
     }
 
     async fn run(&self, context: JobContext) {
-        runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin).await;
+        let (id, kind) = (context.snapshot().id, context.snapshot().kind);
+        let span = tracing::info_span!("job", otel.name = format!("job {}", word(&kind)), %id);
+        let running = runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin);
+        running.instrument(span).await;
         self.journal.end_job();
-        self.leases.unbind(context.snapshot().id);
+        self.leases.unbind(id);
         self.publish_bench();
     }
 

@@ -131,6 +131,8 @@ struct Held {
     until: Instant,
     connections: usize,
     job: Option<Uuid>,
+    /// Given back while a job still holds it: its end is no surprise.
+    given_back: bool,
 }
 
 impl Held {
@@ -161,6 +163,8 @@ impl Held {
 #[derive(Default)]
 pub struct Leases {
     held: Mutex<Option<Held>>,
+    /// Those that have run out, for whoever writes it down.
+    run_out: Mutex<Vec<LeaseView>>,
     /// Counts the changes, for whoever publishes them.
     changes: watch::Sender<u64>,
 }
@@ -172,11 +176,24 @@ impl Leases {
         if let Some(lease) = &*held
             && lease.runs_out().is_some_and(|until| until <= Instant::now())
         {
-            tracing::info!(owner = %lease.owner, "the control lease ran out");
+            if !lease.given_back {
+                self.ran_out(lease.view());
+            }
             *held = None;
             self.changed();
         }
         held
+    }
+
+    fn ran_out(&self, lease: LeaseView) {
+        tracing::info!(owner = %lease.owner, "the control lease ran out");
+        self.run_out.lock().unwrap_or_else(PoisonError::into_inner).push(lease);
+    }
+
+    /// The leases that have run out since this was last asked, though nobody gave them back or took them over.
+    #[must_use]
+    pub fn take_run_out(&self) -> Vec<LeaseView> {
+        std::mem::take(&mut *self.run_out.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     fn changed(&self) {
@@ -236,6 +253,7 @@ impl Leases {
             until: Instant::now() + request.ttl,
             connections: 0,
             job: None,
+            given_back: false,
         };
         let grant = LeaseGrant { key: lease.key.clone(), lease: lease.view() };
         *held = Some(lease);
@@ -267,6 +285,7 @@ impl Leases {
     pub fn renew(&self, key: Option<&str>) -> Result<LeaseView, Refusal> {
         let view = self.with(key, |lease| {
             lease.until = Instant::now() + lease.ttl;
+            lease.given_back = false;
             lease.view()
         })?;
         self.changed();
@@ -286,6 +305,7 @@ impl Leases {
         if lease.job.is_some() {
             lease.connections = 0;
             lease.until = Instant::now();
+            lease.given_back = true;
         } else {
             *held = None;
         }
@@ -365,13 +385,17 @@ impl Leases {
         })
     }
 
-    /// Takes a kept lease up again, where it has not run out meanwhile. Its job is over, and its connections are.
+    /// Takes a kept lease up again, where it has not run out meanwhile. Its job is over, and so are its connections.
     pub fn restore(&self, kept: KeptLease) {
         let left = kept.expires_at.duration_since(jiff::Timestamp::now());
         let ttl = Duration::from_secs_f64(kept.ttl_s.clamp(TTL_RANGE_S[0], TTL_RANGE_S[1]));
-        let Ok(left) = Duration::try_from(left) else { return };
+        let left = Duration::try_from(left).unwrap_or_default();
         let mut held = self.now();
-        if held.is_none() && !left.is_zero() {
+        if left.is_zero() {
+            let KeptLease { id, owner, note, since, ttl_s, expires_at, .. } = kept;
+            self.ran_out(LeaseView { id, owner, note, since, ttl_s, expires_at: Some(expires_at), job: None });
+            self.changed();
+        } else if held.is_none() {
             *held = Some(Held {
                 id: kept.id,
                 key: kept.key,
@@ -383,6 +407,7 @@ impl Leases {
                 until: Instant::now() + left.min(ttl.max(GRACE)),
                 connections: 0,
                 job: None,
+                given_back: false,
             });
             self.changed();
         }
@@ -423,6 +448,10 @@ mod tests {
         assert_eq!(leases.permit(Some(&grant.key)), Err(Refusal::LeaseLost { holder: None }));
         assert!(leases.view().is_none());
         leases.acquire(request("bob")).unwrap();
+        let owners = |ended: Vec<LeaseView>| ended.into_iter().map(|lease| lease.owner).collect::<Vec<_>>();
+        assert_eq!(owners(leases.take_run_out()), ["ada"]);
+        leases.take_over(request("admin")).unwrap();
+        assert_eq!(owners(leases.take_run_out()), [""; 0], "taken over is not run out, and told once is enough");
     }
 
     #[tokio::test(start_paused = true)]
@@ -475,6 +504,7 @@ mod tests {
         assert_eq!(leases.view().unwrap().job, Some(job));
         leases.unbind(job);
         assert!(leases.view().is_none());
+        assert_eq!(leases.take_run_out(), [], "it was given back");
         leases.release(Some(&grant.key)).unwrap();
     }
 
@@ -492,5 +522,6 @@ mod tests {
         let late = Leases::default();
         late.restore(KeptLease { expires_at: jiff::Timestamp::UNIX_EPOCH, ..kept });
         assert!(late.view().is_none());
+        assert_eq!(late.take_run_out().len(), 1, "it ran out while the program did not run");
     }
 }

@@ -38,6 +38,7 @@ mod sight;
 mod survey;
 mod tasks;
 mod watchers;
+pub mod whole;
 pub use jobs::Acceptance;
 pub use motion::StopReport;
 pub use open::open_bench;

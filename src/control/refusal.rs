@@ -66,6 +66,16 @@ pub enum Refusal {
         /// Greatest length.
         max: Millimetres,
     },
+    /// Faster than the axis goes.
+    #[error("{speed} mm/s is more than the {axis} axis's greatest speed of {max} mm/s")]
+    Speed {
+        /// Which axis.
+        axis: AxisName,
+        /// Speed asked for, mm/s.
+        speed: f64,
+        /// Greatest speed, mm/s.
+        max: f64,
+    },
     /// The axis's position is unknown.
     #[error("the {axis} axis is not homed; home it first")]
     NotHomed {

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::lease::MAX_TEXT;
 use super::refusal::ServiceError;
+use super::whole::whole_or_none;
 use crate::device::AxisName;
 
 /// What a job is to do.
@@ -31,6 +32,21 @@ pub enum JobKind {
     Homing,
 }
 
+impl JobKind {
+    /// Every kind.
+    pub const ALL: [Self; 9] = [
+        Self::JointAlignment,
+        Self::AirOnly,
+        Self::ShellOnly,
+        Self::ClarityOnly,
+        Self::LBoundMeasurement,
+        Self::FocusSweep,
+        Self::SpacingWatch,
+        Self::Calibration,
+        Self::Homing,
+    ];
+}
+
 /// What a caller asks for with a job. What a kind does not take is refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -39,33 +55,38 @@ pub struct JobRequest {
     pub kind: JobKind,
     /// What it is for, in the caller's words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(min_length = 1, max_length = 200)]
+    #[schema(min_length = 1, max_length = 200, pattern = "\\S")]
     pub note: Option<String>,
     /// The e to hold, mm (clarity only); the configured initial e where it is not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = -1000, maximum = 1000)]
     pub e_mm: Option<f64>,
     /// Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
     /// joint solution has it unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 1, maximum = 100000)]
     pub distance_mm: Option<f64>,
     /// The axis to move (focus sweep).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<AxisName>,
     /// Where the sweep begins, mm (focus sweep).
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = -10000, maximum = 10000)]
     pub from_mm: Option<f64>,
     /// Where it ends, mm (focus sweep).
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = -10000, maximum = 10000)]
     pub to_mm: Option<f64>,
     /// Positions measured, both ends included (focus sweep); 11 where it is not given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "whole_or_none")]
     #[schema(minimum = 2, maximum = 200)]
     pub steps: Option<u32>,
     /// For how long, s (spacing watch).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 86400)]
     pub duration_s: Option<f64>,
-    /// Between two measurements, s (spacing watch); 1 where it is not given. At most 500 measurements are made.
+    /// Between two measurements, s (spacing watch); 1 where it is not given, and longer where more than 500 measurements
+    /// would be made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0.1, maximum = 3600)]
     pub interval_s: Option<f64>,
@@ -108,19 +129,35 @@ impl JobRequest {
         }
     }
 
-    /// Whether the kind takes what is given, has what it needs, and every number is within its range.
-    ///
-    /// # Errors
-    /// [`ServiceError::Invalid`], naming the field.
-    pub fn check(&self) -> Result<(), ServiceError> {
-        let takes: &[&str] = match self.kind {
+    /// What a kind takes beside a note.
+    #[must_use]
+    pub const fn takes(kind: JobKind) -> &'static [&'static str] {
+        match kind {
             JobKind::ClarityOnly => &["e_mm"],
             JobKind::Calibration => &["distance_mm"],
             JobKind::FocusSweep => &["distance_mm", "axis", "from_mm", "to_mm", "steps"],
             JobKind::SpacingWatch => &["duration_s", "interval_s"],
             JobKind::Homing => &["axes"],
             JobKind::JointAlignment | JobKind::AirOnly | JobKind::ShellOnly | JobKind::LBoundMeasurement => &[],
-        };
+        }
+    }
+
+    /// What of it a kind cannot do without.
+    #[must_use]
+    pub const fn needs(kind: JobKind) -> &'static [&'static str] {
+        match kind {
+            JobKind::FocusSweep => &["axis", "from_mm", "to_mm"],
+            JobKind::SpacingWatch => &["duration_s"],
+            _ => &[],
+        }
+    }
+
+    /// Whether the kind takes what is given, has what it needs, and every number is within its range.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`], naming the field.
+    pub fn check(&self) -> Result<(), ServiceError> {
+        let takes = Self::takes(self.kind);
         for (field, given) in [
             ("e_mm", self.e_mm.is_some()),
             ("distance_mm", self.distance_mm.is_some()),
@@ -172,20 +209,13 @@ impl JobRequest {
         Ok(Sweep { axis, from_mm, to_mm, steps: self.steps.unwrap_or(11) })
     }
 
-    /// Duration and interval of a spacing watch, s.
+    /// Duration and interval of a spacing watch, s; the interval is lengthened where there would be too many measurements.
     pub(super) fn watch(&self) -> Result<(f64, f64), ServiceError> {
         let interval_s = self.interval_s.unwrap_or(1.0);
         let Some(duration_s) = self.duration_s else {
             return invalid("duration_s", "a spacing watch needs its duration".to_owned());
         };
-        if duration_s / interval_s > MAX_MEASUREMENTS {
-            let least = duration_s / MAX_MEASUREMENTS;
-            return invalid(
-                "interval_s",
-                format!("more than {MAX_MEASUREMENTS} measurements in {duration_s} s; {least:.1} s would be right"),
-            );
-        }
-        Ok((duration_s, interval_s))
+        Ok((duration_s, interval_s.max(duration_s / MAX_MEASUREMENTS)))
     }
 }
 
@@ -229,8 +259,8 @@ mod tests {
         assert_eq!(field(&JobRequest { note: Some(" ".into()), ..sweep }), Some("note"));
         assert_eq!(field(&of(JobKind::SpacingWatch)), Some("duration_s"));
         let watch = JobRequest { duration_s: Some(3600.0), ..of(JobKind::SpacingWatch) };
-        assert_eq!(field(&watch), Some("interval_s"));
-        assert_eq!(field(&JobRequest { interval_s: Some(10.0), ..watch }), None);
+        assert_eq!((field(&watch), watch.watch().unwrap()), (None, (3600.0, 7.2)));
+        assert_eq!(JobRequest { interval_s: Some(10.0), ..watch }.watch().unwrap(), (3600.0, 10.0));
         assert_eq!(field(&JobRequest { axes: Some(vec![]), ..of(JobKind::Homing) }), Some("axes"));
     }
 }

@@ -69,6 +69,7 @@ impl Alignment<'_> {
     pub(super) async fn spacing_watch(&mut self, duration_s: f64, interval_s: f64) -> Result<(), JobEnd> {
         self.context.stage(Stage::Survey);
         self.context.begin((duration_s / interval_s).ceil() as u32 + 1);
+        self.context.log(format!("measuring every {interval_s:.1} s for {duration_s:.0} s"));
         self.eye.check_camera()?;
         self.something_to_measure(None).await?;
         let (begin, interval) = (Instant::now(), Duration::from_secs_f64(interval_s));

@@ -5,12 +5,15 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
+use serde_json::json;
 use tokio::sync::watch;
 
 use super::ServiceError;
 use super::events::{Event, MeasurementView};
 use super::job::JobState;
 use super::service::Service;
+use crate::access::PROGRAM;
+use crate::store::records::Audit;
 
 /// Rest between two looks at the bench's state for the events, at least.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
@@ -103,6 +106,15 @@ impl Service {
             }
             beat(&self.pulses[1]);
             changes.mark_unchanged();
+            for lease in self.leases.take_run_out() {
+                self.journal.audit(Audit {
+                    at: jiff::Timestamp::now(),
+                    who: PROGRAM.to_owned(),
+                    what: "lease.expire".to_owned(),
+                    detail: json!({ "lease": lease.id, "owner": lease.owner, "note": lease.note }),
+                    from: None,
+                });
+            }
             self.journal.put_lease(self.leases.keep().as_ref());
             self.publish_bench();
         }

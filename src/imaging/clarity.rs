@@ -76,30 +76,58 @@ pub fn ssim(one: &View, other: &View) -> Option<f64> {
 /// within patches. 1 where they do not show; block artefacts raise it. `None` where there is no step to compare with.
 #[must_use]
 pub fn blockiness(view: &View, grid: &Grid) -> Option<f64> {
+    let [within, across] = steps(view, grid);
+    let ratio = (across.absolute / across.count) / (within.absolute / within.count);
+    ratio.is_finite().then_some(ratio)
+}
+
+/// Energy of gradient (Eq. 20) without the steps across the borders of a view's patches, which block artefacts make: that
+/// of the steps within patches, for as many steps as the view has. `None` where there is none within a patch.
+#[must_use]
+pub fn eog_within_patches(view: &View, grid: &Grid) -> Option<Eog> {
+    let [within, across] = steps(view, grid);
+    let values = view.luminance();
+    let (least, greatest) = values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, g), &v| (l.min(v), g.max(v)));
+    let scale = 255.0 / f64::from(greatest - least);
+    let step = within.square / within.count * scale * scale;
+    step.is_finite().then_some(Eog { sum: step * (within.count + across.count), mean_per_pixel: 2.0 * step })
+}
+
+/// Steps from pixel to pixel: how many, and the sums of their size and of its square.
+#[derive(Debug, Clone, Copy, Default)]
+struct Steps {
+    count: f64,
+    absolute: f64,
+    square: f64,
+}
+
+/// The steps to the right and down within a view's patches, and those across their borders.
+fn steps(view: &View, grid: &Grid) -> [Steps; 2] {
     let (w, h) = (view.width, view.height);
     let values = view.luminance();
     let owners: Vec<[i32; 2]> = view.owners(grid).collect();
-    let mut sums = [[0.0f64; 2]; 2];
+    let mut found = [Steps::default(); 2];
     for y in 0..h {
         for x in 0..w {
             let here = y * w + x;
             let right = (x + 1 < w).then_some(here + 1);
             let below = (y + 1 < h).then_some(here + w);
             for next in [right, below].into_iter().flatten() {
-                let sum = &mut sums[usize::from(owners[here] != owners[next])];
-                sum[0] += f64::from((values[here] - values[next]).abs());
-                sum[1] += 1.0;
+                let steps = &mut found[usize::from(owners[here] != owners[next])];
+                let step = f64::from((values[here] - values[next]).abs());
+                steps.count += 1.0;
+                steps.absolute += step;
+                steps.square += step * step;
             }
         }
     }
-    let [within, across] = sums.map(|[sum, count]| sum / count);
-    let ratio = across / within;
-    ratio.is_finite().then_some(ratio)
+    found
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::ArrayKind;
 
     #[test]
     fn a_checkerboard_has_the_most_and_a_plain_picture_none() {
@@ -112,6 +140,27 @@ mod tests {
         assert_eq!(eog(&plain).sum, 0.0);
         let ramp = View::grey(256, 2, (0..512).map(|k| (k % 256) as f32).collect());
         assert!((eog(&ramp).mean_per_pixel - 1.0).abs() < 1e-9);
+    }
+
+    /// Patches of a grid 4 px apart, each darker by a step than the last one: what is within them is what is measured.
+    #[test]
+    fn steps_across_patches_are_told_from_those_within() {
+        let grid = Grid::affine(ArrayKind::Square, [17.5, 17.5], [[4.0, 0.0], [0.0, 4.0]], [32, 32]);
+        let of = |value: &dyn Fn(usize, usize) -> f32| {
+            let values = (0..32 * 32).map(|k| value(k % 32, k / 32)).collect();
+            View::grey(32, 32, values)
+        };
+        let fine = |x: usize, y: usize| ((x + y) % 2) as f32;
+        let plain = of(&|x, y| 100.0 * fine(x, y));
+        assert!((blockiness(&plain, &grid).unwrap() - 1.0).abs() < 1e-6);
+        let (all, within) = (eog(&plain), eog_within_patches(&plain, &grid).unwrap());
+        assert!((within.mean_per_pixel / all.mean_per_pixel - 1.0).abs() < 1e-6);
+        // Steps of 20 levels within patches, of 100 or more between them.
+        let blocks = of(&|x, y| 20.0 * fine(x, y) + 120.0 * fine(x / 4, y / 4));
+        assert!(blockiness(&blocks, &grid).unwrap() > 4.0);
+        let within = eog_within_patches(&blocks, &grid).unwrap();
+        let scale = (255.0f64 / 140.0).powi(2);
+        assert!((within.mean_per_pixel / (2.0 * 400.0 * scale) - 1.0).abs() < 1e-6, "{within:?}");
     }
 
     #[test]

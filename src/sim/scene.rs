@@ -77,6 +77,16 @@ impl TripleBoard {
     }
 }
 
+/// Something flat with an outline: a fish, a tuft of grass.
+#[derive(Debug, Clone)]
+pub struct Cutout {
+    /// Where it is and what is on it.
+    pub board: Board,
+    /// What of it is there, on the texture's own coordinates: 1 hides what is behind, 0 lets it be seen. `None` for a
+    /// whole board.
+    pub outline: Option<Arc<TextureMap>>,
+}
+
 /// What the camera looks at.
 #[derive(Debug, Clone)]
 pub enum Scene {
@@ -88,16 +98,23 @@ pub enum Scene {
     Board(Board),
     /// Boards side by side.
     TripleBoard(TripleBoard),
+    /// Things one behind the other, nearest first. Nothing is behind the last: black.
+    Cutouts(Vec<Cutout>),
 }
 
 impl Scene {
     fn boards_mut(&mut self) -> impl Iterator<Item = (&mut Board, Option<&mut [f64; 2]>)> {
-        let (one, several) = match self {
-            Self::Diffuser | Self::Dark => (None, None),
-            Self::Board(board) => (Some((board, None)), None),
-            Self::TripleBoard(triple) => (None, Some(&mut triple.strips)),
-        };
-        one.into_iter().chain(several.into_iter().flatten().map(|strip| (&mut strip.board, Some(&mut strip.range))))
+        let (mut one, mut strips, mut cutouts) = (None, None, None);
+        match self {
+            Self::Diffuser | Self::Dark => {}
+            Self::Board(board) => one = Some((board, None)),
+            Self::TripleBoard(triple) => strips = Some(&mut triple.strips),
+            Self::Cutouts(all) => cutouts = Some(all),
+        }
+        let strips = strips.into_iter().flatten().map(|strip| (&mut strip.board, Some(&mut strip.range)));
+        // An outline is on the texture, which moves with its board.
+        let cutouts = cutouts.into_iter().flatten().map(|cutout| (&mut cutout.board, None));
+        one.into_iter().chain(strips).chain(cutouts)
     }
 
     /// The scene with its boards moved along their own x and y by `across` and away from the camera by `further`, mm.
@@ -123,6 +140,7 @@ impl Scene {
             Self::Diffuser | Self::Dark => None,
             Self::Board(board) => Some(board.distance),
             Self::TripleBoard(triple) => triple.strips.iter().map(|strip| strip.board.distance).reduce(f64::min),
+            Self::Cutouts(all) => all.iter().map(|cutout| cutout.board.distance).reduce(f64::min),
         }
     }
 }

@@ -118,7 +118,7 @@ impl Shutter {
         let channels: Vec<Vec<f32>> = match scene {
             // White in every channel.
             Scene::Diffuser | Scene::Dark => vec![renderer.render_flawed(camera, scene, flaws, None)],
-            Scene::Board(_) | Scene::TripleBoard(_) => Channel::ALL
+            Scene::Board(_) | Scene::TripleBoard(_) | Scene::Cutouts(_) => Channel::ALL
                 .into_iter()
                 .map(|channel| renderer.render_flawed(camera, scene, flaws, Some(channel)))
                 .collect(),

@@ -76,6 +76,11 @@ async fn whatever_is_commanded_is_in_the_audit_log_with_who_and_from_where() {
     let key = lease["key"].as_str().unwrap().to_owned();
     ada.ask(Method::PUT, "/api/v1/shell", Some(&key), Some(json!({ "state": "off" }))).await;
     ada.ask(Method::POST, "/api/v1/axes/e/move", Some(&key), Some(json!({ "position_mm": 29.0 }))).await;
+    let until = Instant::now() + Duration::from_secs(10);
+    while ada.ask(Method::GET, "/api/v1/bench", None, None).await["axes"][1]["moving"] == true {
+        assert!(Instant::now() < until, "the move does not end");
+        sleep(Duration::from_millis(10)).await;
+    }
     let (href, step) = waiting(&ada, &key).await;
     ada.ask(Method::POST, &format!("{href}/confirm"), None, Some(json!({ "step": step }))).await;
     for _ in 0..2 {
@@ -173,4 +178,60 @@ async fn a_jog_is_in_the_audit_log_once_however_long_it_is_held() {
         log["entries"].as_array().unwrap().iter().filter(|entry| entry["what"] == "axis.jog").collect();
     assert_eq!(jogs.len(), 1, "{log}");
     assert_eq!(jogs[0]["detail"], json!({ "axis": "focus", "towards": "high" }));
+}
+
+#[tokio::test]
+async fn a_lease_that_runs_out_is_in_the_audit_log() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let asked = json!({ "owner": "Ada", "note": "first light", "ttl_s": 2 });
+    let granted = daemon.post("/api/v1/lease", &asked).await;
+    assert_eq!(granted.status(), 201);
+    let granted: Value = granted.json().await.unwrap();
+    let until = Instant::now() + Duration::from_secs(6);
+    let entry = loop {
+        let log: Value = daemon.get("/api/v1/audit").await.json().await.unwrap();
+        let entries = log["entries"].as_array().unwrap();
+        if let Some(entry) = entries.iter().find(|entry| entry["what"] == "lease.expire") {
+            break entry.clone();
+        }
+        assert!(Instant::now() < until, "{log}");
+        sleep(Duration::from_millis(50)).await;
+    };
+    assert_eq!((&entry["who"], &entry["from"]), (&json!("plenalign"), &Value::Null));
+    let expected = json!({ "lease": granted["lease"]["id"], "owner": "Ada", "note": "first light" });
+    assert_eq!(entry["detail"], expected);
+}
+
+#[tokio::test]
+async fn tokens_made_and_revoked_on_the_command_line_are_in_the_audit_log() {
+    let state = tempfile::tempdir().unwrap();
+    let token = |arguments: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_plenalign"));
+        let done = command.arg("token").args(arguments).env("PLENALIGN_STATE_DIR", state.path()).output().unwrap();
+        let complaints = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.success() && !complaints.contains("audit"), "{complaints}");
+        String::from_utf8(done.stdout).unwrap()
+    };
+    let made: Value =
+        serde_json::from_str(&token(&["create", "--name", "Ana", "--scope", "control", "--json"])).unwrap();
+    token(&["revoke", "Ana"]);
+    let history = plenalign::store::Store::to_read(state.path());
+    let page = history.read(|connection| plenalign::store::read::audit(connection, None, 10)).await.unwrap();
+    let found: Vec<_> = page.items.iter().rev().map(|(_, entry)| entry).collect();
+    assert_eq!(found.iter().map(|entry| entry.what.as_str()).collect::<Vec<_>>(), ["token.create", "token.revoke"]);
+    for entry in &found {
+        assert_eq!((entry.who.as_str(), &entry.from), ("local", &None));
+        assert_eq!((&entry.detail["id"], &entry.detail["name"]), (&made["id"], &json!("Ana")));
+        assert!(entry.detail["user"].as_str().is_some_and(|user| !user.is_empty()), "{}", entry.detail);
+    }
+    assert_eq!(found[0].detail["scope"], "control");
+    // Where it cannot be written down, the token is made all the same, and its maker is told.
+    std::fs::remove_file(state.path().join("history.db")).unwrap();
+    std::fs::create_dir(state.path().join("history.db")).unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_plenalign"));
+    command.args(["token", "create", "--name", "Bob", "--scope", "view"]).env("PLENALIGN_STATE_DIR", state.path());
+    let done = command.output().unwrap();
+    assert!(done.status.success() && done.stdout.starts_with(b"plenalign_"));
+    assert!(String::from_utf8_lossy(&done.stderr).contains("not in the audit log"));
+    assert!(!page.items.iter().any(|(_, entry)| entry.detail.to_string().contains(made["secret"].as_str().unwrap())));
 }

@@ -105,6 +105,8 @@ async fn nobodys_change_is_lost() {
     let mut config = view["stored"].clone();
     config["assembly"]["initial_e_mm"] = json!(29.5);
     problem(filed.put(&config, None).await, 428, "if-match-missing").await;
+    // Any state is no state.
+    problem(filed.put(&config, Some("*")).await, 428, "if-match-missing").await;
     std::fs::write(&filed.file, TEXT.replace("cellar", "attic")).unwrap();
     let refused = problem(filed.put(&config, Some(&tag)).await, 412, "config-changed").await;
     assert!(filed.text().contains("attic") && filed.text().contains("30.0"));
@@ -180,7 +182,7 @@ async fn without_a_file_there_is_a_clear_word_of_where_one_would_be() {
     let view: Value = daemon.get("/api/v1/config").await.json().await.unwrap();
     assert_eq!((&view["file"], &view["stored"]), (&Value::Null, &Value::Null));
     let body = json!({ "config": view["config"] });
-    let request = daemon.request(Method::PUT, "/api/v1/config").header("if-match", "*").json(&body);
+    let request = daemon.request(Method::PUT, "/api/v1/config").header("if-match", "\"1\"").json(&body);
     let refused = problem(request.send().await.unwrap(), 409, "no-config-file").await;
     assert!(refused["detail"].as_str().unwrap().contains("--config /etc/plenalign/plenalign.toml"), "{refused}");
 }

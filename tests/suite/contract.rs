@@ -91,3 +91,44 @@ fn references_of_asyncapi_lead_somewhere() {
     let proto: PathBuf = root().join("proto/plenalign/v1/frame.proto");
     assert!(text.contains("plenalign/v1/frame.proto") && proto.exists());
 }
+
+#[test]
+fn references_and_links_of_the_contract_lead_somewhere() {
+    let contract: serde_json::Value = serde_json::from_str(plenalign::api::openapi_json()).unwrap();
+    let operations: Vec<&str> = contract["paths"]
+        .as_object()
+        .unwrap()
+        .values()
+        .flat_map(|item| item.as_object().unwrap().values())
+        .filter_map(|operation| operation["operationId"].as_str())
+        .collect();
+    let (mut references, mut links) = (0, 0);
+    let mut left = vec![&contract];
+    while let Some(value) = left.pop() {
+        match value {
+            serde_json::Value::Object(members) => {
+                for (key, member) in members {
+                    match (key.as_str(), member.as_str()) {
+                        ("$ref", Some(to)) => {
+                            let found = to.strip_prefix('#').and_then(|pointer| contract.pointer(pointer));
+                            assert!(found.is_some(), "{to} leads nowhere");
+                            references += 1;
+                        }
+                        _ => left.push(member),
+                    }
+                }
+                for link in members.get("links").and_then(|links| links.as_object()).into_iter().flatten() {
+                    assert!(operations.contains(&link.1["operationId"].as_str().unwrap()), "{link:?}");
+                    links += 1;
+                }
+            }
+            serde_json::Value::Array(items) => left.extend(items),
+            _ => {}
+        }
+    }
+    assert!(references > 100 && links > 10, "{references} references, {links} links");
+    // A configuration is written by the schema that it is read by.
+    let schemas = &contract["components"]["schemas"];
+    assert_eq!(schemas["ConfigRequest"]["properties"]["config"]["$ref"], "#/components/schemas/Config");
+    assert_eq!(schemas["Config"]["properties"]["sensor"]["$ref"], "#/components/schemas/Config.SensorConfig");
+}

@@ -36,9 +36,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("device", &["optics", "units", "raw", "config", "telemetry"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
     ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "store", "access", "telemetry"]),
+    ("study", &["optics", "units", "raw", "config", "imaging", "sim", "control", "text"]),
+    ("text", &[]),
     (
         "api",
         &[
+            "text",
             "optics",
             "units",
             "raw",
@@ -55,6 +58,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
+            "study",
             "optics",
             "units",
             "raw",
@@ -109,7 +113,7 @@ fn optics_and_imaging_are_pure() {
 }
 
 /// Every place that lifts the ban on unsafe code (for what is below it, too), each with its reason in the comment above it.
-const UNSAFE_EXCEPTIONS: &[&str] = &["device/camera/kernel/mod.rs"];
+const UNSAFE_EXCEPTIONS: &[&str] = &["api/jpeg/turbo.rs", "device/camera/kernel/mod.rs"];
 
 #[test]
 fn unsafe_code_is_listed() {
@@ -119,7 +123,6 @@ fn unsafe_code_is_listed() {
         .map(|(path, _)| path.display().to_string())
         .collect();
     assert_eq!(found, UNSAFE_EXCEPTIONS);
-    assert!(found.iter().all(|path| path.starts_with("device/camera")));
 }
 
 #[test]

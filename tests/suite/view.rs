@@ -138,12 +138,17 @@ fn a_mosaic_keeps_the_scenes_colours_up_to_every_border() {
             let middle = all.len() / 2;
             let factor = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
             let error = |border: bool| {
-                let errors = shares.iter().filter(|share| share.1 == border).map(|(share, _)| (share / factor - 1.0).abs());
+                let errors =
+                    shares.iter().filter(|share| share.1 == border).map(|(share, _)| (share / factor - 1.0).abs());
                 let (sum, count) = errors.fold((0.0, 0.0), |(sum, count), error| (sum + error, count + 1.0));
                 sum / count
             };
             let (within, across) = (error(false), error(true));
-            println!("{bits} bits, {pattern:?}: {name} off by {:.2} % within patches, {:.2} % at borders", 100.0 * within, 100.0 * across);
+            println!(
+                "{bits} bits, {pattern:?}: {name} off by {:.2} % within patches, {:.2} % at borders",
+                100.0 * within,
+                100.0 * across
+            );
             assert!(within < 0.03 && across < 1.2 * within + 0.003, "{bits} bits: {within} {across}");
         }
     }

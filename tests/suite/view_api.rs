@@ -60,7 +60,8 @@ async fn the_newest_frame_is_seen_in_every_way() {
     let asked = jiff::Timestamp::now();
     let report = daemon.get("/api/v1/view?lenses=true").await;
     let report: Value = report.json().await.unwrap();
-    let captured: jiff::Timestamp = report["captured_at"].as_str().unwrap_or_else(|| panic!("{report}")).parse().unwrap();
+    let captured: jiff::Timestamp =
+        report["captured_at"].as_str().unwrap_or_else(|| panic!("{report}")).parse().unwrap();
     assert!(captured >= asked, "a frame of before it was asked for: {report}");
     let count = report["micro_images"].as_u64().unwrap();
     assert!(count > 50 && report["lenses"].as_array().unwrap().len() as u64 == count, "{report}");
@@ -93,7 +94,10 @@ async fn the_newest_frame_is_seen_in_every_way() {
     ] {
         let (png, headers) = picture(daemon.get(&format!("/api/v1/view.png{query}")).await).await;
         assert!(png.color() == exact && near(&png), "{query}: {:?} {}x{}", png.color(), png.width(), png.height());
-        assert_eq!((&headers["content-type"], &headers["plenalign-simulated"]), (&"image/png".parse().unwrap(), &"true".parse().unwrap()));
+        assert_eq!(
+            (&headers["content-type"], &headers["plenalign-simulated"]),
+            (&"image/png".parse().unwrap(), &"true".parse().unwrap())
+        );
         assert!(headers.contains_key("plenalign-captured-monotonic-ms"));
         let (jpeg, _) = picture(daemon.get(&format!("/api/v1/view.jpg{query}")).await).await;
         assert!(near(&jpeg), "{query}");
@@ -102,7 +106,8 @@ async fn the_newest_frame_is_seen_in_every_way() {
     let (depth, headers) = picture(daemon.get("/api/v1/view.png?kind=depth").await).await;
     let mut levels: Vec<u16> = depth.into_luma16().into_raw().into_iter().filter(|&level| level > 0).collect();
     levels.sort_unstable();
-    let (median, said) = (f64::from(levels[levels.len() / 2]) / 10.0, report["distance_mm"]["median"].as_f64().unwrap());
+    let (median, said) =
+        (f64::from(levels[levels.len() / 2]) / 10.0, report["distance_mm"]["median"].as_f64().unwrap());
     assert!((median / said - 1.0).abs() < 0.1, "{median} in the picture, {said} in the figures");
     let end = |name: &str| headers[name].to_str().unwrap().parse::<f64>().unwrap();
     assert!(end("plenalign-near-mm") < end("plenalign-far-mm"));

@@ -2,52 +2,115 @@
 
 import { LeaseKeeper } from "./lease";
 import { strings } from "./strings";
-import type { AxisName, Bench, Job, Problem, ShellState, StopReport } from "./wire";
+import type {
+  AxisName,
+  Bench,
+  ConfigCheck,
+  ConfigView,
+  ConfigWritten,
+  Design,
+  Job,
+  JobList,
+  JobRequest,
+  NewToken,
+  Problem,
+  ShellState,
+  Side,
+  StopReport,
+  Token,
+  TokenList,
+  TokenRequest,
+} from "./wire";
 
 export type Result<T> = { ok: true; value: T } | { ok: false; problem: Problem };
 
 const TIMEOUT_MS = 8000;
+/** A takeover waits for a job to end. */
+const TAKEOVER_MS = 30_000;
+/** The daemon's deadman has ended a jog long before; a stop that is not answered by then is sent anew. */
+const SHORT_MS = 3000;
 
-async function request<T>(
+interface Asked {
+  body?: unknown;
+  headers?: Record<string, string>;
+  timeoutMs?: number;
+}
+
+async function exchange<T>(
   method: string,
   path: string,
-  body?: unknown,
-  leaseKey?: string,
-): Promise<Result<T>> {
-  const headers: Record<string, string> = {};
-  const init: RequestInit = { method, headers, signal: AbortSignal.timeout(TIMEOUT_MS) };
-  if (leaseKey !== undefined) headers["plenalign-lease"] = leaseKey;
-  if (body !== undefined) {
+  asked: Asked = {},
+): Promise<Result<T> & { etag?: string }> {
+  const headers: Record<string, string> = { ...asked.headers };
+  const init: RequestInit = { method, headers, signal: AbortSignal.timeout(asked.timeoutMs ?? TIMEOUT_MS) };
+  if (asked.body !== undefined) {
     headers["content-type"] = "application/json";
-    init.body = JSON.stringify(body);
+    init.body = JSON.stringify(asked.body);
   }
   try {
     const response = await fetch(path, init);
     const value: unknown = response.status === 204 ? null : await response.json();
-    if (response.ok) return { ok: true, value: value as T };
-    return { ok: false, problem: value as Problem };
+    if (!response.ok) return { ok: false, problem: value as Problem };
+    const etag = response.headers.get("etag");
+    return { ok: true, value: value as T, ...(etag === null ? {} : { etag }) };
   } catch (error) {
     const detail = error instanceof Error ? error.message : String(error);
     return { ok: false, problem: { type: "about:blank", title: strings.noAnswer, status: 0, detail } };
   }
 }
 
-export const lease = new LeaseKeeper(request, () => strings.leaseOwner, sessionStorage);
+function request<T>(method: string, path: string, body?: unknown, key?: string): Promise<Result<T>> {
+  const short = path.endsWith("/jog") || path.endsWith("/stop");
+  const timeoutMs = short ? SHORT_MS : path.endsWith("/takeover") ? TAKEOVER_MS : TIMEOUT_MS;
+  return exchange<T>(method, path, {
+    body,
+    timeoutMs,
+    headers: key === undefined ? {} : { "plenalign-lease": key },
+  });
+}
 
-export const startAlignment = () => lease.command<Job>("POST", "/api/v1/jobs", { kind: "joint_alignment" });
-export const cancelJob = (job: Job) => request<Job>("DELETE", job.href);
-export const confirmStep = (job: Job, step: number) => request<Job>("POST", `${job.href}/confirm`, { step });
+let owner = strings.lease.owner;
+/** How this page is called where others are told who has control. */
+export function callMe(name: string): void {
+  owner = name.trim() || strings.lease.owner;
+}
+
+export const lease = new LeaseKeeper(request, () => owner, sessionStorage);
+
+const done = (problem: Problem | null): Result<null> =>
+  problem ? { ok: false, problem } : { ok: true, value: null };
+export const takeLease = async () => done(await lease.take());
+export const takeOverLease = async () => done(await lease.takeOver());
+export const releaseLease = async () => {
+  await lease.release();
+  return done(null);
+};
+
 export const stopAll = () => request<StopReport>("POST", "/api/v1/stop");
 export const resetStop = () => request<Bench["stop"]>("DELETE", "/api/v1/stop");
+
 export const home = (axis: AxisName) => lease.command<Bench>("POST", `/api/v1/axes/${axis}/home`);
 export const move = (axis: AxisName, position_mm: number) =>
   lease.command<Bench>("POST", `/api/v1/axes/${axis}/move`, { position_mm });
+export const jog = (axis: AxisName, towards: Side, speed_mm_per_s: number | null) =>
+  lease.repeat<Bench>("POST", `/api/v1/axes/${axis}/jog`, { towards, speed_mm_per_s });
+export const endJog = (axis: AxisName) => request<Bench>("DELETE", `/api/v1/axes/${axis}/jog`);
 export const setShell = (state: ShellState) => lease.command<Bench>("PUT", "/api/v1/shell", { state });
-export const takeLease = async (): Promise<Result<null>> => {
-  const problem = await lease.take();
-  return problem ? { ok: false, problem } : { ok: true, value: null };
-};
-export const releaseLease = async (): Promise<Result<null>> => {
-  await lease.release();
-  return { ok: true, value: null };
-};
+
+export const startJob = (job: JobRequest) => lease.command<Job>("POST", "/api/v1/jobs", job);
+export const cancelJob = (job: Job) => request<Job>("DELETE", job.href);
+export const confirmStep = (job: Job, step: number) => request<Job>("POST", `${job.href}/confirm`, { step });
+export const job = (id: string) => request<Job>("GET", `/api/v1/jobs/${id}`);
+export const jobs = (query: URLSearchParams) => request<JobList>("GET", `/api/v1/jobs?${query.toString()}`);
+
+export const design = () => request<Design>("GET", "/api/v1/design");
+export const config = () => exchange<ConfigView>("GET", "/api/v1/config");
+export const configSchema = () => request<unknown>("GET", "/api/v1/config/schema");
+export const checkConfig = (config: unknown) =>
+  request<ConfigCheck>("POST", "/api/v1/config/validate", { config });
+export const writeConfig = (config: unknown, etag: string) =>
+  exchange<ConfigWritten>("PUT", "/api/v1/config", { body: { config }, headers: { "if-match": etag } });
+
+export const tokens = () => request<TokenList>("GET", "/api/v1/tokens");
+export const makeToken = (token: TokenRequest) => request<NewToken>("POST", "/api/v1/tokens", token);
+export const revokeToken = (token: Token) => request<null>("DELETE", token.href);

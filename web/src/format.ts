@@ -20,3 +20,10 @@ export function withSigma(
   const text = fixed(value, digits);
   return sigma === null || sigma === undefined ? text : `${text} ± ${fixed(sigma, digits)}`;
 }
+
+/** A while in words, rounded: seconds, then minutes, then hours. */
+export function span(ms: number): string {
+  const seconds = ms / 1000;
+  if (seconds < 99.5) return `${fixed(seconds, 0)} s`;
+  return seconds < 99.5 * 60 ? `${fixed(seconds / 60, 0)} min` : `${fixed(seconds / 3600, 0)} h`;
+}

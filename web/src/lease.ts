@@ -39,11 +39,17 @@ export class LeaseKeeper {
   }
 
   /** Takes the lease where nobody has it. */
-  async take(): Promise<Problem | null> {
-    const granted = await this.send<LeaseGrant>("POST", "/api/v1/lease", {
-      owner: this.owner(),
-      ttl_s: TTL_S,
-    });
+  take(): Promise<Problem | null> {
+    return this.ask("/api/v1/lease");
+  }
+
+  /** Takes the lease from whoever has it; a job of theirs is cancelled, and an axis that moves is stopped. */
+  takeOver(): Promise<Problem | null> {
+    return this.ask("/api/v1/lease/takeover");
+  }
+
+  private async ask(path: string): Promise<Problem | null> {
+    const granted = await this.send<LeaseGrant>("POST", path, { owner: this.owner(), ttl_s: TTL_S });
     if (!granted.ok) return granted.problem;
     this.storage.setItem(KEY, granted.value.key);
     this.storage.setItem(ID, granted.value.lease.id);
@@ -66,6 +72,25 @@ export class LeaseKeeper {
     const problem = await this.take();
     if (problem) return { ok: false, problem };
     return this.send<T>(method, path, body, this.key ?? undefined);
+  }
+
+  /**
+   * Sends a command that goes on while it is repeated. The lease is taken with the first one where nobody has it, and
+   * never anew: whoever took it over meanwhile is not to find the axis moving on.
+   */
+  async repeat<T>(
+    method: string,
+    path: string,
+    body: unknown,
+  ): Promise<{ ok: true; value: T } | { ok: false; problem: Problem }> {
+    if (this.key === null) {
+      const problem = await this.take();
+      if (problem) return { ok: false, problem };
+    }
+    const mine = this.key;
+    const answer = await this.send<T>(method, path, body, mine ?? undefined);
+    if (!answer.ok && answer.problem.status === 412 && this.key === mine) this.forget();
+    return answer;
   }
 
   /** Gives the lease back. */

@@ -1,6 +1,13 @@
 // The WebSocket's one driver: keeps a connection, reads what comes, asks for pictures while the page is seen.
 
-import { parseMessage, parsePicture, type Picture, type ServerMessage, type ViewerMessage } from "./wire";
+import {
+  parseMessage,
+  parseSeen,
+  type FieldMap,
+  type Picture,
+  type ServerMessage,
+  type ViewerMessage,
+} from "./wire";
 import { SILENCE_MS, type Link } from "./state";
 
 const FIRST_RETRY_MS = 500;
@@ -13,13 +20,27 @@ export interface Listener {
   message(message: ServerMessage): void;
   /** Resolves when the picture has been drawn. */
   picture(picture: Picture): Promise<void>;
+  map(map: FieldMap): void;
 }
+
+/** What this page wants to see. */
+export interface Wish {
+  pictures: boolean;
+  /** The spacing over the field, too. */
+  overlay: boolean;
+  /** Raw pixels to a picture pixel, each way. */
+  reduce: 1 | 2 | 4;
+}
+
+const MAX_RATE_HZ = 30;
+const QUALITY = 85;
 
 export class Live {
   private socket: WebSocket | null = null;
   private retryMs = FIRST_RETRY_MS;
   private heardAt = 0;
   private wanted = false;
+  private wish: Wish = { pictures: false, overlay: false, reduce: 1 };
 
   constructor(
     private readonly url: string,
@@ -37,6 +58,14 @@ export class Live {
   close(): void {
     this.wanted = false;
     this.socket?.close();
+  }
+
+  /** Asks for what is to be seen from now on. */
+  want(wish: Wish): void {
+    const { pictures, overlay, reduce } = this.wish;
+    if (wish.pictures === pictures && wish.overlay === overlay && wish.reduce === reduce) return;
+    this.wish = wish;
+    this.ask();
   }
 
   start(): void {
@@ -73,10 +102,11 @@ export class Live {
   }
 
   private async show(socket: WebSocket, bytes: Uint8Array): Promise<void> {
-    const picture = parsePicture(bytes);
-    if (!picture) return;
-    await this.listener.picture(picture);
-    this.send(socket, { type: "seen", seq: picture.facts.seq });
+    const seen = parseSeen(bytes);
+    if (seen?.is === "map") this.listener.map(seen.map);
+    if (seen?.is !== "picture") return;
+    await this.listener.picture(seen.picture);
+    this.send(socket, { type: "seen", seq: seen.picture.facts.seq });
   }
 
   /** A connection that says nothing is none, whatever TCP thinks. */
@@ -87,9 +117,17 @@ export class Live {
   /** Pictures cost the daemon work: none while nobody looks. */
   private ask(): void {
     if (!this.socket) return;
-    const on = document.visibilityState === "visible";
-    const reduce = window.innerWidth * window.devicePixelRatio < 700 ? 2 : 1;
-    this.send(this.socket, { type: "pictures", on, max_rate_hz: 15, reduce, quality: 80, window: WINDOW });
+    const on = this.wish.pictures && document.visibilityState === "visible";
+    const { overlay, reduce } = this.wish;
+    this.send(this.socket, {
+      type: "pictures",
+      on,
+      max_rate_hz: MAX_RATE_HZ,
+      reduce,
+      quality: QUALITY,
+      overlay,
+      window: WINDOW,
+    });
   }
 
   private send(socket: WebSocket, message: ViewerMessage): void {

@@ -1,27 +1,54 @@
 import "uplot/dist/uPlot.min.css";
-import "./style.css";
+import "./style/index.css";
 import { render } from "preact";
+import * as api from "./api";
+import { jog, watchJog } from "./jogging";
 import { Live } from "./live";
+import { painter } from "./painter";
+import { keep, recall } from "./preferences";
+import { routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI } from "./session";
 import { initial, receive, receivePicture, type State } from "./state";
+import { stop, watchStopKey } from "./stopping";
 import { App } from "./views/app";
-import { drawPicture } from "./views/picture";
 import type { Problem } from "./wire";
 
-let state: State = initial;
+const ASK_AGAIN_MS = 2000;
+
+let state: State = { ...initial, route: routeOf(location.hash), preferences: recall(localStorage) };
 let scheduled = false;
 const root = document.getElementById("app");
+const update = (change: Partial<State>) => set({ ...state, ...change });
 
 /** Draws at most once per display frame, however many messages come. */
 function set(next: State): void {
+  const before = state;
   state = next;
+  if (next.preferences !== before.preferences) keep(localStorage, next.preferences);
+  heed();
   if (scheduled || !root) return;
   scheduled = true;
   setTimeout(() => {
     scheduled = false;
-    const update = (change: Partial<State>) => set({ ...state, ...change });
     render(<App state={state} now={Date.now()} update={update} enter={enter} leave={leave} />, root);
   }, 30);
+}
+
+/** What follows from the state for those outside of it. */
+function heed(): void {
+  const { preferences, session, route } = state;
+  api.callMe(
+    preferences.name || (session && session !== "stranger" && session.signed_in ? session.name : ""),
+  );
+  painter.showOverlays(preferences.overlays);
+  if (state.link !== "open") jog.release();
+  const small = window.innerWidth * window.devicePixelRatio < 700;
+  live.want({
+    pictures: route.page === "live",
+    overlay: preferences.overlays.some((overlay) => overlay !== "saturation"),
+    // Where one looks closely, every pixel is wanted.
+    reduce: small && painter.whole ? 2 : 1,
+  });
 }
 
 const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -30,23 +57,44 @@ const live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
     set({ ...state, link });
     void identify();
   },
-  message: (message) => set(receive(state, message, Date.now())),
-  picture: async (picture) => {
-    if (await drawPicture(picture.jpeg)) set(receivePicture(state, picture.facts, Date.now()));
+  message: (message) => {
+    // Another run of the daemon may have another design, and another camera.
+    if (message.type === "snapshot" && state.bootId !== null && state.bootId !== message.boot_id) {
+      painter.forget();
+      void learnDesign();
+    }
+    set(receive(state, message, Date.now()));
   },
+  picture: async (picture) => {
+    if (await painter.show(picture)) set(receivePicture(state, picture.facts, Date.now()));
+  },
+  map: (map) => painter.showMap(map),
 });
 
 /** Finds out who one is; to a stranger the daemon says nothing more, so that nothing is asked of it. */
 async function identify(): Promise<void> {
   const who = await whoAmI();
-  if (who.is === "known") set({ ...state, session: who.session });
+  if (who.is === "known") {
+    set({ ...state, session: who.session });
+    void learnDesign();
+  }
   if (who.is === "stranger") {
     live.close();
     // Nothing that was shown to somebody is left for the next one.
-    set({ ...initial, problem: state.problem, session: "stranger" });
+    const { problem, route, preferences } = state;
+    set({ ...initial, problem, route, preferences, session: "stranger" });
+    painter.forget();
     return;
   }
   live.open();
+  // Nothing is offered to who is not known: asked again until it is.
+  if (who.is === "unclear" && state.session === null) setTimeout(() => void identify(), ASK_AGAIN_MS);
+}
+
+/** The design's figures; the page does without where they cannot be had. */
+async function learnDesign(): Promise<void> {
+  const design = await api.design();
+  if (design.ok) set({ ...state, design: design.value });
 }
 
 async function enter(key: string): Promise<Problem | null> {
@@ -72,6 +120,13 @@ async function begin(): Promise<void> {
 }
 
 live.start();
+watchJog((problem) => update({ problem }));
+watchStopKey(
+  () => state.preferences.stopKey,
+  () => state.session !== "stranger",
+  () => void stop(update),
+);
+window.addEventListener("hashchange", () => update({ route: routeOf(location.hash), problem: null }));
 void begin();
 // Ages grow without any message.
 setInterval(() => set(state), 500);

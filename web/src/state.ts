@@ -1,12 +1,18 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
+import { best, type Best } from "./reading";
+import { routeOf, type Route } from "./route";
+import { standard, type Preferences } from "./preferences";
+import { follow, noTrail, type AxesPoint, type SpacingPoint, type Trail } from "./trail";
 import type {
   Bench,
+  Design,
   Job,
   JobState,
   Measurement,
   PictureFacts,
   Problem,
+  Scope,
   ServerMessage,
   Session,
 } from "./wire";
@@ -24,6 +30,8 @@ export interface State {
   /** Newest last. */
   jobs: Job[];
   measurement: Measurement | null;
+  /** This page's clock less the daemon's, ms; null before the daemon has told the time. */
+  clockAheadMs: number | null;
   /** This page's clock when the measurement came, ms. */
   measurementAt: number | null;
   picture: PictureFacts | null;
@@ -33,6 +41,16 @@ export interface State {
   heardAt: number | null;
   /** The newest thing that went wrong, for the operator to read and dismiss. */
   problem: Problem | null;
+  /** A stop that could not be delivered: nothing else hides it. */
+  stopFailed: Problem | null;
+  route: Route;
+  preferences: Preferences;
+  /** The design of the configured camera, where it has been asked for. */
+  design: Design | null;
+  /** The measurement closest to its target since this was reset. */
+  best: Best | null;
+  spacings: Trail<SpacingPoint>;
+  axes: Trail<AxesPoint>;
 }
 
 export const initial: State = {
@@ -43,12 +61,20 @@ export const initial: State = {
   version: null,
   bench: null,
   jobs: [],
+  clockAheadMs: null,
   measurement: null,
   measurementAt: null,
   picture: null,
   pictureAt: null,
   heardAt: null,
   problem: null,
+  stopFailed: null,
+  route: routeOf(""),
+  preferences: standard,
+  design: null,
+  best: null,
+  spacings: noTrail,
+  axes: noTrail,
 };
 
 /** Older than this, a picture does not show how things are, ms. */
@@ -77,20 +103,41 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         measurementAt: message.measurement
           ? Math.min(now, Date.parse(message.measurement.captured_at))
           : null,
-        ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null }),
+        axes: withAxes(state, message.bench, now),
+        ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
     case "bench":
-      return { ...heard, seq, bench: message.bench };
+      return { ...heard, seq, bench: message.bench, axes: withAxes(state, message.bench, now) };
     case "job":
       return { ...heard, seq, jobs: withJob(state.jobs, message.job) };
     case "measurement":
-      return { ...heard, seq, measurement: message.measurement, measurementAt: now };
+      return {
+        ...heard,
+        seq,
+        measurement: message.measurement,
+        measurementAt: now,
+        best: best(state.best, message.measurement),
+        spacings: follow(state.spacings, now / 1000, {
+          spacingPx: message.measurement.spacing.spacing_px,
+          sigmaPx: message.measurement.spacing.spacing_sigma_px,
+          targetPx: message.measurement.spacing_target_px,
+        }),
+      };
     case "tick":
+      return { ...heard, seq, clockAheadMs: now - Date.parse(message.now) };
     case "gap":
       return { ...heard, seq };
     case "problem":
       return { ...heard, seq, problem: message.problem };
   }
+}
+
+function withAxes(state: State, bench: Bench, now: number): Trail<AxesPoint> {
+  const of = (name: "focus" | "e") => {
+    const axis = bench.axes.find((axis) => axis.axis === name);
+    return axis?.homed ? (axis.position_mm ?? null) : null;
+  };
+  return follow(state.axes, now / 1000, { focusMm: of("focus"), eMm: of("e") });
 }
 
 /** The jobs with one replaced, if what came is newer, or added. */
@@ -111,9 +158,11 @@ export function pictureAge(state: State, now: number): number | null {
   return state.picture && state.pictureAt !== null ? state.picture.ageMs + (now - state.pictureAt) : null;
 }
 
-/** Age of the measurement shown, ms. */
+/** Age of the measurement shown, ms: since its frame was taken where the daemon's clock is known, or since it came. */
 export function measurementAge(state: State, now: number): number | null {
-  return state.measurement && state.measurementAt !== null ? now - state.measurementAt : null;
+  if (!state.measurement || state.measurementAt === null) return null;
+  if (state.clockAheadMs === null) return now - state.measurementAt;
+  return Math.max(0, now - state.clockAheadMs - Date.parse(state.measurement.captured_at));
 }
 
 export type PictureState = "none" | "fresh" | "stale";
@@ -136,45 +185,10 @@ export function currentJob(state: State): Job | null {
   return held ?? state.jobs[state.jobs.length - 1] ?? null;
 }
 
-export interface Reading {
-  spacingPx: number;
-  sigmaPx: number;
-  targetPx: number;
-  differencePx: number;
-  /** Which way Δv or e has to go: a larger one makes the spacing smaller. */
-  direction: "larger" | "smaller" | "there";
-  inFocus: boolean;
-}
+const SCOPES: Scope[] = ["view", "control", "admin"];
 
-/** The newest spacing against its target. */
-export function reading(measurement: Measurement | null): Reading | null {
-  if (!measurement) return null;
-  const spacingPx = measurement.spacing.spacing_px;
-  const sigmaPx = measurement.spacing.spacing_sigma_px;
-  const targetPx = measurement.spacing_target_px;
-  const differencePx = spacingPx - targetPx;
-  const direction = Math.abs(differencePx) <= 2 * sigmaPx ? "there" : differencePx > 0 ? "larger" : "smaller";
-  return { spacingPx, sigmaPx, targetPx, differencePx, direction, inFocus: measurement.in_focus };
-}
-
-export interface Scale {
-  low: number;
-  high: number;
-  /** The e wall, where the axis has one. */
-  wall: number | null;
-}
-
-/** The stretch an axis's scale shows: its travel, and a little beyond the wall so that the wall is seen. */
-export function axisScale(bench: Bench, axis: Bench["axes"][number]): Scale {
-  const wall = axis.axis === "e" ? bench.e_wall_mm : null;
-  const low = Math.min(axis.low_limit_mm, wall ?? axis.low_limit_mm, axis.position_mm ?? Infinity);
-  const high = Math.max(axis.high_limit_mm, axis.position_mm ?? -Infinity);
-  const margin = (high - low) * 0.06;
-  return { low: low - margin, high: high + margin, wall };
-}
-
-/** A position on a scale, 0 to 1. */
-export function along(scale: Scale, position: number): number {
-  const share = (position - scale.low) / (scale.high - scale.low);
-  return Math.min(1, Math.max(0, share));
+/** Whether whoever uses the page may do what needs `scope`. */
+export function may(state: State, scope: Scope): boolean {
+  if (state.session === null || state.session === "stranger") return false;
+  return SCOPES.indexOf(state.session.scope) >= SCOPES.indexOf(scope);
 }

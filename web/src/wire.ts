@@ -2,7 +2,13 @@
 
 import { fromBinary } from "@bufbuild/protobuf";
 import type { components } from "./gen/api";
-import { ViewedSchema, type Viewed } from "./gen/plenalign/v1/frame_pb";
+import {
+  LensState,
+  ViewedSchema,
+  type Frame,
+  type SpacingMap,
+  type Viewed,
+} from "./gen/plenalign/v1/frame_pb";
 
 type Schemas = components["schemas"];
 export type ServerMessage = Schemas["ServerMessage"];
@@ -17,6 +23,23 @@ export type Report = Schemas["Report"];
 export type Measurement = Schemas["MeasurementView"];
 export type ShellState = Schemas["ShellState"];
 export type StopReport = Schemas["StopReport"];
+export type Lease = Schemas["LeaseView"];
+export type Side = Schemas["Side"];
+export type Scope = Schemas["Scope"];
+export type Design = Schemas["DesignView"];
+export type JobKind = Schemas["JobKind"];
+export type JobRequest = Schemas["JobRequest"];
+export type JobItem = Schemas["JobItem"];
+export type JobList = Schemas["JobList"];
+export type Outcome = Schemas["Outcome"];
+export type ConfigView = Schemas["ConfigView"];
+export type ConfigCheck = Schemas["ConfigCheck"];
+export type ConfigFault = Schemas["ConfigFault"];
+export type ConfigWritten = Schemas["ConfigWritten"];
+export type Token = Schemas["TokenView"];
+export type TokenList = Schemas["TokenList"];
+export type TokenRequest = Schemas["TokenRequest"];
+export type NewToken = Schemas["NewToken"];
 export type LeaseGrant = Schemas["LeaseGrant"];
 export type Session = Schemas["SessionView"];
 export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail">;
@@ -63,6 +86,8 @@ export interface PictureFacts {
   framesSkipped: number;
   widthPx: number;
   heightPx: number;
+  /** Raw pixels to a picture pixel, each way. */
+  reduce: number;
 }
 
 export interface Picture {
@@ -70,16 +95,73 @@ export interface Picture {
   facts: PictureFacts;
 }
 
-/** A binary message, or null for what is no picture. */
-export function parsePicture(bytes: Uint8Array): Picture | null {
+export type LensFate = "matched" | "mismatched" | "blank";
+
+/** A micro-image and what was measured of it. */
+export interface Lens {
+  /** Raw pixels, 0 at the middle of the first one. */
+  x: number;
+  y: number;
+  spacingPx: number;
+  sigmaPx: number;
+  fate: LensFate;
+}
+
+/** The spacing over the field. */
+export interface FieldMap {
+  frameSeq: number;
+  pitchPx: number;
+  targetPx: number;
+  lenses: Lens[];
+}
+
+/** What a binary message shows. */
+export type Seen = { is: "picture"; picture: Picture } | { is: "map"; map: FieldMap };
+
+/** A binary message, or null for what is none of those known. */
+export function parseSeen(bytes: Uint8Array): Seen | null {
   let viewed: Viewed;
   try {
     viewed = fromBinary(ViewedSchema, bytes);
   } catch {
     return null;
   }
-  if (viewed.what.case !== "frame" || viewed.what.value.jpeg.length === 0) return null;
-  const frame = viewed.what.value;
+  switch (viewed.what.case) {
+    case "frame":
+      return viewed.what.value.jpeg.length > 0
+        ? { is: "picture", picture: pictureOf(viewed.what.value) }
+        : null;
+    case "spacingMap":
+      return { is: "map", map: mapOf(viewed.what.value) };
+    default:
+      return null;
+  }
+}
+
+const FATES: Partial<Record<LensState, LensFate>> = {
+  [LensState.MATCHED]: "matched",
+  [LensState.MISMATCHED]: "mismatched",
+  [LensState.BLANK]: "blank",
+};
+
+function mapOf(map: SpacingMap): FieldMap {
+  const lenses: Lens[] = [];
+  map.xPx.forEach((x, index) => {
+    const [y, spacingPx, sigmaPx] = [map.yPx[index], map.spacingPx[index], map.sigmaPx[index]];
+    const fate = FATES[map.state[index] ?? LensState.UNSPECIFIED];
+    // The lists run together; what is short of an entry is left out rather than guessed.
+    if (y === undefined || spacingPx === undefined || sigmaPx === undefined || fate === undefined) return;
+    lenses.push({ x, y, spacingPx, sigmaPx, fate });
+  });
+  return {
+    frameSeq: Number(map.frameSeq),
+    pitchPx: map.microImagePitchPx,
+    targetPx: map.spacingTargetPx,
+    lenses,
+  };
+}
+
+function pictureOf(frame: Frame): Picture {
   return {
     jpeg: new Uint8Array(frame.jpeg),
     facts: {
@@ -95,6 +177,7 @@ export function parsePicture(bytes: Uint8Array): Picture | null {
       framesSkipped: Number(frame.framesSkipped),
       widthPx: frame.widthPx,
       heightPx: frame.heightPx,
+      reduce: frame.reduce,
     },
   };
 }

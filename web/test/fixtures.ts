@@ -1,4 +1,4 @@
-import type { Bench, Job, Measurement, PictureFacts, ServerMessage } from "../src/wire";
+import type { Bench, Design, Job, Measurement, PictureFacts, ServerMessage } from "../src/wire";
 
 export const boot = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 
@@ -98,8 +98,48 @@ export const picture: PictureFacts = {
   framesSkipped: 0,
   widthPx: 1160,
   heightPx: 1160,
+  reduce: 1,
 };
 
 export function snapshot(seq: number, jobs: Job[] = [], boot_id = boot): ServerMessage {
   return { type: "snapshot", seq, boot_id, version: "0.1.0", bench, jobs };
+}
+
+/** The reference preset's. */
+export const design: Design = {
+  origin: "reference preset",
+  air: {
+    object_distance_mm: 800,
+    image_distance_mm: 20.512821,
+    aperture_mm: 5.715651,
+    fov_deg: 11.56,
+    half_width_mm: 80.9,
+  },
+  direct: { e_mm: 30 },
+  fov_optimal_e_mm: 0,
+  clarity: solution(1.744839625, 30),
+  joint: solution(2.205040031, 0),
+  mla: { a_mm: 1.065, b_mm: 0.340255591, f_number: 3.40255591 },
+  spacing_target_px: 19.7249618,
+  depth_resolution_mm: [87.46, 29.15],
+  depth_resolution_water_mm: [109.59, 36.53],
+  e_max_mm: 821,
+  blur_limit_px: 1,
+  e_tolerance: { low_mm: -6.67, high_mm: 5.84 },
+  water_refractive_index: 1.333,
+  notices: [],
+};
+
+function solution(delta_v_mm: number, e_mm: number): Design["joint"] {
+  return {
+    delta_v_mm,
+    e_mm,
+    equivalent_distance_mm: 197.174586 - (30 - e_mm),
+    image_distance_mm: 20.512821 + delta_v_mm,
+    aperture_mm: 6.3,
+    aperture_change_mm: 0.6,
+    main_lens_f_number: 3.57,
+    aperture_ring_f_number: 3.2,
+    fov_inner_deg: 10.4,
+  };
 }

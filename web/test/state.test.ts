@@ -1,20 +1,19 @@
 import { describe, expect, it } from "vitest";
 import { fixed, signed, withSigma } from "../src/format";
 import {
-  along,
-  axisScale,
   currentJob,
   initial,
   measurementAge,
   pictureAge,
   pictureState,
-  reading,
   receive,
   receivePicture,
   STALE_MS,
   type State,
 } from "../src/state";
 import type { ServerMessage } from "../src/wire";
+import { reading } from "../src/reading";
+import { along, axisScale } from "../src/travel";
 import { bench, boot, job, measurement, picture, snapshot } from "./fixtures";
 
 const open = (): State => receive(initial, snapshot(5, [job("a", 1)]), 1000);
@@ -33,6 +32,20 @@ describe("measurementAge", () => {
     const taken = { ...message.measurement, captured_at: "1970-01-01T00:00:02Z" };
     const reloaded = receive(initial, { ...snapshot(1), measurement: taken } as ServerMessage, 9000);
     expect(measurementAge(reloaded, 9000)).toBe(7000);
+  });
+
+  it("counts from when the frame was taken once the daemon has told the time, whatever this page's clock says", () => {
+    const captured_at = "2026-01-01T00:00:10Z";
+    const message = { type: "measurement", seq: 6, boot_id: boot } as const;
+    const came = receive(
+      open(),
+      { ...message, measurement: { ...measurement(20, 0.01), captured_at } },
+      5000,
+    );
+    const tick = { type: "tick", seq: 6, boot_id: boot, now: "2026-01-01T00:00:14Z" } as const;
+    const told = receive(came, tick, 6000);
+    expect(measurementAge(told, 6000)).toBe(4000);
+    expect(measurementAge(told, 7500)).toBe(5500);
   });
 });
 

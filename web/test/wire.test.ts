@@ -1,7 +1,7 @@
 import { create, toBinary } from "@bufbuild/protobuf";
 import { describe, expect, it } from "vitest";
-import { FrameSchema, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
-import { parseMessage, parsePicture } from "../src/wire";
+import { FrameSchema, LensState, SpacingMapSchema, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
+import { parseMessage, parseSeen } from "../src/wire";
 import { boot } from "./fixtures";
 
 describe("parseMessage", () => {
@@ -28,7 +28,35 @@ describe("parseMessage", () => {
   });
 });
 
-describe("parsePicture", () => {
+describe("parseSeen", () => {
+  it("reads the spacing over the field, and leaves out what is short of an entry or of a state", () => {
+    const map = create(SpacingMapSchema, {
+      frameSeq: 9n,
+      microImagePitchPx: 29.4,
+      spacingTargetPx: 19.7,
+      xPx: [10, 40, 70, 100],
+      yPx: [20, 20, 20, 20],
+      spacingPx: [19.5, 20, 19, 19],
+      sigmaPx: [0.1, Infinity, 0.3],
+      state: [LensState.MATCHED, LensState.BLANK, LensState.UNSPECIFIED, LensState.MATCHED],
+    });
+    const seen = parseSeen(
+      toBinary(ViewedSchema, create(ViewedSchema, { what: { case: "spacingMap", value: map } })),
+    );
+    expect(seen?.is).toBe("map");
+    const lenses = seen?.is === "map" ? seen.map.lenses : [];
+    expect(lenses.map((lens) => [lens.x, lens.fate])).toEqual([
+      [10, "matched"],
+      [40, "blank"],
+    ]);
+    expect(lenses[0]?.spacingPx).toBeCloseTo(19.5, 6);
+    expect(seen?.is === "map" ? seen.map : null).toMatchObject({
+      frameSeq: 9,
+      pitchPx: 29.4,
+      targetPx: 19.7,
+    });
+  });
+
   it("reads a picture and keeps unknown positions unknown", () => {
     const frame = create(FrameSchema, {
       jpeg: new Uint8Array([0xff, 0xd8]),
@@ -44,7 +72,8 @@ describe("parsePicture", () => {
       reduce: 2,
     });
     const message = create(ViewedSchema, { what: { case: "frame", value: frame } });
-    const picture = parsePicture(toBinary(ViewedSchema, message));
+    const seen = parseSeen(toBinary(ViewedSchema, message));
+    const picture = seen?.is === "picture" ? seen.picture : null;
     expect(picture?.facts).toMatchObject({
       seq: 12,
       focusMm: -0.25,
@@ -57,7 +86,7 @@ describe("parsePicture", () => {
   });
 
   it("gives null for bytes that are no picture", () => {
-    expect(parsePicture(new Uint8Array([0xff, 0xff, 0xff]))).toBeNull();
-    expect(parsePicture(new Uint8Array())).toBeNull();
+    expect(parseSeen(new Uint8Array([0xff, 0xff, 0xff]))).toBeNull();
+    expect(parseSeen(new Uint8Array())).toBeNull();
   });
 });

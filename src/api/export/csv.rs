@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::text::csv_field;
 use crate::control::history::JobArchive;
+use crate::text::csv_field;
 
 /// Columns and where each is in an iteration.
 const COLUMNS: &[(&str, &str)] = &[

@@ -3,12 +3,11 @@
 use std::fmt::Write as _;
 
 use super::figures::figures;
-use super::json::data_uri;
 use super::plot::{Point, Series, by_iteration, field_map};
-use super::text::{escape, time};
 use crate::config::Config;
 use crate::control::history::JobArchive;
 use crate::control::job::{Iteration, JobState};
+use crate::text::{data_uri, escape, time};
 
 const STYLE: &str = "
 :root { color-scheme: light; }

@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::text::base64;
 use crate::control::events::MeasurementView;
 use crate::control::history::{AskedStep, JobArchive, RunView};
 use crate::control::job::JobSnapshot;
 use crate::store::records::Move;
+use crate::text::data_uri;
 
 /// Version of the document; grows when a reader of the one before would misread it.
 const VERSION: u32 = 1;
@@ -76,11 +76,6 @@ impl From<&JobArchive> for JobExport {
         }
     }
 }
-
-pub(super) fn data_uri(media_type: &str, bytes: &[u8]) -> String {
-    format!("data:{media_type};base64,{}", base64(bytes))
-}
-
 /// The document as text.
 #[must_use]
 pub fn json(archive: &JobArchive) -> String {

@@ -5,7 +5,6 @@ pub(crate) mod figures;
 mod html;
 mod json;
 mod plot;
-mod text;
 
 use axum::extract::State;
 use axum::http::{HeaderName, HeaderValue, header};
@@ -13,7 +12,8 @@ use axum::response::{IntoResponse, Response};
 use uuid::Uuid;
 
 use super::App;
-use super::error::{Problem, Result};
+use super::contract::FromHistory;
+use super::error::Result;
 use super::extract::PathParam;
 use crate::control::history::JobArchive;
 
@@ -37,9 +37,7 @@ pub fn file_name(archive: &JobArchive, extension: &str) -> String {
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = JobExport),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn as_json(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Response> {
@@ -53,9 +51,7 @@ pub(super) async fn as_json(State(app): State<App>, PathParam(id): PathParam<Uui
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = String, content_type = "text/csv"),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn as_csv(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Response> {
@@ -69,9 +65,7 @@ pub(super) async fn as_csv(State(app): State<App>, PathParam(id): PathParam<Uuid
     params(("id" = Uuid, Path, description = "The job's id")),
     responses(
         (status = 200, body = String, content_type = "text/html"),
-        (status = 404, body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read", body = Problem,
-         content_type = "application/problem+json"),
+        FromHistory,
     )
 )]
 pub(super) async fn as_html(State(app): State<App>, PathParam(id): PathParam<Uuid>) -> Result<Response> {

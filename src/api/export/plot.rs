@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::text::escape;
+use crate::text::escape;
 
 const WIDTH: f64 = 720.0;
 const HEIGHT: f64 = 240.0;

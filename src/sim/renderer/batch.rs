@@ -19,6 +19,8 @@ pub(super) struct Layer<'a> {
     pub(super) range: [f32; 2],
     pub(super) origin: [f32; 2],
     pub(super) level: &'a Level,
+    /// What of it is there; all where `None`.
+    pub(super) outline: Option<&'a Level>,
 }
 
 /// Rays on their way, and whose they are.
@@ -227,6 +229,12 @@ impl Batch {
         for i in 0..n {
             shifted[0][i] = board_x[i] + layer.origin[0];
             shifted[1][i] = board_y[i] + layer.origin[1];
+        }
+        if let Some(outline) = layer.outline {
+            outline.sample(&shifted[0][..n], &shifted[1][..n], &mut seen[..n]);
+            for (share, there) in share.iter_mut().zip(&seen).take(n) {
+                *share *= there;
+            }
         }
         layer.level.sample(&shifted[0][..n], &shifted[1][..n], &mut seen[..n]);
         for i in 0..n {

@@ -35,7 +35,11 @@ use self::sampling::Patterns;
 use self::unit::{UnevenRow, UnevenUnit};
 use super::flaws::Flaws;
 use super::scene::{Board, Scene};
+use super::texture::TextureMap;
 use crate::raw::Channel;
+
+/// The range of a board across the whole field.
+const EVERYWHERE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 /// How a frame is rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,19 +111,25 @@ impl Renderer {
     }
 
     fn layers<'a>(&self, camera: &CameraTruth, scene: &'a Scene, channel: Option<Channel>) -> Vec<Layer<'a>> {
-        let layer = |board: &'a Board, range: [f64; 2]| {
+        let layer = |board: &'a Board, range: [f64; 2], outline: Option<&'a TextureMap>| {
             let level = self.level(camera, board);
             Layer {
                 plane: Plane::new(camera, board),
                 range: [range[0] as f32, range[1] as f32],
                 origin: [board.texture_origin[0] as f32, board.texture_origin[1] as f32],
                 level: board.texture.in_channel(channel).level(level),
+                outline: outline.map(|outline| outline.level(0)),
             }
         };
         match scene {
             Scene::Diffuser | Scene::Dark => Vec::new(),
-            Scene::Board(board) => vec![layer(board, [f64::NEG_INFINITY, f64::INFINITY])],
-            Scene::TripleBoard(triple) => triple.strips.iter().map(|strip| layer(&strip.board, strip.range)).collect(),
+            Scene::Board(board) => vec![layer(board, EVERYWHERE, None)],
+            Scene::TripleBoard(triple) => {
+                triple.strips.iter().map(|strip| layer(&strip.board, strip.range, None)).collect()
+            }
+            Scene::Cutouts(all) => {
+                all.iter().map(|cutout| layer(&cutout.board, EVERYWHERE, cutout.outline.as_deref())).collect()
+            }
         }
     }
 
@@ -295,7 +305,6 @@ mod tests {
 
     use super::*;
     use crate::config::Config;
-    use crate::sim::texture::TextureMap;
 
     /// A camera with nothing but what this renderer has had from the start gives the frames it always gave, to the bit:
     /// arithmetic without libraries only, so that every machine agrees.

@@ -115,7 +115,7 @@ export interface paths {
     /**
      * Writes the configuration's file, keeping its comments.
      * @description Refused while the bench moves or a job holds it. Nothing takes effect before the daemon starts again. `If-Match` has
-     *     to carry the `ETag` of the state that was changed.
+     *     to carry the `ETag` of the state that was changed: `*`, which is any state, is not enough.
      */
     put: operations["put_config"];
     post?: never;
@@ -168,6 +168,23 @@ export interface paths {
     };
     /** The design of the configured camera: clarity and joint optimisation, and what follows from them. */
     get: operations["get_design"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/docs": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** This contract as a page, to be browsed and tried: whoever is signed in sees it. */
+    get: operations["get_docs"];
     put?: never;
     post?: never;
     delete?: never;
@@ -880,6 +897,1290 @@ export interface components {
       /** @description Whether frames of old are played from files: nothing of what is seen is now. */
       replay: boolean;
     };
+    /**
+     * Config
+     * @description Everything the daemon is told.
+     */
+    Config: {
+      /**
+       * @description How the camera is put together, and to which tolerances.
+       * @default {
+       *       "blur_limit_px": 1,
+       *       "clearance_mm": 0.5,
+       *       "delta_v_tolerance_mm": 0.005,
+       *       "e_tolerance_mm": 0.1,
+       *       "initial_e_mm": 30,
+       *       "l_bound": "configured",
+       *       "l_bound_mm": 0,
+       *       "shell_step": "translate_e_then_trim",
+       *       "spacing_target": "paraxial"
+       *     }
+       */
+      assembly: components["schemas"]["Config.AssemblyConfig"];
+      /**
+       * @description Stages, camera and limits.
+       * @default {
+       *       "camera": {
+       *         "controls": {},
+       *         "device": "/dev/video0",
+       *         "driver": "v4l2",
+       *         "files": "",
+       *         "format": "GREY",
+       *         "frame_rate_hz": 30,
+       *         "pipeline_delay_ms": 0,
+       *         "repeat": true,
+       *         "timeout_ms": 2000
+       *       },
+       *       "controllers": {},
+       *       "driver": "simulated",
+       *       "e": {
+       *         "acceleration_mm_per_s2": 20,
+       *         "accept_wider_firmware_limits": false,
+       *         "approach": "high",
+       *         "axis": "Y",
+       *         "backlash_mm": 0.05,
+       *         "controller": "main",
+       *         "high_limit_mm": 32,
+       *         "home_position_mm": 30,
+       *         "home_side": "high",
+       *         "low_limit_mm": -5,
+       *         "max_step_mm": 40,
+       *         "reversed": false,
+       *         "scale_uncertainty": 0.05,
+       *         "settle_ms": 200,
+       *         "speed_mm_per_s": 5,
+       *         "steps_per_mm": 400,
+       *         "zero_uncertainty_mm": 0.2
+       *       },
+       *       "focus": {
+       *         "acceleration_mm_per_s2": 20,
+       *         "accept_wider_firmware_limits": false,
+       *         "approach": "low",
+       *         "axis": "X",
+       *         "backlash_mm": 0.05,
+       *         "controller": "main",
+       *         "high_limit_mm": 5,
+       *         "home_position_mm": 0,
+       *         "home_side": "low",
+       *         "low_limit_mm": -2,
+       *         "max_step_mm": 40,
+       *         "reversed": false,
+       *         "scale_uncertainty": 0.05,
+       *         "settle_ms": 200,
+       *         "speed_mm_per_s": 2,
+       *         "steps_per_mm": 400,
+       *         "zero_uncertainty_mm": 0.2
+       *       },
+       *       "simulation": {
+       *         "bits": 8,
+       *         "board_placement_error_mm": 0,
+       *         "board_tilt_mrad": [
+       *           0,
+       *           0
+       *         ],
+       *         "bubbles": {
+       *           "count": 0,
+       *           "distance_mm": [
+       *             60,
+       *             400
+       *           ],
+       *           "highlight": 8,
+       *           "radius_mm": [
+       *             0.2,
+       *             0.8
+       *           ]
+       *         },
+       *         "contact_e_mm": -0.5,
+       *         "cross_talk": false,
+       *         "distortion_k1": 0,
+       *         "dust": {
+       *           "height_um": 0,
+       *           "opacity": [
+       *             0.3,
+       *             1
+       *           ],
+       *           "radius_um": [
+       *             2,
+       *             12
+       *           ],
+       *           "specks": 0
+       *         },
+       *         "e_backlash_mm": 0.03,
+       *         "e_scale_error": 0.05,
+       *         "e_sign_flip": false,
+       *         "e_zero_offset_mm": 0,
+       *         "electrons_per_level": 0,
+       *         "exit_pupil_walk_mm": 0,
+       *         "focal_length_error": 0,
+       *         "focus_backlash_mm": 0.03,
+       *         "focus_scale_error": 0.05,
+       *         "focus_sign_flip": false,
+       *         "friction_step_mm": 0,
+       *         "lens_tilt_mrad": [
+       *           0,
+       *           0
+       *         ],
+       *         "lens_to_mla_error_mm": 0,
+       *         "microlenses": {
+       *           "dead_share": 0,
+       *           "dirty_share": 0,
+       *           "dirty_transmission": [
+       *             0.3,
+       *             0.9
+       *           ],
+       *           "focal_factors": []
+       *         },
+       *         "mla_tilt_mrad": [
+       *           0,
+       *           0
+       *         ],
+       *         "mosaic": {
+       *           "colour": 0.4,
+       *           "sensitivities": [
+       *             0.6,
+       *             1,
+       *             0.5
+       *           ]
+       *         },
+       *         "motion": {
+       *           "board_um": [
+       *             0,
+       *             0
+       *           ],
+       *           "delta_v_um": 0,
+       *           "e_um": 0,
+       *           "steps": 1
+       *         },
+       *         "operator_confirms": true,
+       *         "preview_rate_hz": 15,
+       *         "preview_rays": 4,
+       *         "rays": 64,
+       *         "read_noise_levels": 2,
+       *         "seed": 1,
+       *         "shell_decentre_mm": [
+       *           0,
+       *           0
+       *         ],
+       *         "texture": "natural"
+       *       }
+       *     }
+       */
+      bench: components["schemas"]["Config.BenchConfig"];
+      /**
+       * @description The main lens.
+       * @default {
+       *       "focal_length_mm": 20
+       *     }
+       */
+      main_lens: components["schemas"]["Config.MainLensConfig"];
+      /**
+       * @description The microlens array.
+       * @default {
+       *       "angular_resolution": 3.13,
+       *       "array": "square",
+       *       "focal_length_mm": 0.5,
+       *       "mode": "galilean",
+       *       "pitch_mm": 0.1
+       *     }
+       */
+      mla: components["schemas"]["Config.MlaConfig"];
+      /**
+       * @description The object distances.
+       * @default {
+       *       "air_distance_mm": 800,
+       *       "distance_mm": 800
+       *     }
+       */
+      object: components["schemas"]["Config.ObjectConfig"];
+      /**
+       * @description The sensor.
+       * @default {
+       *       "height_px": 1160,
+       *       "pixel_um": 3.45,
+       *       "width_px": 1160
+       *     }
+       */
+      sensor: components["schemas"]["Config.SensorConfig"];
+      /**
+       * @description Who may ask the daemon, and how many at once.
+       * @default {
+       *       "auth": "auto",
+       *       "idle_timeout_s": 30,
+       *       "max_connections": 256,
+       *       "max_connections_per_address": 64,
+       *       "mdns": false,
+       *       "names": [],
+       *       "requests_per_s": 100,
+       *       "tls": {
+       *         "certificate": "",
+       *         "key": ""
+       *       },
+       *       "trusted_proxies": []
+       *     }
+       */
+      server: components["schemas"]["Config.ServerConfig"];
+      /**
+       * @description The spherical shell.
+       * @default {
+       *       "inner_radius_mm": 51,
+       *       "outer_radius_mm": 59,
+       *       "refractive_index": 1.49
+       *     }
+       */
+      shell: components["schemas"]["Config.ShellConfig"];
+      /**
+       * @description The water.
+       * @default {
+       *       "refractive_index": 1.333
+       *     }
+       */
+      water: components["schemas"]["Config.WaterConfig"];
+    };
+    /** @description How the microlenses are arranged. */
+    "Config.ArrayKind": "square" | "hexagonal";
+    /** @description `[assembly]` */
+    "Config.AssemblyConfig": {
+      /**
+       * Format: double
+       * @description δ: diameter of the blur disc still called sharp, px.
+       * @default 1
+       */
+      blur_limit_px: number;
+      /**
+       * Format: double
+       * @description Clearance added to a measured l_bound, mm (at least three times its uncertainty is taken).
+       * @default 0.5
+       */
+      clearance_mm: number;
+      /**
+       * Format: double
+       * @description Δv_TOL, mm.
+       * @default 0.005
+       */
+      delta_v_tolerance_mm: number;
+      /**
+       * Format: double
+       * @description Tolerance of e, mm.
+       * @default 0.1
+       */
+      e_tolerance_mm: number;
+      /**
+       * Format: double
+       * @description e at which the shell is mounted, mm.
+       * @default 30
+       */
+      initial_e_mm: number;
+      /**
+       * @description Whether `l_bound_mm` holds or is measured.
+       * @default configured
+       */
+      l_bound: components["schemas"]["Config.LBoundSource"];
+      /**
+       * Format: double
+       * @description l_bound, the least e the lens's barrel allows with the clearance wanted, mm.
+       * @default 0
+       */
+      l_bound_mm: number;
+      /**
+       * @description What the shell step may change.
+       * @default translate_e_then_trim
+       */
+      shell_step: components["schemas"]["Config.ShellStep"];
+      /**
+       * @description Which spacing the shell step aims at.
+       * @default paraxial
+       */
+      spacing_target: components["schemas"]["Config.SpacingTarget"];
+    };
+    /** @description When a token is demanded. */
+    "Config.Auth": "auto" | "required";
+    /** @description `[bench.focus]`, `[bench.e]`: one axis. All positions are in the axis's own coordinate, mm. */
+    "Config.AxisConfig": {
+      /**
+       * Format: double
+       * @description Acceleration, mm/s².
+       * @default 20
+       */
+      acceleration_mm_per_s2: number;
+      /**
+       * @description Whether limits of the controller's own that are wider than these are accepted.
+       * @default false
+       */
+      accept_wider_firmware_limits: boolean;
+      /**
+       * @description The side from which a target is approached.
+       * @default low
+       */
+      approach: components["schemas"]["Config.Side"];
+      /**
+       * @description Axis letter or number on that controller.
+       * @default
+       */
+      axis: string;
+      /**
+       * Format: double
+       * @description Lost motion on reversal, mm, at most. A final approach starts this much and more beside the target.
+       * @default 0.05
+       */
+      backlash_mm: number;
+      /**
+       * @description Name of the controller under `[bench.controllers]`.
+       * @default
+       */
+      controller: string;
+      /**
+       * Format: double
+       * @description Greatest position, mm.
+       * @default 10
+       */
+      high_limit_mm: number;
+      /**
+       * Format: double
+       * @description Position after homing and pulling off the switch, mm.
+       * @default 0
+       */
+      home_position_mm: number;
+      /**
+       * @description The end where the home switch is.
+       * @default low
+       */
+      home_side: components["schemas"]["Config.Side"];
+      /**
+       * Format: double
+       * @description Least position, mm.
+       * @default 0
+       */
+      low_limit_mm: number;
+      /**
+       * Format: double
+       * @description Greatest single move, mm.
+       * @default 40
+       */
+      max_step_mm: number;
+      /**
+       * @description Whether the controller's positive direction is the coordinate's negative one.
+       * @default false
+       */
+      reversed: boolean;
+      /**
+       * Format: double
+       * @description Standard relative uncertainty of the scale before the picture has confirmed it.
+       * @default 0.05
+       */
+      scale_uncertainty: number;
+      /**
+       * Format: uint64
+       * @description Rest after a stop before a frame counts as taken at rest, ms.
+       * @default 200
+       */
+      settle_ms: number;
+      /**
+       * Format: double
+       * @description Greatest speed, mm/s.
+       * @default 2
+       */
+      speed_mm_per_s: number;
+      /**
+       * Format: double
+       * @description The controller's units of position a millimetre (Grbl, Zaber, TMCL: motor steps or microsteps; PI: 1 where it
+       *     counts in mm): compared with the controller's own setting, where it has one.
+       * @default 400
+       */
+      steps_per_mm: number;
+      /**
+       * Format: double
+       * @description Bound on the error of the coordinate's zero after homing, mm.
+       * @default 0.2
+       */
+      zero_uncertainty_mm: number;
+    };
+    /** @description `[bench]` */
+    "Config.BenchConfig": {
+      /**
+       * @description The camera.
+       * @default {
+       *       "controls": {},
+       *       "device": "/dev/video0",
+       *       "driver": "v4l2",
+       *       "files": "",
+       *       "format": "GREY",
+       *       "frame_rate_hz": 30,
+       *       "pipeline_delay_ms": 0,
+       *       "repeat": true,
+       *       "timeout_ms": 2000
+       *     }
+       */
+      camera: components["schemas"]["Config.CameraConfig"];
+      /**
+       * @description Stage controllers by name (hardware only).
+       * @default {}
+       */
+      controllers: {
+        [key: string]: components["schemas"]["Config.ControllerConfig"];
+      };
+      /**
+       * @description Simulated or hardware.
+       * @default simulated
+       */
+      driver: components["schemas"]["Config.BenchDriver"];
+      /**
+       * @description The e axis. Its coordinate is e: positive away from the shell.
+       * @default {
+       *       "acceleration_mm_per_s2": 20,
+       *       "accept_wider_firmware_limits": false,
+       *       "approach": "high",
+       *       "axis": "Y",
+       *       "backlash_mm": 0.05,
+       *       "controller": "main",
+       *       "high_limit_mm": 32,
+       *       "home_position_mm": 30,
+       *       "home_side": "high",
+       *       "low_limit_mm": -5,
+       *       "max_step_mm": 40,
+       *       "reversed": false,
+       *       "scale_uncertainty": 0.05,
+       *       "settle_ms": 200,
+       *       "speed_mm_per_s": 5,
+       *       "steps_per_mm": 400,
+       *       "zero_uncertainty_mm": 0.2
+       *     }
+       */
+      e: components["schemas"]["Config.AxisConfig"];
+      /**
+       * @description The focus axis. Its coordinate is Δv: 0 at the air design's image distance, positive away from the lens.
+       * @default {
+       *       "acceleration_mm_per_s2": 20,
+       *       "accept_wider_firmware_limits": false,
+       *       "approach": "low",
+       *       "axis": "X",
+       *       "backlash_mm": 0.05,
+       *       "controller": "main",
+       *       "high_limit_mm": 5,
+       *       "home_position_mm": 0,
+       *       "home_side": "low",
+       *       "low_limit_mm": -2,
+       *       "max_step_mm": 40,
+       *       "reversed": false,
+       *       "scale_uncertainty": 0.05,
+       *       "settle_ms": 200,
+       *       "speed_mm_per_s": 2,
+       *       "steps_per_mm": 400,
+       *       "zero_uncertainty_mm": 0.2
+       *     }
+       */
+      focus: components["schemas"]["Config.AxisConfig"];
+      /**
+       * @description The simulated bench's truth (simulated only).
+       * @default {
+       *       "bits": 8,
+       *       "board_placement_error_mm": 0,
+       *       "board_tilt_mrad": [
+       *         0,
+       *         0
+       *       ],
+       *       "bubbles": {
+       *         "count": 0,
+       *         "distance_mm": [
+       *           60,
+       *           400
+       *         ],
+       *         "highlight": 8,
+       *         "radius_mm": [
+       *           0.2,
+       *           0.8
+       *         ]
+       *       },
+       *       "contact_e_mm": -0.5,
+       *       "cross_talk": false,
+       *       "distortion_k1": 0,
+       *       "dust": {
+       *         "height_um": 0,
+       *         "opacity": [
+       *           0.3,
+       *           1
+       *         ],
+       *         "radius_um": [
+       *           2,
+       *           12
+       *         ],
+       *         "specks": 0
+       *       },
+       *       "e_backlash_mm": 0.03,
+       *       "e_scale_error": 0.05,
+       *       "e_sign_flip": false,
+       *       "e_zero_offset_mm": 0,
+       *       "electrons_per_level": 0,
+       *       "exit_pupil_walk_mm": 0,
+       *       "focal_length_error": 0,
+       *       "focus_backlash_mm": 0.03,
+       *       "focus_scale_error": 0.05,
+       *       "focus_sign_flip": false,
+       *       "friction_step_mm": 0,
+       *       "lens_tilt_mrad": [
+       *         0,
+       *         0
+       *       ],
+       *       "lens_to_mla_error_mm": 0,
+       *       "microlenses": {
+       *         "dead_share": 0,
+       *         "dirty_share": 0,
+       *         "dirty_transmission": [
+       *           0.3,
+       *           0.9
+       *         ],
+       *         "focal_factors": []
+       *       },
+       *       "mla_tilt_mrad": [
+       *         0,
+       *         0
+       *       ],
+       *       "mosaic": {
+       *         "colour": 0.4,
+       *         "sensitivities": [
+       *           0.6,
+       *           1,
+       *           0.5
+       *         ]
+       *       },
+       *       "motion": {
+       *         "board_um": [
+       *           0,
+       *           0
+       *         ],
+       *         "delta_v_um": 0,
+       *         "e_um": 0,
+       *         "steps": 1
+       *       },
+       *       "operator_confirms": true,
+       *       "preview_rate_hz": 15,
+       *       "preview_rays": 4,
+       *       "rays": 64,
+       *       "read_noise_levels": 2,
+       *       "seed": 1,
+       *       "shell_decentre_mm": [
+       *         0,
+       *         0
+       *       ],
+       *       "texture": "natural"
+       *     }
+       */
+      simulation: components["schemas"]["Config.SimulationConfig"];
+    };
+    /** @description Whether the bench is real. */
+    "Config.BenchDriver": "simulated" | "hardware";
+    /**
+     * @description `[bench.simulation.bubbles]`: bubbles of air in the water, drops of water in air, between camera and board. Those
+     *     that would touch the board or lie behind it are not there; before a diffuser none is.
+     */
+    "Config.BubblesConfig": {
+      /**
+       * Format: uint32
+       * @description How many, over the whole field.
+       * @default 0
+       */
+      count: number;
+      /**
+       * @description Least and greatest distance, mm: in water from the shell's outer vertex, in air from the main lens.
+       * @default [
+       *       60,
+       *       400
+       *     ]
+       */
+      distance_mm: number[];
+      /**
+       * Format: double
+       * @description Radiance of the lamp that each mirrors, over that of a white board.
+       * @default 8
+       */
+      highlight: number;
+      /**
+       * @description Least and greatest radius, mm.
+       * @default [
+       *       0.2,
+       *       0.8
+       *     ]
+       */
+      radius_mm: number[];
+    };
+    /** @description `[bench.camera]` */
+    "Config.CameraConfig": {
+      /**
+       * @description Controls set before frames are taken, by the driver's names for them.
+       * @default {}
+       */
+      controls: {
+        [key: string]: components["schemas"]["Config.ControlValue"];
+      };
+      /**
+       * Format: uint32
+       * @description Left column of the region read out, px from the left of what the driver can crop from; without it and
+       *     `crop_top_px` nothing is cropped.
+       */
+      crop_left_px?: number | null;
+      /**
+       * Format: uint32
+       * @description Top row of the region read out, px.
+       */
+      crop_top_px?: number | null;
+      /**
+       * @description Which device: a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its driver gives it;
+       *     or `usb:SERIAL`, by its USB serial number.
+       * @default /dev/video0
+       */
+      device: string;
+      /**
+       * @description Driver. On a simulated bench `v4l2` stands for the simulated camera.
+       * @default v4l2
+       */
+      driver: components["schemas"]["Config.CameraDriver"];
+      /**
+       * @description The frames to play: a folder, or a pattern such as `/data/run-7/*.png` (files only).
+       * @default
+       */
+      files: string;
+      /**
+       * @description Pixel format, by its V4L2 name.
+       * @default GREY
+       */
+      format: string;
+      /**
+       * Format: double
+       * @description Frames a second asked for, or played.
+       * @default 30
+       */
+      frame_rate_hz: number;
+      /**
+       * Format: uint64
+       * @description Time a picture spends between exposure and the driver's timestamp, ms.
+       * @default 0
+       */
+      pipeline_delay_ms: number;
+      /**
+       * @description Whether they are played again and again, and not once (files only).
+       * @default true
+       */
+      repeat: boolean;
+      /**
+       * Format: uint64
+       * @description Longest wait for a frame before the camera counts as lost, ms.
+       * @default 2000
+       */
+      timeout_ms: number;
+    };
+    /** @description Where frames come from. */
+    "Config.CameraDriver": "v4l2" | "files";
+    /** @description A Bayer pattern, named by its first two rows from the frame's upper left. */
+    "Config.CfaPattern": "rggb" | "bggr" | "grbg" | "gbrg";
+    /** @description The value of a camera's control. */
+    "Config.ControlValue": boolean | number | string;
+    /** @description `[bench.controllers.NAME]` */
+    "Config.ControllerConfig": {
+      /**
+       * Format: uint8
+       * @description Address of the device on its line, where the protocol has addresses.
+       * @default 1
+       */
+      address: number;
+      /**
+       * Format: uint32
+       * @description Baud rate; the protocol's usual one where it is not given.
+       */
+      baud?: number | null;
+      /** @description Protocol. */
+      driver: components["schemas"]["Config.ControllerDriver"];
+      /** @description What the controller's identity must contain, beyond being of the right kind: another one is refused. */
+      identity?: string | null;
+      /** @description Serial port: its `/dev/serial/by-id` name or another path, or `usb:` and a USB serial number. */
+      port: string;
+    };
+    /** @description Which protocol a stage controller speaks. */
+    "Config.ControllerDriver": "grbl" | "zaber" | "pi" | "tmcl";
+    /** @description `[bench.simulation.dust]`: round specks on the sensor or its cover glass. */
+    "Config.DustConfig": {
+      /**
+       * Format: double
+       * @description How far before the sensor they lie, µm: 0 on it; less than b.
+       * @default 0
+       */
+      height_um: number;
+      /**
+       * @description Least and greatest share of the light that a speck takes, 0 to 1.
+       * @default [
+       *       0.3,
+       *       1
+       *     ]
+       */
+      opacity: number[];
+      /**
+       * @description Least and greatest radius, µm.
+       * @default [
+       *       2,
+       *       12
+       *     ]
+       */
+      radius_um: number[];
+      /**
+       * Format: uint32
+       * @description How many, over the whole frame.
+       * @default 0
+       */
+      specks: number;
+    };
+    /** @description Where l_bound comes from. */
+    "Config.LBoundSource": "configured" | "measure";
+    /** @description `[main_lens]` */
+    "Config.MainLensConfig": {
+      /**
+       * Format: double
+       * @description f, mm.
+       * @default 20
+       */
+      focal_length_mm: number;
+      /**
+       * Format: double
+       * @description From the mount's face, which a ruler can touch, to the principal plane, mm, positive towards the object.
+       */
+      principal_from_mount_mm?: number | null;
+      /**
+       * Format: double
+       * @description Standard uncertainty of `principal_from_mount_mm`, mm.
+       */
+      principal_from_mount_sigma_mm?: number | null;
+    };
+    /** @description `[bench.simulation.microlenses]`: how the microlenses differ from each other. */
+    "Config.MicrolensesConfig": {
+      /**
+       * Format: double
+       * @description Share of the microlenses that let no light through, 0 to 1.
+       * @default 0
+       */
+      dead_share: number;
+      /**
+       * Format: double
+       * @description Share of the microlenses that are dirty, 0 to 1.
+       * @default 0
+       */
+      dirty_share: number;
+      /**
+       * @description Least and greatest transmission of a dirty microlens: two are drawn, one for either side of its aperture, and it
+       *     changes evenly between them.
+       * @default [
+       *       0.3,
+       *       0.9
+       *     ]
+       */
+      dirty_transmission: number[];
+      /**
+       * @description Focal lengths of the types of microlenses, over f_MLA; empty: all are f_MLA. A square array has two, chequered: the
+       *     type is (i + j) mod 2; a hexagonal one three, no two alike side by side: (i − j) mod 3. i counts along the array's
+       *     x axis, j along its second axis (60° from it in a hexagonal array), from the microlens nearest to the axis before
+       *     the array is shifted. All share one b.
+       * @default []
+       */
+      focal_factors: number[];
+    };
+    /** @description `[mla]` */
+    "Config.MlaConfig": {
+      /**
+       * Format: double
+       * @description N = a / b.
+       * @default 3.13
+       */
+      angular_resolution: number;
+      /**
+       * @description Square or hexagonal.
+       * @default square
+       */
+      array: components["schemas"]["Config.ArrayKind"];
+      /**
+       * Format: double
+       * @description f_MLA, mm.
+       * @default 0.5
+       */
+      focal_length_mm: number;
+      /**
+       * @description Galilean or Keplerian.
+       * @default galilean
+       */
+      mode: components["schemas"]["Config.MlaMode"];
+      /**
+       * Format: double
+       * @description D_MLA: made pitch of the microlenses, mm.
+       * @default 0.1
+       */
+      pitch_mm: number;
+    };
+    /** @description On which side of the MLA the main lens's image lies. */
+    "Config.MlaMode": "galilean" | "keplerian";
+    /**
+     * @description `[bench.simulation.mosaic]`: what the colour filters of a sensor with `sensor.mosaic` let through, and the boards'
+     *     colours, which a monochrome sensor sees grey.
+     */
+    "Config.MosaicConfig": {
+      /**
+       * Format: double
+       * @description How far a channel's reflectance falls below the grey texture's at most, 0 to 1: smooth patches from the seed, for
+       *     each channel its own.
+       * @default 0.4
+       */
+      colour: number;
+      /**
+       * @description What red, green and blue pixels make of white light, over what a monochrome pixel does.
+       * @default [
+       *       0.6,
+       *       1,
+       *       0.5
+       *     ]
+       */
+      sensitivities: number[];
+    };
+    /**
+     * @description `[bench.simulation.motion]`: what moves while the shutter is open. Each movement is even and centred on the frame's
+     *     nominal pose.
+     */
+    "Config.MotionConfig": {
+      /**
+       * @description Travel of the board along its own x and y in one exposure, µm.
+       * @default [
+       *       0,
+       *       0
+       *     ]
+       */
+      board_um: number[];
+      /**
+       * Format: double
+       * @description Travel of MLA and sensor along Δv in one exposure, µm.
+       * @default 0
+       */
+      delta_v_um: number;
+      /**
+       * Format: double
+       * @description Travel of the lens along e in one exposure, µm.
+       * @default 0
+       */
+      e_um: number;
+      /**
+       * Format: uint32
+       * @description Moments at which the exposure is sampled; 1 takes the picture at one moment, and nothing blurs. With more, the
+       *     travel of the bench's axes during a frame blurs it too. A frame takes so many times longer to render.
+       * @default 1
+       */
+      steps: number;
+    };
+    /** @description `[object]` */
+    "Config.ObjectConfig": {
+      /**
+       * Format: double
+       * @description d_OBJ of the air design, from the main lens's principal point, mm.
+       * @default 800
+       */
+      air_distance_mm: number;
+      /**
+       * Format: double
+       * @description d_OBJ in water, from the shell's outer vertex O, mm.
+       * @default 800
+       */
+      distance_mm: number;
+    };
+    /** @description `[sensor]` */
+    "Config.SensorConfig": {
+      /**
+       * Format: uint32
+       * @description Rows of a raw frame.
+       * @default 1160
+       */
+      height_px: number;
+      /** @description Bayer pattern of its colour filters; absent: a monochrome sensor. */
+      mosaic?: components["schemas"]["Config.CfaPattern"] | null;
+      /**
+       * Format: double
+       * @description Side of a pixel, µm.
+       * @default 3.45
+       */
+      pixel_um: number;
+      /**
+       * Format: uint32
+       * @description Columns of a raw frame.
+       * @default 1160
+       */
+      width_px: number;
+    };
+    /** @description `[server]` */
+    "Config.ServerConfig": {
+      /**
+       * @description When a token is demanded.
+       * @default auto
+       */
+      auth: components["schemas"]["Config.Auth"];
+      /**
+       * Format: double
+       * @description A connection on which no request has come for so long is closed, s.
+       * @default 30
+       */
+      idle_timeout_s: number;
+      /**
+       * Format: uint32
+       * @description Connections served at once.
+       * @default 256
+       */
+      max_connections: number;
+      /**
+       * Format: uint32
+       * @description Of these, at most so many from one address.
+       * @default 64
+       */
+      max_connections_per_address: number;
+      /**
+       * @description Whether the daemon is announced on the local network (mDNS, `_plenalign._tcp`); never on loopback.
+       * @default false
+       */
+      mdns: boolean;
+      /**
+       * @description Names by which the daemon may be addressed, beside its addresses.
+       * @default []
+       */
+      names: string[];
+      /**
+       * Format: double
+       * @description Requests a second of one token or address, in the long run; four times as many at once.
+       * @default 100
+       */
+      requests_per_s: number;
+      /**
+       * @description Certificate and key.
+       * @default {
+       *       "certificate": "",
+       *       "key": ""
+       *     }
+       */
+      tls: components["schemas"]["Config.TlsConfig"];
+      /**
+       * @description Proxies that may say whom they ask for: addresses or networks.
+       * @default []
+       */
+      trusted_proxies: string[];
+    };
+    /** @description `[shell]` */
+    "Config.ShellConfig": {
+      /**
+       * Format: double
+       * @description l_O'C, mm.
+       * @default 51
+       */
+      inner_radius_mm: number;
+      /**
+       * Format: double
+       * @description l_OC, mm.
+       * @default 59
+       */
+      outer_radius_mm: number;
+      /**
+       * Format: double
+       * @description Refractive index of the shell, relative to air.
+       * @default 1.49
+       */
+      refractive_index: number;
+    };
+    /** @description What the shell step may change to meet Eq. 16. */
+    "Config.ShellStep": "translate_e_then_trim" | "translate_e" | "hold_e_trim";
+    /** @description An end of an axis's travel. */
+    "Config.Side": "low" | "high";
+    /**
+     * @description `[bench.simulation]`: how the simulated bench differs from what is configured, and how it looks. The daemon's
+     *     control loops never read this section.
+     */
+    "Config.SimulationConfig": {
+      /**
+       * Format: double
+       * @description Rotation of the array, from +x towards +y, degrees; absent: drawn from the seed within ±1°.
+       */
+      array_rotation_deg?: number | null;
+      /**
+       * Format: uint8
+       * @description Depth of a frame, 8 to 16 bits; white stays at the same share of the range.
+       * @default 8
+       */
+      bits: number;
+      /**
+       * Format: double
+       * @description True board distance less the one asked for, mm.
+       * @default 0
+       */
+      board_placement_error_mm: number;
+      /**
+       * @description Tilt of the board about y and x, mrad.
+       * @default [
+       *       0,
+       *       0
+       *     ]
+       */
+      board_tilt_mrad: number[];
+      /**
+       * @description Bubbles before the camera.
+       * @default {
+       *       "count": 0,
+       *       "distance_mm": [
+       *         60,
+       *         400
+       *       ],
+       *       "highlight": 8,
+       *       "radius_mm": [
+       *         0.2,
+       *         0.8
+       *       ]
+       *     }
+       */
+      bubbles: components["schemas"]["Config.BubblesConfig"];
+      /**
+       * Format: double
+       * @description True e at which the lens touches the shell, mm.
+       * @default -0.5
+       */
+      contact_e_mm: number;
+      /**
+       * @description Whether microlenses let neighbours' light through (an array without baffles).
+       * @default false
+       */
+      cross_talk: boolean;
+      /**
+       * Format: double
+       * @description Brown's k1 of the main lens: a chief ray's slope on the image side is its slope t in air on the object side times
+       *     1 + k1 t² (an OpenCV k1: slopes are heights over the focal length). Positive is pincushion, negative barrel. It
+       *     moves and stretches what is seen, not the white frame's grid.
+       * @default 0
+       */
+      distortion_k1: number;
+      /**
+       * @description Dust on the sensor or its cover glass.
+       * @default {
+       *       "height_um": 0,
+       *       "opacity": [
+       *         0.3,
+       *         1
+       *       ],
+       *       "radius_um": [
+       *         2,
+       *         12
+       *       ],
+       *       "specks": 0
+       *     }
+       */
+      dust: components["schemas"]["Config.DustConfig"];
+      /**
+       * Format: double
+       * @description Lost motion of the e axis on reversal, mm.
+       * @default 0.03
+       */
+      e_backlash_mm: number;
+      /**
+       * Format: double
+       * @description True travel over commanded travel, less 1, of the e axis.
+       * @default 0.05
+       */
+      e_scale_error: number;
+      /**
+       * @description Whether the e axis moves the wrong way.
+       * @default false
+       */
+      e_sign_flip: boolean;
+      /**
+       * Format: double
+       * @description True e less the e axis's reading at its home position, mm.
+       * @default 0
+       */
+      e_zero_offset_mm: number;
+      /**
+       * Format: double
+       * @description Photon noise: electrons that make a grey level of an 8-bit frame; 0 for none.
+       * @default 0
+       */
+      electrons_per_level: number;
+      /**
+       * Format: double
+       * @description Aberration of the exit pupil: how far its centre moves along the axis, towards the board, for the field whose slope
+       *     on the object side is 0.1, mm; it grows with the slope's square. It moves the micro-images of the outer field:
+       *     positive towards the axis.
+       * @default 0
+       */
+      exit_pupil_walk_mm: number;
+      /**
+       * Format: double
+       * @description True focal length less the configured, relative.
+       * @default 0
+       */
+      focal_length_error: number;
+      /**
+       * Format: double
+       * @description Lost motion of the focus axis on reversal, mm.
+       * @default 0.03
+       */
+      focus_backlash_mm: number;
+      /**
+       * Format: double
+       * @description True travel over commanded travel, less 1, of the focus axis.
+       * @default 0.05
+       */
+      focus_scale_error: number;
+      /**
+       * @description Whether the focus axis moves the wrong way.
+       * @default false
+       */
+      focus_sign_flip: boolean;
+      /**
+       * Format: double
+       * @description Moves of either axis shorter than this stick, mm.
+       * @default 0
+       */
+      friction_step_mm: number;
+      /**
+       * @description Tilt of the main lens about y and x, mrad.
+       * @default [
+       *       0,
+       *       0
+       *     ]
+       */
+      lens_tilt_mrad: number[];
+      /**
+       * Format: double
+       * @description True d less the design's d when the focus axis reads 0, mm.
+       * @default 0
+       */
+      lens_to_mla_error_mm: number;
+      /**
+       * @description How the microlenses differ from each other.
+       * @default {
+       *       "dead_share": 0,
+       *       "dirty_share": 0,
+       *       "dirty_transmission": [
+       *         0.3,
+       *         0.9
+       *       ],
+       *       "focal_factors": []
+       *     }
+       */
+      microlenses: components["schemas"]["Config.MicrolensesConfig"];
+      /**
+       * @description Tilt of the MLA about the sensor's y and x axes, mrad: d grows along +x and +y.
+       * @default [
+       *       0,
+       *       0
+       *     ]
+       */
+      mla_tilt_mrad: number[];
+      /**
+       * @description The sensor's colour filters and the board's colours.
+       * @default {
+       *       "colour": 0.4,
+       *       "sensitivities": [
+       *         0.6,
+       *         1,
+       *         0.5
+       *       ]
+       *     }
+       */
+      mosaic: components["schemas"]["Config.MosaicConfig"];
+      /**
+       * @description What moves while the shutter is open.
+       * @default {
+       *       "board_um": [
+       *         0,
+       *         0
+       *       ],
+       *       "delta_v_um": 0,
+       *       "e_um": 0,
+       *       "steps": 1
+       *     }
+       */
+      motion: components["schemas"]["Config.MotionConfig"];
+      /**
+       * @description Whether the simulated operator carries out and confirms the job's steps by itself.
+       * @default true
+       */
+      operator_confirms: boolean;
+      /**
+       * Format: double
+       * @description Frames a second of the live preview.
+       * @default 15
+       */
+      preview_rate_hz: number;
+      /**
+       * Format: uint32
+       * @description Rays a pixel of the live preview.
+       * @default 4
+       */
+      preview_rays: number;
+      /**
+       * Format: uint32
+       * @description Rays a pixel of a measured frame.
+       * @default 64
+       */
+      rays: number;
+      /**
+       * Format: double
+       * @description Read noise, grey levels of an 8-bit frame, standard deviation.
+       * @default 2
+       */
+      read_noise_levels: number;
+      /**
+       * Format: uint64
+       * @description Seed of noise, texture, and the array's rotation and offset.
+       * @default 1
+       */
+      seed: number;
+      /**
+       * @description Decentre of the shell's centre from the lens's axis, mm.
+       * @default [
+       *       0,
+       *       0
+       *     ]
+       */
+      shell_decentre_mm: number[];
+      /**
+       * @description Texture of the boards.
+       * @default natural
+       */
+      texture: components["schemas"]["Config.Texture"];
+    };
+    /** @description Which spacing counts as in focus behind the shell. */
+    "Config.SpacingTarget": "paraxial" | "exact";
+    /** @description What is on the simulated boards. */
+    "Config.Texture": "charuco" | "natural" | "guppy" | "oscar";
+    /** @description `[server.tls]` */
+    "Config.TlsConfig": {
+      /**
+       * @description PEM file with the certificate and those that lead to its root; empty for none.
+       * @default
+       */
+      certificate: string;
+      /**
+       * @description PEM file with its key; empty for none.
+       * @default
+       */
+      key: string;
+    };
+    /** @description `[water]`: either a refractive index, or what it follows from. */
+    "Config.WaterConfig": {
+      /**
+       * Format: double
+       * @description Refractive index, relative to air.
+       */
+      refractive_index?: number | null;
+      /**
+       * Format: double
+       * @description Salinity, ‰.
+       */
+      salinity_permille?: number | null;
+      /**
+       * Format: double
+       * @description Temperature, °C.
+       */
+      temperature_c?: number | null;
+      /**
+       * Format: double
+       * @description Wavelength in vacuum, nm.
+       */
+      wavelength_nm?: number | null;
+    };
     /** @description What is wrong with a configuration. */
     ConfigCheck: {
       /** @description What is allowed and yet worth a word. */
@@ -896,9 +2197,14 @@ export interface components {
       /** @description What is wrong, and what would be right. */
       message: string;
     };
-    /** @description A configuration to be checked or written. */
+    /** @description A configuration to be written. */
     ConfigRequest: {
       /** @description Every key of the file with its value, as `stored` has it; a key left out gets its default. */
+      config: components["schemas"]["Config"];
+    };
+    /** @description What may be a configuration. */
+    ConfigTried: {
+      /** @description Anything: the answer says what is wrong with it. */
       config: unknown;
     };
     /** @description The configuration in force and where it came from. */
@@ -1200,51 +2506,107 @@ export interface components {
       moves: components["schemas"]["Move"][];
     };
     /** @description What a caller asks for with a job. What a kind does not take is refused. */
-    JobRequest: {
-      /** @description The axes to home (homing); both where it is not given. */
-      axes?: components["schemas"]["AxisName"][] | null;
-      axis?: components["schemas"]["AxisName"] | null;
-      /**
-       * Format: double
-       * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
-       *     joint solution has it unless given.
-       */
-      distance_mm?: number | null;
-      /**
-       * Format: double
-       * @description For how long, s (spacing watch).
-       */
-      duration_s?: number | null;
-      /**
-       * Format: double
-       * @description The e to hold, mm (clarity only); the configured initial e where it is not given.
-       */
-      e_mm?: number | null;
-      /**
-       * Format: double
-       * @description Where the sweep begins, mm (focus sweep).
-       */
-      from_mm?: number | null;
-      /**
-       * Format: double
-       * @description Between two measurements, s (spacing watch); 1 where it is not given. At most 500 measurements are made.
-       */
-      interval_s?: number | null;
-      /** @description What to do. */
-      kind: components["schemas"]["JobKind"];
-      /** @description What it is for, in the caller's words. */
-      note?: string | null;
-      /**
-       * Format: int32
-       * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
-       */
-      steps?: number | null;
-      /**
-       * Format: double
-       * @description Where it ends, mm (focus sweep).
-       */
-      to_mm?: number | null;
-    };
+    JobRequest:
+      | {
+          /** @enum {string} */
+          kind: "joint_alignment";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "air_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "shell_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description The e to hold, mm (clarity only); the configured initial e where it is not given.
+           */
+          e_mm?: number | null;
+          /** @enum {string} */
+          kind: "clarity_only";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @enum {string} */
+          kind: "l_bound_measurement";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          axis: components["schemas"]["AxisName"] | null;
+          /**
+           * Format: double
+           * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
+           *     joint solution has it unless given.
+           */
+          distance_mm?: number | null;
+          /**
+           * Format: double
+           * @description Where the sweep begins, mm (focus sweep).
+           */
+          from_mm: number | null;
+          /** @enum {string} */
+          kind: "focus_sweep";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+          /**
+           * Format: int32
+           * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
+           */
+          steps?: number | null;
+          /**
+           * Format: double
+           * @description Where it ends, mm (focus sweep).
+           */
+          to_mm: number | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description For how long, s (spacing watch).
+           */
+          duration_s: number | null;
+          /**
+           * Format: double
+           * @description Between two measurements, s (spacing watch); 1 where it is not given, and longer where more than 500 measurements
+           *     would be made.
+           */
+          interval_s?: number | null;
+          /** @enum {string} */
+          kind: "spacing_watch";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /**
+           * Format: double
+           * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
+           *     joint solution has it unless given.
+           */
+          distance_mm?: number | null;
+          /** @enum {string} */
+          kind: "calibration";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        }
+      | {
+          /** @description The axes to home (homing); both where it is not given. */
+          axes?: components["schemas"]["AxisName"][] | null;
+          /** @enum {string} */
+          kind: "homing";
+          /** @description What it is for, in the caller's words. */
+          note?: string | null;
+        };
     /** @description A job and where it is found. */
     JobResource: components["schemas"]["JobSnapshot"] & {
       /**
@@ -2429,9 +3791,9 @@ export interface operations {
   list_audit: {
     parameters: {
       query?: {
-        /** @description Entries on the page, 1 to 500 */
+        /** @description Entries on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
       };
       header?: never;
@@ -2537,6 +3899,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -2581,7 +3944,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2647,7 +4010,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -2691,7 +4064,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -2718,7 +4091,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -2767,6 +4140,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -2841,7 +4215,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -2885,7 +4269,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -2912,7 +4296,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The controller is away */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -3052,6 +4436,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description There is no file, or not now */
       409: {
         headers: {
@@ -3088,7 +4481,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3097,7 +4490,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Without If-Match */
+      /** @description If-Match names no state */
       428: {
         headers: {
           [name: string]: unknown;
@@ -3172,7 +4565,7 @@ export interface operations {
     };
     requestBody: {
       content: {
-        "application/json": components["schemas"]["ConfigRequest"];
+        "application/json": components["schemas"]["ConfigTried"];
       };
     };
     responses: {
@@ -3211,6 +4604,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -3229,7 +4631,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3274,6 +4676,41 @@ export interface operations {
         content: {
           "application/problem+json": components["schemas"]["Problem"];
         };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_docs: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "text/html": string;
+        };
+      };
+      /** @description The page is that which If-None-Match names */
+      304: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content?: never;
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
@@ -3366,19 +4803,19 @@ export interface operations {
   list_jobs: {
     parameters: {
       query?: {
-        /** @description Jobs on the page, 1 to 500 */
+        /** @description Jobs on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
-        /** @description Only these states, with commas between them */
-        state?: string;
-        /** @description Only these kinds, with commas between them */
-        kind?: string;
-        /** @description Created at this time or later, RFC 3339 */
+        /** @description Only these states, with commas between them. */
+        state?: components["schemas"]["JobState"][];
+        /** @description Only these kinds, with commas between them. */
+        kind?: components["schemas"]["JobKind"][];
+        /** @description Created at this time or later, RFC 3339. */
         since?: string;
-        /** @description Created before this time, RFC 3339 */
+        /** @description Created before this time, RFC 3339. */
         until?: string;
-        /** @description Words in the id, the reason or a line of the log */
+        /** @description Words in the id, the reason or a line of the log. */
         q?: string;
       };
       header?: never;
@@ -3490,6 +4927,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Refused now */
       409: {
         headers: {
@@ -3526,7 +4972,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3553,7 +4999,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The history cannot be written, or the program is shutting down */
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
         headers: {
           [name: string]: unknown;
@@ -3593,6 +5039,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3659,6 +5106,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3669,6 +5117,15 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -3729,7 +5186,17 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
         headers: {
           [name: string]: unknown;
         };
@@ -3764,7 +5231,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -3775,6 +5242,15 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -3813,6 +5289,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3870,6 +5347,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3927,6 +5405,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -3984,6 +5463,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4041,6 +5521,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4098,6 +5579,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4155,6 +5637,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description There is nothing under this name */
       404: {
         headers: {
           [name: string]: unknown;
@@ -4268,6 +5751,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Another has it: who, and what for */
       409: {
         headers: {
@@ -4295,7 +5787,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4410,7 +5902,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The key is not the holder's */
+      /** @description The lease's key is not the holder's */
       412: {
         headers: {
           [name: string]: unknown;
@@ -4419,7 +5911,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description No key was shown */
+      /** @description No lease was shown */
       428: {
         headers: {
           [name: string]: unknown;
@@ -4487,6 +5979,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The job that holds it did not end in time */
       409: {
         headers: {
@@ -4514,7 +6015,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4583,9 +6084,9 @@ export interface operations {
   list_measurements: {
     parameters: {
       query?: {
-        /** @description Entries on the page, 1 to 500 */
+        /** @description Entries on the page, 1 to 500. */
         limit?: number;
-        /** @description `next` of the page before */
+        /** @description `next` of the page before. */
         cursor?: string;
       };
       header?: never;
@@ -4679,6 +6180,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description An axis moved during the exposure (`spans-motion`), or there is nothing to be measured (`not-measurable`) */
       409: {
         headers: {
@@ -4706,7 +6216,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4850,6 +6360,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -4868,7 +6387,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -4975,6 +6494,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Refused now */
       409: {
         headers: {
           [name: string]: unknown;
@@ -5010,7 +6539,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5037,17 +6566,23 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
     };
   };
   get_snapshot: {
     parameters: {
       query?: {
-        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
-        reduce?: number;
+        reduce?: 1 | 2 | 4;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;
-        /** @description At most so many pictures a second, 0.1 to 60 (streams). */
-        max_rate_hz?: number;
       };
       header?: never;
       path?: never;
@@ -5214,8 +6749,7 @@ export interface operations {
   get_stream: {
     parameters: {
       query?: {
-        /** @description Raw pixels to a picture pixel, each way: 1, 2 or 4. */
-        reduce?: number;
+        reduce?: 1 | 2 | 4;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;
         /** @description At most so many pictures a second, 0.1 to 60 (streams). */
@@ -5303,6 +6837,24 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description Who asks may not read this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -5321,7 +6873,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5437,7 +6989,16 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The name is taken */
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The name is taken, or the time it is to end at is past */
       409: {
         headers: {
           [name: string]: unknown;
@@ -5464,7 +7025,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The body does not say what it must; `field` names where */
+      /** @description The request does not say what it must; `field` names where */
       422: {
         headers: {
           [name: string]: unknown;
@@ -5597,6 +7158,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description No upgrade was asked for */
       426: {
         headers: {
@@ -5632,6 +7202,15 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["Health"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
     };
@@ -5697,6 +7276,15 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["Readiness"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
       /** @description Something is missing; `hindrances` says what */

@@ -1,6 +1,7 @@
 import { useState } from "preact/hooks";
 import { strings } from "../strings";
 import type { Problem, Session } from "../wire";
+import { ProblemLine } from "./problem";
 
 /** Shown in the page's place to whom the daemon does not know. */
 export function SignIn({ enter }: { enter: (key: string) => Promise<Problem | null> }) {
@@ -13,10 +14,10 @@ export function SignIn({ enter }: { enter: (key: string) => Promise<Problem | nu
   };
   return (
     <form id="sign-in" class="card sign-in" onSubmit={(event) => void submit(event)}>
-      <h2>{strings.signIn}</h2>
-      <p>{strings.signInMore}</p>
+      <h2>{strings.signIn.signIn}</h2>
+      <p>{strings.signIn.more}</p>
       <label>
-        {strings.token}
+        {strings.signIn.token}
         <input
           type="password"
           autocomplete="current-password"
@@ -25,14 +26,8 @@ export function SignIn({ enter }: { enter: (key: string) => Promise<Problem | nu
           onInput={(event) => setKey(event.currentTarget.value)}
         />
       </label>
-      <button type="submit">{strings.signIn}</button>
-      {problem && (
-        <p class="problem" role="alert">
-          <span>
-            <b>{problem.title}.</b> {problem.detail}
-          </span>
-        </p>
-      )}
+      <button type="submit">{strings.signIn.signIn}</button>
+      {problem && <ProblemLine problem={problem} />}
     </form>
   );
 }
@@ -42,11 +37,11 @@ export function Who({ session, leave }: { session: Session; leave: () => void })
   return (
     <p class="who">
       <span>
-        {session.name} · {strings.scope[session.scope]}
+        {session.name} · {strings.signIn.scope[session.scope]}
       </span>
       {session.signed_in && (
         <button id="sign-out" onClick={leave}>
-          {strings.signOut}
+          {strings.signIn.signOut}
         </button>
       )}
     </p>

@@ -1,0 +1,42 @@
+//! How long a picture for viewers takes to encode, by libjpeg-turbo and without it, of 1160² and of 12 megapixels.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use plenalign::api::jpeg::{Encoder, TurboJpeg};
+
+/// Micro-images with noise over them: what a plenoptic camera's pictures cost to encode.
+fn samples(width: usize, height: usize) -> Vec<u8> {
+    let mut noise = 1u32;
+    let pixel = |index: usize| {
+        let (x, y) = ((index % width) as f64, (index / width) as f64);
+        let disc = if (x % 29.0 - 14.5).hypot(y % 29.0 - 14.5) < 13.0 { 150.0 } else { 12.0 };
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (disc + 60.0 * (x / 3.7).sin() * (y / 5.1).cos() + f64::from(noise >> 24) / 32.0 - 4.0).clamp(0.0, 255.0) as u8
+    };
+    (0..width * height).map(pixel).collect()
+}
+
+fn jpeg(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("jpeg");
+    group.sample_size(20);
+    let encoders: Vec<Encoder> = match TurboJpeg::load() {
+        Ok(turbo) => vec![Encoder::Turbo(turbo), Encoder::Rust],
+        Err(error) => {
+            println!("{error}");
+            vec![Encoder::Rust]
+        }
+    };
+    for (label, width, height) in [("1160x1160", 1160, 1160), ("4096x3072", 4096, 3072)] {
+        let raw = samples(width, height);
+        for encoder in &encoders {
+            group.bench_function(format!("{} {label}", encoder.name()), |b| {
+                b.iter(|| encoder.grey(black_box(&raw), width, height, 80).expect("a picture"));
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, jpeg);
+criterion_main!(benches);

@@ -1,0 +1,153 @@
+//! The paper's experimental section, run again on the simulated camera, and what the paper does not have.
+//!
+//! Every experiment is a chapter: it renders frames by exact rays, measures them with the same code that aligns cameras,
+//! and sets what it finds beside what the paper says. Chapters are plain data, so that one writer makes the report, the
+//! JSON and the tables of all of them.
+//!
+//! ```text
+//!   chapter.rs        what an experiment comes to: findings, tables, charts, pictures
+//!   archive.rs        a folder with finished chapters, so that an interrupted study goes on where it was
+//!   studio.rs         frames of a case, and the pictures made of them
+//!   case.rs           the paper's four cases
+//!   on_board.rs       a view laid on the board that it shows
+//!   table_2.rs        Table 2 and what it fixes
+//!   clarity.rs        Figure 8: raw frames, central views, energy of gradient
+//!   field_of_view.rs  Figure 3 and the field of view of each case
+//!   blur.rs           Figure 6 and Section 2.3: blur, depth of field, re-optimising
+//!   two_fish.rs       Section 3.3: depth and refocusing
+//!   loops.rs          the plain strategy of Section 2.2 against this program's loops
+//!   sensitivity.rs    temperature, salinity, the shell's parts; curvature of field; decentre
+//!   assembly.rs       tolerances of parts: how many assemblies are sharp, before and after alignment
+//!   second_camera.rs  Section 3.2: the chain from calibration to joint optimisation
+//!   report/           the report as one page
+//! ```
+
+mod archive;
+mod assembly;
+mod blur;
+mod case;
+mod chapter;
+mod clarity;
+mod field_of_view;
+mod loops;
+mod on_board;
+mod report;
+mod second_camera;
+mod sensitivity;
+mod studio;
+mod table_2;
+mod two_fish;
+
+use std::time::Instant;
+
+pub use archive::Archive;
+pub use chapter::{Chapter, Chart, Curve, Finding, Picture, Table, Verdict};
+pub use report::{csv, html};
+
+use crate::config::Config;
+
+/// How thorough a study is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StudyOptions {
+    /// Small sensors and few seeds: minutes become seconds, and what needs statistics says little.
+    pub quick: bool,
+    /// Seed of everything drawn: textures, noise, parts, benches.
+    pub seed: u64,
+}
+
+/// Why a study could not go on.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// A frame of the study's own could not be measured.
+    #[error("{what}: {why}")]
+    Unseen {
+        /// What was to be measured.
+        what: String,
+        /// Why it could not be.
+        why: String,
+    },
+    /// The study's folder cannot be used.
+    #[error("{path}: {source}")]
+    Folder {
+        /// The file or folder.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A finished chapter in the folder cannot be read back.
+    #[error("{path}: not a chapter of this program: {why}; move it away to have it made again")]
+    Chapter {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        why: String,
+    },
+}
+
+impl StudyError {
+    /// Something that could not be measured, and why.
+    pub(crate) fn unseen(what: impl Into<String>, why: impl ToString) -> Self {
+        Self::Unseen { what: what.into(), why: why.to_string() }
+    }
+}
+
+/// What is told while a study runs: how much of a chapter is done.
+pub trait Watch: Sync {
+    /// A chapter begins, of so many; `kept` when it is there from an earlier run.
+    fn chapter(&self, number: usize, of: usize, title: &str, kept: bool);
+    /// So much of the chapter's work is done.
+    fn done(&self, steps: u64, of: u64);
+}
+
+/// What a chapter works with.
+struct Desk<'a> {
+    config: &'a Config,
+    options: StudyOptions,
+    watch: &'a dyn Watch,
+}
+
+type Write = fn(&Desk<'_>) -> Result<Chapter, StudyError>;
+
+/// Each chapter's name, title and maker, in the order of the report.
+const CHAPTERS: [(&str, &str, Write); 9] = [
+    ("table_2", "Table 2: Δv and e of the four cases", table_2::write),
+    ("clarity", "Figure 8: raw frames and central views", clarity::write),
+    ("field_of_view", "Figure 3: the field of view in water", field_of_view::write),
+    ("blur", "Figure 6 and Section 2.3: blur and depth of field", blur::write),
+    ("two_fish", "Section 3.3: depth and refocusing", two_fish::write),
+    ("loops", "The loops: the plain strategy and this program's", loops::write),
+    ("sensitivity", "What Δv and e depend on", sensitivity::write),
+    ("assembly", "Tolerances of parts and the yield", assembly::write),
+    ("second_camera", "Section 3.2: the second camera", second_camera::write),
+];
+
+/// Runs the study: chapters that the archive already has are taken from it, others are made and kept there as they end.
+///
+/// # Errors
+/// [`StudyError`]; the chapters finished until then are in the archive.
+pub fn run(
+    config: &Config,
+    options: StudyOptions,
+    archive: &Archive,
+    watch: &dyn Watch,
+) -> Result<Vec<Chapter>, StudyError> {
+    let mut chapters = Vec::new();
+    for (number, (name, title, write)) in CHAPTERS.into_iter().enumerate() {
+        let kept = archive.chapter(name)?;
+        watch.chapter(number + 1, CHAPTERS.len(), title, kept.is_some());
+        let chapter = match kept {
+            Some(chapter) => chapter,
+            None => {
+                let start = Instant::now();
+                let mut chapter = write(&Desk { config, options, watch })?;
+                chapter.name = name.to_owned();
+                chapter.title = title.to_owned();
+                chapter.seconds = start.elapsed().as_secs_f64();
+                archive.keep(&chapter)?;
+                chapter
+            }
+        };
+        chapters.push(chapter);
+    }
+    Ok(chapters)
+}

@@ -1,0 +1,203 @@
+// Two people at two browsers: who has control, jogging by press and hold, steps, large moves, homing, the stop key.
+
+import assert from "node:assert/strict";
+import { accessible, browse, faults, folder, open, photograph, start, step } from "./harness.mjs";
+
+const place = folder(`
+[sensor]
+width_px = 320
+height_px = 320
+
+[bench.simulation]
+rays = 1
+preview_rays = 1
+preview_rate_hz = 2.0
+`);
+
+const daemon = start(place);
+const browser = await browse();
+
+try {
+  const address = await daemon.address();
+  const [ana, ben] = [await visit(address), await visit(address)];
+
+  step("the space bar is a character while one types");
+  await open(ana.page, "Settings");
+  await ana.page.locator("#name").click();
+  await ana.page.keyboard.type("Ana at the bench");
+  assert.equal(await ana.page.locator("#name").inputValue(), "Ana at the bench");
+  await open(ben.page, "Settings");
+  await ben.page.locator("#name").fill("Ben");
+  assert.equal((await bench()).stop.latched, false);
+
+  step("it stops when one does not, and clicks nothing");
+  await ana.page.getByRole("button", { name: "Take control" }).focus();
+  await ana.page.keyboard.press("Space");
+  await ana.page.locator("#reset").waitFor();
+  assert.equal((await bench()).stop.latched, true);
+  assert.equal((await bench()).lease ?? null, null, "the space bar clicked the button under the focus");
+  await ben.page.locator("#reset").click();
+  await ana.page.locator("#reset").waitFor({ state: "detached" });
+
+  step("another key can be the stop key");
+  await ana.page.locator(".stop-key").getByRole("button", { name: "Change" }).click();
+  await ana.page.keyboard.press("F8");
+  assert.equal(await ana.page.locator("#stop-key").textContent(), "F8");
+  await ana.page.locator("h1").click();
+  await ana.page.keyboard.press("Space");
+  await ana.page.waitForTimeout(300);
+  assert.equal((await bench()).stop.latched, false);
+  await ana.page.keyboard.press("F8");
+  await ana.page.locator("#reset").click();
+  await ana.page.locator("#reset").waitFor({ state: "detached" });
+  await ana.page.getByRole("button", { name: "Back to Space" }).click();
+
+  step("homing is a job as well; its starter has control, and others see who");
+  await open(ana.page, "Alignment");
+  await ana.page.locator("#kind").selectOption("focus_sweep");
+  await ana.page.locator("#start").click();
+  assert.equal(await ana.page.locator(".start .fault").count(), 2, "a sweep without its ends is not refused");
+  await ana.page.locator("#kind").selectOption("homing");
+  await ana.page.locator("#start").click();
+  await ana.page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
+  assert.match(await ana.page.locator(".result").innerText(), /e axis\s+30\.000 mm/);
+  await ana.page.locator(".lease[data-lease=mine]").waitFor();
+  await ben.page.locator(".lease[data-lease=others]", { hasText: "Ana at the bench has control" }).waitFor();
+
+  step("an axis moves while its button is held, and no longer");
+  for (const { page } of [ana, ben]) {
+    await open(page, "Live");
+    await page.locator(".axes").waitFor();
+  }
+  const forward = hold(ana.page, "focus", "high");
+  const before = await position("focus");
+  await press(ana.page, forward);
+  await until(
+    async () => (await position("focus")) > before + 0.2,
+    "the axis does not move while it is held",
+  );
+  await ana.page.locator(".hold[data-held=true]").waitFor();
+  await photograph(ana.page, "jog");
+  await ana.page.mouse.up();
+  await still("focus", "the axis moves on after the release");
+
+  step("it ends by the deadman where the page is not heard any more");
+  await forward.scrollIntoViewIfNeeded();
+  await press(ana.page, forward);
+  const going = await position("focus");
+  await until(async () => (await position("focus")) > going + 0.1, "the axis does not move");
+  await ana.page.route("**/jog", (route) => route.abort());
+  await still("focus", "the axis moves on although nothing is heard from the page");
+  await ana.page.locator(".problem").first().waitFor();
+  await ana.page.mouse.up();
+  await ana.page.unroute("**/jog");
+  await ana.page.locator(".problem button").first().click();
+
+  step("who has no control is refused in the daemon's words");
+  await press(ben.page, hold(ben.page, "focus", "low"));
+  await ben.page.locator(".problem", { hasText: "Ana at the bench" }).waitFor();
+  await ben.page.mouse.up();
+  await ben.page.locator(".problem button").click();
+
+  step("a step goes by what it says");
+  const from = await position("focus");
+  await ana.page.getByRole("button", { name: "Move the focus axis by −0.100 mm" }).click();
+  await until(async () => Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "no step was made");
+
+  step("a large move is asked about; STOP stays within reach");
+  const field = ana.page.getByLabel("Move the focus axis to, mm");
+  await field.fill("4.5");
+  await field.press("Enter");
+  await ana.page.locator(".ask").waitFor();
+  assert.equal(await ana.page.locator(".ask button:focus").textContent(), "Don’t");
+  await photograph(ana.page, "large-move");
+  await ana.page.locator(".ask button:focus").click();
+  await ana.page.waitForTimeout(300);
+  assert(Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "it moved although it was told not to");
+  await field.press("Enter");
+  await ana.page.locator(".ask .primary").click();
+  await until(async () => (await position("focus")) > 4.4, "the move was not made");
+
+  step("a place beyond the limits is named as such");
+  await field.fill("90");
+  await ana.page.locator(".axes .fault", { hasText: "from −2.00 mm to 5.00 mm" }).waitFor();
+  await field.press("Enter");
+  await ana.page.locator(".ask .primary").click();
+  await ana.page.locator("header .problem").waitFor();
+  await ana.page.locator("header .problem button").click();
+
+  step("control is taken over, after a question, and the other sees it");
+  await ben.page.getByRole("button", { name: "Take over…" }).click();
+  await ben.page.locator(".lease .ask", { hasText: "Ana at the bench" }).waitFor();
+  await ben.page.getByRole("button", { name: "Take over", exact: true }).click();
+  await ben.page.locator(".lease[data-lease=mine]").waitFor();
+  await ana.page.locator(".lease[data-lease=others]", { hasText: "Ben has control" }).waitFor();
+  const taken = await position("focus");
+  await press(ana.page, forward);
+  await ana.page.locator("header .problem").waitFor();
+  await ana.page.mouse.up();
+  assert(Math.abs((await position("focus")) - taken) < 0.01, "it moved without control");
+  await photograph(ana.page, "taken-over");
+
+  step("given back, it is free for everybody");
+  await ben.page.getByRole("button", { name: "Release control" }).click();
+  await ana.page.locator(".lease[data-lease=free]").waitFor();
+
+  step("nothing on any page keeps out who cannot see or has no mouse");
+  for (const name of ["Live", "Alignment", "History", "Settings"]) {
+    await open(ana.page, name);
+    await ana.page.waitForTimeout(500);
+    await accessible(ana.page);
+  }
+
+  for (const { own } of [ana, ben]) assert.deepEqual(own(), []);
+
+  async function bench() {
+    return (await fetch(new URL("/api/v1/bench", address))).json();
+  }
+
+  async function position(name) {
+    return (await bench()).axes.find((axis) => axis.axis === name).position_mm;
+  }
+
+  /** The deadman waits 0.3 s, and an axis needs a moment to stop. */
+  async function still(name, otherwise) {
+    await ana.page.waitForTimeout(1000);
+    const there = await position(name);
+    await ana.page.waitForTimeout(500);
+    assert(Math.abs((await position(name)) - there) < 1e-6, otherwise);
+  }
+} finally {
+  await browser.close();
+  daemon.process.kill("SIGKILL");
+  place.remove();
+}
+
+/** Somebody with a browser of their own. */
+async function visit(address) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 1000 } });
+  const page = await context.newPage();
+  const own = faults(page);
+  await page.goto(address);
+  await page.locator(".axes").waitFor();
+  return { page, own };
+}
+
+function hold(page, axis, side) {
+  return page.locator(`.hold[data-axis=${axis}][data-side=${side}]`);
+}
+
+/** Presses a button and does not let go. */
+async function press(page, button) {
+  await button.scrollIntoViewIfNeeded();
+  await button.hover();
+  await page.mouse.down();
+}
+
+async function until(holds, otherwise) {
+  for (let tries = 0; tries < 100; tries += 1) {
+    if (await holds()) return;
+    await new Promise((resolve) => setTimeout(resolve, 100));
+  }
+  throw new Error(otherwise);
+}

@@ -1,0 +1,116 @@
+// What the browser tests share: the real program on its simulated bench, and a real browser.
+//
+//   PLENALIGN  the program (default: the debug build, or else the release build)
+//   CHROMIUM   the browser (default: /usr/bin/chromium)
+//   SHOTS      a folder for screenshots (default: test-results)
+
+import assert from "node:assert/strict";
+import { spawn } from "node:child_process";
+import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { createInterface } from "node:readline";
+import { chromium } from "playwright-core";
+
+const WIDTHS = [360, 1024, 1920];
+const built = ["../target/debug/plenalign", "../target/release/plenalign"];
+
+export const program = process.env.PLENALIGN ?? built.find((path) => existsSync(path));
+assert(program, "build the program first: cargo build");
+
+export const shots = process.env.SHOTS ?? "test-results";
+mkdirSync(shots, { recursive: true });
+
+export function step(text) {
+  console.log(`- ${text}`);
+}
+
+/** A state folder with a configuration in it, gone when the test ends. */
+export function folder(config) {
+  const state = mkdtempSync(join(tmpdir(), "plenalign-e2e-"));
+  const file = join(state, "bench.toml");
+  writeFileSync(file, config);
+  const env = { ...process.env, PLENALIGN_STATE_DIR: state };
+  return { state, file, env, remove: () => rmSync(state, { recursive: true, force: true }) };
+}
+
+/** Starts the daemon; `ended` gives its exit code, `address()` where it serves. */
+export function start({ file, env }, listen = "127.0.0.1:0") {
+  const child = spawn(program, ["serve", "--simulated", "--listen", listen, "--config", file], {
+    stdio: ["ignore", "pipe", "inherit"],
+    env,
+  });
+  const begun = { process: child, alive: true };
+  begun.ended = new Promise((resolve) => {
+    child.once("exit", (code) => {
+      begun.alive = false;
+      resolve(code);
+    });
+  });
+  begun.address = async () => {
+    for await (const line of createInterface({ input: child.stdout })) {
+      const found = /http:\/\/\S+/.exec(line);
+      if (found) return found[0];
+    }
+    throw new Error("the daemon ended without saying its address");
+  };
+  return begun;
+}
+
+export function browse() {
+  return chromium.launch({
+    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+    args: ["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
+  });
+}
+
+/** Opens one of the page's pages, as its link does. */
+export async function open(page, name) {
+  await page.locator("nav a", { hasText: name }).click();
+  await page.locator(`main[data-page=${name.toLowerCase()}]`).waitFor();
+}
+
+/** What goes wrong in the page itself; what it cannot reach while a daemon is gone is no fault of its. */
+export function faults(page) {
+  const errors = [];
+  page.on("pageerror", (error) => errors.push(String(error)));
+  page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
+  return () => errors.filter((text) => !/ERR_CONNECTION|WebSocket|Failed to load resource/.test(text));
+}
+
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+
+/** What keeps people out who cannot see, or cannot use a mouse, as far as a program can tell. */
+export async function accessible(page) {
+  await page.evaluate(axe);
+  const found = await page.evaluate(async () => {
+    const { violations } = await globalThis.axe.run(document, { resultTypes: ["violations"] });
+    return violations.map(({ id, impact, nodes }) => ({
+      id,
+      impact,
+      where: nodes.map((node) => node.target[0]),
+    }));
+  });
+  const serious = found.filter(({ impact }) => impact === "serious" || impact === "critical");
+  assert.deepEqual(serious, [], "not accessible");
+}
+
+/** The page at each width: STOP on the screen, nothing wider than the screen. */
+export async function photograph(page, name) {
+  const before = page.viewportSize();
+  for (const width of WIDTHS) {
+    await page.setViewportSize({ width, height: { 360: 740, 1024: 768, 1920: 1080 }[width] });
+    await page.waitForTimeout(400);
+    const stop = await page.locator("#stop").boundingBox();
+    const height = page.viewportSize().height;
+    assert(
+      stop && stop.y >= 0 && stop.y + stop.height <= height && stop.x >= 0,
+      `STOP is not seen at ${width} px`,
+    );
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
+    assert(wide <= 0, `the page is ${wide} px wider than ${width} px`);
+    await page.screenshot({ path: `${shots}/${name}-${width}.png`, fullPage: width === 360 });
+  }
+  await page.setViewportSize(before);
+}

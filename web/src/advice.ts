@@ -1,0 +1,39 @@
+// The meter's reading as a sentence: what is to be moved, which way, how far.
+
+import type { Correction } from "./correction";
+import type { Reading } from "./reading";
+import { strings } from "./strings";
+import { length, signedLength, type LengthUnit } from "./units";
+
+/** What is moved now: the camera in its shell, or MLA and sensor behind the lens. */
+export type Moved = "e" | "delta_v";
+
+export interface Advice {
+  /** What to do. */
+  main: string;
+  /** What would do as well. */
+  other: string | null;
+}
+
+export function advice(
+  reading: Reading,
+  correction: Correction | null,
+  moved: Moved,
+  unit: LengthUnit,
+): Advice {
+  const words = strings.meter;
+  if (reading.direction === "there") return { main: words.thereMore, other: null };
+  if (!correction) {
+    return { main: reading.direction === "larger" ? words.farther : words.nearer, other: null };
+  }
+  const { deltaVMm, eMm } = correction;
+  const apart = length(Math.abs(deltaVMm), unit, 4);
+  if (moved === "e" && eMm !== null) {
+    const far = length(Math.abs(eMm), unit, 2);
+    return {
+      main: eMm > 0 ? words.away(far) : words.towards(far),
+      other: words.or(signedLength(deltaVMm, unit, 4)),
+    };
+  }
+  return { main: deltaVMm > 0 ? words.grow(apart) : words.shrink(apart), other: null };
+}

@@ -1,0 +1,142 @@
+// What each kind of job takes: the same rules as the daemon's, which has the last word.
+
+import { strings } from "./strings";
+import type { Axis, AxisName, Design, JobKind, JobRequest } from "./wire";
+
+/** A number that a kind takes. */
+export interface NumberField {
+  is: "number";
+  name: "e_mm" | "distance_mm" | "from_mm" | "to_mm" | "steps" | "duration_s" | "interval_s";
+  unit: "mm" | "s" | "";
+  low: number;
+  high: number;
+  whole: boolean;
+  needed: boolean;
+}
+
+/** One axis, or some of them. */
+export type AxisField = { is: "axis"; name: "axis" } | { is: "axes"; name: "axes" };
+
+export type Field = NumberField | AxisField;
+
+const number = (
+  name: NumberField["name"],
+  unit: NumberField["unit"],
+  low: number,
+  high: number,
+  more: Partial<Pick<NumberField, "whole" | "needed">> = {},
+): NumberField => ({ is: "number", name, unit, low, high, whole: false, needed: false, ...more });
+
+export const FIELDS: Record<JobKind, Field[]> = {
+  joint_alignment: [],
+  air_only: [],
+  shell_only: [],
+  clarity_only: [number("e_mm", "mm", -1000, 1000)],
+  l_bound_measurement: [],
+  focus_sweep: [
+    { is: "axis", name: "axis" },
+    number("from_mm", "mm", -1e4, 1e4, { needed: true }),
+    number("to_mm", "mm", -1e4, 1e4, { needed: true }),
+    number("steps", "", 2, 200, { whole: true }),
+    number("distance_mm", "mm", 1, 1e5),
+  ],
+  spacing_watch: [
+    number("duration_s", "s", 1, 86_400, { needed: true }),
+    number("interval_s", "s", 0.1, 3600),
+  ],
+  calibration: [number("distance_mm", "mm", 1, 1e5)],
+  homing: [{ is: "axes", name: "axes" }],
+};
+
+export const KINDS = Object.keys(FIELDS) as JobKind[];
+
+/** Measurements of a spacing watch, at most. */
+const MOST_MEASUREMENTS = 500;
+const INTERVAL_S = 1;
+
+/** What stands in a form: text as it was typed, the axes chosen. */
+export interface Draft {
+  kind: JobKind;
+  note: string;
+  numbers: Partial<Record<NumberField["name"], string>>;
+  axis: AxisName;
+  axes: AxisName[];
+}
+
+export function draftOf(kind: JobKind, note = ""): Draft {
+  return { kind, note, numbers: {}, axis: "focus", axes: ["focus", "e"] };
+}
+
+/** A request while its fields are being filled in. */
+type Filled = { kind: JobKind; note?: string; axis?: AxisName; axes?: AxisName[] } & Partial<
+  Record<NumberField["name"], number>
+>;
+
+export type Checked =
+  { ok: true; request: JobRequest } | { ok: false; faults: Partial<Record<Field["name"] | "note", string>> };
+
+/** A number as people type it, with a comma or a point; NaN for what is none. */
+export function numberOf(text: string): number {
+  const plain = text.trim().replace(",", ".").replace("−", "-");
+  return plain === "" ? NaN : Number(plain);
+}
+
+/** The request that a form makes, or what is wrong with it, field by field. */
+export function check(draft: Draft, axes: Axis[]): Checked {
+  const faults: Partial<Record<Field["name"] | "note", string>> = {};
+  const request: Filled = { kind: draft.kind };
+  if (draft.note.trim() !== "") request.note = draft.note.trim();
+  if (draft.note.length > 200) faults.note = strings.form.tooLong(200);
+  for (const field of FIELDS[draft.kind]) {
+    if (field.is === "axis") request.axis = draft.axis;
+    else if (field.is === "axes") {
+      if (draft.axes.length === 0) faults.axes = strings.form.axisNeeded;
+      else request.axes = draft.axes;
+    } else {
+      const text = draft.numbers[field.name] ?? "";
+      if (text.trim() === "") {
+        if (field.needed) faults[field.name] = strings.form.needed;
+        continue;
+      }
+      const value = numberOf(text);
+      const [low, high] = reach(field, draft, axes);
+      if (!Number.isFinite(value)) faults[field.name] = strings.form.noNumber;
+      else if (field.whole && !Number.isInteger(value)) faults[field.name] = strings.form.notWhole;
+      else if (value < low || value > high) faults[field.name] = strings.form.outside(low, high, field.unit);
+      else request[field.name] = value;
+    }
+  }
+  if (draft.kind === "spacing_watch" && request.duration_s) {
+    const interval = request.interval_s ?? INTERVAL_S;
+    const least = request.duration_s / MOST_MEASUREMENTS;
+    if (interval < least && !faults.interval_s)
+      faults.interval_s = strings.form.interval(MOST_MEASUREMENTS, least);
+  }
+  // FIELDS has for each kind what its request has, which the compiler cannot follow.
+  return Object.keys(faults).length > 0
+    ? { ok: false, faults }
+    : { ok: true, request: request as JobRequest };
+}
+
+/** Where a sweep may go is where its axis may go. */
+function reach(field: NumberField, draft: Draft, axes: Axis[]): [number, number] {
+  const axis = axes.find((axis) => axis.axis === draft.axis);
+  const along = field.name === "from_mm" || field.name === "to_mm";
+  return along && axis ? [axis.low_limit_mm, axis.high_limit_mm] : [field.low, field.high];
+}
+
+/** What is taken where a field is left empty, as far as the page knows it. */
+export function unless(name: NumberField["name"], design: Design | null): string {
+  switch (name) {
+    case "e_mm":
+      return design ? design.clarity.e_mm.toFixed(1) : "";
+    case "distance_mm":
+      return design ? design.joint.equivalent_distance_mm.toFixed(1) : "";
+    case "steps":
+      return "11";
+    case "interval_s":
+      return String(INTERVAL_S);
+    default:
+      return "";
+  }
+}

@@ -1,0 +1,37 @@
+// What is looked for in the history.
+
+import type { JobKind, JobState } from "./wire";
+
+export interface Filter {
+  text: string;
+  kind: JobKind | "";
+  state: JobState | "";
+  /** Days as a date field has them, local; empty for no bound. */
+  since: string;
+  until: string;
+}
+
+export const everything: Filter = { text: "", kind: "", state: "", since: "", until: "" };
+const PAGE = 20;
+
+/** A filter as the API takes it. */
+export function queryOf(filter: Filter, cursor: string | null): URLSearchParams {
+  const query = new URLSearchParams({ limit: String(PAGE) });
+  if (filter.text.trim() !== "") query.set("q", filter.text.trim());
+  if (filter.kind !== "") query.set("kind", filter.kind);
+  if (filter.state !== "") query.set("state", filter.state);
+  const since = midnight(filter.since, 0);
+  if (since !== null) query.set("since", since);
+  // The day named is meant with all its hours.
+  const until = midnight(filter.until, 1);
+  if (until !== null) query.set("until", until);
+  if (cursor !== null) query.set("cursor", cursor);
+  return query;
+}
+
+function midnight(day: string, later: number): string | null {
+  const match = /^(\d{4})-(\d{2})-(\d{2})$/.exec(day);
+  if (!match) return null;
+  const date = new Date(Number(match[1]), Number(match[2]) - 1, Number(match[3]) + later);
+  return Number.isNaN(date.getTime()) ? null : date.toISOString();
+}

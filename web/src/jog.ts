@@ -1,0 +1,75 @@
+// Press and hold: an axis moves for as long as the press is told again and again, and the daemon's deadman ends the
+// motion 0.3 s after the last word. Nothing is told after the release, and what was on its way then is taken back.
+
+import type { AxisName, Problem, Side } from "./wire";
+
+/** Between two words; the daemon waits 300 ms. */
+export const BEAT_MS = 100;
+
+export interface Press {
+  axis: AxisName;
+  towards: Side;
+  speedMmPerS: number | null;
+}
+
+export interface JogCalls {
+  /** Tells that the press goes on; the problem, if there is one. */
+  go(press: Press): Promise<Problem | null>;
+  /** Ends the motion at once. */
+  end(axis: AxisName): Promise<Problem | null>;
+  /** What went wrong, for the operator. */
+  failed(problem: Problem): void;
+  /** Whether something is pressed. */
+  changed(press: Press | null): void;
+}
+
+export class Jog {
+  private press: Press | null = null;
+  private timer: ReturnType<typeof setInterval> | null = null;
+  private onTheWay = false;
+
+  constructor(private readonly calls: JogCalls) {}
+
+  get pressed(): Press | null {
+    return this.press;
+  }
+
+  /** One press at a time: another one ends it first. */
+  begin(press: Press): void {
+    this.release();
+    this.press = press;
+    this.calls.changed(press);
+    this.timer = setInterval(() => void this.tell(press), BEAT_MS);
+    void this.tell(press);
+  }
+
+  release(): void {
+    const press = this.press;
+    if (press === null) return;
+    this.press = null;
+    if (this.timer !== null) clearInterval(this.timer);
+    this.timer = null;
+    this.calls.changed(null);
+    void this.end(press);
+  }
+
+  private async tell(press: Press): Promise<void> {
+    // A slow answer is waited for: words do not pile up, and the deadman decides meanwhile.
+    if (this.onTheWay || this.press !== press) return;
+    this.onTheWay = true;
+    const problem = await this.calls.go(press);
+    this.onTheWay = false;
+    if (this.press !== press) {
+      // Released meanwhile: this word may have come after the end.
+      if (problem === null) await this.end(press);
+    } else if (problem) {
+      this.release();
+      this.calls.failed(problem);
+    }
+  }
+
+  private async end(press: Press): Promise<void> {
+    const problem = await this.calls.end(press.axis);
+    if (problem) this.calls.failed(problem);
+  }
+}

@@ -1,0 +1,56 @@
+// What this browser remembers for whoever uses it. It is about the page alone: the bench has its own configuration.
+
+import { SPACE, type StopKey } from "./stop-key";
+import type { LengthUnit } from "./units";
+
+/** What can be drawn over the picture. */
+export const OVERLAYS = ["grid", "pairs", "error", "saturation"] as const;
+export type Overlay = (typeof OVERLAYS)[number];
+
+export interface Preferences {
+  /** What others are shown as the lease's owner; empty for the name one signed in with. */
+  name: string;
+  stopKey: StopKey;
+  unit: LengthUnit;
+  overlays: Overlay[];
+  /** Step of the step buttons, mm. */
+  stepMm: number;
+}
+
+export const standard: Preferences = { name: "", stopKey: SPACE, unit: "mm", overlays: [], stepMm: 0.1 };
+
+export const STEPS_MM = [0.01, 0.1, 1] as const;
+
+const KEY = "plenalign.preferences";
+
+function text(value: unknown): value is string {
+  return typeof value === "string";
+}
+
+/** Preferences as they were kept; whatever cannot be read is as standard. */
+export function recall(storage: Pick<Storage, "getItem">): Preferences {
+  let kept: Record<string, unknown>;
+  try {
+    kept = (JSON.parse(storage.getItem(KEY) ?? "{}") ?? {}) as Record<string, unknown>;
+  } catch {
+    return standard;
+  }
+  const key = kept["stopKey"] as Partial<StopKey> | undefined;
+  const overlays = kept["overlays"];
+  return {
+    name: text(kept["name"]) ? kept["name"].slice(0, 64) : standard.name,
+    stopKey:
+      key && text(key.code) && key.code !== "" && text(key.name) ? { code: key.code, name: key.name } : SPACE,
+    unit: kept["unit"] === "µm" ? "µm" : "mm",
+    overlays: Array.isArray(overlays) ? OVERLAYS.filter((overlay) => overlays.includes(overlay)) : [],
+    stepMm: STEPS_MM.find((step) => step === kept["stepMm"]) ?? standard.stepMm,
+  };
+}
+
+export function keep(storage: Pick<Storage, "setItem">, preferences: Preferences): void {
+  try {
+    storage.setItem(KEY, JSON.stringify(preferences));
+  } catch {
+    // A browser that keeps nothing works all the same, until it is closed.
+  }
+}

@@ -1,0 +1,21 @@
+// Which page is seen: it is in the address after the #, so that it can be linked to and gone back to.
+
+export const PAGES = ["live", "alignment", "history", "settings"] as const;
+export type Page = (typeof PAGES)[number];
+
+export interface Route {
+  page: Page;
+  /** Ids of jobs: the one shown, or those compared. */
+  jobs: string[];
+}
+
+/** The page that an address names; the live one where it names none. */
+export function routeOf(hash: string): Route {
+  const [name, ...rest] = hash.replace(/^#\/?/, "").split("/");
+  const page = PAGES.find((page) => page === name) ?? "live";
+  return { page, jobs: rest.filter((part) => /^[0-9a-f-]{36}$/.test(part)) };
+}
+
+export function addressOf(page: Page, ...jobs: string[]): string {
+  return `#/${[page, ...jobs].join("/")}`;
+}

@@ -1,0 +1,54 @@
+// The key that stops the bench.
+
+/** A key by its place on the keyboard and by what it is called. */
+export interface StopKey {
+  code: string;
+  name: string;
+}
+
+export const SPACE: StopKey = { code: "Space", name: "Space" };
+
+/** Keys that are needed for something else. */
+const TAKEN = ["Tab", "Enter", "NumpadEnter", "Escape", "ContextMenu"];
+const MODIFIER = /^(Shift|Control|Alt|Meta|OS|CapsLock|NumLock|ScrollLock|Fn)/;
+/** Kinds of input that nobody types into. */
+const NO_TEXT = ["button", "checkbox", "color", "file", "image", "radio", "range", "reset", "submit"];
+
+type Pressed = Pick<KeyboardEvent, "code" | "key" | "altKey" | "ctrlKey" | "metaKey">;
+
+/** The key pressed, if it may be the stop key. */
+export function choosable(event: Pressed): StopKey | null {
+  if (event.altKey || event.ctrlKey || event.metaKey) return null;
+  if (event.code === "" || TAKEN.includes(event.code) || MODIFIER.test(event.code)) return null;
+  return { code: event.code, name: event.key.trim() === "" ? event.code : event.key.toUpperCase() };
+}
+
+interface Element {
+  tagName: string;
+  type?: string;
+  readOnly?: boolean;
+  isContentEditable?: boolean;
+}
+
+/** Whether what has the focus takes text. */
+export function isTyping(focused: Element | null): boolean {
+  if (!focused) return false;
+  if (focused.isContentEditable) return true;
+  if (focused.tagName === "TEXTAREA") return true;
+  return focused.tagName === "INPUT" && !NO_TEXT.includes(focused.type ?? "text");
+}
+
+/**
+ * What a key event means: "stop" for the first press of the stop key, "consume" for its repeats and its release, which
+ * would else click what has the focus; "pass" for everything else, and for every key while somebody types.
+ */
+export function meaning(
+  event: Pressed & Pick<KeyboardEvent, "type" | "repeat" | "isComposing">,
+  focused: Element | null,
+  key: StopKey,
+): "stop" | "consume" | "pass" {
+  if (event.code !== key.code || event.isComposing || event.altKey || event.ctrlKey || event.metaKey)
+    return "pass";
+  if (isTyping(focused)) return "pass";
+  return event.type === "keydown" && !event.repeat ? "stop" : "consume";
+}

@@ -1,0 +1,64 @@
+// Words of the bench: lease, axes, moves by hand, shell.
+
+import type { AxisName, ShellState, Side } from "../wire";
+
+export const lease = {
+  owner: "a browser",
+  free: "Nobody has control.",
+  mine: "This page has control.",
+  held: (owner: string, note?: string | null) => `${owner} has control${note ? ` (${note})` : ""}.`,
+  byJob: "until the job ends",
+  left: (seconds: number) => `for ${seconds} s unless renewed`,
+  take: "Take control",
+  release: "Release control",
+  takeOver: "Take over…",
+  takeOverSure: (owner: string, job: boolean) =>
+    `Take control from ${owner}? ${job ? "The job under way is cancelled. " : ""}An axis that moves is stopped.`,
+  takeOverYes: "Take over",
+  takeOverNo: "Leave it",
+};
+
+export const axis = {
+  name: { focus: "Focus axis", e: "e axis" } satisfies Record<AxisName, string>,
+  short: { focus: "focus", e: "e" } satisfies Record<AxisName, string>,
+  readbackMore: "Where the controller says the axis stands. Δv and e themselves are measured in the picture.",
+  unknown: "unknown",
+  notHomed: "not homed",
+  disconnected: "not connected",
+  moving: "moving",
+  wall: "wall",
+  scale: (name: string, at: string, low: string, high: string) =>
+    `${name} at ${at}, within ${low} to ${high}`,
+};
+
+export const byHand = {
+  title: "By hand",
+  home: "Home",
+  homeMore: (axis: string) => `Home the ${axis} axis`,
+  step: "Step",
+  stepBy: (axis: string, step: string) => `Move the ${axis} axis by ${step}`,
+  hold: {
+    low: "Hold to move towards smaller positions",
+    high: "Hold to move towards larger positions",
+  } satisfies Record<Side, string>,
+  holdOf: (axis: string, hold: string) => `${axis} axis: ${hold}`,
+  pace: "Hold at",
+  paces: { slow: "slow", fast: "fast" },
+  moveTo: (axis: string, unit: string) => `Move the ${axis} axis to, ${unit}`,
+  to: "Go to",
+  go: "Go",
+  sure: (axis: string, from: string, to: string, by: string) =>
+    `Move the ${axis} axis by ${by}, from ${from} to ${to}?`,
+  outside: (low: string, high: string) => `It may go from ${low} to ${high}.`,
+  yes: "Move",
+  no: "Don’t",
+  hint: "Press and hold ◀ or ▶; letting go stops the axis.",
+};
+
+export const shell = {
+  title: "Shell",
+  state: { on: "on", off: "off", unknown: "unknown" } satisfies Record<ShellState, string>,
+  sure: "Is the shell really off the camera? The e axis may then move where the shell would be.",
+  yes: "It is off",
+  no: "Leave it",
+};

@@ -1,0 +1,56 @@
+// Words of the page's frame: banners, connection, stop, sign-in.
+
+import type { Page } from "../route";
+import type { Scope } from "../wire";
+
+export const frame = {
+  title: "Plenalign",
+  simulatedTitle: "SIMULATED · Plenalign",
+  simulated: "SIMULATED BENCH",
+  simulatedMore: "No hardware is attached: every picture and figure here is computed.",
+  replay: "REPLAY",
+  replayMore: "Frames of old are played from files: nothing of what is seen is now.",
+  connecting: "Connecting…",
+  lost: "CONNECTION LOST",
+  lostMore:
+    "What is shown below is old. STOP may not get through: use the switch on the bench. Trying again…",
+  noAnswer: "The daemon does not answer",
+  dismiss: "Dismiss",
+  close: "Close",
+  historyFault: "Nothing can be moved",
+  viewOnly: "You may look and stop; commands need a token with scope control.",
+  skip: "Skip to the content",
+  pagesLabel: "Pages",
+  pages: {
+    live: "Live",
+    alignment: "Alignment",
+    history: "History",
+    settings: "Settings",
+  } satisfies Record<Page, string>,
+};
+
+export const stop = {
+  stop: "STOP",
+  more: (key: string) => `Stop every axis at once (${key} while you do not type)`,
+  key: (key: string) => `or ${key}`,
+  stopped: "Stopped",
+  stoppedMore: "Motion is refused until the stop is reset.",
+  sent: (focus: string, e: string) => `focus axis: ${focus}; e axis: ${e}`,
+  reset: "Reset stop",
+  failed: "STOP WAS NOT DELIVERED",
+  failedMore: "Use the hardware emergency stop.",
+  again: "Stop again",
+  delivery: { confirmed: "stopped", sent: "sent, not confirmed", undeliverable: "NOT DELIVERABLE" },
+};
+
+export const signIn = {
+  signIn: "Sign in",
+  more: "This daemon asks for a token: whoever administers it makes one with “plenalign token create”.",
+  signOut: "Sign out",
+  token: "Token",
+  scope: {
+    view: "may look and stop",
+    control: "may command",
+    admin: "may do everything",
+  } satisfies Record<Scope, string>,
+};

@@ -1,0 +1,28 @@
+// Every word the page shows.
+
+import { axis, byHand, lease, shell } from "./bench";
+import { frame, signIn, stop } from "./frame";
+import { history } from "./history";
+import { form, iterations, job, outcome, report } from "./job";
+import { charts, meter, picture } from "./live";
+import { settings } from "./settings";
+
+export const strings = {
+  ...frame,
+  stop,
+  signIn,
+  picture,
+  meter,
+  charts,
+  lease,
+  axis,
+  byHand,
+  shell,
+  job,
+  form,
+  iterations,
+  report,
+  outcome,
+  history,
+  settings,
+};

@@ -1,0 +1,98 @@
+// Words of the live page: picture, focus meter, charts.
+
+import type { Octant } from "../correction";
+import type { Overlay } from "../preferences";
+import type { Direction } from "../reading";
+
+export const picture = {
+  live: "Live frame",
+  none: "No picture yet",
+  stale: (span: string) => `STALE · ${span} old`,
+  preview: "preview",
+  moving: "moving",
+  frame: (seq: number, age: string) => `frame ${seq} · ${age} ms old`,
+  rate: (perSecond: string) => `${perSecond} pictures/s`,
+  skipped: (count: number) => `${count} not shown`,
+  cameraOffline: "The camera sends nothing",
+  zoom: "Zoom",
+  zoomIn: "Zoom in",
+  zoomOut: "Zoom out",
+  whole: "Whole",
+  wholeMore: "The whole frame",
+  pixels: "1:1",
+  pixelsMore: "One raw pixel to one of the screen's",
+  keys: "The raw frame. Plus and minus zoom, arrows move, 0 shows all of it.",
+  at: (x: number, y: number, grey: string) => `pixel ${x}, ${y}${grey}`,
+  grey: (value: number) => ` · grey ${value}`,
+  overlays: "Overlays",
+  overlay: {
+    grid: "Grid",
+    pairs: "Pairs",
+    error: "Spacing error",
+    saturation: "Saturation",
+  } satisfies Record<Overlay, string>,
+  overlayMore: {
+    grid: "Micro-images found: dashed without texture, crossed out where they show something else than their neighbours",
+    pairs: "Neighbours that match",
+    error: "How far each micro-image's spacing is from the target",
+    saturation: "Pixels that got more light than they can tell",
+  } satisfies Record<Overlay, string>,
+  legendBelow: "smaller",
+  legendAbove: "larger",
+  legendRange: (px: string) => `full colour at ${px} px from the target`,
+  mapNone: "Nothing measured to be drawn yet",
+  mapOld: (frames: number) => `measured ${frames} frames ago`,
+  saturated: (percent: string) => `${percent} % saturated`,
+};
+
+export const meter = {
+  title: "Focus",
+  none: "Nothing measured yet",
+  noneMore: "The live picture is measured once a white frame has been taken: an alignment begins with one.",
+  target: "target",
+  ago: (span: string) => `OLD · ${span}`,
+  inFocus: "IN FOCUS",
+  words: {
+    larger: "Spacing too large",
+    smaller: "Spacing too small",
+    there: "On target",
+  } satisfies Record<Direction, string>,
+  thereMore: "within 2 σ: no move is called for",
+  away: (length: string) => `Move the camera ${length} away from the shell`,
+  towards: (length: string) => `Move the camera ${length} towards the shell`,
+  or: (length: string) => `or Δv by ${length}`,
+  grow: (length: string) => `Move MLA and sensor ${length} away from the lens`,
+  shrink: (length: string) => `Move MLA and sensor ${length} towards the lens`,
+  estimate: "by the design's figures",
+  farther: "too far from the target for a distance: Δv or e must grow",
+  nearer: "too far from the target for a distance: Δv or e must shrink",
+  ends: { smaller: "too small", larger: "too large" },
+  best: "Best",
+  bestMore: (focus: string, e: string) => `at focus ${focus}, e ${e}`,
+  bestReset: "Hold anew",
+  tilt: "Tilt",
+  tiltMore: (where: string) => `the spacing grows towards the ${where}`,
+  tiltCaution: "between lens and MLA, if board and shell are square",
+  octant: {
+    right: "right",
+    lowerRight: "lower right",
+    bottom: "bottom",
+    lowerLeft: "lower left",
+    left: "left",
+    upperLeft: "upper left",
+    top: "top",
+    upperRight: "upper right",
+  } satisfies Record<Octant, string>,
+  spoken: (words: string, px: string, advice: string) => `${words}, ${px} pixels. ${advice}`,
+};
+
+export const charts = {
+  title: "Last two minutes",
+  spacing: "spacing, px",
+  target: "target",
+  band: "± 2 σ",
+  focus: "focus axis, mm",
+  e: "e axis, mm",
+  iteration: "iteration",
+  none: "Nothing measured in the last two minutes",
+};

@@ -1,0 +1,36 @@
+// What the rolling charts show: the newest minutes of something, oldest first.
+
+/** How far back a trail goes, s. */
+export const SPAN_S = 120;
+/** Points kept at most. */
+const MOST = 1500;
+
+export interface Trail<Point> {
+  /** This page's clock, s. */
+  at: number[];
+  points: Point[];
+}
+
+export const noTrail = { at: [], points: [] };
+
+/** The trail with a point more, and without what is too old. */
+export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): Trail<Point> {
+  const oldest = atS - SPAN_S;
+  let from = trail.at.findIndex((at) => at >= oldest);
+  if (from < 0) from = trail.at.length;
+  from = Math.max(from, trail.at.length - MOST + 1);
+  return { at: [...trail.at.slice(from), atS], points: [...trail.points.slice(from), point] };
+}
+
+/** A spacing with its uncertainty and target, px. */
+export interface SpacingPoint {
+  spacingPx: number;
+  sigmaPx: number;
+  targetPx: number;
+}
+
+/** Readbacks, mm; null while unknown. */
+export interface AxesPoint {
+  focusMm: number | null;
+  eMm: number | null;
+}

@@ -1,0 +1,102 @@
+import { useState } from "preact/hooks";
+import * as api from "../../api";
+import { numberOf } from "../../job-kinds";
+import { isLarge, type Pace } from "../../pace";
+import { strings } from "../../strings";
+import { length, signedLength } from "../../units";
+import type { Axis } from "../../wire";
+import { Ask } from "../ask";
+import type { Scene } from "../scene";
+import { Hold } from "./hold";
+
+interface Props extends Scene {
+  axis: Axis;
+  pace: Pace;
+  disabled: boolean;
+}
+
+/** Jog, step, go to, home. */
+export function ByHand({ state, act, axis, pace, disabled }: Props) {
+  const { unit, stepMm } = state.preferences;
+  const [text, setText] = useState("");
+  const [asked, ask] = useState<number | null>(null);
+  const position = axis.homed ? (axis.position_mm ?? null) : null;
+  const name = strings.axis.short[axis.axis];
+  const target = unit === "mm" ? numberOf(text) : numberOf(text) / 1000;
+  const outside = Number.isFinite(target) && (target < axis.low_limit_mm || target > axis.high_limit_mm);
+  const still = disabled || position === null || axis.moving;
+
+  const go = async (to: number) => {
+    ask(null);
+    if (await act(api.move(axis.axis, to))) setText("");
+  };
+  const step = (by: number) => (
+    <button
+      type="button"
+      class="step"
+      disabled={still}
+      aria-label={strings.byHand.stepBy(name, signedLength(by, unit))}
+      onClick={() => position !== null && void act(api.move(axis.axis, position + by))}
+    >
+      {by < 0 ? "−" : "+"}
+    </button>
+  );
+
+  return (
+    <>
+      <form
+        class="manual"
+        onSubmit={(event) => {
+          event.preventDefault();
+          if (!Number.isFinite(target) || position === null) return;
+          if (isLarge(position, target)) ask(target);
+          else void go(target);
+        }}
+      >
+        <Hold axis={axis.axis} side="low" pace={pace} disabled={disabled || !axis.homed} />
+        {step(-stepMm)}
+        {step(stepMm)}
+        <Hold axis={axis.axis} side="high" pace={pace} disabled={disabled || !axis.homed} />
+        <input
+          inputMode="decimal"
+          value={text}
+          aria-label={strings.byHand.moveTo(name, unit)}
+          aria-invalid={outside}
+          placeholder={`${strings.byHand.to}, ${unit}`}
+          disabled={disabled || position === null}
+          onInput={(event) => setText(event.currentTarget.value)}
+        />
+        <button type="submit" disabled={still || !Number.isFinite(target)}>
+          {strings.byHand.go}
+        </button>
+        <button
+          type="button"
+          class="home"
+          disabled={disabled || axis.moving}
+          aria-label={strings.byHand.homeMore(name)}
+          onClick={() => void act(api.home(axis.axis))}
+        >
+          {strings.byHand.home}
+        </button>
+      </form>
+      {outside && (
+        <p class="fault">
+          {strings.byHand.outside(length(axis.low_limit_mm, unit, 2), length(axis.high_limit_mm, unit, 2))}
+        </p>
+      )}
+      {asked !== null && position !== null && (
+        <Ask
+          question={strings.byHand.sure(
+            name,
+            length(position, unit),
+            length(asked, unit),
+            signedLength(asked - position, unit),
+          )}
+          yes={strings.byHand.yes}
+          no={strings.byHand.no}
+          answer={(yes) => (yes ? void go(asked) : ask(null))}
+        />
+      )}
+    </>
+  );
+}

@@ -1,0 +1,53 @@
+import { PACES, type Pace } from "../../pace";
+import { STEPS_MM } from "../../preferences";
+import { may } from "../../state";
+import { strings } from "../../strings";
+import { useState } from "preact/hooks";
+import type { Scene } from "../scene";
+import { Choice } from "../toggle";
+import { AxisScale } from "./axis";
+import { ByHand } from "./by-hand";
+import { Shell } from "./shell";
+
+/** The axes, and what moves them by hand. */
+export function Bench(scene: Scene) {
+  const { state, update } = scene;
+  const [pace, setPace] = useState<Pace>("slow");
+  const bench = state.bench;
+  if (!bench) return null;
+  const { unit, stepMm } = state.preferences;
+  const commanding = may(state, "control");
+  const busy = Boolean(bench.job) || bench.stop.latched || state.link !== "open" || !commanding;
+  return (
+    <section class="card axes" aria-label={strings.byHand.title}>
+      <h2 class="unseen">{strings.byHand.title}</h2>
+      {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
+      <p class="paces">
+        <span class="quiet">{strings.byHand.step}</span>
+        <Choice
+          label={strings.byHand.step}
+          of={STEPS_MM}
+          chosen={stepMm}
+          name={(step) => (unit === "mm" ? `${step} mm` : `${step * 1000} µm`)}
+          choose={(step) => update({ preferences: { ...state.preferences, stepMm: step } })}
+        />
+        <span class="quiet">{strings.byHand.pace}</span>
+        <Choice
+          label={strings.byHand.pace}
+          of={PACES}
+          chosen={pace}
+          name={(one) => strings.byHand.paces[one]}
+          choose={setPace}
+        />
+      </p>
+      {bench.axes.map((axis) => (
+        <div class="axis" data-axis={axis.axis} key={axis.axis}>
+          <AxisScale bench={bench} axis={axis} unit={unit} />
+          <ByHand {...scene} axis={axis} pace={pace} disabled={busy} />
+        </div>
+      ))}
+      <p class="quiet">{strings.byHand.hint}</p>
+      <Shell {...scene} shell={bench.shell} disabled={busy} />
+    </section>
+  );
+}

@@ -1,0 +1,66 @@
+import { useState } from "preact/hooks";
+import * as api from "../../api";
+import { may } from "../../state";
+import { strings } from "../../strings";
+import { Ask } from "../ask";
+import type { Scene } from "../scene";
+
+/** Who may move the axes; how to become it, and how to cease to be. */
+export function Lease({ state, act, now }: Scene) {
+  const [asking, ask] = useState(false);
+  const bench = state.bench;
+  if (!bench) return null;
+  const lease = bench.lease ?? null;
+  const mine = api.lease.isMine(lease);
+  const commanding = may(state, "control");
+  const left = lease?.expires_at
+    ? Math.max(0, Math.round((Date.parse(lease.expires_at) - now) / 1000))
+    : null;
+  const words =
+    lease === null
+      ? strings.lease.free
+      : mine
+        ? strings.lease.mine
+        : strings.lease.held(lease.owner, lease.note);
+  const more =
+    lease === null || mine
+      ? ""
+      : lease.job
+        ? strings.lease.byJob
+        : left === null
+          ? ""
+          : strings.lease.left(left);
+  return (
+    <div class="lease" data-lease={lease === null ? "free" : mine ? "mine" : "others"}>
+      <p role="status">
+        {words} {more && <span class="quiet">{more}</span>}
+      </p>
+      {lease === null && commanding && (
+        <button type="button" onClick={() => void act(api.takeLease())}>
+          {strings.lease.take}
+        </button>
+      )}
+      {mine && (
+        <button type="button" onClick={() => void act(api.releaseLease())}>
+          {strings.lease.release}
+        </button>
+      )}
+      {lease !== null && !mine && may(state, "admin") && !asking && (
+        <button type="button" onClick={() => ask(true)}>
+          {strings.lease.takeOver}
+        </button>
+      )}
+      {lease !== null && !mine && asking && (
+        <Ask
+          question={strings.lease.takeOverSure(lease.owner, Boolean(lease.job))}
+          yes={strings.lease.takeOverYes}
+          no={strings.lease.takeOverNo}
+          answer={(yes) => {
+            ask(false);
+            if (yes) void act(api.takeOverLease());
+          }}
+        />
+      )}
+    </div>
+  );
+}

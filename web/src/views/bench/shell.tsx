@@ -1,0 +1,47 @@
+import { useState } from "preact/hooks";
+import * as api from "../../api";
+import { strings } from "../../strings";
+import type { ShellState } from "../../wire";
+import { Ask } from "../ask";
+import type { Scene } from "../scene";
+import { Choice } from "../toggle";
+
+const STATES = ["on", "off", "unknown"] as const;
+
+interface Props extends Scene {
+  shell: ShellState;
+  disabled: boolean;
+}
+
+/** Whether the shell is on, as the operator says. */
+export function Shell({ act, shell, disabled }: Props) {
+  const [asking, ask] = useState(false);
+  // "Off" opens the way for the e axis: on the operator's word only.
+  const choose = (state: ShellState) => (state === "off" ? ask(true) : void act(api.setShell(state)));
+  return (
+    <div class="shell">
+      <p class="paces">
+        <span class="quiet">{strings.shell.title}</span>
+        <Choice
+          label={strings.shell.title}
+          of={STATES}
+          chosen={shell}
+          name={(state) => strings.shell.state[state]}
+          disabled={disabled}
+          choose={choose}
+        />
+      </p>
+      {asking && (
+        <Ask
+          question={strings.shell.sure}
+          yes={strings.shell.yes}
+          no={strings.shell.no}
+          answer={(yes) => {
+            ask(false);
+            if (yes) void act(api.setShell("off"));
+          }}
+        />
+      )}
+    </div>
+  );
+}

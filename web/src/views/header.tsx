@@ -1,0 +1,73 @@
+import { addressOf, PAGES } from "../route";
+import { strings } from "../strings";
+import { Lease } from "./bench/lease";
+import { ProblemLine } from "./problem";
+import type { Scene } from "./scene";
+import { Who } from "./sign-in";
+import { Stop, StopNotices } from "./stop";
+
+/** What is seen whatever page is open: that it is simulated, whether it is connected, who has control, STOP. */
+export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
+  const { state, update } = scene;
+  const bench = state.bench;
+  return (
+    <header>
+      <a class="skip" href="#content" onClick={(event) => skip(event)}>
+        {strings.skip}
+      </a>
+      {bench?.simulated && (
+        <p class="simulated" role="note">
+          <b>{strings.simulated}</b> <span>{strings.simulatedMore}</span>
+        </p>
+      )}
+      {bench?.camera.replay && (
+        <p class="simulated" role="note">
+          <b>{strings.replay}</b> <span>{strings.replayMore}</span>
+        </p>
+      )}
+      <div class="bar">
+        <h1>{strings.title}</h1>
+        <nav aria-label={strings.pagesLabel}>
+          {PAGES.map((page) => (
+            <a
+              key={page}
+              href={addressOf(page)}
+              aria-current={state.route.page === page ? "page" : undefined}
+            >
+              {strings.pages[page]}
+            </a>
+          ))}
+        </nav>
+        <Lease {...scene} />
+        {state.session && state.session !== "stranger" && <Who session={state.session} leave={leave} />}
+        <Stop {...scene} />
+      </div>
+      {state.link !== "open" && (
+        <div class="link" role="status" data-link={state.link}>
+          {state.link === "lost" ? (
+            <>
+              <b>{strings.lost}</b> <span>{strings.lostMore}</span>
+            </>
+          ) : (
+            strings.connecting
+          )}
+        </div>
+      )}
+      <StopNotices {...scene} />
+      {bench?.history_fault && (
+        <div class="problem" role="alert" id="history-fault">
+          <p>
+            <b>{strings.historyFault}.</b> {bench.history_fault}
+          </p>
+        </div>
+      )}
+      {state.problem && <ProblemLine problem={state.problem} dismiss={() => update({ problem: null })} />}
+    </header>
+  );
+}
+
+/** The address after the # names the page that is seen, and stays. */
+function skip(event: Event): void {
+  event.preventDefault();
+  document.getElementById("content")?.focus();
+}

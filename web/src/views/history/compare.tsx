@@ -1,0 +1,74 @@
+import { useEffect, useMemo, useState } from "preact/hooks";
+import * as api from "../../api";
+import { comparison } from "../../comparison";
+import { addressOf } from "../../route";
+import { strings } from "../../strings";
+import type { Job } from "../../wire";
+import { Plot, scaleAxis, type Options, type Theme } from "../plot";
+import type { Scene } from "../scene";
+
+const HEIGHT = 300;
+
+function options(colours: Theme): Options {
+  const dots = (colour: string) => ({ show: true, size: 7, fill: colour });
+  return {
+    scales: { x: { time: false } },
+    legend: { show: false },
+    cursor: { show: true },
+    axes: [
+      { ...scaleAxis(colours, strings.charts.iteration), size: 48, incrs: [1, 2, 5, 10, 20, 50, 100] },
+      scaleAxis(colours, strings.history.difference),
+    ],
+    series: [
+      {},
+      { stroke: colours.accent, width: 2, points: dots(colours.accent), spanGaps: true },
+      { stroke: colours.second, width: 2, dash: [10, 4], points: dots(colours.second), spanGaps: true },
+    ],
+  };
+}
+
+/** Runs chosen, against one another. */
+export function Compare({ ids, act }: Scene & { ids: string[] }) {
+  const [kept, setKept] = useState<Record<string, Job>>({});
+  useEffect(() => {
+    for (const id of ids.filter((id) => !kept[id])) {
+      void act(
+        api.job(id).then((result) => {
+          if (result.ok) setKept((before) => ({ ...before, [id]: result.value }));
+          return result;
+        }),
+      );
+    }
+  }, [ids.join()]);
+  const runs = ids.map((id) => kept[id]).filter((run) => run !== undefined);
+  const data = useMemo(() => comparison(runs), [runs.map((run) => run.id).join()]);
+  if (runs.length === 0) return null;
+  return (
+    <section class="card compare" aria-label={strings.history.compareTitle}>
+      <h2>
+        {strings.history.compareTitle}
+        <a href={addressOf("history")}>{strings.history.clear}</a>
+      </h2>
+      <ul class="key">
+        {runs.map((run, index) => (
+          <li key={run.id} class="facts">
+            <span class={index === 0 ? "line accent" : "line second"} />{" "}
+            {new Date(run.created_at).toLocaleString()} · {strings.job.kinds[run.kind]} ·{" "}
+            {strings.job.state[run.state]} · {run.iterations.length}{" "}
+            {strings.history.iterations.toLowerCase()}
+          </li>
+        ))}
+      </ul>
+      <Plot
+        key={runs.map((run) => run.id).join()}
+        label={strings.history.difference}
+        height={HEIGHT}
+        data={data}
+        options={(colours) => {
+          const made = options(colours);
+          return { ...made, series: made.series.slice(0, runs.length + 1) };
+        }}
+      />
+    </section>
+  );
+}

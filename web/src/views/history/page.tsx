@@ -1,0 +1,78 @@
+import { useEffect, useState } from "preact/hooks";
+import * as api from "../../api";
+import { everything, queryOf, type Filter } from "../../job-query";
+import { addressOf } from "../../route";
+import { isFinal } from "../../state";
+import { strings } from "../../strings";
+import type { JobItem } from "../../wire";
+import type { Scene } from "../scene";
+import { Compare } from "./compare";
+import { Filters } from "./filters";
+import { JobTable } from "./table";
+
+/** Jobs compared at most. */
+const MOST = 2;
+/** Before a search goes out while somebody types, ms. */
+const REST_MS = 250;
+
+/** The jobs of this run and of earlier ones. */
+export function HistoryPage(scene: Scene) {
+  const { state, act } = scene;
+  const [filter, setFilter] = useState<Filter>(everything);
+  const [jobs, setJobs] = useState<JobItem[] | null>(null);
+  const [next, setNext] = useState<string | null>(null);
+  const [fault, setFault] = useState<string | null>(null);
+  const chosen = state.route.jobs;
+
+  const load = (cursor: string | null, had: JobItem[], wanted: () => boolean) =>
+    act(
+      api.jobs(queryOf(filter, cursor)).then((result) => {
+        if (result.ok && wanted()) {
+          setJobs([...had, ...result.value.jobs]);
+          setNext(result.value.next ?? null);
+          setFault(result.value.history_fault ?? null);
+        }
+        return result;
+      }),
+    );
+
+  // Anew with another filter, after a job has ended, and when the daemon is back.
+  const ended = state.jobs.filter((job) => isFinal(job.state)).length;
+  useEffect(() => {
+    let wanted = state.link !== "lost";
+    const timer = setTimeout(() => wanted && void load(null, [], () => wanted), REST_MS);
+    return () => {
+      wanted = false;
+      clearTimeout(timer);
+    };
+  }, [filter, ended, state.bootId, state.link]);
+
+  const choose = (id: string, on: boolean) => {
+    const rest = chosen.filter((one) => one !== id);
+    location.hash = addressOf("history", ...(on ? [...rest, id].slice(-MOST) : rest));
+  };
+  return (
+    <div class="history-page">
+      <section class="card">
+        <h2>{strings.history.title}</h2>
+        <Filters filter={filter} set={setFilter} />
+        {fault && (
+          <p class="tag bad">
+            {strings.history.missing}: {fault}
+          </p>
+        )}
+        {jobs && <JobTable jobs={jobs} chosen={chosen} choose={choose} />}
+        {jobs?.length === 0 && <p>{strings.history.none}</p>}
+        {next && (
+          <p class="actions">
+            <button type="button" onClick={() => void load(next, jobs ?? [], () => true)}>
+              {strings.history.more}
+            </button>
+          </p>
+        )}
+        <p class="quiet">{strings.history.compareMore}</p>
+      </section>
+      {chosen.length > 0 && <Compare {...scene} ids={chosen} />}
+    </div>
+  );
+}

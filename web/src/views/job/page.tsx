@@ -1,0 +1,97 @@
+import { useEffect, useState } from "preact/hooks";
+import * as api from "../../api";
+import { addressOf } from "../../route";
+import { currentJob, isFinal } from "../../state";
+import { strings } from "../../strings";
+import type { Job } from "../../wire";
+import { Meter } from "../live/meter";
+import type { Scene } from "../scene";
+import { Downloads } from "./downloads";
+import { Iterations } from "./iterations";
+import { OperatorStep } from "./operator-step";
+import { Outcome } from "./outcome";
+import { Progress } from "./progress";
+import { Result } from "./result";
+import { StartJob } from "./start";
+
+/** A job from its start to its report; one of earlier on where the address names it. */
+export function AlignmentPage(scene: Scene) {
+  const { state } = scene;
+  const asked = state.route.jobs[0];
+  const earlier = useEarlier(scene, asked);
+  const present = currentJob(state);
+  const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
+  const running = present !== null && !isFinal(present.state);
+  return (
+    <div class="job-page">
+      <div class="column">
+        {asked && (
+          <p class="card earlier">
+            {strings.job.earlier} <a href={addressOf("alignment")}>{strings.job.backToNow}</a>
+          </p>
+        )}
+        {job && <JobCard {...scene} job={job} />}
+        {!job && (
+          <p class="card job" data-state="none">
+            {strings.job.none}
+          </p>
+        )}
+        {!asked && !running && <StartJob {...scene} />}
+      </div>
+      <div class="column">
+        {!asked && <Meter {...scene} />}
+        {job?.report && <Result report={job.report} />}
+        {job?.outcome && <Outcome outcome={job.outcome} />}
+      </div>
+      {job && <Iterations job={job} />}
+    </div>
+  );
+}
+
+/** A job that this page has not followed. */
+function useEarlier({ state, act }: Scene, id: string | undefined): Job | null {
+  const [earlier, setEarlier] = useState<Job | null>(null);
+  useEffect(() => {
+    if (id === undefined || state.jobs.some((job) => job.id === id)) return;
+    void act(
+      api.job(id).then((result) => {
+        if (result.ok) setEarlier(result.value);
+        return result;
+      }),
+    );
+  }, [id]);
+  return earlier?.id === id ? earlier : null;
+}
+
+function JobCard({ job, ...scene }: Scene & { job: Job }) {
+  const over = isFinal(job.state);
+  const { act } = scene;
+  return (
+    <section class="card job" aria-label={strings.job.title} data-state={job.state}>
+      <h2>
+        {strings.job.kinds[job.kind]}
+        <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
+      </h2>
+      <p class="quiet">
+        {strings.job.byWhom(job.owner ?? "", new Date(job.created_at).toLocaleString())}
+        {job.request.note && ` · ${job.request.note}`}
+      </p>
+      {!over && <Progress job={job} />}
+      <OperatorStep job={job} act={act} />
+      {over && job.reason && <p class="reason">{job.reason}</p>}
+      {!over && (
+        <p class="actions">
+          <button
+            type="button"
+            id="cancel"
+            disabled={job.state === "cancelling"}
+            onClick={() => void act(api.cancelJob(job))}
+          >
+            {strings.job.cancel}
+          </button>
+        </p>
+      )}
+      {over && <Downloads href={job.href} />}
+    </section>
+  );
+}

@@ -1,0 +1,189 @@
+import { useState } from "preact/hooks";
+import * as api from "../../api";
+import { check, draftOf, FIELDS, KINDS, unless, type Draft, type NumberField } from "../../job-kinds";
+import { may } from "../../state";
+import { strings } from "../../strings";
+import { length } from "../../units";
+import type { AxisName, Design, JobKind } from "../../wire";
+import type { Scene } from "../scene";
+import { Choice, Toggle } from "../toggle";
+
+const AXES = ["focus", "e"] as const;
+/** Kinds that go where the joint solution says. */
+const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
+
+/** Chooses a job, says what it will do, and starts it. */
+export function StartJob({ state, act }: Scene) {
+  const [draft, setDraft] = useState<Draft>(draftOf("joint_alignment"));
+  const [tried, setTried] = useState(false);
+  const checked = check(draft, state.bench?.axes ?? []);
+  const faults = tried && !checked.ok ? checked.faults : {};
+  const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
+  const ready =
+    Boolean(state.bench) && !state.bench?.stop.latched && state.link === "open" && may(state, "control");
+  const submit = async (event: Event) => {
+    event.preventDefault();
+    setTried(true);
+    if (!checked.ok) return;
+    if (await act(api.startJob(checked.request))) {
+      setDraft(draftOf(draft.kind));
+      setTried(false);
+    }
+  };
+  return (
+    <form class="card start" aria-label={strings.job.startTitle} onSubmit={(event) => void submit(event)}>
+      <h2>{strings.job.startTitle}</h2>
+      <label>
+        <span>{strings.job.kindLabel}</span>
+        <select
+          id="kind"
+          value={draft.kind}
+          onChange={(event) => setDraft(draftOf(event.currentTarget.value as JobKind, draft.note))}
+        >
+          {KINDS.map((kind) => (
+            <option key={kind} value={kind}>
+              {strings.job.kinds[kind]}
+            </option>
+          ))}
+        </select>
+      </label>
+      <p>{strings.job.meaning[draft.kind]}</p>
+      <ol class="quiet">
+        {strings.job.steps[draft.kind].map((step) => (
+          <li key={step}>{step}</li>
+        ))}
+      </ol>
+      <Aim kind={draft.kind} design={state.design} />
+      {FIELDS[draft.kind].map((field) => {
+        if (field.is === "number") {
+          return (
+            <NumberInput
+              key={field.name}
+              field={field}
+              text={draft.numbers[field.name] ?? ""}
+              standard={unless(field.name, state.design)}
+              fault={faults[field.name]}
+              set={(text) => change({ numbers: { ...draft.numbers, [field.name]: text } })}
+            />
+          );
+        }
+        return field.is === "axis" ? (
+          <p class="row" key={field.name}>
+            <span>{strings.job.axis}</span>
+            <Choice
+              label={strings.job.axis}
+              of={AXES}
+              chosen={draft.axis}
+              name={(axis) => strings.axis.name[axis]}
+              choose={(axis) => change({ axis })}
+            />
+          </p>
+        ) : (
+          <AxesInput
+            key={field.name}
+            chosen={draft.axes}
+            fault={faults.axes}
+            set={(axes) => change({ axes })}
+          />
+        );
+      })}
+      <label>
+        <span>{strings.job.note}</span>
+        <input
+          id="note"
+          value={draft.note}
+          maxLength={200}
+          placeholder={strings.job.noteMore}
+          onInput={(event) => change({ note: event.currentTarget.value })}
+        />
+      </label>
+      <p class="actions">
+        <button type="submit" id="start" class="primary" disabled={!ready}>
+          {strings.job.start}: {strings.job.kinds[draft.kind]}
+        </button>
+      </p>
+      {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
+    </form>
+  );
+}
+
+/** Where the design will have it go. */
+function Aim({ kind, design }: { kind: JobKind; design: Design | null }) {
+  if (!design) return null;
+  const { joint, clarity } = design;
+  const text = JOINT.includes(kind)
+    ? strings.job.aimOf(
+        length(joint.delta_v_mm, "mm", 4),
+        length(joint.e_mm, "mm", 3),
+        `${design.spacing_target_px.toFixed(4)} px`,
+      )
+    : kind === "clarity_only"
+      ? strings.job.aimClarity(length(clarity.delta_v_mm, "mm", 4), length(clarity.e_mm, "mm", 2))
+      : null;
+  return text === null ? null : (
+    <p class="aim">
+      {strings.job.aim} <b>{text}</b>
+    </p>
+  );
+}
+
+interface NumberProps {
+  field: NumberField;
+  text: string;
+  standard: string;
+  fault: string | undefined;
+  set: (text: string) => void;
+}
+
+function NumberInput({ field, text, standard, fault, set }: NumberProps) {
+  return (
+    <label>
+      <span>
+        {strings.job.fields[field.name]} <small class="quiet">{strings.job.fieldsMore[field.name]}</small>
+      </span>
+      <input
+        name={field.name}
+        inputMode="decimal"
+        value={text}
+        aria-invalid={fault !== undefined}
+        placeholder={standard === "" ? "" : strings.form.unless(standard)}
+        onInput={(event) => set(event.currentTarget.value)}
+      />
+      {fault && (
+        <span class="fault" role="alert">
+          {fault}
+        </span>
+      )}
+    </label>
+  );
+}
+
+interface AxesProps {
+  chosen: AxisName[];
+  fault: string | undefined;
+  set: (axes: AxisName[]) => void;
+}
+
+function AxesInput({ chosen, fault, set }: AxesProps) {
+  return (
+    <p class="row">
+      <span>{strings.job.axes}</span>
+      <span class="choice" role="group" aria-label={strings.job.axes}>
+        {AXES.map((axis) => (
+          <Toggle
+            key={axis}
+            on={chosen.includes(axis)}
+            set={(on) => set(AXES.filter((one) => (one === axis ? on : chosen.includes(one))))}
+          >
+            {strings.axis.name[axis]}
+          </Toggle>
+        ))}
+      </span>
+      {fault && (
+        <span class="fault" role="alert">
+          {fault}
+        </span>
+      )}
+    </p>
+  );
+}

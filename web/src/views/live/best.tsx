@@ -1,0 +1,28 @@
+import { signed } from "../../format";
+import { digits } from "../../meter";
+import { best } from "../../reading";
+import { strings } from "../../strings";
+import { length } from "../../units";
+import type { Scene } from "../scene";
+
+/** Peak hold: the best that was measured, and where the axes stood. */
+export function BestHeld({ state, update }: Scene) {
+  const held = state.best;
+  if (!held) return null;
+  const at = (mm: number | null) => (mm === null ? strings.axis.unknown : length(mm, state.preferences.unit));
+  const anew = () => update({ best: state.measurement ? best(null, state.measurement) : null });
+  return (
+    <div class="best-held">
+      <p>
+        <b>
+          {strings.meter.best} {signed(held.differencePx, digits(held.sigmaPx))} px
+        </b>
+        <br />
+        <span class="quiet">{strings.meter.bestMore(at(held.focusMm), at(held.eMm))}</span>
+      </p>
+      <button type="button" onClick={anew}>
+        {strings.meter.bestReset}
+      </button>
+    </div>
+  );
+}

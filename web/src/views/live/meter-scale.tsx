@@ -1,0 +1,48 @@
+import { fixed } from "../../format";
+import { band, beyond, END_PX, MARKS_PX, place } from "../../meter";
+import type { Best, Reading } from "../../reading";
+import { strings } from "../../strings";
+
+interface Props {
+  reading: Reading;
+  best: Best | null;
+  /** |difference| still called sharp, px. */
+  blurPx: number | null;
+}
+
+const percent = (place: number) => `${(50 + 50 * place).toFixed(2)}%`;
+
+/** The meter's scale: the target in the middle, what is sharp about it, the reading with its uncertainty. */
+export function MeterScale({ reading, best, blurPx }: Props) {
+  const { from, to } = band(reading.differencePx, reading.sigmaPx);
+  const sharp = blurPx === null ? null : place(blurPx);
+  return (
+    <div class="meter-scale" aria-hidden="true">
+      <div class="track">
+        {sharp !== null && (
+          <i class="sharp" style={{ left: percent(-sharp), width: `${(100 * sharp).toFixed(2)}%` }} />
+        )}
+        {MARKS_PX.map((mark) => (
+          <i key={mark} class="mark" style={{ left: percent(place(mark)) }} />
+        ))}
+        <i class="target" />
+        <i class="band" style={{ left: percent(from), width: `${(50 * (to - from)).toFixed(2)}%` }} />
+        {best && <i class="best" style={{ left: percent(place(best.differencePx)) }} />}
+        <i
+          class="pointer"
+          data-beyond={beyond(reading.differencePx)}
+          style={{ left: percent(place(reading.differencePx)) }}
+        />
+      </div>
+      <p class="marks">
+        <span class="end">▼ {strings.meter.ends.smaller}</span>
+        {MARKS_PX.filter((mark) => Math.abs(mark) < END_PX).map((mark) => (
+          <span key={mark} style={{ left: percent(place(mark)) }}>
+            {fixed(mark, Number.isInteger(mark) ? 0 : 1)}
+          </span>
+        ))}
+        <span class="end">{strings.meter.ends.larger} ▲</span>
+      </p>
+    </div>
+  );
+}

@@ -1,0 +1,49 @@
+import { fixed } from "../../format";
+import { painter } from "../../painter";
+import { OVERLAYS, type Overlay } from "../../preferences";
+import { strings } from "../../strings";
+import type { Scene } from "../scene";
+import { Toggle } from "../toggle";
+
+const ZOOM = 2;
+
+/** What is laid over the picture, and how near one looks. */
+export function Overlays({ state, update }: Scene) {
+  const { overlays } = state.preferences;
+  const set = (overlay: Overlay, on: boolean) => {
+    const next = OVERLAYS.filter((one) => (one === overlay ? on : overlays.includes(one)));
+    update({ preferences: { ...state.preferences, overlays: next } });
+  };
+  const scale = painter.scale;
+  return (
+    <div class="tools">
+      <span class="choice" role="group" aria-label={strings.picture.overlays}>
+        {OVERLAYS.map((overlay) => (
+          <Toggle
+            key={overlay}
+            on={overlays.includes(overlay)}
+            set={(on) => set(overlay, on)}
+            title={strings.picture.overlayMore[overlay]}
+          >
+            {strings.picture.overlay[overlay]}
+          </Toggle>
+        ))}
+      </span>
+      <span class="choice" role="group" aria-label={strings.picture.zoom}>
+        <button type="button" aria-label={strings.picture.zoomOut} onClick={() => painter.zoom(1 / ZOOM)}>
+          −
+        </button>
+        <button type="button" title={strings.picture.wholeMore} onClick={() => painter.all()}>
+          {strings.picture.whole}
+        </button>
+        <button type="button" title={strings.picture.pixelsMore} onClick={() => painter.pixelForPixel()}>
+          {strings.picture.pixels}
+        </button>
+        <button type="button" aria-label={strings.picture.zoomIn} onClick={() => painter.zoom(ZOOM)}>
+          +
+        </button>
+        <output class="facts">{scale === null ? "" : `× ${fixed(scale, scale < 10 ? 1 : 0)}`}</output>
+      </span>
+    </div>
+  );
+}

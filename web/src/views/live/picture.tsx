@@ -1,0 +1,103 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+import { fixed, span } from "../../format";
+import { range } from "../../field-map";
+import { painter } from "../../painter";
+import { pictureAge, pictureState } from "../../state";
+import { strings } from "../../strings";
+import type { Scene } from "../scene";
+import { Overlays } from "./overlays";
+import { useGestures } from "./gestures";
+
+export function LivePicture(scene: Scene) {
+  const { state, now } = scene;
+  const shown = pictureState(state, now);
+  const age = pictureAge(state, now);
+  const facts = state.picture;
+  const camera = state.bench?.camera;
+  return (
+    <section class="card picture" data-state={shown} aria-label={strings.picture.live}>
+      <div class="frame" style={{ aspectRatio: facts ? `${facts.widthPx} / ${facts.heightPx}` : "1" }}>
+        <Canvases />
+        <span class="stamps">
+          {facts?.simulated && <span class="stamp">{strings.simulated}</span>}
+          {facts?.replayed && <span class="stamp">{strings.replay}</span>}
+        </span>
+        {shown === "none" && <p class="over">{strings.picture.none}</p>}
+        {shown === "stale" && age !== null && <p class="over">{strings.picture.stale(span(age))}</p>}
+      </div>
+      <Overlays {...scene} />
+      <p class="facts">
+        {facts && age !== null && <span>{strings.picture.frame(facts.seq, fixed(age, 0))}</span>}
+        {shown === "fresh" && <span>{strings.picture.rate(fixed(painter.rate, 1))}</span>}
+        {facts && facts.framesSkipped > 0 && <span>{strings.picture.skipped(facts.framesSkipped)}</span>}
+        {facts?.preview && <span class="tag">{strings.picture.preview}</span>}
+        {facts && !facts.settled && <span class="tag">{strings.picture.moving}</span>}
+        {camera && !camera.online && (
+          <span class="tag bad">
+            {strings.picture.cameraOffline}
+            {camera.fault ? `: ${camera.fault}` : ""}
+          </span>
+        )}
+        <Legend {...scene} />
+      </p>
+      {camera?.notes.map((note) => (
+        <p class="facts" role="note" key={note}>
+          {note}
+        </p>
+      ))}
+    </section>
+  );
+}
+
+function Canvases() {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const over = useRef<HTMLCanvasElement>(null);
+  const [probe, setProbe] = useState<ReturnType<typeof painter.probe>>(null);
+  useEffect(() => {
+    if (canvas.current && over.current) return painter.attach(canvas.current, over.current);
+    return undefined;
+  }, []);
+  const gestures = useGestures(setProbe);
+  return (
+    <>
+      <canvas
+        ref={canvas}
+        id="live"
+        tabIndex={0}
+        role="img"
+        aria-label={strings.picture.keys}
+        data-whole={painter.whole}
+        {...gestures}
+      />
+      <canvas ref={over} class="overlay" aria-hidden="true" />
+      {probe && (
+        <span class="probe">
+          {strings.picture.at(probe.x, probe.y, probe.grey === null ? "" : strings.picture.grey(probe.grey))}
+        </span>
+      )}
+    </>
+  );
+}
+
+/** What the overlays' colours mean. */
+function Legend({ state }: Scene) {
+  const { overlays } = state.preferences;
+  const map = painter.newestMap;
+  const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
+  const wanted = overlays.some((overlay) => overlay !== "saturation");
+  return (
+    <>
+      {overlays.includes("error") && map && (
+        <span class="legend">
+          <i class="below" /> {strings.picture.legendBelow} <i class="above" /> {strings.picture.legendAbove}{" "}
+          · {strings.picture.legendRange(fixed(range(map), 2))}
+        </span>
+      )}
+      {wanted && !map && <span>{strings.picture.mapNone}</span>}
+      {wanted && map && behind > 0 && <span>{strings.picture.mapOld(behind)}</span>}
+      {overlays.includes("saturation") && painter.saturation !== null && (
+        <span>{strings.picture.saturated(fixed(100 * painter.saturation, 2))}</span>
+      )}
+    </>
+  );
+}

@@ -1,0 +1,75 @@
+import { useEffect, useRef } from "preact/hooks";
+import uPlot from "uplot";
+
+/** Colours of the page's theme, for what CSS does not reach. */
+export interface Theme {
+  ink: string;
+  line: string;
+  accent: string;
+  second: string;
+  good: string;
+  band: string;
+}
+
+function theme(element: Element): Theme {
+  const style = getComputedStyle(element);
+  const of = (name: string) => style.getPropertyValue(name).trim();
+  return {
+    ink: of("--quiet"),
+    line: of("--line"),
+    accent: of("--accent"),
+    second: of("--second"),
+    good: of("--good"),
+    band: of("--band"),
+  };
+}
+
+export type Options = Omit<uPlot.Options, "width" | "height">;
+
+interface Props {
+  /** What it shows, for who cannot see it. */
+  label: string;
+  height: number;
+  data: uPlot.AlignedData;
+  options: (theme: Theme) => Options;
+}
+
+/** A chart. Its options are those of its first showing; its data is kept up with. */
+export function Plot({ label, height, data, options }: Props) {
+  const holder = useRef<HTMLDivElement>(null);
+  const plot = useRef<uPlot | null>(null);
+
+  useEffect(() => {
+    const element = holder.current;
+    if (!element) return;
+    const make = () => {
+      plot.current?.destroy();
+      const size = { width: element.clientWidth, height };
+      plot.current = new uPlot({ ...options(theme(element)), ...size }, data, element);
+    };
+    make();
+    const resize = new ResizeObserver(() => plot.current?.setSize({ width: element.clientWidth, height }));
+    resize.observe(element);
+    const scheme = matchMedia("(prefers-color-scheme: dark)");
+    scheme.addEventListener("change", make);
+    return () => {
+      scheme.removeEventListener("change", make);
+      resize.disconnect();
+      plot.current?.destroy();
+      plot.current = null;
+    };
+  }, []);
+
+  useEffect(() => plot.current?.setData(data), [data]);
+  return <div ref={holder} class="chart" role="img" aria-label={label} />;
+}
+
+/** An axis of a chart in the page's colours. */
+export function scaleAxis(colours: Theme, label?: string): uPlot.Axis {
+  return {
+    stroke: colours.ink,
+    grid: { stroke: colours.line, width: 1 },
+    ticks: { stroke: colours.line, width: 1 },
+    ...(label === undefined ? {} : { label, labelSize: 18, size: 62, labelFont: "12px system-ui" }),
+  };
+}

@@ -1,0 +1,15 @@
+// What every view is given.
+
+import type { Result } from "../api";
+import type { State } from "../state";
+
+/** Carries a request out and shows its problem if it has one; whether it went well. */
+export type Act = (request: Promise<Result<unknown>>) => Promise<boolean>;
+
+export interface Scene {
+  state: State;
+  /** This page's clock, ms. */
+  now: number;
+  update: (change: Partial<State>) => void;
+  act: Act;
+}

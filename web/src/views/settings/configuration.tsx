@@ -1,0 +1,155 @@
+import { useEffect, useState } from "preact/hooks";
+import * as api from "../../api";
+import {
+  isBelow,
+  keysOf,
+  same,
+  tableOf,
+  valueAt,
+  withValue,
+  type Json,
+  type JsonObject,
+  type Table,
+} from "../../config-schema";
+import { may } from "../../state";
+import { strings } from "../../strings";
+import type { ConfigCheck, ConfigView, ConfigWritten } from "../../wire";
+import type { Scene } from "../scene";
+import { ConfigTable, type Editing } from "./config-table";
+
+/** Before what is typed is checked, ms. */
+const REST_MS = 400;
+
+/** The bench's configuration, key by key. */
+export function Configuration({ state, act }: Scene) {
+  const [view, setView] = useState<ConfigView | null>(null);
+  const [etag, setEtag] = useState<string | null>(null);
+  const [table, setTable] = useState<Table | null>(null);
+  const [draft, setDraft] = useState<JsonObject | null>(null);
+  const [check, setCheck] = useState<ConfigCheck | null>(null);
+  const [written, setWritten] = useState<ConfigWritten | null>(null);
+  const [find, setFind] = useState("");
+  const stored = (view?.stored ?? null) as JsonObject | null;
+
+  const load = () =>
+    act(
+      api.config().then((result) => {
+        if (result.ok) {
+          setView(result.value);
+          setEtag(result.etag ?? null);
+          setDraft((result.value.stored ?? null) as JsonObject | null);
+          setCheck(null);
+        }
+        return result;
+      }),
+    );
+  useEffect(() => {
+    void load();
+    void api.configSchema().then((result) => result.ok && setTable(tableOf(result.value)));
+  }, [state.bootId]);
+
+  const keys = table ? keysOf(table) : [];
+  const changed = keys.filter(
+    (key) => draft && !same(valueAt(draft, key.path), valueAt(stored ?? {}, key.path)),
+  );
+  const admin = may(state, "admin");
+  useEffect(() => {
+    setCheck(null);
+    if (draft === null || changed.length === 0) return undefined;
+    let wanted = true;
+    const timer = setTimeout(() => {
+      void act(
+        api.checkConfig(draft).then((result) => {
+          if (result.ok && wanted) setCheck(result.value);
+          return result;
+        }),
+      );
+    }, REST_MS);
+    return () => {
+      wanted = false;
+      clearTimeout(timer);
+    };
+  }, [draft]);
+
+  if (!view || !table) return null;
+  const apply = async () => {
+    if (draft === null || etag === null) return;
+    const ok = await act(
+      api.writeConfig(draft, etag).then((result) => {
+        if (result.ok) setWritten(result.value);
+        return result;
+      }),
+    );
+    if (ok) await load();
+  };
+  const editing: Editing = {
+    draft: draft ?? (view.config as JsonObject),
+    stored,
+    faults: check?.problems ?? [],
+    editable: (path) => admin && draft !== null && !isBelow(path, view.locked),
+    isLocked: (path) => isBelow(path, view.locked),
+    set: (path: string, value: Json) => {
+      setWritten(null);
+      setDraft((before) => before && withValue(before, path, value));
+    },
+    find: find.trim().toLowerCase(),
+  };
+  const strays = check?.problems.filter((fault) => !keys.some((key) => isBelow(fault.key, [key.path]))) ?? [];
+  return (
+    <section class="card configuration" aria-label={strings.settings.config}>
+      <h2>{strings.settings.config}</h2>
+      <p class="quiet">
+        {view.file
+          ? `${strings.settings.configFile(view.file)}. ${strings.settings.configMore}`
+          : strings.settings.configNone}
+        {!admin && ` ${strings.settings.configAdmin}`}
+      </p>
+      {view.restart_required.length > 0 && (
+        <p class="notice">{strings.settings.restart(view.restart_required.join(", "))}</p>
+      )}
+      <label class="find">
+        <span>{strings.settings.find}</span>
+        <input type="search" value={find} onInput={(event) => setFind(event.currentTarget.value)} />
+      </label>
+      <ConfigTable table={table} {...editing} />
+      {draft !== null && admin && (
+        <div class="apply" role="status">
+          <p>
+            {changed.length === 0 ? strings.settings.unchanged : strings.settings.changed(changed.length)}{" "}
+            {changed.length > 0 &&
+              (check === null
+                ? strings.settings.checking
+                : check.valid
+                  ? strings.settings.valid
+                  : strings.settings.faults(check.problems.length))}
+          </p>
+          {strays.map((fault) => (
+            <p class="fault" key={fault.key}>
+              <b>{fault.key}</b> {fault.message}
+            </p>
+          ))}
+          {check?.notices.map((notice) => (
+            <p class="notice" key={notice}>
+              {notice}
+            </p>
+          ))}
+          {written && <p class="notice">{strings.settings.written(written.changed.join(", "))}</p>}
+          <p class="actions">
+            <button
+              type="button"
+              id="apply"
+              class="primary"
+              disabled={changed.length === 0 || !check?.valid}
+              onClick={() => void apply()}
+            >
+              {strings.settings.apply}
+            </button>
+            <button type="button" disabled={changed.length === 0} onClick={() => setDraft(stored)}>
+              {strings.settings.revert}
+            </button>
+          </p>
+        </div>
+      )}
+    </section>
+  );
+}

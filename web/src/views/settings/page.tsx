@@ -1,0 +1,18 @@
+import { may } from "../../state";
+import type { Scene } from "../scene";
+import { Configuration } from "./configuration";
+import { Preferences } from "./preferences";
+import { Tokens } from "./tokens";
+
+/** What can be set: this page, the bench, who gets in. */
+export function SettingsPage(scene: Scene) {
+  return (
+    <div class="settings-page">
+      <div class="column">
+        <Preferences {...scene} />
+        {may(scene.state, "admin") && <Tokens {...scene} />}
+      </div>
+      <Configuration {...scene} />
+    </div>
+  );
+}

@@ -1,0 +1,89 @@
+import { useEffect, useState } from "preact/hooks";
+import { choosable, SPACE } from "../../stop-key";
+import { strings } from "../../strings";
+import type { LengthUnit } from "../../units";
+import type { Scene } from "../scene";
+import { Choice } from "../toggle";
+
+const UNITS: readonly LengthUnit[] = ["mm", "µm"];
+
+/** What this browser remembers. */
+export function Preferences({ state, update }: Scene) {
+  const { preferences } = state;
+  const set = (part: Partial<typeof preferences>) => update({ preferences: { ...preferences, ...part } });
+  return (
+    <section class="card preferences" aria-label={strings.settings.page}>
+      <h2>{strings.settings.page}</h2>
+      <p class="quiet">{strings.settings.pageMore}</p>
+      <label>
+        <span>
+          {strings.settings.name} <small class="quiet">{strings.settings.nameMore}</small>
+        </span>
+        <input
+          id="name"
+          maxLength={64}
+          value={preferences.name}
+          placeholder={strings.lease.owner}
+          onInput={(event) => set({ name: event.currentTarget.value })}
+        />
+      </label>
+      <p class="row">
+        <span>{strings.settings.unit}</span>
+        <Choice
+          label={strings.settings.unit}
+          of={UNITS}
+          chosen={preferences.unit}
+          choose={(unit) => set({ unit })}
+        />
+      </p>
+      <ChooseKey
+        name={preferences.stopKey.name}
+        set={(stopKey) => set({ stopKey })}
+        reset={() => set({ stopKey: SPACE })}
+      />
+    </section>
+  );
+}
+
+interface KeyProps {
+  name: string;
+  set: (key: typeof SPACE) => void;
+  reset: () => void;
+}
+
+/** The key that stops. While another is chosen, the present one still stops. */
+function ChooseKey({ name, set, reset }: KeyProps) {
+  const [listening, listen] = useState(false);
+  useEffect(() => {
+    if (!listening) return undefined;
+    const hear = (event: KeyboardEvent) => {
+      event.preventDefault();
+      event.stopPropagation();
+      if (event.key === "Escape") return listen(false);
+      const key = choosable(event);
+      if (!key) return undefined;
+      set(key);
+      return listen(false);
+    };
+    window.addEventListener("keydown", hear, { capture: true });
+    return () => window.removeEventListener("keydown", hear, { capture: true });
+  }, [listening]);
+  return (
+    <div class="row stop-key">
+      <span>
+        {strings.settings.stopKey} <small class="quiet">{strings.settings.stopKeyMore}</small>
+      </span>
+      <span class="choice">
+        <kbd id="stop-key">{name}</kbd>
+        <button type="button" onClick={() => listen(true)}>
+          {listening ? strings.settings.stopKeyPress : strings.settings.stopKeyChange}
+        </button>
+        {name !== SPACE.name && (
+          <button type="button" onClick={reset}>
+            {strings.settings.stopKeyReset}
+          </button>
+        )}
+      </span>
+    </div>
+  );
+}

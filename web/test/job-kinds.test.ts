@@ -1,0 +1,102 @@
+import { describe, expect, it } from "vitest";
+import { check, draftOf, FIELDS, KINDS, numberOf, unless } from "../src/job-kinds";
+import { comparison } from "../src/comparison";
+import { everything, queryOf } from "../src/job-query";
+import { bench, design, job } from "./fixtures";
+
+const faults = (draft: ReturnType<typeof draftOf>) => {
+  const checked = check(draft, bench.axes);
+  return checked.ok ? [] : Object.keys(checked.faults);
+};
+
+describe("the form of a job", () => {
+  it("has all nine kinds, and asks for nothing that a kind does not take", () => {
+    expect(KINDS).toHaveLength(9);
+    for (const kind of ["joint_alignment", "air_only", "shell_only", "l_bound_measurement"] as const) {
+      expect(FIELDS[kind]).toEqual([]);
+      expect(check(draftOf(kind), bench.axes)).toEqual({ ok: true, request: { kind } });
+    }
+  });
+
+  it("wants what is needed, within what is allowed", () => {
+    const sweep = draftOf("focus_sweep");
+    expect(faults(sweep)).toEqual(["from_mm", "to_mm"]);
+    expect(faults({ ...sweep, numbers: { from_mm: "-3", to_mm: "1" } })).toEqual(["from_mm"]);
+    expect(faults({ ...sweep, numbers: { from_mm: "0", to_mm: "1", steps: "2.5" } })).toEqual(["steps"]);
+    expect(faults({ ...sweep, axis: "e", numbers: { from_mm: "20", to_mm: "x" } })).toEqual(["to_mm"]);
+    expect(
+      check({ ...sweep, note: " drift ", numbers: { from_mm: "0,5", to_mm: "1", steps: "5" } }, bench.axes),
+    ).toEqual({
+      ok: true,
+      request: { kind: "focus_sweep", note: "drift", axis: "focus", from_mm: 0.5, to_mm: 1, steps: 5 },
+    });
+  });
+
+  it("measures no more than five hundred times", () => {
+    const watch = { ...draftOf("spacing_watch"), numbers: { duration_s: "3600" } };
+    expect(faults(watch)).toEqual(["interval_s"]);
+    expect(faults({ ...watch, numbers: { duration_s: "3600", interval_s: "10" } })).toEqual([]);
+  });
+
+  it("homes at least one axis", () => {
+    const homing = draftOf("homing");
+    expect(check(homing, bench.axes)).toEqual({
+      ok: true,
+      request: { kind: "homing", axes: ["focus", "e"] },
+    });
+    expect(faults({ ...homing, axes: [] })).toEqual(["axes"]);
+  });
+
+  it("reads numbers as people type them and says what stands where none is typed", () => {
+    expect([numberOf("1,5"), numberOf(" −2 "), numberOf("")]).toEqual([1.5, -2, NaN]);
+    expect(unless("e_mm", design)).toBe("30.0");
+    expect(unless("distance_mm", null)).toBe("");
+  });
+});
+
+describe("the history", () => {
+  it("asks for what the filter says, days with all their hours", () => {
+    expect(queryOf(everything, null).toString()).toBe("limit=20");
+    const query = queryOf(
+      { text: " drift ", kind: "homing", state: "failed", since: "2026-03-01", until: "2026-03-01" },
+      "c",
+    );
+    expect([query.get("q"), query.get("kind"), query.get("state"), query.get("cursor")]).toEqual([
+      "drift",
+      "homing",
+      "failed",
+      "c",
+    ]);
+    const [since, until] = [query.get("since"), query.get("until")].map((text) => Date.parse(text ?? ""));
+    expect((until ?? 0) - (since ?? 0)).toBe(24 * 3600 * 1000);
+    expect(queryOf({ ...everything, since: "soon" }, null).has("since")).toBe(false);
+  });
+
+  it("lays two runs of unlike length over one another", () => {
+    const iteration = (number: number, spacing_px: number) => ({
+      number,
+      at: "2026-01-01T00:00:00Z",
+      stage: "air" as const,
+      kind: "move" as const,
+      decision: "",
+      spacing: {
+        spacing_px,
+        spacing_sigma_px: 0.01,
+        tilt_x_px: 0,
+        tilt_y_px: 0,
+        curvature_px: 0,
+        pairs: 9,
+        frames: 1,
+      },
+      spacing_target_px: 20,
+    });
+    const one = { ...job("a", 1), iterations: [iteration(1, 25), iteration(2, 21), iteration(3, 20)] };
+    const other = { ...job("b", 1), iterations: [iteration(1, 18)] };
+    expect(comparison([one, other])).toEqual([
+      [1, 2, 3],
+      [5, 1, 0],
+      [-2, null, null],
+    ]);
+    expect(comparison([])).toEqual([[]]);
+  });
+});

@@ -1,0 +1,79 @@
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { BEAT_MS, Jog, type JogCalls, type Press } from "../src/jog";
+import type { Problem } from "../src/wire";
+
+const press: Press = { axis: "e", towards: "low", speedMmPerS: 0.5 };
+const refusal: Problem = { type: "urn:plenalign:problem:limit", title: "t", status: 409, detail: "d" };
+
+function held(go: () => Promise<Problem | null> = () => Promise.resolve(null)) {
+  const told: string[] = [];
+  const calls: JogCalls = {
+    go: (asked) => {
+      told.push(`go ${asked.axis} ${asked.towards}`);
+      return go();
+    },
+    end: (axis) => {
+      told.push(`end ${axis}`);
+      return Promise.resolve(null);
+    },
+    failed: (problem) => told.push(`failed ${problem.status}`),
+    changed: () => undefined,
+  };
+  return { jog: new Jog(calls), told };
+}
+
+describe("press and hold", () => {
+  beforeEach(() => void vi.useFakeTimers());
+  afterEach(() => void vi.useRealTimers());
+
+  it("is told at once and again and again, and ended once", async () => {
+    const { jog, told } = held();
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(3 * BEAT_MS + 10);
+    expect(told).toEqual(["go e low", "go e low", "go e low", "go e low"]);
+    jog.release();
+    await vi.advanceTimersByTimeAsync(10 * BEAT_MS);
+    expect(told.slice(4)).toEqual(["end e"]);
+    jog.release();
+    expect(told).toHaveLength(5);
+  });
+
+  it("beats at least twice in the time that the deadman waits", () => {
+    expect(BEAT_MS).toBeLessThanOrEqual(150);
+  });
+
+  it("does not pile words up behind a slow answer", async () => {
+    const { jog, told } = held(() => new Promise((resolve) => setTimeout(() => resolve(null), 5 * BEAT_MS)));
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(4 * BEAT_MS);
+    expect(told).toEqual(["go e low"]);
+    await vi.advanceTimersByTimeAsync(2 * BEAT_MS);
+    expect(told).toEqual(["go e low", "go e low"]);
+  });
+
+  it("takes back a word that was on its way when it was let go", async () => {
+    const { jog, told } = held(() => new Promise((resolve) => setTimeout(() => resolve(null), 50)));
+    jog.begin(press);
+    jog.release();
+    await vi.advanceTimersByTimeAsync(1000);
+    expect(told).toEqual(["go e low", "end e", "end e"]);
+  });
+
+  it("ends with a refusal, and says so once", async () => {
+    const { jog, told } = held(() => Promise.resolve(refusal));
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(10 * BEAT_MS);
+    expect(told).toEqual(["go e low", "end e", "failed 409"]);
+    expect(jog.pressed).toBeNull();
+  });
+
+  it("lets one press go before another begins", async () => {
+    const { jog, told } = held();
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(10);
+    jog.begin({ ...press, towards: "high" });
+    await vi.advanceTimersByTimeAsync(10);
+    expect(told).toEqual(["go e low", "end e", "go e high"]);
+    expect(jog.pressed?.towards).toBe("high");
+  });
+});

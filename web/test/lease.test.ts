@@ -1,0 +1,128 @@
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { LeaseKeeper, type Send } from "../src/lease";
+
+interface Call {
+  what: string;
+  key: string | undefined;
+  body: unknown;
+}
+
+/** A daemon that gives leases away, and refuses keys that are not the newest. */
+function daemon() {
+  const calls: Call[] = [];
+  const state = { key: null as string | null, given: 0, reachable: true };
+  const refused = (status: number) => ({
+    ok: false as const,
+    problem: { type: "about:blank", title: "refused", status, detail: "" },
+  });
+  const send: Send = <T>(method: string, path: string, body?: unknown, key?: string) => {
+    const what = `${method} ${path.replace("/api/v1/", "")}`;
+    calls.push({ what, key, body });
+    const answer = () => {
+      if (!state.reachable) return refused(0);
+      if (what === "POST lease" && state.key !== null) return refused(409);
+      if (what === "POST lease" || what === "POST lease/takeover") {
+        state.given += 1;
+        state.key = `key${state.given}`;
+        return { ok: true as const, value: { key: state.key, lease: { id: `id${state.given}` } } as T };
+      }
+      if (key !== state.key) return refused(412);
+      if (what === "DELETE lease") state.key = null;
+      return { ok: true as const, value: null as T };
+    };
+    return Promise.resolve(answer());
+  };
+  return { calls, state, send };
+}
+
+function storage() {
+  const kept = new Map<string, string>();
+  return {
+    getItem: (name: string) => kept.get(name) ?? null,
+    setItem: (name: string, value: string) => void kept.set(name, value),
+    removeItem: (name: string) => void kept.delete(name),
+  };
+}
+
+const keeper = (send: Send) => new LeaseKeeper(send, () => "Ana", storage());
+const beats = (calls: Call[]) => calls.filter((call) => call.what === "POST lease/heartbeat").length;
+
+describe("the lease", () => {
+  beforeEach(() => void vi.useFakeTimers());
+  afterEach(() => void vi.useRealTimers());
+
+  it("is taken under a name and renewed well within its time to live", async () => {
+    const { calls, send } = daemon();
+    const lease = keeper(send);
+    expect(await lease.take()).toBeNull();
+    const { owner, ttl_s } = calls[0]?.body as { owner: string; ttl_s: number };
+    expect(owner).toBe("Ana");
+    await vi.advanceTimersByTimeAsync(ttl_s * 1000);
+    expect(beats(calls)).toBeGreaterThanOrEqual(2);
+    expect(calls.filter((call) => call.what.endsWith("heartbeat")).every((call) => call.key === "key1")).toBe(
+      true,
+    );
+    expect(lease.isMine({ id: "id1" })).toBe(true);
+    expect(lease.isMine({ id: "id2" })).toBe(false);
+  });
+
+  it("is kept through a connection lost, and given up where another has it", async () => {
+    const { calls, state, send } = daemon();
+    const lease = keeper(send);
+    await lease.take();
+    state.reachable = false;
+    await vi.advanceTimersByTimeAsync(10_000);
+    expect(lease.key).toBe("key1");
+    state.reachable = true;
+    state.key = "somebody's";
+    await vi.advanceTimersByTimeAsync(10_000);
+    expect(lease.key).toBeNull();
+    const before = beats(calls);
+    await vi.advanceTimersByTimeAsync(60_000);
+    expect(beats(calls)).toBe(before);
+  });
+
+  it("is not renewed any more once given back", async () => {
+    const { calls, state, send } = daemon();
+    const lease = keeper(send);
+    await lease.take();
+    await lease.release();
+    expect(state.key).toBeNull();
+    await vi.advanceTimersByTimeAsync(60_000);
+    expect(beats(calls)).toBe(0);
+  });
+
+  it("is taken over from whoever has it", async () => {
+    const { state, send } = daemon();
+    state.key = "somebody's";
+    const lease = keeper(send);
+    expect((await lease.take())?.status).toBe(409);
+    expect(await lease.takeOver()).toBeNull();
+    expect(lease.key).toBe("key1");
+  });
+
+  it("is taken anew for a command where it had run out", async () => {
+    const { calls, state, send } = daemon();
+    const lease = keeper(send);
+    await lease.take();
+    state.key = null;
+    expect((await lease.command("POST", "/api/v1/axes/e/home")).ok).toBe(true);
+    expect(calls.map((call) => call.what)).toEqual([
+      "POST lease",
+      "POST axes/e/home",
+      "POST lease",
+      "POST axes/e/home",
+    ]);
+  });
+
+  it("is not taken anew for a jog that goes on: whoever took it over finds the axis still", async () => {
+    const { calls, state, send } = daemon();
+    const lease = keeper(send);
+    expect((await lease.repeat("POST", "/api/v1/axes/e/jog", {})).ok).toBe(true);
+    state.key = null;
+    const refused = await lease.repeat("POST", "/api/v1/axes/e/jog", {});
+    expect(refused.ok ? 0 : refused.problem.status).toBe(412);
+    expect(calls.map((call) => call.what)).toEqual(["POST lease", "POST axes/e/jog", "POST axes/e/jog"]);
+    expect(lease.key).toBeNull();
+  });
+});

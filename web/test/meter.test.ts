@@ -1,0 +1,133 @@
+import { describe, expect, it } from "vitest";
+import { advice } from "../src/advice";
+import { correction, octant, tilt } from "../src/correction";
+import { band, beyond, digits, END_PX, place } from "../src/meter";
+import { best, reading } from "../src/reading";
+import { design, measurement } from "./fixtures";
+
+describe("the meter's scale", () => {
+  it("has the target in the middle, the ends at its ends, and keeps what is beyond at the end", () => {
+    expect(place(0)).toBe(0);
+    expect(place(END_PX)).toBe(1);
+    expect(place(-END_PX)).toBe(-1);
+    expect(place(5000)).toBe(1);
+    expect(place(-Infinity)).toBe(-1);
+    expect(place(NaN)).toBe(0);
+    expect([beyond(10), beyond(-10.1)]).toEqual([false, true]);
+  });
+
+  it("shows a hundredth of a pixel from the target, and grows all the way", () => {
+    expect(place(0.01)).toBeGreaterThan(0.05);
+    const places = [-10, -1, -0.1, -0.01, 0, 0.01, 0.1, 1, 10].map(place);
+    expect(places).toEqual([...places].sort((a, b) => a - b));
+    expect(new Set(places).size).toBe(places.length);
+    expect(place(-0.3)).toBeCloseTo(-place(0.3), 12);
+  });
+
+  it("has a band of two standard uncertainties on either side of the reading", () => {
+    expect(band(0.1, 0.02)).toEqual({ from: place(0.06), to: place(0.14) });
+    expect(band(0, 0)).toEqual({ from: 0, to: 0 });
+  });
+
+  it("gives two digits of the uncertainty, and four decimals at most", () => {
+    expect([0.0021, 0.013, 0.4, 3, 25, 0, Infinity].map(digits)).toEqual([4, 3, 2, 1, 0, 4, 4]);
+  });
+});
+
+describe("peak hold", () => {
+  it("keeps what came closest to the target, and where the axes stood", () => {
+    const first = best(null, { ...measurement(19.8, 0.002), focus_mm: 1.5, e_mm: null });
+    expect(first).toMatchObject({ focusMm: 1.5, eMm: null, targetPx: 19.725 });
+    const better = best(first, measurement(19.71, 0.002));
+    expect(better.differencePx).toBeCloseTo(-0.015, 9);
+    expect(best(better, measurement(19.75, 0.002))).toBe(better);
+  });
+
+  it("begins anew with another target", () => {
+    const held = best(null, measurement(19.726, 0.002));
+    const other = best(held, { ...measurement(25, 0.002), spacing_target_px: 20 });
+    expect(other.differencePx).toBe(5);
+  });
+});
+
+describe("the correction", () => {
+  it("is Eq. 9 turned round: a spacing made by a known Δv error is told as that error", () => {
+    // Galilean: l = D (a − b) / a, with a 0.05 mm larger than in focus.
+    const { a_mm: a, b_mm: b } = design.mla;
+    const pitch = (design.spacing_target_px * a) / (a - b);
+    const off = a + 0.05;
+    const seen = measurement((pitch * (off - b)) / off, 0.002);
+    const found = correction(design, { ...seen, spacing_target_px: design.spacing_target_px });
+    expect(found?.deltaVMm).toBeCloseTo(0.05, 9);
+    // dl/da = D b / a².
+    expect(found?.sigmaMm).toBeCloseTo((0.002 * off * off) / (pitch * b), 9);
+    // Δv in focus shrinks by 0.46 mm while e grows by 30 mm.
+    const slope = (design.joint.delta_v_mm - design.clarity.delta_v_mm) / (0 - 30);
+    expect(found?.eMm).toBeCloseTo(-0.05 / slope, 9);
+    expect(found?.eMm).toBeGreaterThan(0);
+  });
+
+  it("holds in Keplerian mode, where the spacing is larger than the pitch", () => {
+    const { a_mm: a, b_mm: b } = design.mla;
+    const keplerian = { ...design, spacing_target_px: (29 * (-a - b)) / -a };
+    const off = -a + 0.02;
+    const seen = {
+      ...measurement((29 * (off - b)) / off, 0.002),
+      spacing_target_px: keplerian.spacing_target_px,
+    };
+    expect(correction(keplerian, { ...seen, micro_image_pitch_px: 29.3 })?.deltaVMm).toBeCloseTo(0.02, 9);
+  });
+
+  it("is told only where it can be", () => {
+    expect(correction(null, measurement(19.8, 0.002))).toBeNull();
+    expect(correction(design, null)).toBeNull();
+    expect(correction(design, measurement(28.985, 0.002))).toBeNull();
+    const flat = { ...design, clarity: { ...design.clarity, e_mm: design.joint.e_mm } };
+    expect(correction(flat, measurement(19.8, 0.002))?.eMm).toBeNull();
+  });
+});
+
+describe("the tilt", () => {
+  it("is an angle that grows with the frame's slope, and the way the spacing grows", () => {
+    const seen = measurement(19.725, 0.002);
+    const leaning = { ...seen, spacing: { ...seen.spacing, tilt_x_px: 0, tilt_y_px: 0.4 } };
+    const found = tilt(design, leaning, 1160);
+    // dl/dΔv = D b / a² = 8.695 px/mm; half the frame is 2.001 mm wide.
+    expect(found?.degrees).toBeCloseTo((Math.atan(0.4 / 8.695 / 2.001) * 180) / Math.PI, 2);
+    expect(octant(found?.towards ?? 0)).toBe("bottom");
+    expect(tilt(design, leaning, 0)).toBeNull();
+  });
+
+  it("has eight names", () => {
+    expect([0, 50, 90, 135, 180, -180, -90, -40].map((degrees) => octant((degrees * Math.PI) / 180))).toEqual(
+      ["right", "lowerRight", "bottom", "lowerLeft", "left", "left", "top", "upperRight"],
+    );
+  });
+});
+
+describe("the advice", () => {
+  const of = (spacing: number, moved: "e" | "delta_v") => {
+    const seen = measurement(spacing, 0.002);
+    const now = reading(seen);
+    if (!now) throw new Error("nothing is read");
+    return advice(now, correction(design, seen), moved, "mm");
+  };
+
+  it("moves the camera away from the shell where the spacing is too large, towards it where it is too small", () => {
+    expect(of(19.78, "e").main).toMatch(/^Move the camera 0\.\d\d mm away from the shell$/);
+    expect(of(19.67, "e").main).toMatch(/^Move the camera 0\.\d\d mm towards the shell$/);
+    expect(of(19.78, "e").other).toMatch(/^or Δv by \+0\.00\d+ mm$/);
+  });
+
+  it("moves MLA and sensor while Δv is set", () => {
+    expect(of(19.78, "delta_v").main).toMatch(/^Move MLA and sensor 0\.\d+ mm away from the lens$/);
+    expect(of(19.67, "delta_v").main).toMatch(/towards the lens$/);
+    // The shell is off then: there is no e to be moved.
+    expect(of(19.67, "delta_v").other).toBeNull();
+  });
+
+  it("calls for no move on the target, and for no distance far from it", () => {
+    expect(of(19.7255, "e").main).toMatch(/no move/);
+    expect(of(28.985, "e")).toEqual({ main: expect.stringMatching(/must grow/) as string, other: null });
+  });
+});

@@ -1,0 +1,150 @@
+import { describe, expect, it } from "vitest";
+import { isBelow, keysOf, same, tableOf, valueAt, withValue } from "../src/config-schema";
+import { isLarge } from "../src/pace";
+import { keep, recall, standard } from "../src/preferences";
+import { addressOf, routeOf } from "../src/route";
+import { initial, may } from "../src/state";
+import { SPACE } from "../src/stop-key";
+import { follow, noTrail, SPAN_S, type Trail } from "../src/trail";
+import { length, signedLength } from "../src/units";
+
+const id = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
+
+describe("the address", () => {
+  it("names a page and its jobs, and the live page where it names none", () => {
+    expect(routeOf("#/history/" + id)).toEqual({ page: "history", jobs: [id] });
+    expect(routeOf(addressOf("alignment", id))).toEqual({ page: "alignment", jobs: [id] });
+    for (const hash of ["", "#", "#/", "#/nowhere"])
+      expect(routeOf(hash)).toEqual({ page: "live", jobs: [] });
+    expect(routeOf("#/alignment/<script>").jobs).toEqual([]);
+  });
+});
+
+describe("preferences", () => {
+  const kept = (text: string | null) => ({ getItem: () => text });
+  it("are as they were kept", () => {
+    let text = "";
+    const mine = { ...standard, name: "Ana", unit: "µm" as const, overlays: ["grid" as const], stepMm: 1 };
+    keep({ setItem: (_name, value) => void (text = value) }, mine);
+    expect(recall(kept(text))).toEqual(mine);
+  });
+
+  it("are standard where what was kept is none", () => {
+    for (const text of [
+      null,
+      "",
+      "{",
+      "null",
+      "7",
+      '{"stepMm":99,"unit":"inch","stopKey":{"code":""},"overlays":"x"}',
+    ]) {
+      expect(recall(kept(text))).toEqual(standard);
+    }
+    expect(recall(kept('{"overlays":["error","nothing"]}'))).toMatchObject({
+      overlays: ["error"],
+      stopKey: SPACE,
+    });
+  });
+});
+
+describe("a trail", () => {
+  it("forgets what is too old, and is bounded", () => {
+    let trail: Trail<number> = noTrail;
+    for (let second = 0; second < 300; second += 1) trail = follow(trail, second, second);
+    expect(trail.points[0]).toBe(299 - SPAN_S);
+    expect(trail.points.at(-1)).toBe(299);
+    for (let i = 0; i < 5000; i += 1) trail = follow(trail, 300 + i / 1000, i);
+    expect(trail.at.length).toBeLessThanOrEqual(1500);
+    expect(trail.at).toHaveLength(trail.points.length);
+  });
+});
+
+describe("what one may do", () => {
+  it("goes by the scope, and a stranger may nothing", () => {
+    const session = { demanded: true, name: "Vera", scope: "control" as const, signed_in: true };
+    expect(may({ ...initial, session }, "view")).toBe(true);
+    expect(may({ ...initial, session }, "control")).toBe(true);
+    expect(may({ ...initial, session }, "admin")).toBe(false);
+    expect(may({ ...initial, session: "stranger" }, "view")).toBe(false);
+    expect(may(initial, "view")).toBe(false);
+  });
+});
+
+describe("moves by hand", () => {
+  it("ask before more than a millimetre, not before a millimetre", () => {
+    expect([isLarge(0, 1), isLarge(0.1, 1.1), isLarge(0, -1.001), isLarge(5, 5)]).toEqual([
+      false,
+      false,
+      true,
+      false,
+    ]);
+  });
+
+  it("show lengths in the unit chosen", () => {
+    expect([length(1.2345, "mm"), length(1.2345, "µm"), signedLength(0.0012, "mm", 4)]).toEqual([
+      "1.234 mm",
+      "1235 µm",
+      "+0.0012 mm",
+    ]);
+    expect(signedLength(0.0012, "µm", 4)).toBe("+1.2 µm");
+  });
+});
+
+describe("the configuration's schema", () => {
+  const schema = {
+    $defs: {
+      Side: { oneOf: [{ const: "low", description: "Small." }, { const: "high" }] },
+      Axis: {
+        type: "object",
+        description: "One axis.",
+        properties: { approach: { $ref: "#/$defs/Side", default: "low" }, on: { type: "boolean" } },
+      },
+    },
+    properties: {
+      axis: { $ref: "#/$defs/Axis", description: "The e axis." },
+      steps: { type: "integer", default: 3, description: "How many." },
+      list: { type: "array" },
+      name: { type: ["string", "null"] },
+    },
+  };
+  const table = tableOf(schema);
+
+  it("becomes a tree of keys, each with what it is edited with", () => {
+    expect(table?.tables.map((inner) => [inner.path, inner.meaning])).toEqual([["axis", "The e axis."]]);
+    const editors = Object.fromEntries(table ? keysOf(table).map((key) => [key.path, key.editor]) : []);
+    expect(editors).toEqual({
+      steps: { by: "number", whole: true },
+      list: { by: "json" },
+      name: { by: "text" },
+      "axis.approach": {
+        by: "choice",
+        choices: [
+          { value: "low", meaning: "Small." },
+          { value: "high", meaning: "" },
+        ],
+      },
+      "axis.on": { by: "switch" },
+    });
+    expect(tableOf(null)).toBeNull();
+  });
+
+  it("does not go round in circles", () => {
+    const circle = {
+      $defs: { A: { properties: { a: { $ref: "#/$defs/A" } } } },
+      properties: { a: { $ref: "#/$defs/A" } },
+    };
+    expect(tableOf(circle)?.tables).toHaveLength(1);
+  });
+
+  it("finds and changes values without touching the original", () => {
+    const config = { axis: { approach: "low", limits: [1, 2] }, steps: 3 };
+    expect(valueAt(config, "axis.approach")).toBe("low");
+    expect(valueAt(config, "axis.nothing.there")).toBeUndefined();
+    const other = withValue(config, "axis.approach", "high");
+    expect(other).toEqual({ axis: { approach: "high", limits: [1, 2] }, steps: 3 });
+    expect(config.axis.approach).toBe("low");
+    expect(same(config, { steps: 3, axis: { limits: [1, 2], approach: "low" } })).toBe(true);
+    expect(same(config, other)).toBe(false);
+    expect([isBelow("server.auth", ["server"]), isBelow("serverless", ["server"])]).toEqual([true, false]);
+  });
+});
