@@ -6,6 +6,8 @@ use std::sync::Arc;
 use super::job::SpacingReading;
 use crate::config::Config;
 use crate::imaging::calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use crate::imaging::clarity::Eog;
+use crate::imaging::depth::DepthOptions;
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame};
 use crate::imaging::spacing::{SpacingMap, SpacingOptions};
@@ -53,8 +55,10 @@ pub(super) struct Measured {
     pub(super) micro_image_pitch_px: f64,
     /// Radius of the masks that pairs were compared with, px.
     pub(super) window_px: f64,
-    /// Energy of gradient of the central view, mean per pixel.
-    pub(super) eog: Option<f64>,
+    /// Energy of gradient of the central view of the last frame, of a single board.
+    pub(super) eog: Option<Eog>,
+    /// Structural similarity of its micro-images with their neighbours, mean.
+    pub(super) ssim: Option<f64>,
     /// The central view of the last frame, a JPEG, of a single board.
     pub(super) picture: Option<Arc<Vec<u8>>>,
     /// The spacing micro-image by micro-image, of a single board.
@@ -102,7 +106,13 @@ impl Sight {
         }
     }
 
-    fn options(&self) -> FrameOptions {
+    /// The white frame.
+    pub(super) const fn white(&self) -> &WhiteModel {
+        &self.white
+    }
+
+    /// How its camera's frames are measured.
+    pub(super) fn options(&self) -> FrameOptions {
         let pitch_px = self.design.mla.pitch / self.pixel_mm;
         FrameOptions {
             spacing: SpacingOptions { mode: Some(self.design.mla.mode), ..SpacingOptions::new(pitch_px) },
@@ -136,12 +146,16 @@ impl Sight {
     pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, String> {
         let seen = measure_frames(images.iter().copied(), Some(&self.white), &self.options())
             .map_err(|error| error.to_string())?;
-        let view = images.last().and_then(|image| {
+        let seen_last = images.last().and_then(|image| {
             let profile = Some(&self.white.vignetting);
             let frame = ViewFrame::new(image, self.mosaic, &seen.grid, profile).ok()?;
-            view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()
+            let view = view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()?;
+            let options = DepthOptions::new(self.design.mla.mode, self.options().spacing.mla_pitch_px);
+            let ssim = frame.depth_map(&options).ok().map(|depth| depth.ssim_mean());
+            Some((view, ssim))
         });
-        let eog = view.as_ref().map(|view| clarity::eog(view).mean_per_pixel);
+        let (view, ssim) = seen_last.map_or((None, None), |(view, ssim)| (Some(view), ssim));
+        let eog = view.as_ref().map(clarity::eog);
         let spacing = SpacingReading {
             spacing_px: seen.spacing.on_axis_px,
             spacing_sigma_px: seen.spacing.sigma_px,
@@ -157,6 +171,7 @@ impl Sight {
             micro_image_pitch_px: seen.grid.pitch_px(),
             window_px: seen.spacing.window_px,
             eog,
+            ssim,
             picture: view.as_ref().and_then(jpeg),
             map,
         })
@@ -234,7 +249,10 @@ impl Sight {
             frames: images.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
-        Ok((camera, Measured { spacing, micro_image_pitch_px, window_px, eog: None, picture: None, map: None }))
+        Ok((
+            camera,
+            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None },
+        ))
     }
 
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
@@ -253,7 +271,7 @@ impl Sight {
             image_distance_sigma_mm: spread,
             repeatability_mm: Some(spread.min(a * a / (b * pitch) * measured.spacing.spacing_sigma_px * self.pixel_mm)),
         };
-        Ok((camera, Measured { eog: None, picture: None, ..measured }))
+        Ok((camera, Measured { eog: None, ssim: None, picture: None, ..measured }))
     }
 
     /// What three boards taken as one may be off by, mm of image distance: the mean over boards that fill unequal parts

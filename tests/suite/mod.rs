@@ -51,6 +51,7 @@ mod study;
 mod tls;
 mod unit;
 mod view;
+mod view_api;
 mod view_cli;
 mod vignetting;
 mod websocket;

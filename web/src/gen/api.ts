@@ -655,6 +655,68 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/view": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * The figures of the newest frame's views: micro-images, sizes, depth, EOG and SSIM; of a frame taken after they were
+     *     asked for.
+     */
+    get: operations["get_view"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/view.jpg": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * A picture of the scene, for looking at, as a JPEG; of a frame taken after it was asked for.
+     * @description Depth is coloured, from dark violet for far to yellow for near, evenly in the spacing; grey stripes are where it is
+     *     unknown. It needs no pose. A frame is made ready once, however many ask, and frames are left out rather than queued.
+     */
+    get: operations["get_view_jpeg"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/view.png": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * A picture of the scene with exact values, as a PNG of 16 bits; of a frame taken after it was asked for.
+     * @description Views are in grey levels with the vignetting taken out: 65535 stands for a pixel saturated in the middle of its
+     *     micro-image. Depth is in tenths of a millimetre, 0 where unknown, and needs the camera's pose.
+     */
+    get: operations["get_view_png"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/ws": {
     parameters: {
       query?: never;
@@ -2143,7 +2205,7 @@ export interface components {
     };
     /** @description Which spacing counts as in focus behind the shell. */
     "Config.SpacingTarget": "paraxial" | "exact";
-    /** @description What is on the simulated boards. */
+    /** @description What is on a board. */
     "Config.Texture": "charuco" | "natural" | "guppy" | "oscar";
     /** @description `[server.tls]` */
     "Config.TlsConfig": {
@@ -2239,6 +2301,35 @@ export interface components {
        */
       step: number;
     };
+    /** @description What is known about all micro-images together. */
+    DepthFigures: {
+      /** @description `square` or `hexagonal`. */
+      array: string;
+      distance_mm?: components["schemas"]["Spread"] | null;
+      /** @description Columns and rows of the frame. */
+      frame_px: number[];
+      /** @description Of them with a spacing from those around them. */
+      inferred: number;
+      /** @description Of them with a spacing from their own texture. */
+      measured: number;
+      /**
+       * Format: double
+       * @description Distance of neighbouring micro-images, px.
+       */
+      micro_image_pitch_px: number;
+      /** @description Micro-images wholly within the frame. */
+      micro_images: number;
+      patch_px?: components["schemas"]["Spread"] | null;
+      spacing_px?: components["schemas"]["Spread"] | null;
+      /**
+       * Format: double
+       * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
+       */
+      ssim_mean: number;
+      /** @description Of them about which nothing can be known. */
+      unknown: number;
+      virtual_depth?: components["schemas"]["Spread"] | null;
+    };
     /** @description Object distances in water between which the picture is sharp. */
     DepthOfFieldView: {
       /**
@@ -2252,6 +2343,11 @@ export interface components {
        */
       near_mm: number;
     };
+    /**
+     * @description Where a micro-image's spacing comes from.
+     * @enum {string}
+     */
+    DepthState: "measured" | "inferred" | "unknown";
     /** @description Everything that the configured design comes to. */
     DesignView: {
       /** @description The air design. */
@@ -2784,6 +2880,40 @@ export interface components {
        */
       ttl_s: number;
     };
+    /** @description What is known about one micro-image. */
+    LensFigures: {
+      /** @description Centre, px of the raw frame. */
+      centre_px: number[];
+      /**
+       * Format: double
+       * @description Distance along the axis, mm; `null` where unknown, or without a pose.
+       */
+      distance_mm?: number | null;
+      /** @description Lattice indices. */
+      index: number[];
+      /**
+       * Format: double
+       * @description Its standard uncertainty, px; `null` where unknown.
+       */
+      sigma_px?: number | null;
+      /**
+       * Format: double
+       * @description Spacing, px; where unknown a guess.
+       */
+      spacing_px: number;
+      /**
+       * Format: double
+       * @description Structural similarity with the matching content of its neighbours, −1 to 1.
+       */
+      ssim: number;
+      /** @description Where the spacing comes from. */
+      state: components["schemas"]["DepthState"];
+      /**
+       * Format: double
+       * @description a/b; `null` where unknown.
+       */
+      virtual_depth?: number | null;
+    };
     /** @description A line of a job's log. */
     LogLine: {
       /**
@@ -2854,6 +2984,11 @@ export interface components {
       eog?: number | null;
       /**
        * Format: double
+       * @description Energy of gradient of the central view, sum over its pixels (Eq. 20): it grows with the picture.
+       */
+      eog_sum?: number | null;
+      /**
+       * Format: double
        * @description Readback of the focus axis, mm.
        */
       focus_mm?: number | null;
@@ -2878,7 +3013,17 @@ export interface components {
        * @description The spacing wanted (Eq. 16), px.
        */
       spacing_target_px: number;
+      /**
+       * Format: double
+       * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
+       */
+      ssim?: number | null;
     };
+    /**
+     * @description What is before the camera.
+     * @enum {string}
+     */
+    Medium: "air" | "water";
     /** @description The microlens array at the design point. */
     MlaView: {
       /**
@@ -3110,6 +3255,26 @@ export interface components {
       data: string;
       /** @description Which one: `before` the first move with the shell, or `after` the last. */
       name: string;
+    };
+    /** @description Where the camera was. */
+    PoseView: {
+      /** @description Whether Δv, d and b are those of an air step rather than of the design and the axis's zero. */
+      calibrated: boolean;
+      /**
+       * Format: double
+       * @description Δv, mm: as the last air step calibrated it, or as the focus axis reads.
+       */
+      delta_v_mm: number;
+      /**
+       * Format: double
+       * @description e as the axis reads, mm; absent in air.
+       */
+      e_mm?: number | null;
+      /**
+       * @description What was before it. Distances count in water from the shell's outer vertex, in air from the main lens's principal
+       *     point.
+       */
+      medium: components["schemas"]["Medium"];
     };
     /** @description A problem as RFC 9457 has it, with members of its own beside the standard ones. */
     Problem: {
@@ -3490,6 +3655,11 @@ export interface components {
      */
     ShellState: "on" | "off" | "unknown";
     /**
+     * @description What the pictures of a viewer show.
+     * @enum {string}
+     */
+    Show: "raw" | "central" | "all_in_focus" | "depth";
+    /**
      * @description An end of an axis's travel.
      * @enum {string}
      */
@@ -3631,6 +3801,34 @@ export interface components {
        */
       window_px?: number | null;
     };
+    /** @description Least, quartiles and greatest of something. */
+    Spread: {
+      /**
+       * Format: double
+       * @description The greatest.
+       */
+      greatest: number;
+      /**
+       * Format: double
+       * @description The least.
+       */
+      least: number;
+      /**
+       * Format: double
+       * @description A quarter is below.
+       */
+      lower_quartile: number;
+      /**
+       * Format: double
+       * @description Half is below.
+       */
+      median: number;
+      /**
+       * Format: double
+       * @description A quarter is above.
+       */
+      upper_quartile: number;
+    };
     /**
      * @description What part of an alignment a job is in.
      * @enum {string}
@@ -3730,6 +3928,51 @@ export interface components {
       /** @description What it allows. */
       scope: components["schemas"]["Scope"];
     };
+    /** @description What is known about the newest frame's micro-images, its views and distances. */
+    ViewReport: components["schemas"]["DepthFigures"] & {
+      /**
+       * Format: date-time
+       * @description When it was taken, RFC 3339.
+       */
+      captured_at: string;
+      /**
+       * Format: double
+       * @description The same a pixel.
+       */
+      eog_mean_per_pixel: number;
+      /**
+       * Format: double
+       * @description Energy of gradient of the central view scaled to [0, 255] (Eq. 20), sum over its pixels.
+       */
+      eog_sum: number;
+      /**
+       * Format: double
+       * @description Its age when this was said, ms.
+       */
+      frame_age_ms: number;
+      /**
+       * Format: int64
+       * @description Sequence number of the frame.
+       */
+      frame_seq: number;
+      /** @description The micro-images one by one, where they were asked for. */
+      lenses?: components["schemas"]["LensFigures"][] | null;
+      pose?: components["schemas"]["PoseView"] | null;
+      /** @description What of the pose is not known, and what would make it known. */
+      pose_unknown?: string | null;
+      /** @description Whether this is a coarse picture for viewing only. */
+      preview: boolean;
+      /** @description Whether the frame is of old, played from a file. */
+      replayed: boolean;
+      /** @description Whether both axes were at rest during the whole exposure. */
+      settled: boolean;
+      /** @description Whether the frame was simulated. */
+      simulated: boolean;
+      /** @description Columns and rows of the central view. */
+      view_px: number[];
+      /** @description Whether grid and vignetting come from a white frame; without, they come from the frame itself. */
+      white_frame: boolean;
+    };
     /** @description What a viewer sends over the WebSocket, as text. */
     ViewerMessage:
       | {
@@ -3755,6 +3998,8 @@ export interface components {
            * @default 1
            */
           reduce: number;
+          /** @description What the pictures show. All but the raw frame are as large as a view is: `reduce` is not for them. */
+          show?: components["schemas"]["Show"];
           /** @enum {string} */
           type: "pictures";
           /**
@@ -7109,6 +7354,224 @@ export interface operations {
         };
       };
       /** @description It cannot be kept */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_view: {
+    parameters: {
+      query?: {
+        /** @description Whether the micro-images are wanted one by one. */
+        lenses?: boolean;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["ViewReport"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Nothing can be made of the frame (`not-viewable`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came in time */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_view_jpeg: {
+    parameters: {
+      query?: {
+        /** @description What is to be seen. */
+        kind?: "central" | "all_in_focus" | "refocus" | "depth";
+        /**
+         * @description `U,V`: from where in the main lens's aperture one looks, right and down, at most 1 from the middle (`central`).
+         * @example 0.4,-0.2
+         */
+        angle?: string;
+        /** @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens (`refocus`). */
+        distance_mm?: number;
+        /** @description Quality of the JPEG, 10 to 100. */
+        quality?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The headers are those of `frame.png`; depth has `Plenalign-Near-Mm` and `Plenalign-Far-Mm` too, where the pose is known */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "image/jpeg": number[];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Nothing can be made of the frame (`not-viewable`), or distances are asked for and the pose is not known (`pose-unknown`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came in time */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_view_png: {
+    parameters: {
+      query?: {
+        /** @description What is to be seen. */
+        kind?: "central" | "all_in_focus" | "refocus" | "depth";
+        /**
+         * @description `U,V`: from where in the main lens's aperture one looks, right and down, at most 1 from the middle (`central`).
+         * @example 0.4,-0.2
+         */
+        angle?: string;
+        /** @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens (`refocus`). */
+        distance_mm?: number;
+        /** @description Quality of the JPEG, 10 to 100. */
+        quality?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The headers are those of `frame.png` */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "image/png": number[];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Nothing can be made of the frame (`not-viewable`), or distances are asked for and the pose is not known (`pose-unknown`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came in time */
       503: {
         headers: {
           [name: string]: unknown;

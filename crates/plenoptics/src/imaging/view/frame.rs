@@ -3,11 +3,13 @@
 use rayon::prelude::*;
 
 use super::ViewError;
+use crate::imaging::depth::{DepthFrame, DepthMap, DepthOptions};
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::evened;
 use crate::imaging::mosaic::colours;
+use crate::imaging::spacing::SpacingError;
 use crate::imaging::vignetting::Vignetting;
-use crate::raw::{CfaPattern, RawImage};
+use crate::raw::{CfaPattern, RawImage, Samples};
 
 /// Transmission below which a pixel is not divided by it but by this: a gap stays dark instead of becoming noise.
 const TRANSMISSION_LEAST: f32 = 0.1;
@@ -19,6 +21,8 @@ const USED_PART: f64 = 0.85;
 pub struct ViewFrame {
     /// Where its micro-images are.
     pub grid: Grid,
+    /// The mosaic whose colours were filled in.
+    mosaic: Option<CfaPattern>,
     /// Grey, or red, green and blue.
     pub(super) planes: Vec<Vec<f32>>,
     /// Radius about a micro-image's centre that is used, px.
@@ -40,23 +44,28 @@ impl ViewFrame {
         if size != grid.frame_size {
             return Err(ViewError::OtherFrameSize { grid: grid.frame_size, frame: size });
         }
-        let mut values = evened(raw, mosaic).to_f32();
-        let half = grid.pitch_px() / 2.0;
-        let mut radius = USED_PART * half;
-        if let Some(vignetting) = vignetting {
-            let transmission = vignetting.render(grid);
-            values
-                .par_iter_mut()
-                .zip(&transmission)
-                .with_min_len(1 << 14)
-                .for_each(|(value, &share)| *value /= share.max(TRANSMISSION_LEAST));
-            radius = vignetting.usable_radius_px(grid).min(half);
-        }
+        let transmission = vignetting.map(|vignetting| vignetting.render(grid));
+        let values = divided(&evened(raw, mosaic), transmission.as_deref());
+        Ok(Self::of(values, mosaic, grid, used_radius_px(grid, vignetting)))
+    }
+
+    /// From values with the vignetting divided out, those of a mosaic evened out.
+    pub(in crate::imaging) fn of(values: Vec<f32>, mosaic: Option<CfaPattern>, grid: &Grid, radius: f64) -> Self {
         let planes = match mosaic {
             None => vec![values],
             Some(pattern) => colours(&values, pattern, grid).into(),
         };
-        Ok(Self { grid: grid.clone(), planes, radius })
+        Self { grid: grid.clone(), mosaic, planes, radius }
+    }
+
+    /// The spacing of every micro-image; that of green where the sensor has a mosaic.
+    ///
+    /// # Errors
+    /// [`SpacingError`] where there are too few micro-images.
+    pub fn depth_map(&self, options: &DepthOptions) -> Result<DepthMap, SpacingError> {
+        // Grey is the first of one plane, green the second of three.
+        let plane = &self.planes[self.planes.len() / 2];
+        Ok(DepthFrame::new(plane, self.mosaic, &self.grid)?.depth_map(options))
     }
 
     /// Radius about a micro-image's centre that is used, px: the unit of a view's direction.
@@ -64,4 +73,28 @@ impl ViewFrame {
     pub const fn used_radius_px(&self) -> f64 {
         self.radius
     }
+}
+
+/// Radius about a micro-image's centre that can be used, px: as far as a profile says it is lit.
+pub(in crate::imaging) fn used_radius_px(grid: &Grid, vignetting: Option<&Vignetting>) -> f64 {
+    let half = grid.pitch_px() / 2.0;
+    vignetting.map_or(USED_PART * half, |vignetting| vignetting.usable_radius_px(grid).min(half))
+}
+
+/// A frame's samples, each divided by the share of light that reaches it.
+pub(in crate::imaging) fn divided(raw: &RawImage, transmission: Option<&[f32]>) -> Vec<f32> {
+    let Some(transmission) = transmission else { return raw.to_f32() };
+    match raw.samples() {
+        Samples::U8(samples) => shared_out(samples, transmission),
+        Samples::U16(samples) => shared_out(samples, transmission),
+    }
+}
+
+fn shared_out<T: Copy + Into<f32> + Sync>(samples: &[T], transmission: &[f32]) -> Vec<f32> {
+    samples
+        .par_iter()
+        .zip(transmission)
+        .with_min_len(1 << 14)
+        .map(|(&sample, &share)| sample.into() / share.max(TRANSMISSION_LEAST))
+        .collect()
 }
