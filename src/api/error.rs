@@ -368,6 +368,10 @@ impl From<Refusal> for Problem {
                 Self::refused("spans-motion", "The frame spans motion", it, json!({ "axes": axes }))
             }
             Refusal::NotMeasurable { .. } => Self::refused("not-measurable", "Nothing can be measured", it, json!({})),
+            Refusal::NotViewable { .. } => Self::refused("not-viewable", "No picture can be made", it, json!({})),
+            Refusal::PoseUnknown { .. } => {
+                Self::refused("pose-unknown", "The camera's pose is not known", it, json!({}))
+            }
             Refusal::NoHistory { .. } => {
                 let title = "The history cannot be written";
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "history-unwritable", title, it.to_string())

@@ -33,6 +33,7 @@ mod placeholder;
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
+mod scene;
 mod scopes;
 mod security;
 pub mod server;
@@ -42,6 +43,8 @@ mod stream;
 mod tickets;
 mod tokens;
 pub mod types;
+pub mod view;
+mod viewed;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
@@ -229,6 +232,9 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(frame::png))
         .routes(routes!(frame::snapshot))
         .routes(routes!(stream::mjpeg))
+        .routes(routes!(view::report))
+        .routes(routes!(view::jpeg))
+        .routes(routes!(view::png))
         .routes(routes!(session::sign_in, session::get, session::sign_out))
         .routes(routes!(tickets::create))
         .routes(routes!(tokens::create, tokens::list))

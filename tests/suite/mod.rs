@@ -53,6 +53,7 @@ mod surroundings;
 mod tls;
 mod unit;
 mod view;
+mod view_api;
 mod view_cli;
 mod vignetting;
 mod websocket;

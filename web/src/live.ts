@@ -6,6 +6,7 @@ import {
   type FieldMap,
   type Picture,
   type ServerMessage,
+  type Show,
   type ViewerMessage,
 } from "./wire";
 import { SILENCE_MS, type Link } from "./state";
@@ -34,6 +35,8 @@ export interface Wish {
   overlay: boolean;
   /** Raw pixels to a picture pixel, each way. */
   reduce: 1 | 2 | 4;
+  /** What the pictures show. */
+  show: Show;
 }
 
 const MAX_RATE_HZ = 30;
@@ -46,7 +49,7 @@ export class Live {
   private wanted = false;
   /** What drawing a picture has taken of late, ms. */
   private drawingMs = 0;
-  private wish: Wish = { pictures: false, overlay: false, reduce: 1 };
+  private wish: Wish = { pictures: false, overlay: false, reduce: 1, show: "raw" };
 
   constructor(
     private readonly url: string,
@@ -68,8 +71,9 @@ export class Live {
 
   /** Asks for what is to be seen from now on. */
   want(wish: Wish): void {
-    const { pictures, overlay, reduce } = this.wish;
-    if (wish.pictures === pictures && wish.overlay === overlay && wish.reduce === reduce) return;
+    const { pictures, overlay, reduce, show } = this.wish;
+    const same = wish.pictures === pictures && wish.overlay === overlay && wish.reduce === reduce;
+    if (same && wish.show === show) return;
     this.wish = wish;
     this.ask();
   }
@@ -132,12 +136,13 @@ export class Live {
   private ask(): void {
     if (!this.socket) return;
     const on = this.wish.pictures && document.visibilityState === "visible";
-    const { overlay, reduce } = this.wish;
+    const { overlay, reduce, show } = this.wish;
     this.send(this.socket, {
       type: "pictures",
       on,
       max_rate_hz: MAX_RATE_HZ,
       reduce,
+      show,
       quality: QUALITY,
       overlay,
       window: this.isSlow ? 1 : WINDOW,

@@ -4,6 +4,7 @@
 import { pairs, range, tint } from "./field-map";
 import type { Overlay } from "./preferences";
 import { SaturationWatch } from "./saturation-watch";
+import { extent } from "./show";
 import { fit, isWhole, pan, pixelAt, zoom, type Size, type Viewport } from "./viewport";
 import type { FieldMap, Lens, Picture, PictureFacts } from "./wire";
 
@@ -47,18 +48,25 @@ export class Painter {
     } catch {
       return false;
     }
-    if (this.facts && this.bitmap && picture.facts.capturedAt < this.facts.capturedAt) {
+    const other = this.facts !== null && picture.facts.show !== this.facts.show;
+    // A view is ready later than the raw frame that it is made of: when they change it is older, and shown all the same.
+    if (this.facts && this.bitmap && !other && picture.facts.capturedAt < this.facts.capturedAt) {
       bitmap.close();
       return false;
     }
+    // Places count otherwise in it.
+    if (other) this.viewport = null;
     this.bitmap?.close();
     this.bitmap = bitmap;
     this.facts = picture.facts;
     const now = performance.now();
     this.times = [...this.times.filter((time) => now - time < 2000), now];
+    if (other) this.saturated.forget();
     // What is laid over is drawn anew when it is known anew, not with each picture.
-    if (this.overlays.includes("saturation")) this.saturated.look(picture.jpeg, now);
-    this.soon(false);
+    if (this.overlays.includes("saturation") && picture.facts.show === "raw") {
+      this.saturated.look(picture.jpeg, now);
+    }
+    this.soon(other);
     return true;
   }
 
@@ -140,12 +148,13 @@ export class Painter {
     this.soon(true);
   }
 
-  /** The raw pixel at a place of the canvas, CSS pixels, and its grey level where the picture has every pixel. */
+  /** The raw pixel at a place of the canvas, CSS pixels, and its grey level where the picture has every pixel; null where
+   *  no raw frame is shown. */
   probe(at: { x: number; y: number }): { x: number; y: number; grey: number | null } | null {
     const seen = this.seen();
     const pixel =
       seen && pixelAt(seen.viewport, { x: at.x * this.ratio(), y: at.y * this.ratio() }, seen.frame);
-    if (!pixel || !this.bitmap || !this.facts) return null;
+    if (!pixel || !this.bitmap || this.facts?.show !== "raw") return null;
     if (this.facts.reduce !== 1) return { ...pixel, grey: null };
     const one = new OffscreenCanvas(1, 1).getContext("2d");
     one?.drawImage(this.bitmap, pixel.x, pixel.y, 1, 1, 0, 0, 1, 1);
@@ -157,12 +166,12 @@ export class Painter {
   }
 
   private seen(): { viewport: Viewport; view: Size; frame: Size } | null {
-    if (!this.canvas || !this.facts) return null;
+    if (!this.canvas || !this.facts || !this.bitmap) return null;
     const view = {
       width: Math.round(this.canvas.clientWidth * this.ratio()),
       height: Math.round(this.canvas.clientHeight * this.ratio()),
     };
-    const frame = { width: this.facts.widthPx, height: this.facts.heightPx };
+    const frame = extent(this.facts, this.bitmap);
     if (view.width === 0 || view.height === 0) return null;
     // Another size of the view or of the frame: kept in sight.
     const viewport = this.viewport ? pan(this.viewport, 0, 0, view, frame) : fit(view, frame);

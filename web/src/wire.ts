@@ -4,6 +4,7 @@ import { fromBinary } from "@bufbuild/protobuf";
 import type { components } from "./gen/api";
 import {
   LensState,
+  Picture as Pictured,
   ViewedSchema,
   type Frame,
   type SpacingMap,
@@ -26,6 +27,7 @@ export type StopReport = Schemas["StopReport"];
 export type Lease = Schemas["LeaseView"];
 export type Side = Schemas["Side"];
 export type Scope = Schemas["Scope"];
+export type Show = Schemas["Show"];
 export type Design = Schemas["DesignView"];
 export type Draft = Schemas["DraftView"];
 export type DraftBase = Schemas["DraftBase"];
@@ -96,6 +98,7 @@ export interface PictureFacts {
   heightPx: number;
   /** Raw pixels to a picture pixel, each way. */
   reduce: number;
+  show: Show;
 }
 
 export interface Picture {
@@ -152,6 +155,14 @@ const FATES: Partial<Record<LensState, LensFate>> = {
   [LensState.BLANK]: "blank",
 };
 
+/** What is not here is the raw frame: a daemon that does not say knows no other. */
+const SHOWN: Partial<Record<Pictured, Show>> = {
+  [Pictured.RAW]: "raw",
+  [Pictured.CENTRAL]: "central",
+  [Pictured.ALL_IN_FOCUS]: "all_in_focus",
+  [Pictured.DEPTH]: "depth",
+};
+
 function mapOf(map: SpacingMap): FieldMap {
   const lenses: Lens[] = [];
   map.xPx.forEach((x, index) => {
@@ -186,6 +197,7 @@ function pictureOf(frame: Frame): Picture {
       widthPx: frame.widthPx,
       heightPx: frame.heightPx,
       reduce: frame.reduce,
+      show: SHOWN[frame.picture] ?? "raw",
     },
   };
 }
