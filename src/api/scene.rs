@@ -81,12 +81,13 @@ pub(super) fn draw(look: &Look, scene: Scene, format: Format) -> Result<Bytes, O
             coloured_jpeg(&painted.rgb, painted.width, painted.height, quality)
         }
         (Scene::Depth, Format::Png) => {
-            let levels = pictures.distances_of(view).into_iter().map(|mm| {
+            let (extent, distances) = pictures.distances()?;
+            let levels = distances.into_iter().map(|mm| {
                 let level = (f64::from(mm) * STEPS_PER_MM).round().clamp(0.0, f64::from(u16::MAX));
                 // What is unknown becomes 0.
                 if level.is_nan() { 0 } else { level as u16 }
             });
-            png(levels, view.width, view.height, ExtendedColorType::L16)
+            png(levels, extent.width, extent.height, ExtendedColorType::L16)
         }
         (_, Format::Jpeg { quality }) => match view.planes.len() {
             3 => coloured_jpeg(&view.to_u8(), view.width, view.height, quality),

@@ -158,9 +158,8 @@ fn save(view: &View, path: &Path) -> anyhow::Result<PictureReport> {
 }
 
 fn save_distances(pictures: &Pictures, path: &Path) -> anyhow::Result<()> {
-    let view = pictures.view([0.0; 2])?;
-    let distances = pictures.distances_of(&view);
-    let (width, height) = (u32::try_from(view.width)?, u32::try_from(view.height)?);
+    let (extent, distances) = pictures.distances()?;
+    let (width, height) = (u32::try_from(extent.width)?, u32::try_from(extent.height)?);
     let unwritten = || format!("{}: the distances could not be written", path.display());
     if has_extension(path, &["png"]) {
         let levels = distances.iter().map(|mm| (mm * LEVELS_PER_MM).round().clamp(0.0, f32::from(u16::MAX)));

@@ -5,11 +5,13 @@ use std::sync::Arc;
 
 use super::job::SpacingReading;
 use crate::config::Config;
-use crate::imaging::calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use crate::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions};
 use crate::imaging::clarity::Eog;
 use crate::imaging::depth::DepthOptions;
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame};
+use crate::imaging::measurement::{
+    FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame,
+};
 use crate::imaging::spacing::{SpacingMap, SpacingOptions};
 use crate::imaging::view::{View, ViewFrame, ViewOptions};
 use crate::imaging::{clarity, view};
@@ -119,7 +121,7 @@ impl Sight {
             array: Some(self.design.mla.array),
             white_at_this_setting: false,
             mosaic: self.mosaic,
-            map: true,
+            map: false,
         }
     }
 
@@ -144,11 +146,9 @@ impl Sight {
     /// # Errors
     /// Why there is no number to be had, in words.
     pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, String> {
-        let seen = measure_frames(images.iter().copied(), Some(&self.white), &self.options())
-            .map_err(|error| error.to_string())?;
+        let (seen, measured) = self.measured(images, true)?;
         let seen_last = images.last().and_then(|image| {
-            let profile = Some(&self.white.vignetting);
-            let frame = ViewFrame::new(image, self.mosaic, &seen.grid, profile).ok()?;
+            let frame = ViewFrame::new(image, self.mosaic, &seen.grid, Some(&seen.light)).ok()?;
             let view = view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()?;
             let options = DepthOptions::new(self.design.mla.mode, self.options().spacing.mla_pitch_px);
             let ssim = frame.depth_map(&options).ok().map(|depth| depth.ssim_mean());
@@ -156,6 +156,15 @@ impl Sight {
         });
         let (view, ssim) = seen_last.map_or((None, None), |(view, ssim)| (Some(view), ssim));
         let eog = view.as_ref().map(clarity::eog);
+        let picture = view.as_ref().and_then(jpeg);
+        Ok(Measured { eog, ssim, picture, map: seen.map.map(Arc::new), ..measured })
+    }
+
+    /// The same, with what every micro-image makes of it where that is asked for, and without a picture.
+    fn measured(&self, images: &[&RawImage], map: bool) -> Result<(FrameMeasurement, Measured), String> {
+        let options = FrameOptions { map, ..self.options() };
+        let seen =
+            measure_frames(images.iter().copied(), Some(&self.white), &options).map_err(|error| error.to_string())?;
         let spacing = SpacingReading {
             spacing_px: seen.spacing.on_axis_px,
             spacing_sigma_px: seen.spacing.sigma_px,
@@ -165,16 +174,10 @@ impl Sight {
             pairs: seen.spacing.pairs as u32,
             frames: images.len() as u32,
         };
-        let map = seen.map.map(Arc::new);
-        Ok(Measured {
-            spacing,
-            micro_image_pitch_px: seen.grid.pitch_px(),
-            window_px: seen.spacing.window_px,
-            eog,
-            ssim,
-            picture: view.as_ref().and_then(jpeg),
-            map,
-        })
+        let (micro_image_pitch_px, window_px) = (seen.grid.pitch_px(), seen.spacing.window_px);
+        let measured =
+            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None };
+        Ok((seen, measured))
     }
 
     /// Calibrates the camera from several frames of a triple-level board, far from focus with b held. The reading is
@@ -188,33 +191,25 @@ impl Sight {
         levels_mm: &[f64; 3],
         hold_b: Option<HoldB>,
     ) -> Result<(Triple, Measured), String> {
-        let Some(hold) = hold_b else { return self.calibrated(images, levels_mm, None) };
-        let held = self.calibrated(images, levels_mm, Some(hold.sigma_mm))?;
-        let near = (held.0.image_distance_mm - hold.image_distance_mm).abs() <= hold.beyond_mm;
-        if near { self.calibrated(images, levels_mm, None) } else { Ok(held) }
-    }
-
-    fn calibrated(
-        &self,
-        images: &[&RawImage],
-        levels_mm: &[f64; 3],
-        hold_b_sigma_mm: Option<f64>,
-    ) -> Result<(Triple, Measured), String> {
-        let options = CalibrationOptions {
-            hold_b: hold_b_sigma_mm.map(|sigma| (self.design.mla.b(), sigma)),
-            // What the distances share is the caller's business: no frame can mend it.
-            ..CalibrationOptions::new(
-                FrameOptions { map: false, ..self.options() },
-                self.pixel_mm,
-                self.design.main_lens,
-            )
+        // What the distances share is the caller's business: no frame can mend it.
+        let options = CalibrationOptions::new(self.options(), self.pixel_mm, self.design.main_lens);
+        let boards: Result<Vec<Boards>, CalibrationError> =
+            images.iter().map(|image| Boards::measure(image, Some(&self.white), levels_mm.len(), &options)).collect();
+        let calibrated = |hold_b: Option<(f64, f64)>| -> Result<Vec<Calibration>, CalibrationError> {
+            let options = CalibrationOptions { hold_b, ..options.clone() };
+            let boards = boards.as_ref().map_err(Clone::clone)?;
+            boards.iter().map(|boards| boards.calibrate(levels_mm, &options)).collect()
         };
-        let resolution = self.design.mla.signed_resolution();
-        let seen = images
-            .iter()
-            .map(|image| calibrate(image, Some(&self.white), levels_mm, &options))
-            .collect::<Result<Vec<_>, _>>();
-        let seen = match seen {
+        let Some(hold) = hold_b else {
+            return self.camera(&calibrated(None).map_err(|error| error.to_string())?);
+        };
+        let (triple, measured) = match calibrated(Some((self.design.mla.b(), hold.sigma_mm))) {
+            Ok(seen) => match self.camera(&seen)? {
+                (triple, _) if triple.image_distance_sigma_mm > self.spread_mm(levels_mm) => {
+                    self.blurred_triple(images, levels_mm)?
+                }
+                camera => camera,
+            },
             // Far from focus the levels' spacings differ by less than can be told apart.
             Err(
                 CalibrationError::BoardsNotFound { .. }
@@ -222,11 +217,18 @@ impl Sight {
                 | CalibrationError::CannotTellApart(_)
                 | CalibrationError::NoSolution { .. }
                 | CalibrationError::Measurement(MeasurementError::Spacing(_)),
-            ) if hold_b_sigma_mm.is_some() => return self.blurred_triple(images, levels_mm),
-            seen => seen.map_err(|error| error.to_string())?,
+            ) => self.blurred_triple(images, levels_mm)?,
+            Err(error) => return Err(error.to_string()),
         };
-        let mean = |value: &dyn Fn(&Calibration) -> f64| seen.iter().map(value).sum::<f64>() / seen.len().max(1) as f64;
+        let near = (triple.image_distance_mm - hold.image_distance_mm).abs() <= hold.beyond_mm;
+        if near { self.camera(&calibrated(None).map_err(|error| error.to_string())?) } else { Ok((triple, measured)) }
+    }
+
+    /// The camera as several frames of one pose have it.
+    fn camera(&self, seen: &[Calibration]) -> Result<(Triple, Measured), String> {
         let Some(first) = seen.first() else { return Err("no frame was taken".to_owned()) };
+        let resolution = self.design.mla.signed_resolution();
+        let mean = |value: &dyn Fn(&Calibration) -> f64| seen.iter().map(value).sum::<f64>() / seen.len() as f64;
         // Uncertainties are mostly what the model leaves unexplained, which further frames do not mend: not averaged.
         let camera = Triple {
             lens_to_mla_mm: mean(&|c| c.line.d_mm),
@@ -235,9 +237,6 @@ impl Sight {
             image_distance_sigma_mm: mean(&|c| c.line.image_distance(resolution).1),
             repeatability_mm: None,
         };
-        if hold_b_sigma_mm.is_some() && camera.image_distance_sigma_mm > self.spread_mm(levels_mm) {
-            return self.blurred_triple(images, levels_mm);
-        }
         let middle = |c: &Calibration| c.line.levels[c.line.levels.len() / 2];
         let spacing = SpacingReading {
             spacing_px: mean(&|c| middle(c).spacing_px),
@@ -246,7 +245,7 @@ impl Sight {
             tilt_y_px: mean(&|c| c.field_px[1]),
             curvature_px: mean(&|c| c.field_px[2]),
             pairs: 0,
-            frames: images.len() as u32,
+            frames: seen.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
         Ok((
@@ -258,7 +257,7 @@ impl Sight {
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
     /// enough to come nearer.
     fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), String> {
-        let measured = self.spacing(images)?;
+        let (_, measured) = self.measured(images, false)?;
         let (pitch, b) = (self.design.mla.pitch, self.design.mla.b());
         let a = a_from_spacing(pitch, measured.spacing.spacing_px * self.pixel_mm, b);
         let image = |distance: f64| self.design.main_lens.image_distance(distance);
@@ -271,7 +270,7 @@ impl Sight {
             image_distance_sigma_mm: spread,
             repeatability_mm: Some(spread.min(a * a / (b * pitch) * measured.spacing.spacing_sigma_px * self.pixel_mm)),
         };
-        Ok((camera, Measured { eog: None, ssim: None, picture: None, ..measured }))
+        Ok((camera, measured))
     }
 
     /// What three boards taken as one may be off by, mm of image distance: the mean over boards that fill unequal parts

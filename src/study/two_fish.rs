@@ -197,18 +197,15 @@ fn depth(chapter: &mut Chapter, scene: &Tank, shot: &Shot) {
     ));
     let least = 0.9 * NEAR_MM;
     let greatest = 1.05 * WALL_MM;
-    let view = shot.pictures.view([0.0; 2]);
-    if let Ok(view) = view {
-        let colours: Vec<u8> = shot
-            .pictures
-            .distances_of(&view)
+    if let Ok((extent, distances)) = shot.pictures.distances() {
+        let colours: Vec<u8> = distances
             .iter()
             .flat_map(
                 |&mm| if mm.is_nan() { [40, 40, 40] } else { colour((f64::from(mm) - least) / (greatest - least)) },
             )
             .collect();
         let caption = format!("depth map: {least:.0} mm (blue) to {greatest:.0} mm (yellow), grey: unknown");
-        chapter.pictures.push(colour_png("depth", caption, view.width, view.height, &colours));
+        chapter.pictures.push(colour_png("depth", caption, extent.width, extent.height, &colours));
     }
 }
 

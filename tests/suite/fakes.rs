@@ -36,6 +36,16 @@ impl StillStage {
         });
         Self { axis, state, delivery: Mutex::new(StopDelivery::Confirmed), told: Mutex::default() }
     }
+
+    /// Since when it has been at rest.
+    pub(crate) fn at_rest_since(&self) -> Option<Instant> {
+        self.state.borrow().at_rest_since
+    }
+
+    /// Has it be at rest since then, or move.
+    pub(crate) fn rest(&self, since: Option<Instant>) {
+        self.state.send_modify(|state| (state.at_rest_since, state.moving) = (since, since.is_none()));
+    }
 }
 
 #[async_trait]

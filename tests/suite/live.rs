@@ -60,6 +60,7 @@ fn check_agreement(name: &str, live: &LiveSpacing, full: &Spacing) {
     let difference = live.on_axis_px - full.on_axis_px;
     println!("{name}: {difference:+.5} px, {live:?}");
     assert!(difference.abs() < 0.001, "{name}: {difference:+.5} px from {full:?}");
+    assert!(difference.abs() < full.sigma_px / 3.0, "{name}: {difference:+.5} px, sigma {:.5} px", full.sigma_px);
     assert!((live.tilt_x_px - full.tilt_x_px).abs() < 0.002 && (live.tilt_y_px - full.tilt_y_px).abs() < 0.002);
     assert!((live.curvature_px - full.curvature_px).abs() < 0.004);
     for (what, live, full) in

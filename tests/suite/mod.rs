@@ -48,6 +48,7 @@ mod store;
 mod stream;
 mod structure;
 mod study;
+mod surroundings;
 mod tls;
 mod unit;
 mod view;

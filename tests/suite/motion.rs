@@ -79,6 +79,48 @@ async fn near_the_wall_the_shell_is_approached_in_short_pieces() {
     }
 }
 
+#[tokio::test]
+async fn a_target_is_approached_from_its_side_over_the_whole_play() {
+    for (side, sign) in [(Side::High, 1.0), (Side::Low, -1.0)] {
+        let mut config = small_config(1);
+        (config.bench.e.approach, config.bench.e.backlash_mm) = (side, 0.1);
+        let fakes = fakes();
+        let motion = Motion::new(Arc::new(config), fakes.bench);
+        let told = async |to: f64| {
+            fakes.e.told.lock().unwrap().clear();
+            motion.go(AxisName::E, Millimetres(to)).await.unwrap();
+            fakes.e.told.lock().unwrap().clone()
+        };
+        // From the other side: past the target first, by twice the play and something.
+        told(15.0).await;
+        let legs = told(15.0 + 3.0 * sign).await;
+        let [.., beside, at] = legs[..] else { panic!("{side:?}: {legs:?}") };
+        assert_eq!(at, 15.0 + 3.0 * sign);
+        assert!((beside - at - 0.25 * sign).abs() < 1e-9, "{side:?}: {legs:?}");
+        // On from there the play is taken up: straight, however short the way.
+        assert_eq!(told(15.0 + 2.99 * sign).await, [15.0 + 2.99 * sign], "{side:?}");
+        // Back by as little: the play is in between again.
+        let back = told(15.0 + 3.0 * sign).await;
+        assert!(back.len() == 2 && (back[0] - back[1]) * sign > 0.2, "{side:?}: {back:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn frames_count_as_at_rest_from_when_both_axes_have_settled() {
+    let mut config = small_config(1);
+    (config.bench.focus.settle_ms, config.bench.e.settle_ms) = (200, 700);
+    let fakes = fakes();
+    let at_rest = fakes.e.at_rest_since().unwrap();
+    let motion = Motion::new(Arc::new(config), fakes.bench);
+    assert_eq!(motion.settled_from(), Some(at_rest + Duration::from_millis(700)));
+    sleep(Duration::from_secs(5)).await;
+    fakes.e.rest(None);
+    assert_eq!(motion.settled_from(), None);
+    let later = tokio::time::Instant::now();
+    fakes.e.rest(Some(later));
+    assert_eq!(motion.settled_from(), Some(later + Duration::from_millis(700)));
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_long_move_is_told_a_second_at_a_time() {
     let config = Arc::new(small_config(1));

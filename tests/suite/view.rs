@@ -21,7 +21,7 @@ fn board() -> (ViewFrame, Grid) {
     let (white, board) = (frame("air_charuco_white"), frame("air_charuco"));
     let grid = find_grid(&white, &GridOptions::default()).unwrap();
     let profile = Vignetting::from_white(&white, &grid).unwrap();
-    (ViewFrame::new(&board, None, &grid, Some(&profile)).unwrap(), grid)
+    (ViewFrame::new(&board, None, &grid, Some(&profile.over(&grid))).unwrap(), grid)
 }
 
 const SPACING_PX: f64 = 19.612;
@@ -116,11 +116,11 @@ fn a_mosaic_keeps_the_scenes_colours_up_to_every_border() {
         [(8, CfaPattern::Rggb), (10, CfaPattern::Grbg), (12, CfaPattern::Bggr), (16, CfaPattern::Gbrg)]
     {
         let mosaic = behind_filters(&board, bits, pattern, place);
-        let ready = ViewFrame::new(&mosaic, Some(pattern), &grid, Some(&profile)).unwrap();
+        let ready = ViewFrame::new(&mosaic, Some(pattern), &grid, Some(&profile.over(&grid))).unwrap();
         let view = of(&ready, SPACING_PX, Blend::Seamless).unwrap();
         let [red, green, blue] = view.planes.as_slice() else { panic!("{} planes", view.planes.len()) };
         let bright = green.iter().copied().fold(0.0, f32::max) / 3.0;
-        let owners: Vec<[i32; 2]> = view.owners(&grid).collect();
+        let owners: Vec<[i32; 2]> = view.extent().owners(&grid).collect();
         for (name, plane, of_scene) in [("red", red, 0), ("blue", blue, 2)] {
             // The mean of each colour is brought to that of green: the colours are right but for one factor.
             let mut shares = Vec::new();

@@ -174,6 +174,39 @@ mod tests {
         assert!(absent.newest().is_none());
     }
 
+    #[tokio::test(start_paused = true)]
+    async fn an_axis_has_settled_when_it_stood_since_its_time_before_the_exposure() {
+        let rest = Instant::now();
+        let state = StageState {
+            connected: true,
+            homed: true,
+            position: crate::units::Millimetres(1.5),
+            moving: false,
+            at_rest_since: Some(rest),
+            fault: None,
+        };
+        let (focus, e) = (watch::Sender::new(state.clone()), watch::Sender::new(state));
+        let ms = Duration::from_millis;
+        let poses = poses_of_stages((focus.subscribe(), ms(100)), (e.subscribe(), ms(300)));
+        let settled = |from: Instant| {
+            let (focus, e) = poses(from, from + ms(50));
+            (focus.settled, e.settled)
+        };
+        assert_eq!(settled(rest + ms(99)), (false, false));
+        assert_eq!(settled(rest + ms(100)), (true, false));
+        assert_eq!(settled(rest + ms(300)), (true, true));
+        // In motion now: whatever stood before may have begun to move during the exposure.
+        e.send_modify(|state| (state.moving, state.at_rest_since) = (true, None));
+        assert_eq!(settled(rest + ms(900)), (true, false));
+        let position = || poses(rest, rest).0.position.map(crate::units::Millimetres::value);
+        assert_eq!(position(), Some(1.5));
+        // Not homed, or not connected, an axis's position says nothing.
+        focus.send_modify(|state| state.homed = false);
+        assert_eq!(position(), None);
+        focus.send_modify(|state| (state.homed, state.connected) = (true, false));
+        assert_eq!(position(), None);
+    }
+
     #[tokio::test]
     async fn a_file_that_is_no_camera_says_so() {
         let none = camera("/dev/null", "Y12");

@@ -92,6 +92,32 @@ async fn after_a_timeout_nothing_is_asked_until_the_device_starts_anew() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn of_an_answer_without_end_a_part_is_kept_and_others_wait_no_longer_than_allowed() {
+    let (near, mut far) = duplex(256);
+    let (port, _notices) = Port::start(near, Lines::new(Plain), Arc::default());
+    let asked = tokio::spawn({
+        let port = port.clone();
+        async move { port.request("a\n", SECOND, 0).await }
+    });
+    for _ in 0..2 * MOST_PARTS {
+        far.write_all(b"data\n").await.unwrap();
+    }
+    far.write_all(b"ok\n").await.unwrap();
+    assert_eq!(asked.await.unwrap().unwrap().lines.len(), MOST_PARTS);
+    // What goes on for ever does not put the deadline off.
+    let asked = tokio::spawn(async move { port.request("b\n", SECOND, 0).await });
+    let babbler = tokio::spawn(async move {
+        while far.write_all(b"data\n").await.is_ok() {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    });
+    let begun = tokio::time::Instant::now();
+    assert_eq!(asked.await.unwrap(), Err(PortError::Timeout(SECOND)));
+    assert!(begun.elapsed() < SECOND + Duration::from_millis(50), "{:?}", begun.elapsed());
+    babbler.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
 async fn end_of_file_closes_the_port_and_says_so() {
     let (near, far) = duplex(256);
     let (port, _notices) = Port::start(near, Lines::new(Plain), Arc::default());

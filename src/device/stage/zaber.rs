@@ -320,6 +320,21 @@ mod tests {
     }
 
     #[test]
+    fn a_message_that_never_ends_is_not_kept() {
+        let mut zaber = Zaber::default();
+        zaber.frame(b"@01 0 05 OK IDLE -- 1\\\r\n");
+        let part = format!("#01 0 cont 1 {}\\\r\n", "7".repeat(200));
+        for _ in 0..100_000 {
+            zaber.frame(part.as_bytes());
+            let kept = zaber.unfinished.as_ref().map_or(0, |message| message.data.capacity());
+            assert!(kept <= 2 * LONGEST_DATA, "{kept} bytes are kept");
+        }
+        zaber.gap();
+        let read = zaber.frame(b"@01 1 07 OK IDLE -- 5\r\n");
+        assert!(matches!(read.as_slice(), [Item::Message(m)] if m.data == "5"), "{read:?}");
+    }
+
+    #[test]
     fn a_reply_answers_only_the_command_of_its_number() {
         let mut zaber = Zaber::default();
         let request = command(1, 1, 7, "get pos");

@@ -238,6 +238,41 @@ async fn a_controller_exchanged_for_another_is_refused() {
     assert!(matches!(rig.e.home().await, Err(DeviceError::WrongDevice { .. })));
 }
 
+/// Cannot be opened, for this reason, and notes when that was tried.
+struct Closed(DeviceError, std::sync::Mutex<Vec<Instant>>);
+
+#[async_trait::async_trait]
+impl Dial for Closed {
+    fn location(&self) -> String {
+        "nowhere".to_owned()
+    }
+
+    async fn open(&self) -> Result<plenalign::device::serial::Wire, DeviceError> {
+        self.1.lock().unwrap().push(Instant::now());
+        Err(self.0.clone())
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_is_not_there_is_tried_at_growing_pauses_and_what_is_refused_at_long_ones() {
+    let device = || "controller `main`".to_owned();
+    let absent = DeviceError::Disconnected { device: device(), reason: "unplugged".to_owned() };
+    let wrong = DeviceError::WrongDevice { device: device(), expected: "one".to_owned(), found: "two".to_owned() };
+    for (error, wanted_ms) in
+        [(absent, vec![250, 500, 1000, 2000, 4000, 5000, 5000]), (wrong, vec![15_000, 15_000, 15_000])]
+    {
+        let closed = Arc::new(Closed(error.clone(), Default::default()));
+        let controller = Kit::new(ControllerDriver::Grbl).start_on(closed.clone(), None);
+        sleep(Duration::from_secs(60)).await;
+        let tried = closed.1.lock().unwrap().clone();
+        let pauses: Vec<u64> = tried.windows(2).map(|pair| (pair[1] - pair[0]).as_millis() as u64).collect();
+        // The clock of tokio's timers has a grain of a millisecond.
+        let as_wanted = pauses.iter().zip(&wanted_ms).all(|(&pause, &wanted)| pause.abs_diff(wanted) <= 2);
+        assert!(pauses.len() >= wanted_ms.len() && as_wanted, "{error}: {pauses:?}");
+        drop(controller);
+    }
+}
+
 #[tokio::test(start_paused = true)]
 async fn an_old_zaber_firmware_that_is_too_fast_is_refused() {
     let mut kit = Kit::new(ControllerDriver::Zaber);

@@ -5,4 +5,5 @@ mod faults;
 mod kit;
 mod lines;
 mod program;
+mod stubborn;
 mod terminal;

@@ -132,7 +132,7 @@ struct Steps {
 fn steps(view: &View, grid: &Grid, share: impl Fn([i32; 2]) -> f64) -> [Steps; 2] {
     let (w, h) = (view.width, view.height);
     let values = view.luminance();
-    let owners: Vec<[i32; 2]> = view.owners(grid).collect();
+    let owners: Vec<[i32; 2]> = view.extent().owners(grid).collect();
     let mut found = [Steps::default(); 2];
     for y in 0..h {
         for x in 0..w {

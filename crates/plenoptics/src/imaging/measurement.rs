@@ -1,6 +1,7 @@
 //! One raw frame to one measurement: grid, vignetting and spacing together, as the loops and the command line use them.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use super::grid::{Grid, GridError, GridOptions, find_grid, refine_grid};
 use super::mosaic::balanced;
@@ -8,7 +9,7 @@ use super::spacing::{
     SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingMap, SpacingOptions, measure_spacing,
     measure_spacing_map,
 };
-use super::vignetting::{ProfileFit, Vignetting, VignettingError};
+use super::vignetting::{Light, ProfileFit, Vignetting, VignettingError};
 use crate::optics::ArrayKind;
 use crate::raw::{CfaPattern, RawImage};
 
@@ -118,6 +119,8 @@ pub struct FrameMeasurement {
     pub map: Option<SpacingMap>,
     /// How well the white frame's profile fits the frame; `None` where there was no white frame.
     pub vignetting_fit: Option<ProfileFit>,
+    /// What was divided out of the frame.
+    pub light: Arc<Light>,
 }
 
 /// A frame ready for [`measure_spacing`], with what was found on the way.
@@ -129,6 +132,8 @@ pub struct PreparedFrame {
     pub grid: Grid,
     /// How well the white frame's profile fits the frame; `None` where there was no white frame.
     pub vignetting_fit: Option<ProfileFit>,
+    /// What was divided out of the frame.
+    pub light: Arc<Light>,
 }
 
 /// Whether micro-images of this pitch can be those of an MLA of that pitch (both px): they exceed it by b/d, a few per
@@ -158,7 +163,7 @@ pub fn evened(raw: &RawImage, mosaic: Option<CfaPattern>) -> Cow<'_, RawImage> {
 /// The micro-images at a frame's own setting, and what is divided out of it.
 struct Setting {
     grid: Grid,
-    vignetting: Vec<f32>,
+    light: Arc<Light>,
     fit: Option<ProfileFit>,
 }
 
@@ -172,7 +177,7 @@ impl Setting {
             refine_grid(even, &white.grid, Some(&white.vignetting))?
         };
         let fit = white.vignetting.fit(even, &grid)?;
-        Ok(Self { vignetting: white.vignetting.render(&grid), grid, fit: Some(fit) })
+        Ok(Self { light: Arc::new(white.vignetting.over(&grid)), grid, fit: Some(fit) })
     }
 
     /// From frames of one pose themselves: from their mean, in which texture that differs between them averages out.
@@ -184,14 +189,15 @@ impl Setting {
         };
         let even = &*evened(&mean, options.mosaic);
         let grid = find_grid(even, &GridOptions::default())?;
-        Ok(Self { vignetting: Vignetting::from_textured(even, &grid)?.render(&grid), grid, fit: None })
+        let light = Arc::new(Vignetting::from_textured(even, &grid)?.over(&grid));
+        Ok(Self { light, grid, fit: None })
     }
 
     /// Divides the vignetting out of a frame.
     fn prepared(&self, raw: &RawImage, options: &FrameOptions) -> Result<PreparedFrame, MeasurementError> {
         check_array(&self.grid, options)?;
-        let frame = SpacingFrame::of(raw, options.mosaic, &self.vignetting, &self.grid, SLOPE_SIGMA_PX)?;
-        Ok(PreparedFrame { frame, grid: self.grid.clone(), vignetting_fit: self.fit })
+        let frame = SpacingFrame::of(raw, options.mosaic, &self.light.shares, &self.grid, SLOPE_SIGMA_PX)?;
+        Ok(PreparedFrame { frame, grid: self.grid.clone(), vignetting_fit: self.fit, light: Arc::clone(&self.light) })
     }
 }
 
@@ -257,7 +263,7 @@ pub fn measure_frames<'a>(
         }
     };
     let Some(first) = prepared.first() else { return Err(MeasurementError::NoFrame) };
-    let (grid, vignetting_fit) = (first.grid.clone(), first.vignetting_fit);
+    let (grid, vignetting_fit, light) = (first.grid.clone(), first.vignetting_fit, Arc::clone(&first.light));
     let frames: Vec<SpacingFrame> = prepared.into_iter().map(|p| p.frame).collect();
     let (spacing, map) = if options.map {
         let (spacing, map) = measure_spacing_map(&frames, &options.spacing)?;
@@ -265,5 +271,5 @@ pub fn measure_frames<'a>(
     } else {
         (measure_spacing(&frames, &options.spacing)?, None)
     };
-    Ok(FrameMeasurement { grid, spacing, map, vignetting_fit })
+    Ok(FrameMeasurement { grid, spacing, map, vignetting_fit, light })
 }

@@ -69,6 +69,15 @@ pub struct Vignetting {
     residual: f64,
 }
 
+/// What light reaches the pixels of a frame: a profile drawn over the frame's grid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Light {
+    /// Relative transmission of every pixel, row by row: near 0 in the gaps, 1 on the plateaus.
+    pub shares: Vec<f32>,
+    /// Radius about a micro-image centre within which the transmission (mean around the circle) stays above 0.8, px.
+    pub usable_radius_px: f64,
+}
+
 /// How well a profile fits a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProfileFit {
@@ -126,11 +135,12 @@ impl Vignetting {
     /// centre in units of half its width.
     #[must_use]
     pub fn transmission(&self, u: f64, v: f64, x: f64, y: f64) -> f32 {
-        let mut value = self.sample(0, u, v);
+        let stencils = [stencil(u, self.side), stencil(v, self.side)];
+        let mut value = self.interpolated(0, &stencils);
         if let [_, _, _, _] = self.terms.as_slice() {
-            value += (x as f32) * self.sample(1, u, v)
-                + (y as f32) * self.sample(2, u, v)
-                + ((x * x + y * y) as f32) * self.sample(3, u, v);
+            value += (x as f32) * self.interpolated(1, &stencils)
+                + (y as f32) * self.interpolated(2, &stencils)
+                + ((x * x + y * y) as f32) * self.interpolated(3, &stencils);
         }
         value
     }
@@ -156,6 +166,12 @@ impl Vignetting {
             });
         });
         values
+    }
+
+    /// The profile drawn over a grid, its own or another.
+    #[must_use]
+    pub fn over(&self, grid: &Grid) -> Light {
+        Light { shares: self.render(grid), usable_radius_px: self.usable_radius_px(grid) }
     }
 
     /// Radius about a micro-image centre within which the transmission (mean around the circle) stays above 0.8, px,
@@ -214,10 +230,13 @@ impl Vignetting {
 
     /// One term at fractional lattice indices: cubic (Catmull–Rom) between the bins, periodic.
     fn sample(&self, term: usize, u: f64, v: f64) -> f32 {
+        self.interpolated(term, &[stencil(u, self.side), stencil(v, self.side)])
+    }
+
+    /// One term by the bins and weights of a place.
+    fn interpolated(&self, term: usize, &[(p, wp), (q, wq)]: &[Stencil; 2]) -> f32 {
         let side = self.side;
         let values = &self.terms[term];
-        let (p, wp) = stencil(u, side);
-        let (q, wq) = stencil(v, side);
         let mut sum = 0.0;
         for (row, wy) in q.iter().zip(wq) {
             let row = &values[row * side..][..side];
@@ -283,8 +302,11 @@ fn bin_of(u: f64, side: usize) -> (usize, f64) {
     (base, at - base as f64)
 }
 
+/// Bins along one lattice vector, and their weights.
+type Stencil = ([usize; 4], [f32; 4]);
+
 /// Bins and Catmull–Rom weights about a fractional lattice index.
-fn stencil(u: f64, side: usize) -> ([usize; 4], [f32; 4]) {
+fn stencil(u: f64, side: usize) -> Stencil {
     let (base, t) = bin_of(u, side);
     let t = t as f32;
     // Comparisons instead of remainders: a division costs more than all the rest.
@@ -400,6 +422,8 @@ impl<'a> Field<'a> {
     ) -> Vec<Bins> {
         let [w, h] = self.grid.frame_size;
         let count = profile.terms.len();
+        // A profile to begin with predicts nothing.
+        let blank = profile.terms.iter().flatten().all(|&value| value == 0.0);
         let fresh = || (0..parts).map(|_| Bins::new(profile.side, count)).collect::<Vec<_>>();
         // Rows are left out of frames that have far more pixels than the bins need; the step is odd, so that lattices
         // in step with the pixels are not seen at half their phases.
@@ -414,7 +438,7 @@ impl<'a> Field<'a> {
                     along_row(self.grid, y, |x, u, v| {
                         let Some(brightness) = self.brightness_at(u, v) else { return };
                         let [fx, fy] = field_coordinates(self.grid, x as f64, y as f64);
-                        let predicted = brightness * profile.transmission(u, v, fx, fy);
+                        let predicted = if blank { 0.0 } else { brightness * profile.transmission(u, v, fx, fy) };
                         let to = part((u + 0.5).floor() as i32, (v + 0.5).floor() as i32);
                         bins[to].add(u, v, [fx, fy], brightness, self.values[y * w + x] - predicted);
                     });

@@ -119,6 +119,95 @@ pub struct Calibration {
     pub grid: Grid,
 }
 
+/// The boards of a frame as the frame shows them, whatever their distances.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Boards {
+    /// From the nearest board to the furthest, px.
+    spacings_px: Vec<f64>,
+    /// Their covariance, px².
+    covariance: DMatrix<f64>,
+    micro_image_pitch: Option<MicroImagePitch>,
+    field_px: [f64; 3],
+    window_px: f64,
+    grid: Grid,
+}
+
+impl Boards {
+    /// Measures so many boards side by side.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] for boards that cannot be told apart, or a frame that cannot be measured.
+    pub fn measure(
+        raw: &RawImage,
+        white: Option<&WhiteModel>,
+        wanted: usize,
+        options: &CalibrationOptions,
+    ) -> Result<Self, CalibrationError> {
+        let mut prepared = prepare_frame(raw, white, &options.frame)?;
+        let pitch = prepared.frame.micro_image_pitch_px();
+        let mla_pitch = options.frame.spacing.mla_pitch_px;
+        let not_found = |found| CalibrationError::BoardsNotFound { found, wanted };
+        let strips = find_strips(&prepared.frame, &options.frame.spacing, wanted).ok_or_else(|| not_found(0))?;
+        let found = strips.correlations.iter().filter(|&&c| c >= LEAST_CORRELATION).count();
+        if found < wanted {
+            return Err(not_found(found));
+        }
+        prepared.frame.assign_regions(|m| strips.of(m.centre, pitch));
+        // A tilt between lens and MLA changes d across the array, which a board feels by dl/dd = (D − l)²/(D b).
+        let mean = strips.spacings_px.iter().sum::<f64>() / wanted as f64;
+        let scales: Vec<f64> =
+            strips.spacings_px.iter().map(|l| ((mla_pitch - l) / (mla_pitch - mean)).powi(2)).collect();
+        let (grid, frames) = (prepared.grid, [prepared.frame]);
+        let regions = measure_regions(&frames, &strips.spacings_px, &scales, &options.frame.spacing);
+        let regions = regions.map_err(|error| match error {
+            // A strip that is only just wide enough has nothing left beside its boundaries.
+            SpacingError::TooFewMicroImages { .. } => not_found(wanted - 1),
+            error => error.into(),
+        })?;
+        // The nearer a board, the larger its spacing, in both modes: its image lies further behind the lens, so a grows
+        // (or is less negative), and l = D (1 − b/a) grows with a.
+        let mut order: Vec<usize> = (0..wanted).collect();
+        order.sort_unstable_by(|&i, &j| regions.spacings_px[j].total_cmp(&regions.spacings_px[i]));
+        let covariance = DMatrix::from_fn(wanted, wanted, |i, j| {
+            let random = if i == j { regions.sigmas_random_px[order[i]].powi(2) } else { 0.0 };
+            // With few field blocks the scatter can come out below noise alone by chance.
+            regions.covariance[(order[i], order[j])].max(if i == j { random } else { f64::NEG_INFINITY })
+        });
+        let micro_image_pitch = match options.micro_image_pitch {
+            None => None,
+            Some(PitchSource::Frame) => Some(MicroImagePitch::of(&evened(raw, options.frame.mosaic), &grid)?),
+            Some(PitchSource::Given(pitch)) => Some(pitch),
+        };
+        Ok(Self {
+            spacings_px: order.iter().map(|&r| regions.spacings_px[r]).collect(),
+            covariance,
+            micro_image_pitch,
+            field_px: regions.field_px,
+            window_px: regions.window_px,
+            grid,
+        })
+    }
+
+    /// Calibrates d and b from the boards' distances (mm, in any order), or from the steps between these.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] for degenerate levels.
+    pub fn calibrate(
+        &self,
+        distances_mm: &[f64],
+        options: &CalibrationOptions,
+    ) -> Result<Calibration, CalibrationError> {
+        options.check()?;
+        let distances = line::checked(distances_mm, options)?;
+        let (found, wanted) = (self.spacings_px.len(), distances.len());
+        if found != wanted {
+            return Err(CalibrationError::BoardsNotFound { found, wanted });
+        }
+        let line = fit_line(&distances, &self.spacings_px, &self.covariance, self.micro_image_pitch, options)?;
+        Ok(Calibration { line, field_px: self.field_px, window_px: self.window_px, grid: self.grid.clone() })
+    }
+}
+
 /// Calibrates d and b from a frame of boards side by side at the given distances (mm, in any order), or with
 /// the steps between these.
 ///
@@ -130,44 +219,8 @@ pub fn calibrate(
     distances_mm: &[f64],
     options: &CalibrationOptions,
 ) -> Result<Calibration, CalibrationError> {
+    // What is wrong with the request is said before any work is done.
     options.check()?;
-    let distances = line::checked(distances_mm, options)?;
-    let mut prepared = prepare_frame(raw, white, &options.frame)?;
-    let pitch = prepared.frame.micro_image_pitch_px();
-    let mla_pitch = options.frame.spacing.mla_pitch_px;
-    let wanted = distances.len();
-    let not_found = |found| CalibrationError::BoardsNotFound { found, wanted };
-    let strips = find_strips(&prepared.frame, &options.frame.spacing, wanted).ok_or_else(|| not_found(0))?;
-    let found = strips.correlations.iter().filter(|&&c| c >= LEAST_CORRELATION).count();
-    if found < wanted {
-        return Err(not_found(found));
-    }
-    prepared.frame.assign_regions(|m| strips.of(m.centre, pitch));
-    // A tilt between lens and MLA changes d across the array, which a board feels by dl/dd = (D − l)²/(D b).
-    let mean = strips.spacings_px.iter().sum::<f64>() / wanted as f64;
-    let scales: Vec<f64> = strips.spacings_px.iter().map(|l| ((mla_pitch - l) / (mla_pitch - mean)).powi(2)).collect();
-    let (grid, frames) = (prepared.grid, [prepared.frame]);
-    let regions = measure_regions(&frames, &strips.spacings_px, &scales, &options.frame.spacing);
-    let regions = regions.map_err(|error| match error {
-        // A strip that is only just wide enough has nothing left beside its boundaries.
-        SpacingError::TooFewMicroImages { .. } => not_found(wanted - 1),
-        error => error.into(),
-    })?;
-    // The nearer a board, the larger its spacing, in both modes: its image lies further behind the lens, so a grows (or
-    // is less negative), and l = D (1 − b/a) grows with a.
-    let mut order: Vec<usize> = (0..wanted).collect();
-    order.sort_unstable_by(|&i, &j| regions.spacings_px[j].total_cmp(&regions.spacings_px[i]));
-    let spacings: Vec<f64> = order.iter().map(|&r| regions.spacings_px[r]).collect();
-    let covariance = DMatrix::from_fn(wanted, wanted, |i, j| {
-        let random = if i == j { regions.sigmas_random_px[order[i]].powi(2) } else { 0.0 };
-        // With few field blocks the scatter can come out below noise alone by chance.
-        regions.covariance[(order[i], order[j])].max(if i == j { random } else { f64::NEG_INFINITY })
-    });
-    let micro_image_pitch = match options.micro_image_pitch {
-        None => None,
-        Some(PitchSource::Frame) => Some(MicroImagePitch::of(&evened(raw, options.frame.mosaic), &grid)?),
-        Some(PitchSource::Given(pitch)) => Some(pitch),
-    };
-    let line = fit_line(&distances, &spacings, &covariance, micro_image_pitch, options)?;
-    Ok(Calibration { line, field_px: regions.field_px, window_px: regions.window_px, grid })
+    line::checked(distances_mm, options)?;
+    Boards::measure(raw, white, distances_mm.len(), options)?.calibrate(distances_mm, options)
 }

@@ -1,6 +1,7 @@
 //! Robust maps from lattice indices to the frame, through the phases of many micro-images.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::demodulate::Lens;
 use super::phases::{Phases, cycles, median};
@@ -8,6 +9,11 @@ use super::{Distortion, Grid};
 
 /// Rounds of reweighting; the weights settle within three or four.
 const ROUNDS: usize = 6;
+/// Parameters of a shift, scale and rotation.
+const RIGID: usize = 4;
+/// Micro-images whose sums are made together.
+const PART: usize = 1024;
+
 /// What of the grid is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Model {
@@ -88,12 +94,11 @@ impl Phases<'_> {
         for round in 0..ROUNDS {
             let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
             let mut right = DVector::<f64>::zeros(unknowns);
+            let blocks =
+                if per_axis > 0 { accumulate(&terms, per_axis, count, (&weights, &robust, &observed)) } else { vec![] };
             for (h, g) in self.harmonics.iter().enumerate() {
                 if per_axis > 0 {
-                    let (block, vector) = accumulate(&terms, per_axis, |n| {
-                        let k = n * count + h;
-                        (weights[k] * robust[k], observed[k])
-                    });
+                    let (block, vector) = &blocks[h];
                     for p in 0..2 {
                         for r in 0..per_axis {
                             right[p * per_axis + r] += g[p] * vector[r];
@@ -105,15 +110,22 @@ impl Phases<'_> {
                         }
                     }
                 } else {
+                    let mut sums = [[0.0; RIGID]; RIGID + 1];
                     for (n, place) in places() {
                         let k = n * count + h;
                         let w = weights[k] * robust[k];
                         let row = rigid(*g, place);
-                        for r in 0..unknowns {
-                            right[r] += w * row[r] * observed[k];
-                            for c in 0..unknowns {
-                                normal[(r, c)] += w * row[r] * row[c];
+                        for r in 0..RIGID {
+                            sums[RIGID][r] += w * row[r] * observed[k];
+                            for c in 0..RIGID {
+                                sums[c][r] += w * row[r] * row[c];
                             }
+                        }
+                    }
+                    for r in 0..unknowns {
+                        right[r] += sums[RIGID][r];
+                        for c in 0..unknowns {
+                            normal[(r, c)] += sums[c][r];
                         }
                     }
                 }
@@ -122,15 +134,20 @@ impl Phases<'_> {
             parameters = normal.solve(&right);
             // What is left, and new weights: Huber's first (one minimum), then Tukey's, which lets go of outliers.
             let mut left: Vec<f64> = Vec::with_capacity(observed.len());
+            let solution = parameters.as_slice();
             for (n, place) in places() {
+                let mut moved = [0.0; 2];
+                if per_axis > 0 {
+                    for (t, (x, y)) in place.iter().zip(solution.iter().zip(&solution[per_axis..])) {
+                        moved[0] += t * x;
+                        moved[1] += t * y;
+                    }
+                }
                 for (h, g) in self.harmonics.iter().enumerate() {
                     let predicted: f64 = if per_axis > 0 {
-                        let dot = |from: usize| {
-                            place.iter().zip(parameters.iter().skip(from)).map(|(t, c)| t * c).sum::<f64>()
-                        };
-                        g[0] * dot(0) + g[1] * dot(per_axis)
+                        g[0] * moved[0] + g[1] * moved[1]
                     } else {
-                        rigid(*g, place).iter().zip(parameters.iter()).map(|(t, c)| t * c).sum()
+                        rigid(*g, place).iter().zip(solution).map(|(t, c)| t * c).sum()
                     };
                     let k = n * count + h;
                     left.push((observed[k] - predicted) * weights[k].sqrt());
@@ -248,23 +265,112 @@ fn surest_spread(left: &[f64], weights: &[f64]) -> f64 {
     1.4826 * median(&mut surest).max(1e-7)
 }
 
-/// Sums of w f fᵀ and w f y.
-fn accumulate(terms: &[f64], size: usize, at: impl Fn(usize) -> (f64, f64)) -> (DMatrix<f64>, DVector<f64>) {
-    let mut block = DMatrix::<f64>::zeros(size, size);
-    let mut vector = DVector::<f64>::zeros(size);
-    for (n, f) in terms.chunks_exact(size).enumerate() {
-        let (w, y) = at(n);
-        if w == 0.0 {
-            continue;
-        }
-        for c in 0..size {
-            let wc = w * f[c];
-            vector[c] += wc * y;
-            for r in c..size {
-                block[(r, c)] += wc * f[r];
+/// Sums of w f fᵀ and w f y for each of `count` harmonics, from weights, what is left of them and observations in the
+/// order of micro-images, then harmonics.
+fn accumulate(
+    terms: &[f64],
+    size: usize,
+    count: usize,
+    (weights, robust, observed): (&[f64], &[f64], &[f64]),
+) -> Vec<(DMatrix<f64>, DVector<f64>)> {
+    let arch = pulp::Arch::new();
+    // The parts do not depend on the machine, so that neither do the sums' last digits.
+    let parts: Vec<Vec<Sums>> = terms
+        .par_chunks(PART * size)
+        .enumerate()
+        .map(|(part, terms)| {
+            let first = part * PART;
+            let one = |h| Sum { terms, size, count, first, h, weights, robust, observed };
+            (0..count).map(|h| arch.dispatch(one(h))).collect()
+        })
+        .collect();
+    (0..count)
+        .map(|h| {
+            let mut block = DMatrix::<f64>::zeros(size, size);
+            let mut vector = DVector::<f64>::zeros(size);
+            for part in &parts {
+                block.as_mut_slice().iter_mut().zip(&part[h].block).for_each(|(b, p)| *b += p);
+                vector.as_mut_slice().iter_mut().zip(&part[h].vector).for_each(|(v, p)| *v += p);
+            }
+            block.fill_upper_triangle_with_lower_triangle();
+            (block, vector)
+        })
+        .collect()
+}
+
+/// The sums over some micro-images: the block's lower triangle column by column, and the vector.
+struct Sums {
+    block: Vec<f64>,
+    vector: Vec<f64>,
+}
+
+/// The work of [`Sums`] for one harmonic.
+struct Sum<'a> {
+    terms: &'a [f64],
+    size: usize,
+    count: usize,
+    /// The first micro-image, counted from the first of all.
+    first: usize,
+    h: usize,
+    weights: &'a [f64],
+    robust: &'a [f64],
+    observed: &'a [f64],
+}
+
+impl pulp::WithSimd for Sum<'_> {
+    type Output = Sums;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _simd: S) -> Sums {
+        let Self { terms, size, count, first, h, weights, robust, observed } = self;
+        let mut sums = Sums { block: vec![0.0; size * size], vector: vec![0.0; size] };
+        for (n, f) in terms.chunks_exact(size).enumerate() {
+            let k = (first + n) * count + h;
+            let w = weights[k] * robust[k];
+            if w == 0.0 {
+                continue;
+            }
+            for c in 0..size {
+                let by = w * f[c];
+                sums.vector[c] += by * observed[k];
+                let column = &mut sums.block[c * size..(c + 1) * size];
+                for (b, t) in column[c..].iter_mut().zip(&f[c..]) {
+                    *b += by * t;
+                }
             }
         }
+        sums
     }
-    block.fill_upper_triangle_with_lower_triangle();
-    (block, vector)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_in_parts_are_the_sums_over_all() {
+        let (size, count, lenses) = (6, 3, 2 * PART + 77);
+        let wave = |k: usize, by: f64| (k as f64 * by).sin();
+        let terms: Vec<f64> = (0..lenses * size).map(|k| wave(k, 0.7)).collect();
+        let weights: Vec<f64> = (0..lenses * count).map(|k| 1.5 + wave(k, 0.3)).collect();
+        // Some are left out altogether.
+        let robust: Vec<f64> = (0..lenses * count).map(|k| wave(k, 1.1).max(0.0)).collect();
+        let observed: Vec<f64> = (0..lenses * count).map(|k| wave(k, 0.9)).collect();
+        let sums = accumulate(&terms, size, count, (&weights, &robust, &observed));
+        for (h, (block, vector)) in sums.iter().enumerate() {
+            let over = |value: &dyn Fn(&[f64], f64) -> f64| -> f64 {
+                let places = terms.chunks_exact(size).enumerate();
+                places
+                    .map(|(n, f)| weights[n * count + h] * robust[n * count + h] * value(f, observed[n * count + h]))
+                    .sum()
+            };
+            for r in 0..size {
+                assert!((vector[r] - over(&|f, y| f[r] * y)).abs() < 1e-9);
+                for c in 0..size {
+                    assert!((block[(r, c)] - over(&|f, _| f[r] * f[c])).abs() < 1e-9, "{h}: {r}, {c}");
+                }
+            }
+        }
+        assert_eq!(sums.len(), count);
+    }
 }

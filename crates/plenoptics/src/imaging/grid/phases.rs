@@ -73,16 +73,17 @@ impl<'a> Phases<'a> {
 
     /// Median distance of single micro-images from a grid near the assumed one, px.
     pub(super) fn scatter_about(&self, grid: &Grid) -> f64 {
-        median(&mut self.offsets_from(grid).values().map(|o| o[0].hypot(o[1])).collect::<Vec<_>>())
+        scatter(&self.offsets_from(grid))
     }
 
     /// Median distance of neighbourhoods of five by five micro-images from a grid near the assumed one, px: of each the
     /// median offset in x and in y, so that single micro-images' own errors are not in it. Their scatter where the
-    /// frame has too few for that.
-    pub(super) fn residual_about(&self, grid: &Grid) -> f64 {
+    /// frame has too few for that. With it the scatter itself.
+    pub(super) fn residual_and_scatter_about(&self, grid: &Grid) -> (f64, f64) {
         /// Neighbourhoods that are looked at.
         const ENOUGH: usize = 2000;
         let offsets = self.offsets_from(grid);
+        let scatter = scatter(&offsets);
         let every = offsets.len().div_ceil(ENOUGH).max(1);
         let mut distances: Vec<f64> = Vec::new();
         for (i, j) in self.lenses.iter().step_by(every).map(|l| (l.at.i, l.at.j)) {
@@ -93,7 +94,7 @@ impl<'a> Phases<'a> {
                 distances.push(x.hypot(y));
             }
         }
-        if distances.len() < 9 { self.scatter_about(grid) } else { median(&mut distances) }
+        (if distances.len() < 9 { scatter } else { median(&mut distances) }, scatter)
     }
 
     /// How far the phases agree with the grid: 1 where every one is zero, near 0 for noise.
@@ -209,6 +210,10 @@ impl<'a> Phases<'a> {
         grid.centre = [0, 1].map(|k| grid.centre[k] + change * (grid.centre[k] - middle[k]) + s * a[k] + t * b[k]);
         grid
     }
+}
+
+fn scatter(offsets: &HashMap<(i32, i32), [f64; 2]>) -> f64 {
+    median(&mut offsets.values().map(|o| o[0].hypot(o[1])).collect::<Vec<_>>())
 }
 
 /// A sum's phase in cycles, in (−½, ½].

@@ -9,7 +9,7 @@
 //! What the parabola leaves of a micro-image says how far its place is to be believed: those on even parts of the scene
 //! outweigh those full of detail.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
@@ -31,6 +31,10 @@ const PLACES_SPARSE: usize = 2;
 
 /// Pixels that the mean profile is taken from: more add nothing.
 const PROFILE_PIXELS: usize = 1_500_000;
+
+/// Micro-images that go before all others where there are many, and how little (px) they may still move when these follow.
+const FORERUNNERS: usize = 2500;
+const FORERUNNERS_AT_REST_PX: f64 = 0.02;
 
 /// A micro-image's profile that is known from elsewhere: relative transmission at fractional lattice indices.
 pub(super) type Known<'a> = &'a dyn Fn(f64, f64) -> f64;
@@ -86,11 +90,13 @@ fn matched(
     model: Model,
     effort: Effort,
 ) -> Option<Matched> {
-    let mut matched: Option<Matched> = None;
     let mut at = grid.clone();
-    // The profile is averaged with the grid that it corrects: both settle together.
-    for _ in 0..effort.rounds {
-        let lenses: Vec<MicroImage> = lenses
+    // The profile is averaged with the grid that it corrects: both settle together, a part of the micro-images first.
+    let few = by_chance(lenses, FORERUNNERS);
+    let mut all = few.len() == lenses.len();
+    let mut rounds = 0;
+    while rounds < effort.rounds {
+        let lenses: Vec<MicroImage> = if all { lenses } else { &few }
             .iter()
             .map(|m| {
                 let [x, y] = at.position(m.i, m.j);
@@ -101,17 +107,33 @@ fn matched(
         let places = Matcher::new(frame, &at, &lenses, known, effort.step)?.run(frame, &at, &lenses, &harmonics);
         let phases = Phases::new(&at, &places, &harmonics).by_certainty();
         let fit = phases.fit(model)?;
-        let (residual_px, scatter_px) = (phases.residual_about(&fit.grid), phases.scatter_about(&fit.grid));
-        let error_log = -places.iter().map(|l| l.sums[0].norm().ln()).sum::<f64>() / places.len() as f64;
         let moved = fit.grid.distance_to(&at);
-        at = fit.grid.clone();
-        let fit = Fit { grid: Grid { residual_px, scatter_px, ..fit.grid }, ..fit };
-        matched = Some(Matched { fit, error_log });
-        if moved < effort.at_rest_px {
-            break;
+        rounds += 1;
+        let last = rounds == effort.rounds;
+        if all && (moved < effort.at_rest_px || last) {
+            let (residual_px, scatter_px) = phases.residual_and_scatter_about(&fit.grid);
+            let error_log = -places.iter().map(|l| l.sums[0].norm().ln()).sum::<f64>() / places.len() as f64;
+            let fit = Fit { grid: Grid { residual_px, scatter_px, ..fit.grid }, ..fit };
+            return Some(Matched { fit, error_log });
+        }
+        at = fit.grid;
+        if !all && (moved < FORERUNNERS_AT_REST_PX || last) {
+            (all, rounds) = (true, 0);
         }
     }
-    matched
+    None
+}
+
+/// About `wanted` of the micro-images, one by chance of so many that follow each other: at even distances they would be
+/// in step with a chequered board. All where they are hardly more.
+fn by_chance(lenses: &[MicroImage], wanted: usize) -> Vec<MicroImage> {
+    let mut state = 1u64;
+    let mut chance = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize
+    };
+    let every = (lenses.len() / wanted).max(1);
+    lenses.chunks(every).map(|some| some[chance() % some.len()]).collect()
 }
 
 /// Compares micro-images with the frame's mean profile.
@@ -130,7 +152,7 @@ struct Shape {
     /// Orthonormal columns that span the profile times the scene's terms.
     span: DMatrix<f32>,
     /// From their coefficients to those of the terms.
-    terms: DMatrix<f32>,
+    terms: SMatrix<f32, TERMS, TERMS>,
     /// Derivatives by a shift in x and in y of the profile itself.
     slopes: [Vec<f32>; 2],
 }
@@ -188,7 +210,7 @@ impl Matcher {
             slopes[1].push((value(x, y - 0.5) - value(x, y + 0.5)) as f32);
         }
         let qr = products.qr();
-        let inverse = qr.r().try_inverse()?;
+        let inverse: SMatrix<f64, TERMS, TERMS> = qr.r().fixed_view::<TERMS, TERMS>(0, 0).try_inverse()?;
         Some(Shape { span: qr.q().cast(), terms: inverse.cast(), slopes })
     }
 
@@ -325,7 +347,7 @@ impl Shape {
             coefficients
         };
         let coefficients = project(left);
-        let scene = &self.terms * DVector::from_column_slice(&coefficients);
+        let scene = self.terms * SVector::from(coefficients);
         for n in 0..count {
             let t: f32 = polynomials[n].iter().zip(scene.iter()).map(|(p, s)| p * s).sum();
             sx[n] = t * self.slopes[0][n];
@@ -400,4 +422,27 @@ fn in_cell(grid: &Grid, x: f64, y: f64) -> bool {
         neighbours.push([b[0] - a[0], b[1] - a[1]]);
     }
     neighbours.iter().all(|n| (x * n[0] + y * n[1]).abs() <= 0.5 * (n[0] * n[0] + n[1] * n[1]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn forerunners_come_from_all_over_the_frame() {
+        let lenses = |count: i32| -> Vec<MicroImage> {
+            (0..count).map(|n| MicroImage { i: n, j: 0, x: f64::from(n), y: 0.0 }).collect()
+        };
+        let few = by_chance(&lenses(14_000), 2500);
+        assert_eq!(few.len(), 2800);
+        for (n, m) in few.iter().enumerate() {
+            assert_eq!(m.i as usize / 5, n);
+        }
+        // In step with nothing.
+        for place in 0..5 {
+            let share = few.iter().filter(|m| m.i % 5 == place).count();
+            assert!((450..670).contains(&share), "{share} at {place}");
+        }
+        assert_eq!(by_chance(&lenses(3000), 2500).len(), 3000);
+    }
 }

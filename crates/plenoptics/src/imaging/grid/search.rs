@@ -19,6 +19,10 @@ const COHERENCE_KNOWN_LEAST: f64 = 0.3;
 /// Median distance of micro-images from the grid, in pitches, up to which a frame counts as clean (a white frame) and
 /// may ask for more than a lattice.
 pub(super) const CLEAN_SCATTER: f64 = 0.006;
+/// Times as much about a map of a degree that follows a lens's distortion, with the phases still taken on the straight
+/// lattice: sure to be texture.
+const TEXTURED: f64 = 2.5;
+const TEXTURED_DEGREE: usize = 3;
 /// What a pitch may be beyond the bounds given for it: micro-images are a few per cent farther apart than microlenses.
 const PITCH_SLACK: f64 = 1.02;
 /// Finest pitch at which micro-images can be told from each other, px.
@@ -328,7 +332,7 @@ fn judged(frame: &Frame, mut grid: Grid, part: [usize; 4]) -> Grid {
     let (demodulator, lenses) = demodulated(frame, &grid, part);
     let phases = Phases::new(&grid, &lenses, &demodulator.harmonics);
     let coherence = phases.coherence();
-    (grid.residual_px, grid.scatter_px) = (phases.residual_about(&grid), phases.scatter_about(&grid));
+    (grid.residual_px, grid.scatter_px) = phases.residual_and_scatter_about(&grid);
     grid.coherence = coherence;
     grid
 }
@@ -342,6 +346,11 @@ fn bend(frame: &Frame, grid: &Grid, degree_max: usize) -> Option<Grid> {
     let phases = Phases::new(grid, &lenses, &demodulator.harmonics);
     // Windows overlap fourfold: so many fewer independent phases.
     let independent = (lenses.len() * demodulator.harmonics.len()) as f64 / 4.0;
+    // What a map explains leaves a textured frame far from clean: no need to ask further.
+    let left = phases.fit(Model::Polynomial(TEXTURED_DEGREE)).map(|fit| phases.scatter_about(&fit.grid));
+    if left.is_some_and(|scatter| scatter > TEXTURED * CLEAN_SCATTER * grid.pitch_px()) {
+        return None;
+    }
     let mut best: Option<(f64, usize)> = None;
     for degree in 1..=DEGREE_MAX {
         let unknowns = 2.0 * monomial_count(degree) as f64;

@@ -13,7 +13,7 @@ pub(super) const GAIN_UNIT: f32 = 1.0 / 8192.0;
 const SPARE: usize = 16;
 
 /// A sample of a raw frame.
-pub(super) trait Sample: Copy + Default + Ord + Send + Sync {
+pub(super) trait Sample: Copy + Default + Ord + Send + Sync + Into<f32> {
     /// Its grey level.
     fn level(self) -> u32;
 
@@ -111,7 +111,8 @@ impl Gains {
     /// For tiles up to `largest`; `vignetting` has the share of light of every pixel.
     pub(super) fn new(vignetting: &[f32], size: [usize; 2], lenses: &[Lens], largest: Shape) -> Self {
         let [column, row] = largest.middle();
-        let columns = largest.columns();
+        // Without what rows are padded by: there a row runs on into the next.
+        let columns = largest.cut();
         let one = |lens: &Lens| {
             let within = |at: isize, axis: usize| at.clamp(0, size[axis] as isize - 1) as usize;
             let (left, top) = (lens.nearest[0] as isize - column as isize, lens.nearest[1] as isize - row as isize);

@@ -15,9 +15,9 @@ use super::score::PairScore;
 use crate::imaging::grid::Grid;
 
 /// Most lattice columns of a job: with them two rows of tiles fit into the second-level cache.
-const JOB_COLUMNS: i32 = 10;
+const JOB_COLUMNS: i32 = 14;
 /// Most lattice rows of a job.
-const JOB_ROWS: i32 = 20;
+const JOB_ROWS: i32 = 24;
 /// Field blocks along each side of a frame, for the scatter between regions.
 pub(super) const BLOCKS: usize = 6;
 /// The golden ratio's fraction: its multiples spread evenly however many there are.

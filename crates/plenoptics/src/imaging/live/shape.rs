@@ -52,9 +52,14 @@ impl Shape {
         [LEFT + self.disc, ABOVE + self.disc]
     }
 
+    /// Columns that are needed.
+    pub(super) const fn cut(&self) -> usize {
+        2 * (LEFT + self.disc) + 1
+    }
+
     /// Columns that are cut, in whole vectors.
     pub(super) const fn columns(&self) -> usize {
-        (2 * (LEFT + self.disc) + 1).next_multiple_of(self.lanes)
+        self.cut().next_multiple_of(self.lanes)
     }
 
     pub(super) const fn size(&self) -> usize {

@@ -6,7 +6,7 @@ use pulp::Simd;
 use super::frame::{EdgeLines, Frame, GAIN_UNIT, Sample};
 use super::plan::Lens;
 use super::shape::{ABOVE, FIR, LANES, LEFT, SPLINE, Shape};
-use super::vector::{load, store};
+use super::vector::{load, store, widened};
 
 /// The pole of the cubic B-spline's prefilter, √3 − 2.
 const POLE: f32 = -0.267_949_2;
@@ -37,7 +37,6 @@ pub(super) struct Tile {
 pub(super) struct Workspace {
     edge: EdgeLines,
     planes: [Vec<f32>; 2],
-    lines: [Vec<f32>; 2],
     across: Vec<f32>,
 }
 
@@ -101,7 +100,7 @@ impl Tile {
         let slope = 1.0 / (2.0 * shape.edge - 1.0);
         // Columns up to the mask's last; all loads are where stores were, or they would have to wait for them.
         let wide = (LEFT + 2 * shape.disc + 1).next_multiple_of(shape.lanes);
-        let Workspace { edge, planes: [causal, _], lines: [greys, factors], across } = work;
+        let Workspace { edge, planes: [causal, _], across } = work;
         let mut offset = -((LEFT + shape.disc) as f32) - fx;
         for square in &mut across[..wide] {
             *square = offset * offset * slope;
@@ -123,20 +122,14 @@ impl Tile {
                 samples.extend((0..columns).map(|x| frame.samples[place(x)]));
                 &samples[..]
             };
-            for (line, sample) in greys[..columns].iter_mut().zip(samples) {
-                *line = sample.grey();
-            }
-            for (line, &gain) in factors[..columns].iter_mut().zip(gains) {
-                *line = f32::from(gain);
-            }
             let values = &mut self.values[y * shape.stride..][..columns];
             // The prefilter's way down; the values are continued as they begin.
             let (before, here) = causal.split_at_mut(y * shape.stride);
             let before = if y == 0 { None } else { Some(&before[(y - 1) * shape.stride..]) };
             for k in 0..columns / S::F32_LANES {
                 let x = k * S::F32_LANES;
-                let factor = simd.mul_f32s(load::<S>(factors, x), unit);
-                let value = simd.sub_f32s(simd.mul_f32s(load::<S>(greys, x), factor), level);
+                let factor = simd.mul_f32s(widened::<S, u16>(gains, x), unit);
+                let value = simd.sub_f32s(simd.mul_f32s(widened::<S, T>(samples, x), factor), level);
                 store::<S>(values, x, value);
                 let state = match before {
                     Some(before) => simd.mul_add_e_f32s(pole, load::<S>(before, x), value),
@@ -155,8 +148,8 @@ impl Tile {
                 // Near the edge (edge² − r²) / (2 edge − 1) falls from 1 to 0 over one pixel.
                 let mask = simd.sub_f32s(rest, load::<S>(across, x));
                 let mask = simd.max_f32s(simd.min_f32s(mask, one), zero);
-                let mask = simd.div_f32s(mask, simd.mul_f32s(load::<S>(factors, x), unit));
-                let open = simd.less_than_f32s(load::<S>(greys, x), white);
+                let mask = simd.div_f32s(mask, simd.mul_f32s(widened::<S, u16>(gains, x), unit));
+                let open = simd.less_than_f32s(widened::<S, T>(samples, x), white);
                 store::<S>(amplitudes, x, simd.select_f32s(open, mask, zero));
             }
         }
@@ -260,13 +253,10 @@ impl Tile {
 impl Workspace {
     fn fit(&mut self, shape: &Shape) {
         let wide = shape.stride + 2 * LANES;
-        if self.planes[0].len() < shape.size() + LANES || self.lines[0].len() < wide {
+        if self.planes[0].len() < shape.size() + LANES || self.across.len() < wide {
             self.across.resize(wide, 0.0);
             for plane in &mut self.planes {
                 plane.resize(shape.size() + 2 * LANES, 0.0);
-            }
-            for line in &mut self.lines {
-                line.resize(wide, 0.0);
             }
         }
     }

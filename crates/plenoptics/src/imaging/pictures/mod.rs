@@ -22,7 +22,7 @@ use super::depth::{DepthMap, DepthOptions, DepthState};
 use super::grid::Grid;
 use super::measurement::{FrameOptions, MeasurementError, WhiteModel};
 use super::spacing::SpacingError;
-use super::view::{Blend, Patches, View, ViewError, ViewFrame, ViewOptions, divided, render};
+use super::view::{Blend, Extent, Patches, View, ViewError, ViewFrame, ViewOptions, divided, extent, render};
 use crate::optics::{DistanceTable, ExactView, MlaMode};
 use crate::raw::RawImage;
 
@@ -115,7 +115,7 @@ impl Pictures {
         table: Option<Arc<Table>>,
     ) -> Result<Self, PictureError> {
         let grid = &setting.grid;
-        let frame = ViewFrame::of(divided(even, Some(&setting.transmission)), options.mosaic, grid, setting.radius);
+        let frame = ViewFrame::of(divided(even, Some(&setting.light.shares)), options.mosaic, grid, setting.radius);
         let depth = frame.depth_map(&DepthOptions::new(mode, options.spacing.mla_pitch_px))?;
         let distances_mm = depth
             .lenses
@@ -169,11 +169,16 @@ impl Pictures {
         self.fixed(spacing / pose.pixel_mm, Blend::WholeAperture)
     }
 
-    /// The distance (mm) of what each pixel of a view shows, by its nearest micro-image: row by row, NaN where unknown.
-    #[must_use]
-    pub fn distances_of(&self, view: &View) -> Vec<f32> {
+    /// The distance (mm) of what each pixel of [`Pictures::view`] shows, by its nearest micro-image: row by row, NaN where
+    /// unknown.
+    ///
+    /// # Errors
+    /// [`ViewError`] where no spacing is known.
+    pub fn distances(&self) -> Result<(Extent, Vec<f32>), PictureError> {
+        let extent = extent(&self.frame.grid, Patches::Own(&self.depth))?;
         let of = |index: [i32; 2]| self.depth.place(index).and_then(|place| self.distances_mm[place]);
-        view.owners(&self.frame.grid).map(|index| of(index).map_or(f32::NAN, |mm| mm as f32)).collect()
+        let distances = extent.owners(&self.frame.grid).map(|index| of(index).map_or(f32::NAN, |mm| mm as f32));
+        Ok((extent, distances.collect()))
     }
 
     /// The micro-images' grid.

@@ -58,6 +58,7 @@ impl Pictures {
             Some(coloured((lens.spacing_px - far) / (near - far)))
         };
         let rgb = view
+            .extent()
             .owners(self.grid())
             .enumerate()
             .flat_map(|(k, index)| {

@@ -4,7 +4,7 @@ use crate::imaging::grid::{Grid, GridOptions, GridState, check_grid, find_grid, 
 use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, check_array};
 use crate::imaging::spacing::{MASK_FRACTION, SpacingError};
 use crate::imaging::view::used_radius_px;
-use crate::imaging::vignetting::Vignetting;
+use crate::imaging::vignetting::{Light, Vignetting};
 use crate::raw::{RawImage, Samples};
 
 /// Share of saturated pixels within the micro-images above which a frame is refused.
@@ -52,8 +52,8 @@ fn exposure<T: Copy + Into<f64>>(samples: &[T], white: f64, grid: &Grid) -> (f64
 pub(super) struct Setting {
     pub(super) grid: Grid,
     profile: Vignetting,
-    /// The share of light that reaches every pixel, row by row.
-    pub(super) transmission: Vec<f32>,
+    /// What of the light reaches every pixel.
+    pub(super) light: Light,
     /// Radius about a micro-image's centre that is lit, px.
     pub(super) radius: f64,
 }
@@ -79,8 +79,9 @@ impl Setting {
     }
 
     fn with(grid: Grid, profile: Vignetting) -> Self {
-        let (transmission, radius) = (profile.render(&grid), used_radius_px(&grid, Some(&profile)));
-        Self { grid, profile, transmission, radius }
+        let light = profile.over(&grid);
+        let radius = used_radius_px(&grid, Some(&light));
+        Self { grid, profile, light, radius }
     }
 
     /// Follows the array to another frame: this very setting while its grid fits, one with the grid moved where the array

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::frame::SpacingFrame;
 use super::model::Model;
-use super::patch::Patch;
+use super::patch::{Patch, Placed};
 use super::score::{order, pair_weights, score_pairs};
 
 /// Variance of the first unknowns that pixel noise alone gives, one for each direction `along` in the space of unknowns
@@ -67,7 +67,8 @@ fn micro_image_noise(
     weights.clear();
     weights.resize(side * side, 0.0);
     for &Neighbour { other, spacing, factor } in others {
-        let Some(sums) = patch.compare(frame, a, other, spacing, model.radius(frame)) else { continue };
+        let placed = Placed { frame, a, b: other, spacing, radius: model.radius(frame) };
+        let Some(sums) = patch.compare(placed) else { continue };
         let order = order(&sums, model.noise(frame), frame.slope_noise);
         for row in 0..patch.rows {
             let y = patch.origin[1] + row - corner[1];

@@ -2,7 +2,7 @@
 
 use super::frame::{Pair, SpacingFrame};
 use super::model::QUANTISATION;
-use super::patch::Patch;
+use super::patch::{Patch, Placed};
 use super::score::order;
 
 /// What a pair says about its spacing at a guess.
@@ -25,7 +25,7 @@ impl PairFit {
         let noise = frame.noise.max(QUANTISATION);
         let (mut score, mut information, mut variance, mut misfit) = (0.0, 0.0, 0.0, 0.0);
         for (a, b) in [(pair.first, pair.second), (pair.second, pair.first)] {
-            let sums = self.0.compare(frame, a, b, [guess_px, 0.0], frame.radius)?;
+            let sums = self.0.compare(Placed { frame, a, b, spacing: [guess_px, 0.0], radius: frame.radius })?;
             let order = order(&sums, noise, frame.slope_noise);
             score += order.score[0];
             information += order.information[0][0];

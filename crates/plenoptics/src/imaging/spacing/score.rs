@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::frame::{Pair, SpacingFrame};
 use super::model::{Model, Place};
-use super::patch::{PairSums, Patch};
+use super::patch::{PairSums, Patch, Placed};
 
 /// Field blocks along each side of a frame, for the scatter between regions.
 pub(super) const BLOCKS: usize = 6;
@@ -31,17 +31,33 @@ pub(super) struct PairScore {
     pub(super) residual: f64,
     /// The same in units of what noise and the model's limits leave: 1 and less where the two match.
     pub(super) misfit: f64,
-    /// Noise-free covariance and variances of the contents, for the correlation.
-    pub(super) covariance: f64,
-    pub(super) variances: [f64; 2],
-    /// The noise's share that was taken out of each.
-    pub(super) noise: f64,
+    /// What the contents have in common.
+    pub(super) content: Content,
     /// Which of the frame's pairs.
     pub(super) pair: Pair,
     /// Which region, where in the field, and along which direction.
     pub(super) region: usize,
     pub(super) place: Place,
     pub(super) block: usize,
+}
+
+/// What the contents of a pair have in common, both orders taken together.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Content {
+    /// Noise-free covariance and variances, for the correlation.
+    pub(super) covariance: f64,
+    pub(super) variances: [f64; 2],
+    /// The noise's share that was taken out of each.
+    pub(super) noise: f64,
+}
+
+impl Content {
+    fn add(&mut self, covariance: f64, variances: [f64; 2], noise_share: f64) {
+        self.covariance += covariance;
+        self.variances[0] += variances[0] - noise_share;
+        self.variances[1] += variances[1] - noise_share;
+        self.noise += noise_share;
+    }
 }
 
 /// The score of one order of a pair.
@@ -97,7 +113,7 @@ fn score_pair(frame: &SpacingFrame, pair: Pair, model: &Model, patch: &mut Patch
     let spacing = model.spacing(region, &place);
     let mut result = PairScore { pair, region, place, block: block(place.at), ..Default::default() };
     for (a, b) in [(pair.first, pair.second), (pair.second, pair.first)] {
-        let sums = patch.compare(frame, a, b, spacing, model.radius(frame))?;
+        let sums = patch.compare(Placed { frame, a, b, spacing, radius: model.radius(frame) })?;
         let noise = model.noise(frame);
         let order = order(&sums, noise, frame.slope_noise);
         let share = noise * noise * sums.pixels;
@@ -111,12 +127,32 @@ fn score_pair(frame: &SpacingFrame, pair: Pair, model: &Model, patch: &mut Patch
         result.score_variance += 4.0 * noise * noise * order.energy;
         result.residual += 0.5 * order.residual;
         result.misfit += 0.5 * order.misfit;
-        result.covariance += sums.ab;
-        result.variances[0] += sums.aa - share;
-        result.variances[1] += sums.bb - share;
-        result.noise += share;
+        result.content.add(sums.ab, [sums.aa, sums.bb], share);
     }
     Some(result)
+}
+
+/// Compares the contents alone of the given pairs of a frame at one spacing (px) all over it: `None` for a pair that
+/// [`score_pairs`] leaves out.
+pub(super) fn content_of_pairs(frame: &SpacingFrame, pairs: &[Pair], spacing: f64) -> Vec<Option<Content>> {
+    let model = Model::flat(vec![spacing]);
+    let (radius, noise) = (model.radius(frame), model.noise(frame));
+    let content = |pair: Pair, patch: &mut Patch| {
+        frame.region_of(pair)?;
+        let mut content = Content::default();
+        for (a, b) in [(pair.first, pair.second), (pair.second, pair.first)] {
+            let sums = patch.contents(Placed { frame, a, b, spacing: [spacing, 0.0], radius })?;
+            content.add(sums.ab, [sums.aa, sums.bb], noise * noise * sums.pixels);
+        }
+        Some(content)
+    };
+    pairs
+        .par_chunks(32)
+        .flat_map_iter(|chunk| {
+            let mut patch = Patch::default();
+            chunk.iter().map(move |&pair| content(pair, &mut patch)).collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 pub(super) fn block([x, y]: [f64; 2]) -> usize {
@@ -125,12 +161,12 @@ pub(super) fn block([x, y]: [f64; 2]) -> usize {
 }
 
 /// Correlation of the contents over all pairs, the noise's share of the variances taken out.
-pub(super) fn correlation<'a>(scores: impl IntoIterator<Item = &'a PairScore>) -> f64 {
+pub(super) fn correlation<'a>(contents: impl IntoIterator<Item = &'a Content>) -> f64 {
     let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-    for score in scores {
-        ab += score.covariance;
-        aa += score.variances[0];
-        bb += score.variances[1];
+    for content in contents {
+        ab += content.covariance;
+        aa += content.variances[0];
+        bb += content.variances[1];
     }
     if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }

@@ -3,7 +3,7 @@
 use super::SpacingOptions;
 use super::frame::{Pair, SpacingFrame};
 use super::model::Model;
-use super::score::{PairScore, correlation, score_pairs};
+use super::score::{Content, content_of_pairs, correlation};
 use super::solve::{Outcome, iterate};
 use crate::imaging::calibration::Bin;
 use crate::optics::MlaMode;
@@ -18,6 +18,9 @@ const PAIRS: usize = 600;
 const MAP_PAIRS: usize = 1500;
 /// Peaks of the correlation that are looked at more closely.
 const CANDIDATES: usize = 5;
+/// Correlation below which a peak is not. A trial spacing lies within a quarter of a pixel of a peak's top, where texture
+/// as sharp as pixels show has lost a fifth of its correlation: from here no top is as high as a match must be.
+const HOPELESS_CORRELATION: f64 = 0.5 * super::LEAST_CORRELATION;
 
 /// A spacing at which neighbours match.
 #[derive(Debug, Clone, Copy)]
@@ -81,9 +84,8 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
         let curve: Vec<f64> = trials
             .iter()
             .map(|&spacing| {
-                let model = flat(spacing);
-                let scores: Vec<_> = frames.iter().zip(&subsets).flat_map(|(f, s)| score_pairs(f, s, &model)).collect();
-                correlation(&scores)
+                let contents = frames.iter().zip(&subsets).flat_map(|(f, s)| content_of_pairs(f, s, spacing));
+                correlation(&contents.flatten().collect::<Vec<_>>())
             })
             .collect();
         for k in 0..curve.len() {
@@ -99,6 +101,9 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
     if regions > 1 {
         return peaks;
     }
+    // The best is looked at in any case: what it comes to is what a refusal names.
+    let hopeful = peaks.iter().skip(1).take_while(|peak| peak.correlation >= HOPELESS_CORRELATION).count();
+    peaks.truncate(1 + hopeful);
     let mut refined: Vec<Candidate> = peaks
         .iter()
         .filter_map(|peak| {
@@ -120,14 +125,14 @@ pub fn correlation_map(frame: &SpacingFrame, options: &SpacingOptions) -> (Vec<f
     let pairs = textured_pairs(frame, MAP_PAIRS);
     let bins = [frame.width, frame.height].map(|size| (size as f64 / frame.pitch).ceil().max(1.0) as usize);
     let mut maps = bins.map(|n| vec![Bin { values: Vec::with_capacity(trials.len()), weight: 0.0 }; n]);
+    let places: Vec<[f64; 2]> = pairs.iter().map(|&pair| frame.position(frame.place_of(pair).at)).collect();
     for &spacing in &trials {
-        let model = Model::flat(vec![spacing]);
-        let scores = score_pairs(frame, &pairs, &model);
+        let contents = content_of_pairs(frame, &pairs, spacing);
         for (axis, map) in maps.iter_mut().enumerate() {
-            let mut members: Vec<Vec<&PairScore>> = vec![Vec::new(); map.len()];
-            for score in &scores {
-                let place = frame.position(score.place.at)[axis] / frame.pitch;
-                members[(place.max(0.0) as usize).min(bins[axis] - 1)].push(score);
+            let mut members: Vec<Vec<&Content>> = vec![Vec::new(); map.len()];
+            for (content, position) in contents.iter().zip(&places) {
+                let place = position[axis] / frame.pitch;
+                members[(place.max(0.0) as usize).min(bins[axis] - 1)].extend(content);
             }
             for (bin, members) in map.iter_mut().zip(&members) {
                 bin.values.push(correlation(members.iter().copied()));
@@ -139,8 +144,8 @@ pub fn correlation_map(frame: &SpacingFrame, options: &SpacingOptions) -> (Vec<f
 }
 
 /// How many pairs' worth of texture above the noise there is.
-fn texture(scores: &[&PairScore]) -> f64 {
-    let signal: f64 = scores.iter().map(|s| s.variances[0].max(0.0)).sum();
-    let noise: f64 = scores.iter().map(|s| s.noise).sum();
-    if signal > 0.0 { scores.len() as f64 * signal / (signal + noise) } else { 0.0 }
+fn texture(contents: &[&Content]) -> f64 {
+    let signal: f64 = contents.iter().map(|c| c.variances[0].max(0.0)).sum();
+    let noise: f64 = contents.iter().map(|c| c.noise).sum();
+    if signal > 0.0 { contents.len() as f64 * signal / (signal + noise) } else { 0.0 }
 }

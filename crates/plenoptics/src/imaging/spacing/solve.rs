@@ -74,7 +74,7 @@ impl Normal {
             normal.information[(unknown, unknown)] += information;
             normal.gradient[unknown] -= information * model.value(unknown);
         }
-        normal.correlation = correlation(&all);
+        normal.correlation = correlation(all.iter().map(|score| &score.content));
         let mut residuals: Vec<f64> = all.iter().map(|s| s.residual).collect();
         if !residuals.is_empty() {
             let middle = residuals.len() / 2;

@@ -8,7 +8,7 @@ use crate::imaging::grid::Grid;
 use crate::imaging::measurement::evened;
 use crate::imaging::mosaic::colours;
 use crate::imaging::spacing::SpacingError;
-use crate::imaging::vignetting::Vignetting;
+use crate::imaging::vignetting::Light;
 use crate::raw::{CfaPattern, RawImage, Samples};
 
 /// Transmission below which a pixel is not divided by it but by this: a gap stays dark instead of becoming noise.
@@ -30,7 +30,8 @@ pub struct ViewFrame {
 }
 
 impl ViewFrame {
-    /// Makes a frame ready; without a profile it keeps its vignetting. A mosaic's colours are brought to one mean.
+    /// Makes a frame ready; where it is not known what light reaches its pixels it keeps its vignetting. A mosaic's
+    /// colours are brought to one mean.
     ///
     /// # Errors
     /// [`ViewError::OtherFrameSize`] where grid and frame do not belong together.
@@ -38,15 +39,17 @@ impl ViewFrame {
         raw: &RawImage,
         mosaic: Option<CfaPattern>,
         grid: &Grid,
-        vignetting: Option<&Vignetting>,
+        light: Option<&Light>,
     ) -> Result<Self, ViewError> {
         let size = [raw.width(), raw.height()];
         if size != grid.frame_size {
             return Err(ViewError::OtherFrameSize { grid: grid.frame_size, frame: size });
         }
-        let transmission = vignetting.map(|vignetting| vignetting.render(grid));
-        let values = divided(&evened(raw, mosaic), transmission.as_deref());
-        Ok(Self::of(values, mosaic, grid, used_radius_px(grid, vignetting)))
+        if light.is_some_and(|light| light.shares.len() != raw.width() * raw.height()) {
+            return Err(ViewError::OtherFrameSize { grid: grid.frame_size, frame: size });
+        }
+        let values = divided(&evened(raw, mosaic), light.map(|light| light.shares.as_slice()));
+        Ok(Self::of(values, mosaic, grid, used_radius_px(grid, light)))
     }
 
     /// From values with the vignetting divided out, those of a mosaic evened out.
@@ -75,10 +78,10 @@ impl ViewFrame {
     }
 }
 
-/// Radius about a micro-image's centre that can be used, px: as far as a profile says it is lit.
-pub(in crate::imaging) fn used_radius_px(grid: &Grid, vignetting: Option<&Vignetting>) -> f64 {
+/// Radius about a micro-image's centre that can be used, px: as far as it is known to be lit.
+pub(in crate::imaging) fn used_radius_px(grid: &Grid, light: Option<&Light>) -> f64 {
     let half = grid.pitch_px() / 2.0;
-    vignetting.map_or(USED_PART * half, |vignetting| vignetting.usable_radius_px(grid).min(half))
+    light.map_or(USED_PART * half, |light| light.usable_radius_px.min(half))
 }
 
 /// A frame's samples, each divided by the share of light that reaches it.

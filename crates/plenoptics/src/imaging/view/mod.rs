@@ -21,7 +21,7 @@ mod taps;
 
 pub use frame::ViewFrame;
 pub(super) use frame::{divided, used_radius_px};
-pub use render::render;
+pub use render::{extent, render};
 pub(super) use taps::keys;
 
 use super::depth::DepthMap;
@@ -110,6 +110,27 @@ impl ViewOptions<'_> {
     }
 }
 
+/// How a view lies over its frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Extent {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// View pixels for each pixel of the frame.
+    pub scale: f64,
+}
+
+impl Extent {
+    /// The micro-image whose patch each pixel lies in, row by row: that whose centre is nearest.
+    pub fn owners(self, grid: &Grid) -> impl Iterator<Item = [i32; 2]> + '_ {
+        // Upright: the view's first pixel is the frame's last.
+        let at = move |k: usize, count: usize| ((count - 1 - k) as f64 + 0.5) / self.scale - 0.5;
+        (0..self.height)
+            .flat_map(move |y| (0..self.width).map(move |x| grid.index_of(at(x, self.width), at(y, self.height))))
+    }
+}
+
 /// A picture, grey or in colour.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
@@ -130,12 +151,10 @@ impl View {
         Self { width, height, planes: vec![values], scale: 1.0 }
     }
 
-    /// The micro-image whose patch each pixel lies in, row by row: that whose centre is nearest.
-    pub fn owners<'a>(&'a self, grid: &'a Grid) -> impl Iterator<Item = [i32; 2]> + 'a {
-        // Upright: the view's first pixel is the frame's last.
-        let at = |k: usize, count: usize| ((count - 1 - k) as f64 + 0.5) / self.scale - 0.5;
-        (0..self.height)
-            .flat_map(move |y| (0..self.width).map(move |x| grid.index_of(at(x, self.width), at(y, self.height))))
+    /// How it lies over its frame.
+    #[must_use]
+    pub const fn extent(&self) -> Extent {
+        Extent { width: self.width, height: self.height, scale: self.scale }
     }
 
     /// Luminance (ITU-R BT.601) of a picture in colour; the values themselves of a grey one.

@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use super::cells::Cells;
 use super::taps::{Cubic, Linear, Taps};
-use super::{Blend, PATCH_LEAST_PX, Patches, View, ViewError, ViewFrame, ViewOptions};
+use super::{Blend, Extent, PATCH_LEAST_PX, Patches, View, ViewError, ViewFrame, ViewOptions};
 use crate::imaging::depth::{DepthMap, DepthState};
-use crate::imaging::grid::reciprocal;
+use crate::imaging::grid::{Grid, reciprocal};
 
 /// Weight of a micro-image whose spacing is not known beside those whose is.
 const UNKNOWN_WEIGHT: f32 = 0.05;
@@ -26,22 +26,13 @@ const KNOT_STEP: usize = 16;
 /// [`ViewError`] where the spacing leaves no patch, the direction none of the aperture, or no spacing is known.
 pub fn render(frame: &ViewFrame, options: &ViewOptions) -> Result<View, ViewError> {
     let grid = &frame.grid;
-    let pitch_px = grid.pitch_px();
-    let spacing_px = match options.patches {
-        Patches::Fixed(spacing_px) => spacing_px,
-        Patches::Own(map) => typical(map).ok_or(ViewError::NoDepth)?,
-    };
-    let patch_px = pitch_px - spacing_px;
-    if !(PATCH_LEAST_PX..=pitch_px).contains(&patch_px.abs()) {
-        return Err(ViewError::Patch { spacing_px, pitch_px, patch_px });
-    }
+    let (pitch_px, patch_px) = (grid.pitch_px(), patch_px(grid, options.patches)?);
     let [u, v] = options.direction;
     // What is no number is no direction either.
     if !(0.0..=1.0).contains(&u.hypot(v)) {
         return Err(ViewError::Direction { direction: options.direction });
     }
-    let scale = patch_px.abs() / pitch_px;
-    let [width, height] = grid.frame_size.map(|n| ((n as f64 * scale) as usize).max(1));
+    let Extent { width, height, scale } = extent(grid, options.patches)?;
     let ratio = patch_px / pitch_px;
     let inverse = reciprocal(grid.basis);
     // A disc in lattice coordinates reaches as far as the longer of the reciprocal vectors.
@@ -87,6 +78,31 @@ pub fn render(frame: &ViewFrame, options: &ViewOptions) -> Result<View, ViewErro
         _ => (0..planes).map(|plane| pixels.iter().skip(plane).step_by(planes).copied().collect()).collect(),
     };
     Ok(View { width, height, planes, scale })
+}
+
+/// How large a view with these patches is, whatever its direction.
+///
+/// # Errors
+/// [`ViewError`] where the spacing leaves no patch, or none is known.
+pub fn extent(grid: &Grid, patches: Patches) -> Result<Extent, ViewError> {
+    let scale = patch_px(grid, patches)?.abs() / grid.pitch_px();
+    let [width, height] = grid.frame_size.map(|n| ((n as f64 * scale) as usize).max(1));
+    Ok(Extent { width, height, scale })
+}
+
+/// P − l of the typical patch, px.
+fn patch_px(grid: &Grid, patches: Patches) -> Result<f64, ViewError> {
+    let pitch_px = grid.pitch_px();
+    let spacing_px = match patches {
+        Patches::Fixed(spacing_px) => spacing_px,
+        Patches::Own(map) => typical(map).ok_or(ViewError::NoDepth)?,
+    };
+    let patch_px = pitch_px - spacing_px;
+    if (PATCH_LEAST_PX..=pitch_px).contains(&patch_px.abs()) {
+        Ok(patch_px)
+    } else {
+        Err(ViewError::Patch { spacing_px, pitch_px, patch_px })
+    }
 }
 
 /// The median of the spacings that are known, px.

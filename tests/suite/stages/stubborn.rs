@@ -1,0 +1,133 @@
+//! Controllers that do not obey a stop: what comes after it, and what is believed then.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use plenalign::config::ControllerDriver;
+use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
+use plenalign::sim::plant::Plant;
+use plenalign::sim::stage::drive::DriveConfig;
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::pi::PiFirmware;
+use plenalign::sim::stage::tmcl::TmclFirmware;
+use plenalign::sim::stage::zaber::ZaberFirmware;
+use plenalign::sim::stage::{ControllerTwin, Firmware};
+use plenalign::units::Millimetres;
+use tokio::time::{Instant, sleep};
+
+use super::kit::{Kit, every_protocol, near};
+
+every_protocol!(a_stop_that_is_not_obeyed_is_followed_by_a_harder_one);
+
+/// For how long a stop is not heard: longer than 5 mm/s take to end at 20 mm/s², and 200 ms.
+const DEAF: Duration = Duration::from_millis(500);
+/// Grbl's orders that hold and that end a jog, and PI's that stops all axes.
+const HOLD: u8 = b'!';
+const JOG_CANCEL: u8 = 0x85;
+const STOP_ALL: u8 = 24;
+/// Bytes of a TMCL command, and the number of the one that stops a motor.
+const TMCL_LENGTH: usize = 9;
+const MOTOR_STOP: u8 = 3;
+
+/// A firmware that hears no soft stop for a while, once it is told to be so.
+struct Stubborn {
+    firmware: Box<dyn Firmware>,
+    driver: ControllerDriver,
+    armed: Arc<AtomicBool>,
+    since: Option<Instant>,
+    /// The command that is being received, where commands have more than a byte.
+    command: Vec<u8>,
+}
+
+impl Stubborn {
+    fn new(kit: &Kit, armed: &Arc<AtomicBool>) -> Self {
+        let axes = [&kit.bench.focus, &kit.bench.e];
+        let drives = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
+        let plant: Arc<dyn Plant> = kit.slides.clone();
+        let firmware: Box<dyn Firmware> = match kit.driver {
+            ControllerDriver::Grbl => Box::new(GrblFirmware::new(FirmwareConfig::for_axes(&axes), plant)),
+            ControllerDriver::Zaber => Box::new(ZaberFirmware::new(drives, &plant)),
+            ControllerDriver::Pi => Box::new(PiFirmware::new(drives, &plant)),
+            ControllerDriver::Tmcl => Box::new(TmclFirmware::new(drives, &plant)),
+        };
+        Self { firmware, driver: kit.driver, armed: Arc::clone(armed), since: None, command: Vec::new() }
+    }
+
+    fn ignores_stops(&mut self) -> bool {
+        self.armed.load(Ordering::SeqCst) && self.since.get_or_insert_with(Instant::now).elapsed() < DEAF
+    }
+}
+
+impl Firmware for Stubborn {
+    fn receive(&mut self, byte: u8) {
+        self.command.push(byte);
+        let (whole, stops) = match self.driver {
+            ControllerDriver::Grbl => (true, byte == HOLD || byte == JOG_CANCEL),
+            ControllerDriver::Pi => (true, byte == STOP_ALL),
+            // `estop` has no blank before its `stop`.
+            ControllerDriver::Zaber => (byte == b'\n', String::from_utf8_lossy(&self.command).contains(" stop")),
+            ControllerDriver::Tmcl => (self.command.len() == TMCL_LENGTH, self.command.get(1) == Some(&MOTOR_STOP)),
+        };
+        if whole {
+            let command = std::mem::take(&mut self.command);
+            if !(stops && self.ignores_stops()) {
+                command.iter().for_each(|&byte| self.firmware.receive(byte));
+            }
+        }
+    }
+
+    fn pause(&mut self) {
+        self.firmware.pause();
+    }
+
+    fn take_output(&mut self) -> Vec<u8> {
+        self.firmware.take_output()
+    }
+
+    fn advance(&mut self, seconds: f64) {
+        self.firmware.advance(seconds);
+    }
+
+    fn is_moving(&self) -> bool {
+        self.firmware.is_moving()
+    }
+
+    fn stall(&mut self, axis: usize, stalled: bool) {
+        self.firmware.stall(axis, stalled);
+    }
+
+    fn power_cycle(&mut self) {
+        self.firmware.power_cycle();
+    }
+}
+
+async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: ControllerDriver) {
+    let mut kit = Kit::new(driver);
+    let armed = Arc::new(AtomicBool::new(false));
+    kit.twin = ControllerTwin::new(Stubborn::new(&kit, &armed));
+    let rig = kit.connect().await.unwrap();
+    rig.focus.home().await.unwrap();
+    rig.e.home().await.unwrap();
+    let mover = rig.e.clone();
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    sleep(Duration::from_secs(1)).await;
+    armed.store(true, Ordering::SeqCst);
+    let asked = Instant::now();
+    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
+    let took = asked.elapsed();
+    assert!(took > DEAF.min(Duration::from_millis(400)) && took < Duration::from_millis(2500), "{took:?}");
+    let stands = rig.slides.at(1);
+    assert!(stands > 10.0, "it is stopped on its way: {stands}");
+    assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
+    sleep(Duration::from_secs(5)).await;
+    assert_eq!(rig.slides.at(1), stands, "it stands");
+    // Steps may have been lost: no axis's position is believed.
+    for stage in [&rig.focus, &rig.e] {
+        assert!(!stage.read_state().await.unwrap().homed);
+        let refused = stage.move_to(Millimetres(1.0)).await.unwrap_err();
+        assert!(matches!(refused, DeviceError::NotHomed { .. } | DeviceError::Alarm { .. }), "{refused}");
+    }
+    rig.e.home().await.unwrap();
+    assert!(near(rig.slides.at(1), 30.0, 0.004), "{}", rig.slides.at(1));
+}
