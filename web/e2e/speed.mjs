@@ -1,6 +1,6 @@
 // How quickly the page shows what comes: frames of 1160 x 1160 played thirty times a second, with every overlay drawn.
 // What it measures it prints; what it asserts is that age is shown and drops are counted, and that a slow browser gets
-// fewer pictures rather than older ones.
+// fewer pictures, which become no older the longer it goes on.
 
 import assert from "node:assert/strict";
 import { cpus } from "node:os";
@@ -60,7 +60,7 @@ try {
   await page.locator(".legend").waitFor();
   const overlaid = await measured(page);
 
-  step("a browser that is slower gets fewer pictures, not older ones, and counts those left out");
+  step("a slow browser gets fewer pictures, counts those left out, and they become no older with time");
   const session = await context.newCDPSession(page);
   await session.send("Emulation.setCPUThrottlingRate", { rate: SLOWER });
   await page.waitForTimeout(2000);

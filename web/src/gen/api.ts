@@ -169,6 +169,24 @@ export interface paths {
     /** The design of the configured camera: clarity and joint optimisation, and what follows from them. */
     get: operations["get_design"];
     put?: never;
+    /** Works out a camera: its solutions, curves, and rays to be drawn. Nothing is kept and nothing moves. */
+    post: operations["draft_design"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/devices": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** Cameras and serial ports that are connected now, whether the configuration names them or not. */
+    get: operations["get_devices"];
+    put?: never;
     post?: never;
     delete?: never;
     options?: never;
@@ -923,6 +941,19 @@ export interface components {
       simulated: boolean;
       /** @description The stop's latch. */
       stop: components["schemas"]["StopView"];
+    };
+    /** @description A camera that is connected. */
+    CameraFound: {
+      /** @description What its driver calls it. */
+      card: string;
+      /** @description The formats it offers that this program reads. */
+      formats: string[];
+      /** @description What `bench.camera.device` can be to mean it, the steadiest name first. */
+      names: string[];
+      /** @description Its device file. */
+      path: string;
+      /** @description Why no frames can be had of it; null where they can. */
+      unusable?: string | null;
     };
     /** @description The camera as a caller sees it. */
     CameraView: {
@@ -2400,6 +2431,13 @@ export interface components {
        */
       water_refractive_index: number;
     };
+    /** @description What is connected to the daemon's machine. */
+    DevicesFound: {
+      /** @description Cameras, as `plenalign camera list` has them. */
+      cameras: components["schemas"]["CameraFound"][];
+      /** @description Serial ports. */
+      serial_ports: components["schemas"]["PortFound"][];
+    };
     /** @description The air design with the shell added at the initial e and nothing optimised. */
     DirectView: {
       /**
@@ -2417,6 +2455,112 @@ export interface components {
        * @description Half the width of board seen at the object distance in water, mm; null as for `fov_water_deg`.
        */
       half_width_mm?: number | null;
+    };
+    /**
+     * @description What a draft's keys are laid over.
+     * @enum {string}
+     */
+    DraftBase: "in_force" | "preset";
+    /**
+     * @description A draft of a camera: sections of the configuration with the keys that are to be otherwise. `water`, where it is
+     *     there, stands alone, its keys being alternatives.
+     */
+    DraftRequest: {
+      /** @description How the camera is put together, and to which tolerances. */
+      assembly?: components["schemas"]["Config.AssemblyConfig"];
+      /**
+       * @description What they are laid over.
+       * @default in_force
+       */
+      base: components["schemas"]["DraftBase"];
+      /** @description The main lens. */
+      main_lens?: components["schemas"]["Config.MainLensConfig"];
+      /** @description The microlens array. */
+      mla?: components["schemas"]["Config.MlaConfig"];
+      /** @description The object distances. */
+      object?: components["schemas"]["Config.ObjectConfig"];
+      /** @description The sensor. */
+      sensor?: components["schemas"]["Config.SensorConfig"];
+      /** @description The spherical shell. */
+      shell?: components["schemas"]["Config.ShellConfig"];
+      /** @description The water. */
+      water?: components["schemas"]["Config.WaterConfig"];
+    };
+    /**
+     * @description Which of a camera's states.
+     * @enum {string}
+     */
+    DraftStateName: "reference" | "direct" | "clarity" | "joint";
+    /** @description A camera's state and what it comes to. */
+    DraftStateView: {
+      /**
+       * Format: double
+       * @description Aperture diameter, mm.
+       */
+      aperture_mm: number;
+      /**
+       * Format: double
+       * @description The number on the lens's ring: focal length over aperture diameter.
+       */
+      aperture_ring_f_number: number;
+      /**
+       * Format: double
+       * @description Diameter of the blur disc of the object at its distance, px.
+       */
+      blur_px: number;
+      /**
+       * Format: double
+       * @description Width of board seen at the object distance, mm; null likewise.
+       */
+      board_width_mm?: number | null;
+      /**
+       * Format: double
+       * @description Δv, mm: positive where MLA and sensor move away from the lens.
+       */
+      delta_v_mm: number;
+      depth_of_field?: components["schemas"]["DepthOfFieldView"] | null;
+      /**
+       * Format: double
+       * @description e, mm: positive where the lens is behind the shell's centre; null in air.
+       */
+      e_mm?: number | null;
+      e_tolerance?: components["schemas"]["Interval"] | null;
+      /**
+       * Format: double
+       * @description Field of view over the sensor's width, degrees, in air for the air design and in water for the rest; null where
+       *     the shell's rim cuts it.
+       */
+      fov_deg?: number | null;
+      /**
+       * Format: double
+       * @description Where the object is focused, mm from the main lens; null where nowhere.
+       */
+      image_distance_mm?: number | null;
+      /**
+       * Format: double
+       * @description From the main lens to the MLA, mm.
+       */
+      lens_to_mla_mm: number;
+      /** @description Rays of three points of the object, three each, as far as light comes that way. */
+      rays: components["schemas"]["RayView"][];
+      reoptimise?: components["schemas"]["ReoptimiseView"] | null;
+      /** @description Which state. */
+      state: components["schemas"]["DraftStateName"];
+    };
+    /** @description What a draft comes to. */
+    DraftView: {
+      /** @description The camera's sections of the configuration with every value, those left out filled in. */
+      config: Record<string, never>;
+      /** @description The design's figures. */
+      design: components["schemas"]["DesignView"];
+      /** @description Why this bench could not align this camera; empty where it could. */
+      obstacles: components["schemas"]["ObstacleView"][];
+      /** @description Blur over the object distance. */
+      over_distance: components["schemas"]["OverDistanceView"];
+      /** @description Δv and field of view over e. */
+      over_e: components["schemas"]["OverEView"];
+      /** @description The camera's states: air design, shell added directly, clarity, joint. */
+      states: components["schemas"]["DraftStateView"][];
     };
     /** @description Whether the daemon answers. */
     Health: {
@@ -3099,6 +3243,13 @@ export interface components {
       /** @description The secret. It is shown here and never again. */
       secret: string;
     };
+    /** @description Something that keeps a draft from being the bench's camera. */
+    ObstacleView: {
+      /** @description The key of the configuration, dotted from the root. */
+      key: string;
+      /** @description What is in the way. */
+      message: string;
+    };
     /** @description What the operator is asked to do. */
     OperatorStep: {
       /** @description What to do, in full sentences with the number that matters. */
@@ -3244,6 +3395,28 @@ export interface components {
           /** @enum {string} */
           type: "spacing_watch";
         };
+    /** @description The blur over the object distance: of the air design in air from the lens, of the rest in water from the shell. */
+    OverDistanceView: {
+      /** @description Of the clarity solution, px. */
+      clarity_px: (number | null)[];
+      /** @description Of the shell added directly, px. */
+      direct_px: (number | null)[];
+      /** @description Object distance, mm. */
+      distance_mm: number[];
+      /** @description Of the joint solution, px. */
+      joint_px: (number | null)[];
+      /** @description Diameter of the blur disc of the air design, px; null where nothing is imaged, here and below. */
+      reference_px: (number | null)[];
+    };
+    /** @description Figures over e, with Δv re-optimised at each. */
+    OverEView: {
+      /** @description Δv in focus, mm; null where nothing is imaged. */
+      delta_v_mm: (number | null)[];
+      /** @description e, mm. */
+      e_mm: number[];
+      /** @description Field of view in water over the sensor's width, degrees; null where the shell's rim cuts it. */
+      fov_deg: (number | null)[];
+    };
     /** @description A picture kept with a job. */
     PictureExport: {
       /**
@@ -3255,6 +3428,15 @@ export interface components {
       data: string;
       /** @description Which one: `before` the first move with the shell, or `after` the last. */
       name: string;
+    };
+    /** @description A serial port that is there. */
+    PortFound: {
+      /** @description What a controller's `port` can be to mean it, the steadiest name first. */
+      names: string[];
+      /** @description Its device file. */
+      path: string;
+      /** @description What its USB device calls itself; null for what is no USB device. */
+      product?: string | null;
     };
     /** @description Where the camera was. */
     PoseView: {
@@ -3316,10 +3498,36 @@ export interface components {
        */
       time_left_s?: number | null;
     };
+    /**
+     * @description A ray: points from the sensor to the object, each as a distance along the axis from the main lens, positive towards
+     *     the object, and one beside the axis, mm.
+     */
+    RayView: {
+      /**
+       * Format: double
+       * @description Where on the sensor its image lies: -1 and 1 are the edges, 0 the axis.
+       */
+      field: number;
+      /** @description The points. */
+      points_mm: number[][];
+    };
     /** @description That the bench can be worked with. */
     Readiness: {
       /** @description Always true: what is not ready answers 503. */
       ready: boolean;
+    };
+    /** @description When Δv has to be re-optimised, e held: once the object is beyond an end of the depth of field. */
+    ReoptimiseView: {
+      /**
+       * Format: double
+       * @description Δv that focuses on the far end, mm; null where nothing is too far.
+       */
+      far_delta_v_mm?: number | null;
+      /**
+       * Format: double
+       * @description Δv that focuses on the near end, mm; null where nothing is too near.
+       */
+      near_delta_v_mm?: number | null;
     };
     /** @description What an alignment came to. */
     Report: {
@@ -4911,6 +5119,129 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["DesignView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  draft_design: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["DraftRequest"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["DraftView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No camera can be like that: `problems` says why, key by key; or the request does not say what it must */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_devices: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["DevicesFound"];
         };
       };
       /** @description Who asks is not known */
