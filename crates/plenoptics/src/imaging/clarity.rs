@@ -111,12 +111,14 @@ pub fn eog_of_scene(view: &View, grid: &Grid, patches: Patches, known: &DepthMap
             (patch(lens.spacing_px) / patch(drawn_px)).powi(2).min(1.0)
         })
     };
-    let [within, across] = steps(view, grid, share);
+    let [within, _] = steps(view, grid, share);
     let values = view.luminance();
     let (least, greatest) = range(&values);
     let scale = 255.0 / f64::from(greatest - least);
-    let step = within.square / within.count * scale * scale;
-    step.is_finite().then_some(Eog { sum: step * (within.count + across.count), mean_per_pixel: 2.0 * step })
+    // A pixel enters Eq. 20 with two steps.
+    let mean_per_pixel = 2.0 * within.square / within.count * scale * scale;
+    let pixels = view.width.saturating_sub(1) * view.height.saturating_sub(1);
+    mean_per_pixel.is_finite().then_some(Eog { sum: mean_per_pixel * pixels as f64, mean_per_pixel })
 }
 
 /// Steps from pixel to pixel: how many, and the sums of their size and of its square.
