@@ -77,8 +77,10 @@ impl DraftRequest {
     post, path = "/api/v1/design", operation_id = "draft_design", tag = "bench", request_body = DraftRequest,
     responses(
         (status = 200, body = DraftView),
-        (status = 422, description = "No camera can be like that: `problems` says why, key by key; or the request does \
-         not say what it must", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "No camera can be like that: `problems` says why, key by key", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 422, description = "The request does not say what it must", body = Problem,
+         content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn work_out(

@@ -254,7 +254,8 @@ impl Problem {
         } else {
             "problems says what is wrong with it, key by key"
         };
-        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "design-impossible", "No camera can be like that", detail)
+        // Each value fits the contract: they conflict with each other, or with those that they are laid over.
+        Self::new(StatusCode::CONFLICT, "design-impossible", "No camera can be like that", detail)
             .with(json!({ "problems": problems }))
     }
 

@@ -20,7 +20,7 @@ use super::scene::{Format, Scene, draw};
 use crate::control::look::Look;
 use crate::control::pose::PoseView;
 use crate::control::{Refusal, ServiceError};
-use crate::imaging::pictures::{DepthFigures, LensFigures, PictureError};
+use crate::imaging::pictures::{DepthFigures, LensFigures};
 
 /// Where nothing is said, what a metric picture needs of a distance, mm.
 const DISTANCES_MM: std::ops::RangeInclusive<f64> = 1.0..=100_000.0;
@@ -48,10 +48,12 @@ pub(super) struct ViewAsked {
     /// What is to be seen.
     #[param(inline)]
     kind: Option<ViewKind>,
-    /// `U,V`: from where in the main lens's aperture one looks, right and down, at most 1 from the middle (`central`).
-    #[param(example = "0.4,-0.2")]
+    /// `U,V`: from where in the main lens's aperture one looks, right and down; its edge is 1 from the middle, and what
+    /// is beyond is taken for the nearest place on it. For `central`; nothing else is seen from an angle.
+    #[param(example = "0.4,-0.2", pattern = "^-?(0(\\.[0-9]{1,4})?|1),-?(0(\\.[0-9]{1,4})?|1)$")]
     angle: Option<String>,
-    /// Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens (`refocus`).
+    /// Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens. For
+    /// `refocus`, which takes the configured one where none is given; nothing else has a distance.
     #[param(minimum = 1, maximum = 100_000)]
     distance_mm: Option<f64>,
     /// Quality of the JPEG, 10 to 100.
@@ -60,26 +62,19 @@ pub(super) struct ViewAsked {
 }
 
 impl ViewAsked {
-    fn scene(&self) -> Result<Scene> {
-        let kind = self.kind.unwrap_or_default();
-        if self.angle.is_some() && kind != ViewKind::Central {
-            return Err(Problem::invalid("angle", "angle: only kind=central is seen from an angle"));
+    /// `usual_mm` is the distance of the object that the bench is configured for.
+    fn scene(&self, usual_mm: f64) -> Result<Scene> {
+        let direction = self.angle.as_deref().map_or(Ok([0.0; 2]), direction)?;
+        let distance_mm = self.distance_mm.unwrap_or(usual_mm);
+        if !DISTANCES_MM.contains(&distance_mm) {
+            let detail = format!("distance_mm: {distance_mm} is not within 1 to 100000");
+            return Err(Problem::invalid("distance_mm", detail));
         }
-        if self.distance_mm.is_some() != (kind == ViewKind::Refocus) {
-            return Err(Problem::invalid("distance_mm", "distance_mm: kind=refocus needs it, and nothing else has it"));
-        }
-        Ok(match kind {
-            ViewKind::Central => Scene::central(self.angle.as_deref().map_or(Ok([0.0; 2]), direction)?),
+        Ok(match self.kind.unwrap_or_default() {
+            ViewKind::Central => Scene::central(direction),
             ViewKind::AllInFocus => Scene::AllInFocus,
             ViewKind::Depth => Scene::Depth,
-            ViewKind::Refocus => {
-                let distance_mm = self.distance_mm.unwrap_or(f64::NAN);
-                if !DISTANCES_MM.contains(&distance_mm) {
-                    let detail = format!("distance_mm: {distance_mm} is not within 1 to 100000");
-                    return Err(Problem::invalid("distance_mm", detail));
-                }
-                Scene::refocused(distance_mm)
-            }
+            ViewKind::Refocus => Scene::refocused(distance_mm),
         })
     }
 
@@ -94,12 +89,15 @@ impl ViewAsked {
 
 /// A direction written `U,V`.
 fn direction(text: &str) -> Result<[f64; 2]> {
-    let wrong =
-        || Problem::invalid("angle", format!("angle: {text:?} is not U,V, two numbers at most 1 from the middle"));
+    let wrong = || Problem::invalid("angle", format!("angle: {text:?} is not U,V, two numbers from -1 to 1"));
     let (u, v) = text.split_once(',').ok_or_else(wrong)?;
     let [u, v] = [u, v].map(|number| number.trim().parse::<f64>().unwrap_or(f64::NAN));
     // What is no number is no direction either.
-    if (0.0..=1.0).contains(&u.hypot(v)) { Ok([u, v]) } else { Err(wrong()) }
+    if ![u, v].iter().all(|x| (-1.0..=1.0).contains(x)) {
+        return Err(wrong());
+    }
+    let beyond = u.hypot(v).max(1.0);
+    Ok([u / beyond, v / beyond])
 }
 
 /// A picture of the scene, for looking at, as a JPEG; of a frame taken after it was asked for.
@@ -119,7 +117,7 @@ fn direction(text: &str) -> Result<[f64; 2]> {
     )
 )]
 pub(super) async fn jpeg(State(app): State<App>, Query(asked): Query<ViewAsked>) -> Result<Response> {
-    answer(&app, asked.scene()?, Format::Jpeg { quality: asked.quality()? }).await
+    answer(&app, asked.scene(usual_mm(&app))?, Format::Jpeg { quality: asked.quality()? }).await
 }
 
 /// A picture of the scene with exact values, as a PNG of 16 bits; of a frame taken after it was asked for.
@@ -139,7 +137,11 @@ pub(super) async fn jpeg(State(app): State<App>, Query(asked): Query<ViewAsked>)
 )]
 pub(super) async fn png(State(app): State<App>, Query(asked): Query<ViewAsked>) -> Result<Response> {
     asked.quality()?;
-    answer(&app, asked.scene()?, Format::Png).await
+    answer(&app, asked.scene(usual_mm(&app))?, Format::Png).await
+}
+
+fn usual_mm(app: &App) -> f64 {
+    app.service.config().object.distance_mm
 }
 
 async fn answer(app: &App, scene: Scene, format: Format) -> Result<Response> {
@@ -190,11 +192,6 @@ pub(super) async fn picture(app: &App, look: &Arc<Look>, scene: Scene, format: F
     let made =
         app.pictures.made(Encoding::Scene { scene, format }, look.frame.seq, move || draw(&drawn, scene, format));
     made.await.map_err(|error| match error {
-        // Anything else would have been found out while the frame was made ready.
-        Some(PictureError::OutOfSight { .. }) => {
-            let why = error.map(|error| error.to_string()).unwrap_or_default();
-            Problem::invalid("distance_mm", format!("distance_mm: {why}"))
-        }
         Some(error) => ServiceError::from(Refusal::NotViewable { why: error.to_string() }).into(),
         None => Problem::internal(),
     })
@@ -289,22 +286,23 @@ mod tests {
 
     fn asked(kind: ViewKind, angle: Option<&str>, distance_mm: Option<f64>) -> std::result::Result<Scene, String> {
         let asked = ViewAsked { kind: Some(kind), angle: angle.map(str::to_owned), distance_mm, quality: None };
-        asked.scene().map_err(|problem| problem.detail)
+        asked.scene(650.0).map_err(|problem| problem.detail)
     }
 
     #[test]
-    fn what_does_not_belong_together_is_refused_by_name() {
+    fn what_is_no_direction_or_distance_is_refused_by_name() {
         assert_eq!(asked(ViewKind::Central, Some("0.4,-0.2"), None), Ok(Scene::central([0.4, -0.2])));
         assert_eq!(asked(ViewKind::Refocus, None, Some(800.0)), Ok(Scene::refocused(800.0)));
+        assert_eq!(asked(ViewKind::Refocus, None, None), Ok(Scene::refocused(650.0)));
+        let edge = std::f64::consts::FRAC_1_SQRT_2;
+        assert_eq!(asked(ViewKind::Central, Some("1,1"), None), Ok(Scene::central([edge, edge])));
         for (kind, angle, distance_mm, field) in [
-            (ViewKind::Central, Some("1,1"), None, "angle"),
+            (ViewKind::Central, Some("1.1,0"), None, "angle"),
             (ViewKind::Central, Some("a,b"), None, "angle"),
             (ViewKind::Central, Some("0.5"), None, "angle"),
-            (ViewKind::Depth, Some("0,0"), None, "angle"),
-            (ViewKind::Refocus, None, None, "distance_mm"),
+            (ViewKind::Depth, Some("0;0"), None, "angle"),
             (ViewKind::Refocus, None, Some(f64::NAN), "distance_mm"),
             (ViewKind::Refocus, None, Some(0.2), "distance_mm"),
-            (ViewKind::AllInFocus, None, Some(500.0), "distance_mm"),
         ] {
             let refused = asked(kind, angle, distance_mm).unwrap_err();
             assert!(refused.contains(field), "{kind:?} {angle:?} {distance_mm:?}: {refused}");

@@ -145,7 +145,7 @@ async fn impossible_cameras_are_named_key_by_key() {
         (json!({ "water": { "temperature_c": 20 } }), vec!["water.salinity_permille", "water.wavelength_nm"]),
         (json!({ "sensor": { "pixel_um": 1e-320 } }), vec![]),
     ] {
-        let refused = problem(daemon.post("/api/v1/design", &body).await, 422, "design-impossible").await;
+        let refused = problem(daemon.post("/api/v1/design", &body).await, 409, "design-impossible").await;
         let found: Vec<_> = refused["problems"].as_array().unwrap().iter().map(|one| one["key"].clone()).collect();
         assert_eq!(found, keys, "{body}: {refused}");
     }

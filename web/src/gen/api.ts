@@ -5189,6 +5189,15 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description No camera can be like that: `problems` says why, key by key */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -5207,7 +5216,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description No camera can be like that: `problems` says why, key by key; or the request does not say what it must */
+      /** @description The request does not say what it must */
       422: {
         headers: {
           [name: string]: unknown;
@@ -7767,11 +7776,15 @@ export interface operations {
         /** @description What is to be seen. */
         kind?: "central" | "all_in_focus" | "refocus" | "depth";
         /**
-         * @description `U,V`: from where in the main lens's aperture one looks, right and down, at most 1 from the middle (`central`).
+         * @description `U,V`: from where in the main lens's aperture one looks, right and down; its edge is 1 from the middle, and what
+         *     is beyond is taken for the nearest place on it. For `central`; nothing else is seen from an angle.
          * @example 0.4,-0.2
          */
         angle?: string;
-        /** @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens (`refocus`). */
+        /**
+         * @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens. For
+         *     `refocus`, which takes the configured one where none is given; nothing else has a distance.
+         */
         distance_mm?: number;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;
@@ -7843,11 +7856,15 @@ export interface operations {
         /** @description What is to be seen. */
         kind?: "central" | "all_in_focus" | "refocus" | "depth";
         /**
-         * @description `U,V`: from where in the main lens's aperture one looks, right and down, at most 1 from the middle (`central`).
+         * @description `U,V`: from where in the main lens's aperture one looks, right and down; its edge is 1 from the middle, and what
+         *     is beyond is taken for the nearest place on it. For `central`; nothing else is seen from an angle.
          * @example 0.4,-0.2
          */
         angle?: string;
-        /** @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens (`refocus`). */
+        /**
+         * @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens. For
+         *     `refocus`, which takes the configured one where none is given; nothing else has a distance.
+         */
         distance_mm?: number;
         /** @description Quality of the JPEG, 10 to 100. */
         quality?: number;

@@ -62,7 +62,7 @@ export function DesignPage(scene: Scene) {
         if (result.ok) {
           setShown(result.value);
           setFaults(null);
-        } else if (result.problem.status === 422) {
+        } else if ([409, 422].includes(result.problem.status)) {
           setFaults(result.problem.problems ?? [{ key: "", message: result.problem.detail }]);
         } else {
           update({ problem: result.problem });
