@@ -34,7 +34,7 @@ test-schemathesis:
 
 bench:
 	@deploy/setup.sh bench
-	cargo bench --bench grid --bench spacing --bench live --bench jpeg --bench render
+	cargo bench --bench grid --bench spacing --bench live --bench views --bench jpeg --bench render
 	cargo bench --bench accuracy
 	benches/compare/run.sh
 

@@ -11,6 +11,7 @@ use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 const STOP_LATENCY: &str = "plenalign_stop_latency_seconds";
 const REQUEST: &str = "plenalign_http_request_seconds";
 const MEASUREMENT: &str = "plenalign_measurement_seconds";
+const LOOK: &str = "plenalign_view_seconds";
 const PICTURE_LATENCY: &str = "plenalign_picture_latency_seconds";
 const PICTURES_DROPPED: &str = "plenalign_pictures_dropped_total";
 const ROUND_TRIP: &str = "plenalign_serial_round_trip_seconds";
@@ -68,6 +69,7 @@ pub fn install() -> Result<PrometheusHandle, String> {
     );
     describe_histogram!(REQUEST, "From a request to its answer, by method, route and status");
     describe_histogram!(MEASUREMENT, "Measuring the spacing of a frame or of several");
+    describe_histogram!(LOOK, "Making a frame ready for views and depth");
     describe_histogram!(PICTURE_LATENCY, "From the end of a frame's exposure to its picture handed to the socket");
     describe_counter!(PICTURES_DROPPED, "Frames that a viewer watching was not sent");
     describe_histogram!(ROUND_TRIP, "From a request on a serial line to its answer");
@@ -110,6 +112,11 @@ pub fn answered(method: &str, route: &str, status: u16, took: Duration) {
 /// Frames were measured.
 pub fn measured(took: Duration) {
     histogram!(MEASUREMENT).record(took);
+}
+
+/// A frame was made ready for views and depth.
+pub fn looked(took: Duration) {
+    histogram!(LOOK).record(took);
 }
 
 /// A picture of a frame of this age was handed to a viewer's socket, and so many frames before it were not.

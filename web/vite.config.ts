@@ -21,6 +21,10 @@ export default defineConfig({
       },
     },
   },
+  worker: {
+    format: "es",
+    rollupOptions: { output: { entryFileNames: "assets/[name].js" } },
+  },
   server: {
     proxy: {
       "/api": { target: daemon, changeOrigin: true, ws: true, headers: { origin: daemon } },

@@ -14,6 +14,7 @@ use utoipa::openapi::{
 
 use super::security;
 use crate::config::Config;
+use crate::control::draft::SECTIONS;
 use crate::control::job::{JobKind, JobRequest};
 
 /// Failures of a command that only the holder of the control lease may give.
@@ -106,8 +107,23 @@ pub(super) fn with_configuration(mut contract: Value) -> Value {
         if let Some(Value::Object(place)) = place {
             place.insert("$ref".to_owned(), json!("#/components/schemas/Config"));
         }
+        draft_sections(schemas);
     }
     contract
+}
+
+/// Has the sections of a draft be those of the configuration.
+fn draft_sections(schemas: &mut Map<String, Value>) {
+    for section in SECTIONS {
+        let there = schemas.get("Config").and_then(|config| config.pointer(&format!("/properties/{section}/$ref")));
+        let Some(reference) = there.cloned() else { continue };
+        let draft = schemas.get_mut("DraftRequest");
+        let place = draft.and_then(|draft| draft.pointer_mut(&format!("/properties/{section}")));
+        if let Some(Value::Object(place)) = place {
+            place.remove("type");
+            place.insert("$ref".to_owned(), reference);
+        }
+    }
 }
 
 /// Has a schema's references lead to where its parts are in the contract.

@@ -246,6 +246,19 @@ impl Problem {
             .with(json!({ "problems": problems }))
     }
 
+    /// No camera can be as the draft asks for.
+    #[must_use]
+    pub fn design_impossible(problems: Value) -> Self {
+        let detail = if problems.as_array().is_some_and(Vec::is_empty) {
+            "each value could be, and together they come to no finite numbers"
+        } else {
+            "problems says what is wrong with it, key by key"
+        };
+        // Each value fits the contract: they conflict with each other, or with those that they are laid over.
+        Self::new(StatusCode::CONFLICT, "design-impossible", "No camera can be like that", detail)
+            .with(json!({ "problems": problems }))
+    }
+
     /// The configuration changes what is changed only on the machine itself.
     #[must_use]
     pub fn config_locked(problems: Value) -> Self {
@@ -356,6 +369,10 @@ impl From<Refusal> for Problem {
                 Self::refused("spans-motion", "The frame spans motion", it, json!({ "axes": axes }))
             }
             Refusal::NotMeasurable { .. } => Self::refused("not-measurable", "Nothing can be measured", it, json!({})),
+            Refusal::NotViewable { .. } => Self::refused("not-viewable", "No picture can be made", it, json!({})),
+            Refusal::PoseUnknown { .. } => {
+                Self::refused("pose-unknown", "The camera's pose is not known", it, json!({}))
+            }
             Refusal::NoHistory { .. } => {
                 let title = "The history cannot be written";
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "history-unwritable", title, it.to_string())

@@ -159,7 +159,7 @@ impl<S: Send + Sync, T: PathName> FromRequestParts<S> for PathParam<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::types::{ConfirmRequest, MoveRequest, ViewerMessage};
+    use super::super::types::{ConfirmRequest, MoveRequest, Show, ViewerMessage};
     use super::*;
 
     fn field_of(text: &str) -> (u16, String) {
@@ -197,7 +197,15 @@ mod tests {
         let message = parse::<ViewerMessage>(b"{\"type\":\"pictures\",\"on\":true}").unwrap();
         assert_eq!(
             message,
-            ViewerMessage::Pictures { on: true, max_rate_hz: 15.0, reduce: 1, quality: 80, overlay: false, window: 0 }
+            ViewerMessage::Pictures {
+                on: true,
+                max_rate_hz: 15.0,
+                reduce: 1,
+                quality: 80,
+                show: Show::Raw,
+                overlay: false,
+                window: 0
+            }
         );
     }
 }

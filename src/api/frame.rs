@@ -181,7 +181,7 @@ pub(super) fn frame_headers(frame: &Frame) -> HeaderMap {
     headers
 }
 
-fn insert(headers: &mut HeaderMap, name: HeaderName, value: &dyn Display) {
+pub(super) fn insert(headers: &mut HeaderMap, name: HeaderName, value: &dyn Display) {
     if let Ok(value) = HeaderValue::try_from(value.to_string()) {
         headers.insert(name, value);
     }

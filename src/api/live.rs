@@ -22,17 +22,17 @@ use uuid::Uuid;
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{Query, parse};
-use super::frame::{milliseconds, monotonic};
+use super::frame::milliseconds;
 use super::hub::{Begin, text};
-use super::picture::{Encoding, QUALITIES, Reduce, Skipped, age, next};
+use super::picture::{QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
 use super::types::{ServerMessage, ViewerMessage};
+use super::viewed::{Wanted, map_message, picture_message, shown};
 use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
 use crate::control::lease::Permit;
 use crate::device::Frame;
-use crate::imaging::spacing::{LensSpacing, LensState};
 use crate::telemetry::{self, ViewerKind, Viewing};
 
 /// Between signs of life.
@@ -43,6 +43,8 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 const PARTING: Duration = Duration::from_millis(500);
 /// A viewer that says nothing for so long, pongs included, is gone.
 const SILENCE: Duration = Duration::from_secs(30);
+/// Before another frame is tried after one of which no picture could be made.
+const RETRY: Duration = Duration::from_millis(500);
 /// Longest message of a viewer, bytes.
 const MESSAGE_LIMIT: usize = 4096;
 /// How long the end may take: saying it and hearing that it was heard.
@@ -93,8 +95,9 @@ struct Watching {
     _viewing: Viewing,
     /// Has the spacing of what is seen measured.
     _spacing: Arc<()>,
-    reduce: Reduce,
-    quality: u8,
+    wanted: Wanted,
+    /// Why the newest frame could not be shown, where that was so and the viewer was told.
+    told: Option<String>,
     /// At least so long between two pictures.
     interval: Duration,
     next_at: Instant,
@@ -306,7 +309,7 @@ impl Viewer {
                     leases.disconnect(&before);
                 }
             }
-            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, quality, overlay, window } => {
+            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, quality, show, overlay, window } => {
                 let reduce = Reduce::from_number(reduce)
                     .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {reduce} is not 1, 2 or 4")))?;
                 if !(0.1..=60.0).contains(&max_rate_hz) {
@@ -333,8 +336,8 @@ impl Viewer {
                     map,
                     _viewing: telemetry::viewing(ViewerKind::WebSocket),
                     _spacing: self.app.service.look_on(),
-                    reduce,
-                    quality,
+                    wanted: Wanted { show, reduce, quality },
+                    told: None,
                     interval: Duration::from_secs_f64(1.0 / max_rate_hz),
                     next_at: Instant::now(),
                     window,
@@ -353,21 +356,29 @@ impl Viewer {
 
     async fn send_picture(&mut self, frame: Arc<Frame>) -> std::result::Result<(), End> {
         let Some(watching) = &mut self.watching else { return Ok(()) };
-        let encoding = Encoding::Jpeg { reduce: watching.reduce, quality: watching.quality };
-        let jpeg = match self.app.pictures.encode(&frame, encoding).await {
-            Ok(jpeg) => jpeg,
-            Err(error) => {
-                tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
-                return Ok(());
+        let (frame, jpeg) = match shown(&self.app, frame, watching.wanted).await {
+            Ok(shown) => shown,
+            Err(problem) => {
+                // A frame of another kind may come: it is not tried again at once, and said once.
+                watching.next_at = Instant::now() + watching.interval.max(RETRY);
+                let why = problem.detail.clone();
+                if watching.told.replace(why.clone()) == Some(why) {
+                    return Ok(());
+                }
+                return self.send_problem(problem).await;
             }
         };
+        watching.told = None;
+        if watching.skipped.has(frame.seq) {
+            return Ok(());
+        }
         let dropped = watching.skipped.until(frame.seq);
         // Counted from when it was due: frames that come at the viewer's own rate, a little late, are all sent.
         watching.next_at = (watching.next_at + watching.interval).max(Instant::now());
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
-        let message = picture_message(&frame, jpeg, watching.skipped.total, watching.reduce);
+        let message = picture_message(&frame, jpeg, watching.wanted, watching.skipped.total);
         self.send_viewed(What::Frame(message)).await?;
         telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);
         Ok(())
@@ -416,50 +427,5 @@ async fn next_or_never<T>(source: &mut watch::Receiver<Option<Arc<T>>>) -> Arc<T
     match next(source).await {
         Some(newest) => newest,
         None => std::future::pending().await,
-    }
-}
-
-fn map_message(field: &FieldMap) -> proto::SpacingMap {
-    let lenses = &field.map.lenses;
-    let each = |value: fn(&LensSpacing) -> f64| lenses.iter().map(|lens| value(lens) as f32).collect();
-    proto::SpacingMap {
-        frame_seq: field.frame_seq,
-        micro_image_pitch_px: field.micro_image_pitch_px,
-        spacing_target_px: field.spacing_target_px,
-        x_px: each(|lens| lens.centre_px[0]),
-        y_px: each(|lens| lens.centre_px[1]),
-        spacing_px: each(|lens| lens.spacing_px),
-        sigma_px: each(|lens| lens.sigma_px),
-        state: lenses.iter().map(|lens| i32::from(lens_state(lens.state))).collect(),
-    }
-}
-
-fn lens_state(state: LensState) -> proto::LensState {
-    match state {
-        LensState::Matched => proto::LensState::Matched,
-        LensState::Mismatched => proto::LensState::Mismatched,
-        LensState::Blank => proto::LensState::Blank,
-    }
-}
-
-fn picture_message(frame: &Frame, jpeg: axum::body::Bytes, frames_skipped: u64, reduce: Reduce) -> proto::Frame {
-    proto::Frame {
-        jpeg,
-        seq: frame.seq,
-        captured_unix_us: frame.captured_at.as_microsecond(),
-        captured_monotonic_us: monotonic(frame.exposed_to).as_micros() as u64,
-        exposure_us: frame.exposed_to.saturating_duration_since(frame.exposed_from).as_micros() as u64,
-        exposure_assumed: frame.exposure_assumed,
-        focus_mm: frame.focus.position.map(|position| position.value()),
-        e_mm: frame.e.position.map(|position| position.value()),
-        settled: frame.focus.settled && frame.e.settled,
-        preview: frame.preview,
-        simulated: frame.simulated,
-        age_ms: milliseconds(age(frame)),
-        frames_skipped,
-        width_px: frame.image.width() as u32,
-        height_px: frame.image.height() as u32,
-        reduce: reduce.number(),
-        replayed: frame.replayed,
     }
 }

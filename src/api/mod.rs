@@ -9,6 +9,8 @@ mod client;
 mod config;
 mod contract;
 mod credentials;
+mod devices;
+mod draft;
 pub mod error;
 pub mod export;
 mod extract;
@@ -31,6 +33,7 @@ mod placeholder;
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
+mod scene;
 mod scopes;
 mod security;
 pub mod server;
@@ -40,6 +43,8 @@ mod stream;
 mod tickets;
 mod tokens;
 pub mod types;
+pub mod view;
+mod viewed;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
@@ -227,6 +232,9 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(frame::png))
         .routes(routes!(frame::snapshot))
         .routes(routes!(stream::mjpeg))
+        .routes(routes!(view::report))
+        .routes(routes!(view::jpeg))
+        .routes(routes!(view::png))
         .routes(routes!(session::sign_in, session::get, session::sign_out))
         .routes(routes!(tickets::create))
         .routes(routes!(tokens::create, tokens::list))
@@ -236,7 +244,8 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(config::get, config::put))
         .routes(routes!(config::schema))
         .routes(routes!(config::validate))
-        .routes(routes!(info::design))
+        .routes(routes!(info::design, draft::work_out))
+        .routes(routes!(devices::get))
         .routes(routes!(info::openapi))
         .routes(routes!(page::docs))
         .routes(routes!(metrics::health))

@@ -1,7 +1,7 @@
 //! The page: `web/dist`, embedded where it was there when the program was built.
 
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
-use axum::response::{IntoResponse, Response};
+use axum::response::{AppendHeaders, IntoResponse, Response};
 use rust_embed::RustEmbed;
 
 use super::error::Problem;
@@ -47,13 +47,27 @@ pub(super) fn serve(uri: &Uri, headers: &HeaderMap) -> Response {
 }
 
 fn file(name: &str, headers: &HeaderMap) -> Option<Response> {
-    let file = Page::get(name)?;
+    let plain = Page::get(name)?;
+    let packed = takes_gzip(headers).then(|| Page::get(&format!("{name}.gz"))).flatten();
+    let encoding = packed.is_some().then_some((header::CONTENT_ENCODING, "gzip"));
+    let file = packed.unwrap_or(plain);
     let etag = format!("\"{}\"", hex(&file.metadata.sha256_hash()[..16]));
     let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| value.as_bytes() == etag.as_bytes());
     let kind = mime_guess::from_path(name).first_or_octet_stream();
     let body = if known { Default::default() } else { file.data };
     let status = if known { StatusCode::NOT_MODIFIED } else { StatusCode::OK };
-    Some(dressed((status, [(header::CONTENT_TYPE, kind.to_string()), (header::ETAG, etag)], body)))
+    let about = [(header::CONTENT_TYPE, kind.to_string()), (header::ETAG, etag)];
+    Some(dressed((status, about, AppendHeaders(encoding), AppendHeaders([(header::VARY, "accept-encoding")]), body)))
+}
+
+/// Whether who asks unpacks gzip, which a quality of 0 denies.
+fn takes_gzip(headers: &HeaderMap) -> bool {
+    let asked = headers.get(header::ACCEPT_ENCODING).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    asked.split(',').any(|one| {
+        let (name, parameter) = one.split_once(';').unwrap_or((one, ""));
+        let quality = parameter.trim().strip_prefix("q=").map(str::parse::<f32>);
+        name.trim().eq_ignore_ascii_case("gzip") && !matches!(quality, Some(Ok(0.0)))
+    })
 }
 
 fn notice() -> Response {
@@ -70,4 +84,23 @@ fn dressed(response: impl IntoResponse) -> Response {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_come_packed_to_who_unpacks_them() {
+        let takes = |asked: &'static str| {
+            takes_gzip(&HeaderMap::from_iter([(header::ACCEPT_ENCODING, HeaderValue::from_static(asked))]))
+        };
+        for asked in ["gzip", "gzip, deflate, br", "br;q=1.0, GZIP;q=0.5"] {
+            assert!(takes(asked), "{asked}");
+        }
+        for asked in ["", "br", "identity", "gzip;q=0", "br, gzip; q=0.000", "xgzip"] {
+            assert!(!takes(asked), "{asked}");
+        }
+        assert!(!takes_gzip(&HeaderMap::new()));
+    }
 }

@@ -13,6 +13,7 @@ use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
 
 use super::jpeg::Encoder;
+use super::scene::{Format, Scene};
 use crate::device::{Frame, FrameSource};
 use crate::raw::{RawImage, Samples};
 
@@ -30,6 +31,8 @@ pub(super) enum Encoding {
     Jpeg { reduce: Reduce, quality: u8 },
     /// PNG with the raw frame's own samples.
     Png,
+    /// A picture of the scene.
+    Scene { scene: Scene, format: Format },
 }
 
 /// Raw pixels to a picture pixel, each way.
@@ -84,21 +87,38 @@ impl Pictures {
 
     /// The frame's picture; an error is a picture that no encoder takes, in words.
     pub(super) async fn encode(&self, frame: &Arc<Frame>, encoding: Encoding) -> Result<Bytes, String> {
-        let slot = self.slot(encoding, frame.seq);
+        let image = frame.image.clone();
+        let made = self.made(encoding, frame.seq, move || {
+            match encoding {
+                Encoding::Jpeg { reduce, quality } => jpeg(&image, reduce, quality),
+                Encoding::Png => png(&image),
+                Encoding::Scene { .. } => Err("a raw frame is no picture of the scene".to_owned()),
+            }
+            .map_err(Some)
+        });
+        made.await.map_err(|error| error.unwrap_or_else(|| "encoding ended unexpectedly".to_owned()))
+    }
+
+    /// What `make` makes of frame `seq`, made once however many ask; an error without a value is one of `make`'s own, or
+    /// that it ended unexpectedly.
+    pub(super) async fn made<E: Send + 'static>(
+        &self,
+        encoding: Encoding,
+        seq: u64,
+        make: impl FnOnce() -> Result<Bytes, Option<E>> + Send + 'static,
+    ) -> Result<Bytes, Option<E>> {
+        let slot = self.slot(encoding, seq);
         let mut held = slot.lock().await;
-        if let Some((seq, bytes)) = held.as_ref()
-            && *seq == frame.seq
+        if let Some((made, bytes)) = held.as_ref()
+            && *made == seq
         {
             return Ok(bytes.clone());
         }
-        let image = frame.image.clone();
-        let bytes = tokio::task::spawn_blocking(move || match encoding {
-            Encoding::Jpeg { reduce, quality } => jpeg(&image, reduce, quality),
-            Encoding::Png => png(&image),
-        })
-        .await
-        .map_err(|error| error.to_string())??;
-        *held = Some((frame.seq, bytes.clone()));
+        let bytes = tokio::task::spawn_blocking(make).await.map_err(|error| {
+            tracing::error!(%error, seq, "making a picture ended unexpectedly");
+            None
+        })??;
+        *held = Some((seq, bytes.clone()));
         Ok(bytes)
     }
 }
@@ -111,6 +131,18 @@ fn jpeg(image: &RawImage, reduce: Reduce, quality: u8) -> Result<Bytes, String> 
 /// A greyscale JPEG of 8-bit samples.
 pub(super) fn grey_jpeg(samples: &[u8], width: usize, height: usize, quality: u8) -> Result<Bytes, String> {
     Encoder::here().grey(samples, width, height, quality).map(Bytes::from)
+}
+
+/// A JPEG in colour of 8-bit samples, red, green and blue of a pixel together. A view is small: the encoder in Rust is fast
+/// enough.
+pub(super) fn coloured_jpeg(samples: &[u8], width: usize, height: usize, quality: u8) -> Result<Bytes, String> {
+    let too_large = |_| format!("a view of {width}x{height} is too large for JPEG");
+    let (w, h) = (u16::try_from(width).map_err(too_large)?, u16::try_from(height).map_err(too_large)?);
+    let mut bytes = Vec::with_capacity(samples.len() / 4);
+    jpeg_encoder::Encoder::new(&mut bytes, quality)
+        .encode(samples, w, h, jpeg_encoder::ColorType::Rgb)
+        .map_err(|error| error.to_string())?;
+    Ok(bytes.into())
 }
 
 /// The frame for viewing: 8 bits, means over squares of `reduce` pixels.
@@ -172,6 +204,11 @@ pub(super) struct Skipped {
 }
 
 impl Skipped {
+    /// Whether this frame is the one that was sent last.
+    pub(super) fn has(&self, seq: u64) -> bool {
+        self.last_seq == Some(seq)
+    }
+
     /// Another frame is sent: how many there were since the one before.
     pub(super) fn until(&mut self, seq: u64) -> u64 {
         let between = self.last_seq.replace(seq).map_or(0, |last| seq.saturating_sub(last + 1));

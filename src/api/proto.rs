@@ -48,7 +48,7 @@ pub struct SpacingMap {
 /// A picture of the live view, and when and where it was taken.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Frame {
-    /// The picture, a greyscale JPEG.
+    /// The picture, a JPEG; greyscale where it shows the raw frame.
     #[prost(bytes = "bytes", tag = "1")]
     pub jpeg: ::prost::bytes::Bytes,
     /// Sequence number from the camera; gaps are frames lost or, for a picture, frames not sent.
@@ -100,6 +100,9 @@ pub struct Frame {
     /// End of the exposure on the daemon's machine's CLOCK_MONOTONIC, microseconds: no setting of the clock disturbs it.
     #[prost(uint64, tag = "17")]
     pub captured_monotonic_us: u64,
+    /// What the picture shows. All but the raw frame are in colour where the sensor or the depth is.
+    #[prost(enumeration = "Picture", tag = "18")]
+    pub picture: i32,
 }
 /// What became of a micro-image in the newest measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
@@ -134,6 +137,47 @@ impl LensState {
             "LENS_STATE_MATCHED" => Some(Self::Matched),
             "LENS_STATE_MISMATCHED" => Some(Self::Mismatched),
             "LENS_STATE_BLANK" => Some(Self::Blank),
+            _ => None,
+        }
+    }
+}
+/// What a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum Picture {
+    /// Not said: the raw frame, from a daemon that knows no other.
+    Unspecified = 0,
+    /// The raw frame.
+    Raw = 1,
+    /// The central view.
+    Central = 2,
+    /// Everything sharp.
+    AllInFocus = 3,
+    /// How far away everything is: dark violet for far to yellow for near, striped in grey where it is unknown.
+    Depth = 4,
+}
+impl Picture {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Unspecified => "PICTURE_UNSPECIFIED",
+            Self::Raw => "PICTURE_RAW",
+            Self::Central => "PICTURE_CENTRAL",
+            Self::AllInFocus => "PICTURE_ALL_IN_FOCUS",
+            Self::Depth => "PICTURE_DEPTH",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "PICTURE_UNSPECIFIED" => Some(Self::Unspecified),
+            "PICTURE_RAW" => Some(Self::Raw),
+            "PICTURE_CENTRAL" => Some(Self::Central),
+            "PICTURE_ALL_IN_FOCUS" => Some(Self::AllInFocus),
+            "PICTURE_DEPTH" => Some(Self::Depth),
             _ => None,
         }
     }

@@ -222,6 +222,9 @@ pub enum ViewerMessage {
         #[serde(default = "default_quality", deserialize_with = "whole")]
         #[schema(minimum = 10, maximum = 100, default = 80)]
         quality: u8,
+        /// What the pictures show. All but the raw frame are as large as a view is: `reduce` is not for them.
+        #[serde(default)]
+        show: Show,
         /// Whether to send the spacing over the field, too, at each new measurement.
         #[serde(default)]
         overlay: bool,
@@ -241,6 +244,21 @@ pub enum ViewerMessage {
         #[serde(deserialize_with = "whole")]
         seq: u64,
     },
+}
+
+/// What the pictures of a viewer show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Show {
+    /// The raw frame.
+    #[default]
+    Raw,
+    /// The central view.
+    Central,
+    /// Everything sharp.
+    AllInFocus,
+    /// How far away everything is, coloured.
+    Depth,
 }
 
 fn default_rate() -> f64 {

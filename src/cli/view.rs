@@ -13,8 +13,7 @@ use super::measure::{disagreements, frame_options, read_white};
 use super::pose::PoseArgs;
 use crate::config::Config;
 use crate::imaging::clarity::eog;
-use crate::imaging::depth::DepthState;
-use crate::imaging::pictures::{Pictures, Pose};
+use crate::imaging::pictures::{DepthFigures, LensFigures, Pictures, Pose, Spread};
 use crate::imaging::view::View;
 use crate::raw;
 
@@ -66,63 +65,17 @@ struct PictureReport {
     eog_mean_per_pixel: f64,
 }
 
-/// Least, quartiles and greatest of something.
-#[derive(Debug, Clone, Copy, Serialize)]
-struct Spread {
-    least: f64,
-    lower_quartile: f64,
-    median: f64,
-    upper_quartile: f64,
-    greatest: f64,
-}
-
-impl Spread {
-    fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
-        let mut values: Vec<f64> = values.collect();
-        values.sort_unstable_by(f64::total_cmp);
-        let last = values.len().checked_sub(1)?;
-        let at = |quarters: usize| values[last * quarters / 4];
-        Some(Self { least: at(0), lower_quartile: at(1), median: at(2), upper_quartile: at(3), greatest: at(4) })
-    }
-}
-
-#[derive(Debug, Serialize)]
-struct LensReport {
-    index: [i32; 2],
-    centre_px: [f64; 2],
-    spacing_px: f64,
-    /// `null` where unknown.
-    sigma_px: Option<f64>,
-    ssim: f64,
-    state: DepthState,
-    /// a/b; `null` where unknown.
-    virtual_depth: Option<f64>,
-    /// `null` where unknown, or without a pose.
-    distance_mm: Option<f64>,
-}
-
 #[derive(Debug, Serialize)]
 struct Report {
     raw: String,
-    frame_px: [usize; 2],
-    array: &'static str,
-    micro_image_pitch_px: f64,
-    micro_images: usize,
-    measured: usize,
-    inferred: usize,
-    unknown: usize,
-    spacing_px: Option<Spread>,
-    patch_px: Option<Spread>,
-    virtual_depth: Option<Spread>,
-    /// `null` without a pose.
-    distance_mm: Option<Spread>,
-    ssim_mean: f64,
+    #[serde(flatten)]
+    depth: DepthFigures,
     disagreements: Vec<String>,
     view: Option<PictureReport>,
     all_in_focus: Option<PictureReport>,
     depth_file: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    lenses: Option<Vec<LensReport>>,
+    lenses: Option<Vec<LensFigures>>,
 }
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
@@ -228,62 +181,32 @@ fn report(
     view: Option<PictureReport>,
     all_in_focus: Option<PictureReport>,
 ) -> Report {
-    let grid = pictures.grid();
-    let pitch_px = grid.pitch_px();
     let mla_pitch_px = config.design().mla.pitch / config.pixel_pitch().millimetres();
-    let lenses = &pictures.depth.lenses;
-    let count = |state: DepthState| lenses.iter().filter(|lens| lens.state == state).count();
-    let known = || lenses.iter().filter(|lens| lens.state != DepthState::Unknown).map(|lens| lens.spacing_px);
-    let virtual_depth = |spacing_px: f64| mla_pitch_px / (mla_pitch_px - spacing_px);
-    let spacing_px = Spread::of(known());
-    let each = || {
-        lenses.iter().zip(&pictures.distances_mm).map(|(lens, &distance_mm)| {
-            let known = lens.state != DepthState::Unknown;
-            LensReport {
-                index: lens.index,
-                centre_px: lens.centre_px,
-                spacing_px: lens.spacing_px,
-                sigma_px: known.then_some(lens.sigma_px),
-                ssim: lens.ssim,
-                state: lens.state,
-                virtual_depth: known.then(|| virtual_depth(lens.spacing_px)),
-                distance_mm,
-            }
-        })
-    };
+    let depth = pictures.figures(mla_pitch_px);
+    let disagreements =
+        depth.spacing_px.map_or_else(Vec::new, |spread| disagreements(config, frame, pictures.grid(), spread.median));
     Report {
         raw: args.raw.display().to_string(),
-        frame_px: grid.frame_size,
-        array: grid.array.name(),
-        micro_image_pitch_px: pitch_px,
-        micro_images: lenses.len(),
-        measured: count(DepthState::Measured),
-        inferred: count(DepthState::Inferred),
-        unknown: count(DepthState::Unknown),
-        spacing_px,
-        patch_px: Spread::of(known().map(|spacing_px| (pitch_px - spacing_px).abs())),
-        virtual_depth: Spread::of(known().map(virtual_depth)),
-        distance_mm: Spread::of(pictures.distances_mm.iter().copied().flatten()),
-        ssim_mean: lenses.iter().map(|lens| lens.ssim).sum::<f64>() / lenses.len().max(1) as f64,
-        disagreements: spacing_px.map_or_else(Vec::new, |spread| disagreements(config, frame, grid, spread.median)),
+        depth,
+        disagreements,
         view,
         all_in_focus,
         depth_file: args.depth.as_ref().map(|path| path.display().to_string()),
-        lenses: args.lenses.then(|| each().collect()),
+        lenses: args.lenses.then(|| pictures.lens_figures(mla_pitch_px).collect()),
     }
 }
 
 fn print(report: &Report) {
-    println!("frame            {} of {}x{} px", report.raw, report.frame_px[0], report.frame_px[1]);
+    println!("frame            {} of {}x{} px", report.raw, report.depth.frame_px[0], report.depth.frame_px[1]);
     println!(
         "micro-images     {} on a {} array, {:.3} px apart: {} measured, {} inferred, {} unknown; SSIM {:.3}",
-        report.micro_images,
-        report.array,
-        report.micro_image_pitch_px,
-        report.measured,
-        report.inferred,
-        report.unknown,
-        report.ssim_mean
+        report.depth.micro_images,
+        report.depth.array,
+        report.depth.micro_image_pitch_px,
+        report.depth.measured,
+        report.depth.inferred,
+        report.depth.unknown,
+        report.depth.ssim_mean
     );
     let line = |name: &str, unit: &str, spread: Option<Spread>, digits: usize| {
         let Some(s) = spread else { return };
@@ -292,10 +215,10 @@ fn print(report: &Report) {
             s.least, s.greatest, s.lower_quartile, s.upper_quartile, s.median
         );
     };
-    line("spacing", "px", report.spacing_px, 3);
-    line("patch", "px", report.patch_px, 3);
-    line("virtual depth", "a/b", report.virtual_depth, 3);
-    line("distance", "mm", report.distance_mm, 1);
+    line("spacing", "px", report.depth.spacing_px, 3);
+    line("patch", "px", report.depth.patch_px, 3);
+    line("virtual depth", "a/b", report.depth.virtual_depth, 3);
+    line("distance", "mm", report.depth.distance_mm, 1);
     for (name, picture) in [("view", &report.view), ("all in focus", &report.all_in_focus)] {
         if let Some(p) = picture {
             println!(

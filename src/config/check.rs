@@ -72,6 +72,40 @@ impl Config {
 
     /// Everything that is wrong; `None` where nothing is.
     pub(super) fn violations(&self) -> Option<Vec<Violation>> {
+        self.found(|faults| {
+            self.check_camera(faults);
+            self.check_water(faults);
+            self.check_assembly(faults);
+            self.check_travel(faults);
+            self.bench.check(faults);
+            self.server.check(faults);
+            self.check_rotation(faults);
+            self.check_mosaic(faults);
+            // A design can be worked out only of parts that make sense each for itself.
+            if faults.0.is_empty() {
+                self.check_design(faults);
+                let design = self.design();
+                if design.air_lens_to_mla() > 0.0 {
+                    self.check_simulated_optics(&design, faults);
+                }
+            }
+        })
+    }
+
+    /// What is wrong with the camera alone, whatever bench is to align it; `None` where nothing is.
+    pub(super) fn camera_violations(&self) -> Option<Vec<Violation>> {
+        self.found(|faults| {
+            self.check_camera(faults);
+            self.check_water(faults);
+            self.check_assembly(faults);
+            if faults.0.is_empty() {
+                self.check_design(faults);
+            }
+        })
+    }
+
+    /// What `check` finds in a configuration whose numbers are numbers.
+    fn found(&self, check: impl FnOnce(&mut Faults)) -> Option<Vec<Violation>> {
         let mut faults = Faults::default();
         match Table::try_from(self) {
             Ok(table) => finite(&table, "", &mut faults),
@@ -79,17 +113,7 @@ impl Config {
         }
         // Comparisons with NaN or infinity would only repeat in other words that the number is none.
         if faults.0.is_empty() {
-            self.check_camera(&mut faults);
-            self.check_water(&mut faults);
-            self.check_assembly(&mut faults);
-            self.bench.check(&mut faults);
-            self.server.check(&mut faults);
-            self.check_rotation(&mut faults);
-            self.check_mosaic(&mut faults);
-        }
-        // A design can be worked out only of parts that make sense each for itself.
-        if faults.0.is_empty() {
-            self.check_design(&mut faults);
+            check(&mut faults);
         }
         (!faults.0.is_empty()).then_some(faults.0)
     }
@@ -185,7 +209,11 @@ impl Config {
         faults.positive("assembly.delta_v_tolerance_mm", assembly.delta_v_tolerance_mm);
         faults.positive("assembly.e_tolerance_mm", assembly.e_tolerance_mm);
         faults.positive("assembly.blur_limit_px", assembly.blur_limit_px);
+    }
 
+    /// Whether the assembly is within the reach of the bench.
+    fn check_travel(&self, faults: &mut Faults) {
+        let assembly = &self.assembly;
         let (low, high) = (self.bench.e.low_limit_mm, self.bench.e.high_limit_mm);
         let travel = format!("the e axis's travel of {low} to {high} mm (bench.e)");
         let (l_bound, wall) = (assembly.l_bound_mm, assembly.e_wall_mm(assembly.l_bound_mm));
@@ -236,11 +264,12 @@ impl Config {
         faults.require(d > 0.0, "mla.angular_resolution", || {
             format!("puts the MLA {:.3} mm in front of the main lens: a must be less than v", -d)
         });
-        if d > 0.0 {
-            self.check_simulated_optics(&design, faults);
-        }
+        let (initial, inner) = (self.assembly.initial_e_mm, design.shell.inner_radius);
+        faults.require(initial > -inner, "assembly.initial_e_mm", || {
+            format!("{initial} puts the lens into the shell, whose inner radius is {inner}")
+        });
         for (key, e) in [
-            ("assembly.initial_e_mm", self.assembly.initial_e_mm),
+            ("assembly.initial_e_mm", initial),
             ("assembly.l_bound_mm", CameraDesign::fov_optimal_e(self.assembly.l_bound_mm)),
         ] {
             let equivalent = design.shell.equivalent_distance(design.object_distance, e);

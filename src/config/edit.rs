@@ -60,10 +60,6 @@ impl Config {
     /// # Errors
     /// As [`Config::from_toml`], without places.
     pub fn from_json(json: &Json, known: &Self) -> Result<Self, ConfigError> {
-        let refused = |key: &str, message: &str| ConfigError::Invalid {
-            origin: ORIGIN.to_owned(),
-            violations: vec![Violation { key: key.to_owned(), position: None, message: message.to_owned() }],
-        };
         let mut json = json.clone();
         for key in SECRET {
             let (at, kept) = (pointer(key), serde_json::to_value(known).unwrap_or_default());
@@ -71,21 +67,17 @@ impl Config {
                 *value = kept.pointer(&at).cloned().unwrap_or_default();
             }
         }
-        let table = match to_toml(&json, "").map_err(|(key, message)| refused(&key, message))? {
-            Some(Value::Table(table)) => table,
-            _ => return Err(refused("config", "expected an object with the sections of the file")),
-        };
-        let text = toml::to_string(&table).map_err(|error| refused("config", &error.to_string()))?;
-        Self::from_toml(&text, ORIGIN).map_err(|error| match error {
-            ConfigError::Invalid { origin, mut violations } => {
-                for violation in &mut violations {
-                    violation.position = None;
-                }
-                violations.sort_by(|one, other| one.key.cmp(&other.key));
-                ConfigError::Invalid { origin, violations }
-            }
-            error => error,
-        })
+        Self::from_toml(&toml_text(&json)?, ORIGIN).map_err(placeless)
+    }
+
+    /// This configuration with a camera otherwise, as far as the sections in `sections` say: a draft, to be worked out
+    /// and not to be built. Only the camera itself is checked, not whether the bench could align it. A key left out has
+    /// its value here; but `water`, where it is there, stands alone.
+    ///
+    /// # Errors
+    /// As [`Config::from_json`].
+    pub fn drafted(&self, sections: &Json) -> Result<Self, ConfigError> {
+        self.read_over(&toml_text(sections)?, ORIGIN, Self::camera_violations).map_err(placeless)
     }
 
     /// The keys whose values differ in `after`, in alphabetical order.
@@ -175,6 +167,33 @@ fn is_device(path: &str) -> bool {
 
 fn pointer(key: &str) -> String {
     format!("/{}", key.replace('.', "/"))
+}
+
+/// A request's sections as the text of a file.
+fn toml_text(json: &Json) -> Result<String, ConfigError> {
+    let refused = |key: &str, message: &str| ConfigError::Invalid {
+        origin: ORIGIN.to_owned(),
+        violations: vec![Violation { key: key.to_owned(), position: None, message: message.to_owned() }],
+    };
+    let table = match to_toml(json, "").map_err(|(key, message)| refused(&key, message))? {
+        Some(Value::Table(table)) => table,
+        _ => return Err(refused("config", "expected an object with the sections of the file")),
+    };
+    toml::to_string(&table).map_err(|error| refused("config", &error.to_string()))
+}
+
+/// What is wrong with a request has no line and column: it comes in the order of its keys.
+fn placeless(error: ConfigError) -> ConfigError {
+    match error {
+        ConfigError::Invalid { origin, mut violations } => {
+            for violation in &mut violations {
+                violation.position = None;
+            }
+            violations.sort_by(|one, other| one.key.cmp(&other.key));
+            ConfigError::Invalid { origin, violations }
+        }
+        error => error,
+    }
 }
 
 /// JSON as TOML has it; nulls are left out.

@@ -38,6 +38,16 @@ impl Config {
     /// [`ConfigError::Syntax`] where it is not TOML; [`ConfigError::Invalid`] with every unknown key, else with the first
     /// value of a wrong type, else with every impossible value.
     pub fn from_toml(text: &str, origin: &str) -> Result<Self, ConfigError> {
+        Self::default().read_over(text, origin, Self::violations)
+    }
+
+    /// The same with the values of `self` for the keys left out, and checked as `check` does.
+    pub(super) fn read_over(
+        &self,
+        text: &str,
+        origin: &str,
+        check: impl FnOnce(&Self) -> Option<Vec<Violation>>,
+    ) -> Result<Self, ConfigError> {
         let invalid = |mut violations: Vec<Violation>| {
             violations.sort_by_key(|violation| violation.position);
             ConfigError::Invalid { origin: origin.to_owned(), violations }
@@ -60,8 +70,8 @@ impl Config {
         // Once as it stands, for errors that know their place; once merged over the preset, for the values left out.
         let _: Self = toml::from_str(text).map_err(|error| wrong_type(&error))?;
         let written: Table = toml::from_str(text).map_err(|error| wrong_type(&error))?;
-        let merged = Self::merged(written).map_err(|error| wrong_type(&error))?;
-        merged.violations().map_or(Ok(()), |mut violations| {
+        let merged = self.merged(written).map_err(|error| wrong_type(&error))?;
+        check(&merged).map_or(Ok(()), |mut violations| {
             for violation in &mut violations {
                 violation.position = span_of(document, &violation.key).map(|span| Position::of(text, span.start));
             }
@@ -70,8 +80,8 @@ impl Config {
         Ok(merged)
     }
 
-    fn merged(written: Table) -> Result<Self, toml::de::Error> {
-        let mut table = Table::try_from(Self::default()).map_err(serde::de::Error::custom)?;
+    fn merged(&self, written: Table) -> Result<Self, toml::de::Error> {
+        let mut table = Table::try_from(self).map_err(serde::de::Error::custom)?;
         if written.contains_key("water") {
             table.remove("water");
         }

@@ -112,6 +112,10 @@ pub struct MeasurementView {
     pub micro_image_pitch_px: f64,
     /// Energy of gradient of the central view, mean per pixel.
     pub eog: Option<f64>,
+    /// Energy of gradient of the central view, sum over its pixels (Eq. 20): it grows with the picture.
+    pub eog_sum: Option<f64>,
+    /// Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
+    pub ssim: Option<f64>,
 }
 
 /// The spacing over the field in the newest measurement of a single board.

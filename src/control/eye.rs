@@ -147,7 +147,8 @@ impl Eye {
         *self.air_step.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
-    fn sight(&self) -> Option<Arc<Sight>> {
+    /// What the newest white frame taught.
+    pub(super) fn sight(&self) -> Option<Arc<Sight>> {
         self.sight.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
@@ -263,7 +264,8 @@ impl Eye {
             self.measured.send_replace(Some(view));
             self.publish_map(frame, &seen);
         }
-        Seen { spacing: seen.spacing, focus_mm, e_mm, eog: seen.eog, window_px: seen.window_px, picture: seen.picture }
+        let eog = seen.eog.map(|eog| eog.mean_per_pixel);
+        Seen { spacing: seen.spacing, focus_mm, e_mm, eog, window_px: seen.window_px, picture: seen.picture }
     }
 
     fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {
@@ -277,7 +279,9 @@ impl Eye {
             spacing_target_px: self.target_px(),
             in_focus: (seen.spacing.spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px,
             micro_image_pitch_px: seen.micro_image_pitch_px,
-            eog: seen.eog,
+            eog: seen.eog.map(|eog| eog.mean_per_pixel),
+            eog_sum: seen.eog.map(|eog| eog.sum),
+            ssim: seen.ssim,
         }
     }
 

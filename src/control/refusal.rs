@@ -121,6 +121,18 @@ pub enum Refusal {
         /// Why not.
         why: String,
     },
+    /// No picture can be made of a frame.
+    #[error("no picture can be made of this frame: {why}")]
+    NotViewable {
+        /// Why not.
+        why: String,
+    },
+    /// Distances were asked for, and it is not known where the camera was.
+    #[error("no distances without the camera's pose: {why}")]
+    PoseUnknown {
+        /// What is not known, and what would make it known.
+        why: String,
+    },
     /// The history cannot be written: a motion without a record must not be.
     #[error("nothing may move while the history cannot be written: {why}")]
     NoHistory {

@@ -17,6 +17,7 @@ use super::eye::Eye;
 use super::job::JobSnapshot;
 use super::journal::Journal;
 use super::lease::{LeaseGrant, LeaseRequest, Leases};
+use super::look::Looks;
 use super::motion::Motion;
 use super::{Refusal, ServiceError, StopReport};
 use crate::config::Config;
@@ -50,6 +51,8 @@ pub struct Service {
     pub(super) measurement: Mutex<Option<MeasurementView>>,
     /// One frame at a time is measured for who asks.
     pub(super) measuring: tokio::sync::Mutex<()>,
+    /// One frame at a time is made ready for pictures.
+    pub(super) looks: tokio::sync::Mutex<Looks>,
     /// Why the last command by hand of an axis did not end as commanded.
     pub(super) failures: Mutex<HashMap<AxisName, String>>,
     pub(super) jogs: Mutex<HashMap<AxisName, Jogging>>,
@@ -84,6 +87,7 @@ impl Service {
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
             measuring: tokio::sync::Mutex::default(),
+            looks: tokio::sync::Mutex::default(),
             failures: Mutex::default(),
             jogs: Mutex::default(),
             closing: AtomicBool::new(false),

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use super::job::SpacingReading;
 use crate::config::Config;
 use crate::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions};
+use crate::imaging::clarity::Eog;
+use crate::imaging::depth::DepthOptions;
 use crate::imaging::grid::Grid;
 use crate::imaging::measurement::{
     FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame,
@@ -55,8 +57,10 @@ pub(super) struct Measured {
     pub(super) micro_image_pitch_px: f64,
     /// Radius of the masks that pairs were compared with, px.
     pub(super) window_px: f64,
-    /// Energy of gradient of the central view, mean per pixel.
-    pub(super) eog: Option<f64>,
+    /// Energy of gradient of the central view of the last frame, of a single board.
+    pub(super) eog: Option<Eog>,
+    /// Structural similarity of its micro-images with their neighbours, mean.
+    pub(super) ssim: Option<f64>,
     /// The central view of the last frame, a JPEG, of a single board.
     pub(super) picture: Option<Arc<Vec<u8>>>,
     /// The spacing micro-image by micro-image, of a single board.
@@ -104,7 +108,13 @@ impl Sight {
         }
     }
 
-    fn options(&self) -> FrameOptions {
+    /// The white frame.
+    pub(super) const fn white(&self) -> &WhiteModel {
+        &self.white
+    }
+
+    /// How its camera's frames are measured.
+    pub(super) fn options(&self) -> FrameOptions {
         let pitch_px = self.design.mla.pitch / self.pixel_mm;
         FrameOptions {
             spacing: SpacingOptions { mode: Some(self.design.mla.mode), ..SpacingOptions::new(pitch_px) },
@@ -137,12 +147,16 @@ impl Sight {
     /// Why there is no number to be had, in words.
     pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, String> {
         let (seen, measured) = self.measured(images, true)?;
-        let view = images.last().and_then(|image| {
+        let seen_last = images.last().and_then(|image| {
             let frame = ViewFrame::new(image, self.mosaic, &seen.grid, Some(&seen.light)).ok()?;
-            view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()
+            let view = view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()?;
+            let options = DepthOptions::new(self.design.mla.mode, self.options().spacing.mla_pitch_px);
+            let ssim = frame.depth_map(&options).ok().map(|depth| depth.ssim_mean());
+            Some((view, ssim))
         });
-        let eog = view.as_ref().map(|view| clarity::eog(view).mean_per_pixel);
-        Ok(Measured { eog, picture: view.as_ref().and_then(jpeg), map: seen.map.map(Arc::new), ..measured })
+        let (view, ssim) = seen_last.map_or((None, None), |(view, ssim)| (Some(view), ssim));
+        let eog = view.as_ref().map(clarity::eog);
+        Ok(Measured { eog, ssim, picture: view.as_ref().and_then(jpeg), map: seen.map.map(Arc::new), ..measured })
     }
 
     /// The same, with what every micro-image makes of it where that is asked for, and without a picture.
@@ -160,7 +174,10 @@ impl Sight {
             frames: images.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (seen.grid.pitch_px(), seen.spacing.window_px);
-        Ok((seen, Measured { spacing, micro_image_pitch_px, window_px, eog: None, picture: None, map: None }))
+        Ok((
+            seen,
+            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None },
+        ))
     }
 
     /// Calibrates the camera from several frames of a triple-level board, far from focus with b held. The reading is
@@ -231,7 +248,10 @@ impl Sight {
             frames: seen.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
-        Ok((camera, Measured { spacing, micro_image_pitch_px, window_px, eog: None, picture: None, map: None }))
+        Ok((
+            camera,
+            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None },
+        ))
     }
 
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is

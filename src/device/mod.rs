@@ -5,6 +5,7 @@
 //! stop) is decided by `control`, which alone commands motion.
 
 pub mod camera;
+pub mod connected;
 pub mod jog;
 pub mod open;
 pub mod port;

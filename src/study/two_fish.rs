@@ -8,9 +8,9 @@ use super::chapter::{Chapter, Finding, Table};
 use super::studio::{Shot, Studio, colour_png, raw_png, view_png};
 use super::{Desk, StudyError};
 use crate::config::Texture;
-use crate::imaging::clarity::{blockiness, eog, eog_within_patches};
+use crate::imaging::clarity::{blockiness, eog, eog_of_scene};
 use crate::imaging::depth::DepthState;
-use crate::imaging::view::{Blend, View};
+use crate::imaging::view::{Blend, Patches, View};
 use crate::optics::ExactView;
 use crate::sim::renderer::{CameraTruth, Tracer};
 use crate::sim::scene::{Board, Cutout, Scene, texel_for};
@@ -222,47 +222,49 @@ fn pictures(chapter: &mut Chapter, studio: &Studio, shot: &Shot) -> Result<(), S
     let pitch = shot.pictures.grid().pitch_px();
     // The nearer thing has the larger spacing and the smaller patch.
     let [small, large] = [NEAR_MM, FAR_MM].map(spacing);
-    let views: [(&str, String, View); 4] = [
+    let own = Patches::Own(&shot.pictures.depth);
+    let views: [(&str, String, Patches, View); 4] = [
         (
             "small",
             format!("small patches, {:.2} px: the foreground's", pitch - small),
+            Patches::Fixed(small),
             shot.pictures.fixed(small, Blend::Abutting).map_err(failed)?,
         ),
         (
             "large",
             format!("large patches, {:.2} px: the background's", pitch - large),
+            Patches::Fixed(large),
             shot.pictures.fixed(large, Blend::Abutting).map_err(failed)?,
         ),
-        ("all_in_focus", "all in focus, by the depth map".to_owned(), shot.pictures.all_in_focus().map_err(failed)?),
-        ("central", "central view, by the depth map".to_owned(), shot.pictures.view([0.0; 2]).map_err(failed)?),
+        (
+            "all_in_focus",
+            "all in focus, by the depth map".to_owned(),
+            own,
+            shot.pictures.all_in_focus().map_err(failed)?,
+        ),
+        ("central", "central view, by the depth map".to_owned(), own, shot.pictures.view([0.0; 2]).map_err(failed)?),
     ];
     let mut table = Table::new(
         "views",
         "The views of Figure 11, and the central one",
-        &[
-            "view",
-            "size, px",
-            "EOG, sum",
-            "EOG, mean per pixel",
-            "EOG without steps across patches, sum",
-            "block artefacts (1: none)",
-        ],
+        &["view", "size, px", "EOG, sum", "EOG, mean per pixel", "EOG of the scene, sum", "block artefacts (1: none)"],
     );
     chapter.pictures.insert(0, raw_png("raw", "raw frame, middle", &shot.raw, SHOWN_PX));
     let mut figures = Vec::new();
-    for (name, caption, view) in views {
+    for (name, caption, patches, view) in views {
         let energy = eog(&view);
-        let within = eog_within_patches(&view, shot.pictures.grid()).map_or(f64::NAN, |energy| energy.sum);
+        let of_scene = eog_of_scene(&view, shot.pictures.grid(), patches, &shot.pictures.depth);
+        let of_scene = of_scene.map_or(f64::NAN, |energy| energy.sum);
         let blocks = blockiness(&view, shot.pictures.grid()).unwrap_or(f64::NAN);
         table.push([
             caption.clone(),
             format!("{}×{}", view.width, view.height),
             format!("{:.3e}", energy.sum),
             format!("{:.1}", energy.mean_per_pixel),
-            format!("{within:.3e}"),
+            format!("{of_scene:.3e}"),
             format!("{blocks:.3}"),
         ]);
-        figures.push((energy.sum, blocks, within));
+        figures.push((energy.sum, blocks, of_scene));
         chapter.pictures.push(view_png(name, caption, &view));
     }
     for distance in [NEAR_MM, FAR_MM] {
@@ -283,15 +285,14 @@ fn pictures(chapter: &mut Chapter, studio: &Studio, shot: &Shot) -> Result<(), S
     let shown = |energy: &dyn Fn(usize) -> f64| {
         format!("{:.3e} small, {:.3e} large, {:.3e} all in focus", energy(0), energy(1), energy(2))
     };
-    let within = |k: usize| figures[k].2;
+    let of_scene = |k: usize| figures[k].2;
     chapter.findings.push(Finding::compared(
-        "energy of gradient of what the views show: without the steps across patches",
+        "energy of gradient of the scene: without the steps across patches, and with what a view shows twice counted once",
         "both fish sharp in all-in-focus, by eye",
-        shown(&within),
-        above(&within),
-        "the sum, which does not change with the size a view is drawn at. The all-in-focus view averages each place over \
-         all micro-images that see it: its noise and its finest detail are less than those of a view of single patches, \
-         where that view has the right patch; it stays below a view that is right for most of the scene",
+        shown(&of_scene),
+        above(&of_scene),
+        "the sum, which does not change with the size a view is drawn at. A patch is sharp in itself whatever its size: a \
+         view of one patch size loses what its patches are too small for, and repeats what they are too large for",
     ));
     let whole = |k: usize| figures[k].0;
     chapter.findings.push(Finding::compared(
@@ -299,8 +300,8 @@ fn pictures(chapter: &mut Chapter, studio: &Studio, shot: &Shot) -> Result<(), S
         "both fish sharp in all-in-focus, by eye",
         shown(&whole),
         above(&whole),
-        "block artefacts are edges, too: Eq. 20 counts them for the views that have them, so that a view of one patch size \
-         gains by being worse",
+        "Eq. 20 counts block artefacts as edges, and what is shown twice as twice as much: patches of the background's size \
+         show the foreground more than once over. A view of one patch size gains by being worse",
     ));
     chapter.tables.push(table);
     Ok(())

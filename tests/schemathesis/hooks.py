@@ -45,7 +45,10 @@ def before_call(context, case, kwargs):
             case.path_parameters["id"] = str(uuid.uuid4())
     if case.meta is None or not case.meta.generation.mode.is_positive:
         return
-    # What fits the contract is to get as far as it can: a lease's key cannot be guessed, and a job needs a free bench.
+    # What fits the contract is to get as far as it can: a lease's key cannot be guessed, a job needs a free bench, and a
+    # key that has been used stands for the request it was used with.
+    if "Idempotency-Key" in case.headers:
+        case.headers["Idempotency-Key"] = str(uuid.uuid4())
     if case.operation.label == "POST /api/v1/jobs" and case.meta.phase.name.value == "stateful":
         lease = free_the_bench(kwargs.get("base_url") or case.operation.base_url) or lease
         case.headers[LEASE] = lease

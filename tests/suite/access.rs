@@ -103,6 +103,9 @@ async fn each_scope_opens_what_it_should_and_no_more() {
         assert_eq!(status(token, Method::GET, "/api/v1/bench").await, 200);
         assert_eq!(status(token, Method::HEAD, "/api/v1/bench").await, 200);
         assert_eq!(status(token, Method::GET, "/api/v1/session").await, 200);
+        assert_eq!(status(token, Method::GET, "/api/v1/devices").await, 200);
+        let draft = guarded.by(token, Method::POST, "/api/v1/design").json(&json!({})).send().await.unwrap();
+        assert_eq!(draft.status(), 200);
     }
     assert_eq!(status(view, Method::POST, "/api/v1/axes/focus/home").await, 403);
     assert_eq!(status(view, Method::DELETE, "/api/v1/stop").await, 403);

@@ -3,9 +3,13 @@
 use std::sync::Arc;
 
 use plenalign::config::{Config, Texture};
+use plenalign::imaging::clarity::{blockiness, eog_of_scene};
 use plenalign::imaging::depth::{DepthMap, DepthOptions, DepthState, depth_map};
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
+use plenalign::imaging::pictures::{Pictures, Pose};
+use plenalign::imaging::view::{Blend, Patches, View};
 use plenalign::optics::{ArrayKind, CameraDesign, DistanceTable, ExactView};
+use plenalign::raw::RawImage;
 use plenalign::sim::exposure::{Noise, expose};
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
 use plenalign::sim::scene::{Board, Scene, Strip, TripleBoard, texel_for};
@@ -46,7 +50,8 @@ impl Steps {
         self.design.exact_in_water(self.delta_v, 0.0)
     }
 
-    fn map(&self) -> DepthMap {
+    /// A raw frame and what a white one says.
+    fn shot(&self) -> (RawImage, WhiteModel) {
         let medium = Medium::Water { shell: self.design.shell, e: 0.0, decentre: [0.0; 2] };
         let camera = CameraTruth::from_design(&self.design, self.delta_v, medium, PIXEL_MM, SIDE, SIDE);
         let rays = RenderOptions { rays: 12, seed: self.seed };
@@ -54,11 +59,18 @@ impl Steps {
         let frame = |scene: &Scene, seed: u64| expose(&render(&camera, scene, rays), SIDE, SIDE, &noise, seed);
         let white = frame(&Scene::Diffuser, 2 * self.seed);
         let raw = frame(&Scene::TripleBoard(TripleBoard { strips: self.strips.clone() }), 2 * self.seed + 1);
-        let white = WhiteModel::new(&white).unwrap();
-        let mla_pitch_px = self.design.mla.pitch / PIXEL_MM;
-        let options = FrameOptions { white_at_this_setting: true, ..FrameOptions::new(mla_pitch_px) };
+        (raw, WhiteModel::new(&white).unwrap())
+    }
+
+    fn options(&self) -> FrameOptions {
+        FrameOptions { white_at_this_setting: true, ..FrameOptions::new(self.design.mla.pitch / PIXEL_MM) }
+    }
+
+    fn map(&self) -> DepthMap {
+        let ((raw, white), options) = (self.shot(), self.options());
         let prepared = prepare_frame(&raw, Some(&white), &options).unwrap();
-        depth_map(&prepared.frame, &prepared.grid, &DepthOptions::new(self.design.mla.mode, mla_pitch_px))
+        let options = DepthOptions::new(self.design.mla.mode, options.spacing.mla_pitch_px);
+        depth_map(&prepared.frame, &prepared.grid, &options).unwrap()
     }
 
     /// What the chief ray of a sensor point (mm from the axis) sees: its distance, if all that a micro-image there sees
@@ -119,5 +131,29 @@ fn distances_in_water_are_right_to_three_per_cent() {
         assert!(median < 0.03, "{median}");
         assert!(2 * measured > map.lenses.len(), "{measured} of {}", map.lenses.len());
         assert!(10 * covered > 8 * errors.len(), "{covered} of {}", errors.len());
+    }
+}
+
+#[test]
+fn everything_in_focus_shows_more_of_the_scene_than_any_one_patch_size() {
+    for (array, texture, seed) in [(ArrayKind::Square, Texture::Guppy, 3), (ArrayKind::Hexagonal, Texture::Oscar, 4)] {
+        let steps = Steps::new(array, texture, seed);
+        let (raw, white) = steps.shot();
+        let (view, mode) = (steps.view(), steps.design.mla.mode);
+        let pose = Pose { view, pixel_mm: PIXEL_MM };
+        let pictures = Pictures::new(&raw, Some(&white), &steps.options(), mode, Some(&pose)).unwrap();
+        let figures = |view: &View, patches: Patches| {
+            let of_scene = eog_of_scene(view, pictures.grid(), patches, &pictures.depth).unwrap();
+            (of_scene.sum, blockiness(view, pictures.grid()).unwrap())
+        };
+        let all = figures(&pictures.all_in_focus().unwrap(), Patches::Own(&pictures.depth));
+        println!("{array:?} {texture:?}: EOG {:.3e}, block artefacts {:.3} all in focus", all.0, all.1);
+        for distance in [500.0, 900.0] {
+            let spacing_px = ExactView { board_distance: distance, ..view }.paraxial_spacing() / PIXEL_MM;
+            let one = figures(&pictures.fixed(spacing_px, Blend::Abutting).unwrap(), Patches::Fixed(spacing_px));
+            println!("{array:?} {texture:?}: EOG {:.3e}, block artefacts {:.3} for {distance} mm", one.0, one.1);
+            // 1 where patches do not show; either way from there they do.
+            assert!(all.0 > one.0 && (all.1 - 1.0).abs() < (one.1 - 1.0).abs(), "{all:?} {one:?}");
+        }
     }
 }

@@ -43,7 +43,7 @@ fn the_quick_study_holds_what_the_paper_claims() {
     for off in cells(&results, "blur", "blur", "difference, px") {
         assert!(off.abs() < 0.3, "{off}");
     }
-    for about in ["median of |z/z_true", "block artefacts"] {
+    for about in ["median of |z/z_true", "block artefacts", "energy of gradient of the scene"] {
         let found = finding(&results, "two_fish", about);
         assert_eq!(found["verdict"], "agrees", "{found}");
     }

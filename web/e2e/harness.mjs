@@ -2,10 +2,10 @@
 //
 //   PLENALIGN  the program (default: the debug build, or else the release build)
 //   CHROMIUM   the browser (default: /usr/bin/chromium)
-//   SHOTS      a folder for screenshots (default: test-results)
+//   SHOTS      a folder for screenshots (default: ../target/screenshots)
 
 import assert from "node:assert/strict";
-import { spawn } from "node:child_process";
+import { execFileSync, spawn } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
@@ -19,7 +19,7 @@ const built = ["../target/debug/plenalign", "../target/release/plenalign"];
 export const program = process.env.PLENALIGN ?? built.find((path) => existsSync(path));
 assert(program, "build the program first: cargo build");
 
-export const shots = process.env.SHOTS ?? "test-results";
+export const shots = process.env.SHOTS ?? "../target/screenshots";
 mkdirSync(shots, { recursive: true });
 
 export function step(text) {
@@ -36,8 +36,8 @@ export function folder(config) {
 }
 
 /** Starts the daemon; `ended` gives its exit code, `address()` where it serves. */
-export function start({ file, env }, listen = "127.0.0.1:0") {
-  const child = spawn(program, ["serve", "--simulated", "--listen", listen, "--config", file], {
+export function start({ file, env }, listen = "127.0.0.1:0", more = ["--simulated"]) {
+  const child = spawn(program, ["serve", ...more, "--listen", listen, "--config", file], {
     stdio: ["ignore", "pipe", "inherit"],
     env,
   });
@@ -69,6 +69,16 @@ export function browse() {
 export async function open(page, name) {
   await page.locator("nav a", { hasText: name }).click();
   await page.locator(`main[data-page=${name.toLowerCase()}]`).waitFor();
+}
+
+/** Frames of the configured camera in a folder, as a camera of files plays them. */
+export function render({ file, env }, into, count) {
+  mkdirSync(into, { recursive: true });
+  for (let number = 0; number < count; number += 1) {
+    const out = join(into, `frame-${number}.png`);
+    const e = String(30 - 30 * (number / Math.max(1, count - 1)));
+    execFileSync(program, ["render", "--config", file, "--out", out, "--e", e], { env, stdio: "ignore" });
+  }
 }
 
 /** What goes wrong in the page itself; what it cannot reach while a daemon is gone is no fault of its. */

@@ -2,6 +2,7 @@
 
 import { LeaseKeeper } from "./lease";
 import { strings } from "./strings";
+import type { Sections } from "./water";
 import type {
   AxisName,
   Bench,
@@ -9,6 +10,9 @@ import type {
   ConfigView,
   ConfigWritten,
   Design,
+  Devices,
+  Draft,
+  DraftBase,
   Job,
   JobList,
   JobRequest,
@@ -104,6 +108,9 @@ export const job = (id: string) => request<Job>("GET", `/api/v1/jobs/${id}`);
 export const jobs = (query: URLSearchParams) => request<JobList>("GET", `/api/v1/jobs?${query.toString()}`);
 
 export const design = () => request<Design>("GET", "/api/v1/design");
+export const draftDesign = (base: DraftBase, sections: Sections) =>
+  request<Draft>("POST", "/api/v1/design", { base, ...sections });
+export const devices = () => request<Devices>("GET", "/api/v1/devices");
 export const config = () => exchange<ConfigView>("GET", "/api/v1/config");
 export const configSchema = () => request<unknown>("GET", "/api/v1/config/schema");
 export const checkConfig = (config: unknown) =>

@@ -6,6 +6,7 @@ import {
   type FieldMap,
   type Picture,
   type ServerMessage,
+  type Show,
   type ViewerMessage,
 } from "./wire";
 import { SILENCE_MS, type Link } from "./state";
@@ -14,6 +15,10 @@ const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
 /** Pictures on the way: one is drawn while the next one travels. */
 const WINDOW = 2;
+/** Where drawing takes longer than this, ms, the one that travels would wait, and be old when it is drawn. */
+const SLOW_MS = 60;
+/** How much the newest picture counts in what drawing takes of late. */
+const NEWEST = 0.2;
 
 export interface Listener {
   link(link: Link): void;
@@ -30,6 +35,8 @@ export interface Wish {
   overlay: boolean;
   /** Raw pixels to a picture pixel, each way. */
   reduce: 1 | 2 | 4;
+  /** What the pictures show. */
+  show: Show;
 }
 
 const MAX_RATE_HZ = 30;
@@ -40,7 +47,9 @@ export class Live {
   private retryMs = FIRST_RETRY_MS;
   private heardAt = 0;
   private wanted = false;
-  private wish: Wish = { pictures: false, overlay: false, reduce: 1 };
+  /** What drawing a picture has taken of late, ms. */
+  private drawingMs = 0;
+  private wish: Wish = { pictures: false, overlay: false, reduce: 1, show: "raw" };
 
   constructor(
     private readonly url: string,
@@ -62,8 +71,9 @@ export class Live {
 
   /** Asks for what is to be seen from now on. */
   want(wish: Wish): void {
-    const { pictures, overlay, reduce } = this.wish;
-    if (wish.pictures === pictures && wish.overlay === overlay && wish.reduce === reduce) return;
+    const { pictures, overlay, reduce, show } = this.wish;
+    const same = wish.pictures === pictures && wish.overlay === overlay && wish.reduce === reduce;
+    if (same && wish.show === show) return;
     this.wish = wish;
     this.ask();
   }
@@ -105,8 +115,16 @@ export class Live {
     const seen = parseSeen(bytes);
     if (seen?.is === "map") this.listener.map(seen.map);
     if (seen?.is !== "picture") return;
+    const began = performance.now();
     await this.listener.picture(seen.picture);
+    const slow = this.isSlow;
+    this.drawingMs += NEWEST * (performance.now() - began - this.drawingMs);
+    if (slow !== this.isSlow) this.ask();
     this.send(socket, { type: "seen", seq: seen.picture.facts.seq });
+  }
+
+  private get isSlow(): boolean {
+    return this.drawingMs > SLOW_MS;
   }
 
   /** A connection that says nothing is none, whatever TCP thinks. */
@@ -118,15 +136,16 @@ export class Live {
   private ask(): void {
     if (!this.socket) return;
     const on = this.wish.pictures && document.visibilityState === "visible";
-    const { overlay, reduce } = this.wish;
+    const { overlay, reduce, show } = this.wish;
     this.send(this.socket, {
       type: "pictures",
       on,
       max_rate_hz: MAX_RATE_HZ,
       reduce,
+      show,
       quality: QUALITY,
       overlay,
-      window: WINDOW,
+      window: this.isSlow ? 1 : WINDOW,
     });
   }
 

@@ -9,6 +9,7 @@ import { keep, recall } from "./preferences";
 import { routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI } from "./session";
 import { initial, receive, receivePicture, type State } from "./state";
+import { overlaysOn } from "./show";
 import { stop, watchStopKey } from "./stopping";
 import { App } from "./views/app";
 import type { Problem } from "./wire";
@@ -40,14 +41,16 @@ function heed(): void {
   api.callMe(
     preferences.name || (session && session !== "stranger" && session.signed_in ? session.name : ""),
   );
-  painter.showOverlays(preferences.overlays);
+  const overlays = overlaysOn(preferences.show, preferences.overlays);
+  painter.showOverlays(overlays);
   if (state.link !== "open") jog.release();
   const small = window.innerWidth * window.devicePixelRatio < 700;
   live.want({
     pictures: route.page === "live",
-    overlay: preferences.overlays.some((overlay) => overlay !== "saturation"),
+    overlay: overlays.some((overlay) => overlay !== "saturation"),
     // Where one looks closely, every pixel is wanted.
     reduce: small && painter.whole ? 2 : 1,
+    show: preferences.show,
   });
 }
 
@@ -66,7 +69,9 @@ const live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
     set(receive(state, message, Date.now()));
   },
   picture: async (picture) => {
-    if (await painter.show(picture)) set(receivePicture(state, picture.facts, Date.now()));
+    // What decoding takes counts as age.
+    const came = Date.now();
+    if (await painter.show(picture)) set(receivePicture(state, picture.facts, came));
   },
   map: (map) => painter.showMap(map),
 });

@@ -3,12 +3,11 @@
 
 import { pairs, range, tint } from "./field-map";
 import type { Overlay } from "./preferences";
-import { saturated } from "./saturation";
+import { SaturationWatch } from "./saturation-watch";
+import { extent } from "./show";
 import { fit, isWhole, pan, pixelAt, zoom, type Size, type Viewport } from "./viewport";
 import type { FieldMap, Lens, Picture, PictureFacts } from "./wire";
 
-/** Between two looks for saturated pixels: each reads the whole picture. */
-const SATURATION_MS = 300;
 const GRID = "#5ad2c0";
 const CROSS = "#ff4fd0";
 const PAIR = "#ffffff";
@@ -23,7 +22,7 @@ export class Painter {
   private overlays: Overlay[] = [];
   /** Null while the whole frame is shown. */
   private viewport: Viewport | null = null;
-  private mask: { canvas: OffscreenCanvas; at: number; share: number } | null = null;
+  private readonly saturated = new SaturationWatch(() => this.soon(true));
   private due = false;
   private dueOver = false;
   private times: number[] = [];
@@ -49,23 +48,33 @@ export class Painter {
     } catch {
       return false;
     }
-    if (this.facts && this.bitmap && picture.facts.capturedAt < this.facts.capturedAt) {
+    const other = this.facts !== null && picture.facts.show !== this.facts.show;
+    // A view is ready later than the raw frame that it is made of: when they change it is older, and shown all the same.
+    if (this.facts && this.bitmap && !other && picture.facts.capturedAt < this.facts.capturedAt) {
       bitmap.close();
       return false;
     }
+    // Places count otherwise in it.
+    if (other) this.viewport = null;
     this.bitmap?.close();
     this.bitmap = bitmap;
     this.facts = picture.facts;
     const now = performance.now();
     this.times = [...this.times.filter((time) => now - time < 2000), now];
-    this.soon(this.overlays.includes("saturation"));
+    if (other) this.saturated.forget();
+    // What is laid over is drawn anew when it is known anew, not with each picture.
+    if (this.overlays.includes("saturation") && picture.facts.show === "raw") {
+      this.saturated.look(picture.jpeg, now);
+    }
+    this.soon(other);
     return true;
   }
 
   /** Nothing of it is left for the next one who looks. */
   forget(): void {
     this.bitmap?.close();
-    this.bitmap = this.facts = this.map = this.mask = this.viewport = null;
+    this.bitmap = this.facts = this.map = this.viewport = null;
+    this.saturated.forget();
     this.links = [];
     this.soon(true);
   }
@@ -79,7 +88,7 @@ export class Painter {
   showOverlays(overlays: Overlay[]): void {
     if (overlays === this.overlays) return;
     this.overlays = overlays;
-    if (!overlays.includes("saturation")) this.mask = null;
+    if (!overlays.includes("saturation")) this.saturated.forget();
     this.soon(true);
   }
 
@@ -95,7 +104,7 @@ export class Painter {
 
   /** Share of the pixels that are saturated; null while nobody asks. */
   get saturation(): number | null {
-    return this.mask?.share ?? null;
+    return this.saturated.newest?.share ?? null;
   }
 
   /** Pixels of the screen to a raw one. */
@@ -139,12 +148,13 @@ export class Painter {
     this.soon(true);
   }
 
-  /** The raw pixel at a place of the canvas, CSS pixels, and its grey level where the picture has every pixel. */
+  /** The raw pixel at a place of the canvas, CSS pixels, and its grey level where the picture has every pixel; null where
+   *  no raw frame is shown. */
   probe(at: { x: number; y: number }): { x: number; y: number; grey: number | null } | null {
     const seen = this.seen();
     const pixel =
       seen && pixelAt(seen.viewport, { x: at.x * this.ratio(), y: at.y * this.ratio() }, seen.frame);
-    if (!pixel || !this.bitmap || !this.facts) return null;
+    if (!pixel || !this.bitmap || this.facts?.show !== "raw") return null;
     if (this.facts.reduce !== 1) return { ...pixel, grey: null };
     const one = new OffscreenCanvas(1, 1).getContext("2d");
     one?.drawImage(this.bitmap, pixel.x, pixel.y, 1, 1, 0, 0, 1, 1);
@@ -156,12 +166,12 @@ export class Painter {
   }
 
   private seen(): { viewport: Viewport; view: Size; frame: Size } | null {
-    if (!this.canvas || !this.facts) return null;
+    if (!this.canvas || !this.facts || !this.bitmap) return null;
     const view = {
       width: Math.round(this.canvas.clientWidth * this.ratio()),
       height: Math.round(this.canvas.clientHeight * this.ratio()),
     };
-    const frame = { width: this.facts.widthPx, height: this.facts.heightPx };
+    const frame = extent(this.facts, this.bitmap);
     if (view.width === 0 || view.height === 0) return null;
     // Another size of the view or of the frame: kept in sight.
     const viewport = this.viewport ? pan(this.viewport, 0, 0, view, frame) : fit(view, frame);
@@ -223,22 +233,10 @@ export class Painter {
   }
 
   private drawSaturation(context: CanvasRenderingContext2D, frame: Size): void {
-    if (!this.bitmap) return;
-    const { width, height } = this.bitmap;
-    const now = performance.now();
-    if (!this.mask || now - this.mask.at > SATURATION_MS) {
-      const canvas = this.mask?.canvas ?? new OffscreenCanvas(width, height);
-      Object.assign(canvas, canvas.width === width && canvas.height === height ? {} : { width, height });
-      const drawn = canvas.getContext("2d", { willReadFrequently: true });
-      if (!drawn) return;
-      drawn.drawImage(this.bitmap, 0, 0);
-      const pixels = drawn.getImageData(0, 0, width, height);
-      const count = saturated(pixels.data, pixels.data);
-      drawn.putImageData(pixels, 0, 0);
-      this.mask = { canvas, at: now, share: count / (width * height) };
-    }
+    const found = this.saturated.newest;
+    if (!found) return;
     context.imageSmoothingEnabled = false;
-    context.drawImage(this.mask.canvas, -0.5, -0.5, frame.width, frame.height);
+    context.drawImage(found.mask, -0.5, -0.5, frame.width, frame.height);
   }
 }
 

@@ -1,5 +1,6 @@
 // What this browser remembers for whoever uses it. It is about the page alone: the bench has its own configuration.
 
+import { SHOWS } from "./show";
 import { SPACE, type StopKey } from "./stop-key";
 import type { LengthUnit } from "./units";
 
@@ -13,11 +14,20 @@ export interface Preferences {
   stopKey: StopKey;
   unit: LengthUnit;
   overlays: Overlay[];
+  /** What the live picture shows. */
+  show: (typeof SHOWS)[number];
   /** Step of the step buttons, mm. */
   stepMm: number;
 }
 
-export const standard: Preferences = { name: "", stopKey: SPACE, unit: "mm", overlays: [], stepMm: 0.1 };
+export const standard: Preferences = {
+  name: "",
+  stopKey: SPACE,
+  unit: "mm",
+  overlays: [],
+  show: "raw",
+  stepMm: 0.1,
+};
 
 export const STEPS_MM = [0.01, 0.1, 1] as const;
 
@@ -43,6 +53,7 @@ export function recall(storage: Pick<Storage, "getItem">): Preferences {
       key && text(key.code) && key.code !== "" && text(key.name) ? { code: key.code, name: key.name } : SPACE,
     unit: kept["unit"] === "µm" ? "µm" : "mm",
     overlays: Array.isArray(overlays) ? OVERLAYS.filter((overlay) => overlays.includes(overlay)) : [],
+    show: SHOWS.find((show) => show === kept["show"]) ?? standard.show,
     stepMm: STEPS_MM.find((step) => step === kept["stepMm"]) ?? standard.stepMm,
   };
 }

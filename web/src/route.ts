@@ -1,6 +1,6 @@
 // Which page is seen: it is in the address after the #, so that it can be linked to and gone back to.
 
-export const PAGES = ["live", "alignment", "history", "settings"] as const;
+export const PAGES = ["live", "alignment", "design", "history", "settings"] as const;
 export type Page = (typeof PAGES)[number];
 
 export interface Route {

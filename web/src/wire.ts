@@ -4,6 +4,7 @@ import { fromBinary } from "@bufbuild/protobuf";
 import type { components } from "./gen/api";
 import {
   LensState,
+  Picture as Pictured,
   ViewedSchema,
   type Frame,
   type SpacingMap,
@@ -26,7 +27,12 @@ export type StopReport = Schemas["StopReport"];
 export type Lease = Schemas["LeaseView"];
 export type Side = Schemas["Side"];
 export type Scope = Schemas["Scope"];
+export type Show = Schemas["Show"];
 export type Design = Schemas["DesignView"];
+export type Draft = Schemas["DraftView"];
+export type DraftBase = Schemas["DraftBase"];
+export type DraftState = Schemas["DraftStateView"];
+export type DraftStateName = Schemas["DraftStateName"];
 export type JobKind = Schemas["JobKind"];
 export type JobRequest = Schemas["JobRequest"];
 export type JobItem = Schemas["JobItem"];
@@ -36,13 +42,17 @@ export type ConfigView = Schemas["ConfigView"];
 export type ConfigCheck = Schemas["ConfigCheck"];
 export type ConfigFault = Schemas["ConfigFault"];
 export type ConfigWritten = Schemas["ConfigWritten"];
+export type Devices = Schemas["DevicesFound"];
 export type Token = Schemas["TokenView"];
 export type TokenList = Schemas["TokenList"];
 export type TokenRequest = Schemas["TokenRequest"];
 export type NewToken = Schemas["NewToken"];
 export type LeaseGrant = Schemas["LeaseGrant"];
 export type Session = Schemas["SessionView"];
-export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail">;
+export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail"> & {
+  /** What is wrong, key by key, where the kind has that. */
+  problems?: ConfigFault[];
+};
 
 /** Every message type this page reads; a type not here is ignored. */
 const KNOWN = [
@@ -88,6 +98,7 @@ export interface PictureFacts {
   heightPx: number;
   /** Raw pixels to a picture pixel, each way. */
   reduce: number;
+  show: Show;
 }
 
 export interface Picture {
@@ -144,6 +155,14 @@ const FATES: Partial<Record<LensState, LensFate>> = {
   [LensState.BLANK]: "blank",
 };
 
+/** What is not here is the raw frame: a daemon that does not say knows no other. */
+const SHOWN: Partial<Record<Pictured, Show>> = {
+  [Pictured.RAW]: "raw",
+  [Pictured.CENTRAL]: "central",
+  [Pictured.ALL_IN_FOCUS]: "all_in_focus",
+  [Pictured.DEPTH]: "depth",
+};
+
 function mapOf(map: SpacingMap): FieldMap {
   const lenses: Lens[] = [];
   map.xPx.forEach((x, index) => {
@@ -178,6 +197,7 @@ function pictureOf(frame: Frame): Picture {
       widthPx: frame.widthPx,
       heightPx: frame.heightPx,
       reduce: frame.reduce,
+      show: SHOWN[frame.picture] ?? "raw",
     },
   };
 }

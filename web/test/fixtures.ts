@@ -99,6 +99,7 @@ export const picture: PictureFacts = {
   widthPx: 1160,
   heightPx: 1160,
   reduce: 1,
+  show: "raw",
 };
 
 export function snapshot(seq: number, jobs: Job[] = [], boot_id = boot): ServerMessage {

@@ -3,6 +3,7 @@ import { isBelow, keysOf, same, tableOf, valueAt, withValue } from "../src/confi
 import { isLarge } from "../src/pace";
 import { keep, recall, standard } from "../src/preferences";
 import { addressOf, routeOf } from "../src/route";
+import { extent, overlaysOn } from "../src/show";
 import { initial, may } from "../src/state";
 import { SPACE } from "../src/stop-key";
 import { follow, noTrail, SPAN_S, type Trail } from "../src/trail";
@@ -24,7 +25,14 @@ describe("preferences", () => {
   const kept = (text: string | null) => ({ getItem: () => text });
   it("are as they were kept", () => {
     let text = "";
-    const mine = { ...standard, name: "Ana", unit: "µm" as const, overlays: ["grid" as const], stepMm: 1 };
+    const mine = {
+      ...standard,
+      name: "Ana",
+      unit: "µm" as const,
+      overlays: ["grid" as const],
+      show: "depth" as const,
+      stepMm: 1,
+    };
     keep({ setItem: (_name, value) => void (text = value) }, mine);
     expect(recall(kept(text))).toEqual(mine);
   });
@@ -36,7 +44,7 @@ describe("preferences", () => {
       "{",
       "null",
       "7",
-      '{"stepMm":99,"unit":"inch","stopKey":{"code":""},"overlays":"x"}',
+      '{"stepMm":99,"unit":"inch","stopKey":{"code":""},"overlays":"x","show":"upside_down"}',
     ]) {
       expect(recall(kept(text))).toEqual(standard);
     }
@@ -44,6 +52,21 @@ describe("preferences", () => {
       overlays: ["error"],
       stopKey: SPACE,
     });
+  });
+});
+
+describe("the picture shown", () => {
+  it("is measured in raw pixels where it is the raw frame, however coarse, and else in its own", () => {
+    const coarse = { width: 580, height: 400 };
+    const sizes = { widthPx: 1160, heightPx: 800 };
+    expect(extent({ ...sizes, show: "raw" }, coarse)).toEqual({ width: 1160, height: 800 });
+    expect(extent({ ...sizes, show: "central" }, coarse)).toEqual(coarse);
+  });
+
+  it("has nothing over it but on the raw frame, and that the same each time", () => {
+    expect(overlaysOn("raw", ["grid"])).toEqual(["grid"]);
+    expect(overlaysOn("depth", ["grid"])).toEqual([]);
+    expect(overlaysOn("depth", ["grid"])).toBe(overlaysOn("central", ["error"]));
   });
 });
 

@@ -1,6 +1,12 @@
 import { create, toBinary } from "@bufbuild/protobuf";
 import { describe, expect, it } from "vitest";
-import { FrameSchema, LensState, SpacingMapSchema, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
+import {
+  FrameSchema,
+  LensState,
+  Picture,
+  SpacingMapSchema,
+  ViewedSchema,
+} from "../src/gen/plenalign/v1/frame_pb";
 import { parseMessage, parseSeen } from "../src/wire";
 import { boot } from "./fixtures";
 
@@ -83,6 +89,18 @@ describe("parseSeen", () => {
     });
     expect(picture?.facts.capturedAt.getTime()).toBeCloseTo(1_700_000_000_123.456, 0);
     expect([...(picture?.jpeg ?? [])]).toEqual([0xff, 0xd8]);
+  });
+
+  it("says what a picture shows: the raw frame where nothing is said", () => {
+    const shown = (picture: Picture) => {
+      const frame = create(FrameSchema, { jpeg: new Uint8Array([0xff]), picture });
+      const message = create(ViewedSchema, { what: { case: "frame", value: frame } });
+      const seen = parseSeen(toBinary(ViewedSchema, message));
+      return seen?.is === "picture" ? seen.picture.facts.show : null;
+    };
+    const kinds = [Picture.UNSPECIFIED, Picture.RAW, Picture.CENTRAL, Picture.ALL_IN_FOCUS, Picture.DEPTH];
+    expect(kinds.map(shown)).toEqual(["raw", "raw", "central", "all_in_focus", "depth"]);
+    expect(shown(99 as Picture)).toBe("raw");
   });
 
   it("gives null for bytes that are no picture", () => {

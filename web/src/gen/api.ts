@@ -169,6 +169,24 @@ export interface paths {
     /** The design of the configured camera: clarity and joint optimisation, and what follows from them. */
     get: operations["get_design"];
     put?: never;
+    /** Works out a camera: its solutions, curves, and rays to be drawn. Nothing is kept and nothing moves. */
+    post: operations["draft_design"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/devices": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** Cameras and serial ports that are connected now, whether the configuration names them or not. */
+    get: operations["get_devices"];
+    put?: never;
     post?: never;
     delete?: never;
     options?: never;
@@ -655,6 +673,68 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/view": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * The figures of the newest frame's views: micro-images, sizes, depth, EOG and SSIM; of a frame taken after they were
+     *     asked for.
+     */
+    get: operations["get_view"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/view.jpg": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * A picture of the scene, for looking at, as a JPEG; of a frame taken after it was asked for.
+     * @description Depth is coloured, from dark violet for far to yellow for near, evenly in the spacing; grey stripes are where it is
+     *     unknown. It needs no pose. A frame is made ready once, however many ask, and frames are left out rather than queued.
+     */
+    get: operations["get_view_jpeg"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/view.png": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * A picture of the scene with exact values, as a PNG of 16 bits; of a frame taken after it was asked for.
+     * @description Views are in grey levels with the vignetting taken out: 65535 stands for a pixel saturated in the middle of its
+     *     micro-image. Depth is in tenths of a millimetre, 0 where unknown, and needs the camera's pose.
+     */
+    get: operations["get_view_png"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/ws": {
     parameters: {
       query?: never;
@@ -861,6 +941,19 @@ export interface components {
       simulated: boolean;
       /** @description The stop's latch. */
       stop: components["schemas"]["StopView"];
+    };
+    /** @description A camera that is connected. */
+    CameraFound: {
+      /** @description What its driver calls it. */
+      card: string;
+      /** @description The formats it offers that this program reads. */
+      formats: string[];
+      /** @description What `bench.camera.device` can be to mean it, the steadiest name first. */
+      names: string[];
+      /** @description Its device file. */
+      path: string;
+      /** @description Why no frames can be had of it; null where they can. */
+      unusable?: string | null;
     };
     /** @description The camera as a caller sees it. */
     CameraView: {
@@ -2239,6 +2332,35 @@ export interface components {
        */
       step: number;
     };
+    /** @description What is known about all micro-images together. */
+    DepthFigures: {
+      /** @description `square` or `hexagonal`. */
+      array: string;
+      distance_mm?: components["schemas"]["Spread"] | null;
+      /** @description Columns and rows of the frame. */
+      frame_px: number[];
+      /** @description Of them with a spacing from those around them. */
+      inferred: number;
+      /** @description Of them with a spacing from their own texture. */
+      measured: number;
+      /**
+       * Format: double
+       * @description Distance of neighbouring micro-images, px.
+       */
+      micro_image_pitch_px: number;
+      /** @description Micro-images wholly within the frame. */
+      micro_images: number;
+      patch_px?: components["schemas"]["Spread"] | null;
+      spacing_px?: components["schemas"]["Spread"] | null;
+      /**
+       * Format: double
+       * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
+       */
+      ssim_mean: number;
+      /** @description Of them about which nothing can be known. */
+      unknown: number;
+      virtual_depth?: components["schemas"]["Spread"] | null;
+    };
     /** @description Object distances in water between which the picture is sharp. */
     DepthOfFieldView: {
       /**
@@ -2252,6 +2374,11 @@ export interface components {
        */
       near_mm: number;
     };
+    /**
+     * @description Where a micro-image's spacing comes from.
+     * @enum {string}
+     */
+    DepthState: "measured" | "inferred" | "unknown";
     /** @description Everything that the configured design comes to. */
     DesignView: {
       /** @description The air design. */
@@ -2304,6 +2431,13 @@ export interface components {
        */
       water_refractive_index: number;
     };
+    /** @description What is connected to the daemon's machine. */
+    DevicesFound: {
+      /** @description Cameras, as `plenalign camera list` has them. */
+      cameras: components["schemas"]["CameraFound"][];
+      /** @description Serial ports. */
+      serial_ports: components["schemas"]["PortFound"][];
+    };
     /** @description The air design with the shell added at the initial e and nothing optimised. */
     DirectView: {
       /**
@@ -2321,6 +2455,112 @@ export interface components {
        * @description Half the width of board seen at the object distance in water, mm; null as for `fov_water_deg`.
        */
       half_width_mm?: number | null;
+    };
+    /**
+     * @description What a draft's keys are laid over.
+     * @enum {string}
+     */
+    DraftBase: "in_force" | "preset";
+    /**
+     * @description A draft of a camera: sections of the configuration with the keys that are to be otherwise. `water`, where it is
+     *     there, stands alone, its keys being alternatives.
+     */
+    DraftRequest: {
+      /** @description How the camera is put together, and to which tolerances. */
+      assembly?: components["schemas"]["Config.AssemblyConfig"];
+      /**
+       * @description What they are laid over.
+       * @default in_force
+       */
+      base: components["schemas"]["DraftBase"];
+      /** @description The main lens. */
+      main_lens?: components["schemas"]["Config.MainLensConfig"];
+      /** @description The microlens array. */
+      mla?: components["schemas"]["Config.MlaConfig"];
+      /** @description The object distances. */
+      object?: components["schemas"]["Config.ObjectConfig"];
+      /** @description The sensor. */
+      sensor?: components["schemas"]["Config.SensorConfig"];
+      /** @description The spherical shell. */
+      shell?: components["schemas"]["Config.ShellConfig"];
+      /** @description The water. */
+      water?: components["schemas"]["Config.WaterConfig"];
+    };
+    /**
+     * @description Which of a camera's states.
+     * @enum {string}
+     */
+    DraftStateName: "reference" | "direct" | "clarity" | "joint";
+    /** @description A camera's state and what it comes to. */
+    DraftStateView: {
+      /**
+       * Format: double
+       * @description Aperture diameter, mm.
+       */
+      aperture_mm: number;
+      /**
+       * Format: double
+       * @description The number on the lens's ring: focal length over aperture diameter.
+       */
+      aperture_ring_f_number: number;
+      /**
+       * Format: double
+       * @description Diameter of the blur disc of the object at its distance, px.
+       */
+      blur_px: number;
+      /**
+       * Format: double
+       * @description Width of board seen at the object distance, mm; null likewise.
+       */
+      board_width_mm?: number | null;
+      /**
+       * Format: double
+       * @description Δv, mm: positive where MLA and sensor move away from the lens.
+       */
+      delta_v_mm: number;
+      depth_of_field?: components["schemas"]["DepthOfFieldView"] | null;
+      /**
+       * Format: double
+       * @description e, mm: positive where the lens is behind the shell's centre; null in air.
+       */
+      e_mm?: number | null;
+      e_tolerance?: components["schemas"]["Interval"] | null;
+      /**
+       * Format: double
+       * @description Field of view over the sensor's width, degrees, in air for the air design and in water for the rest; null where
+       *     the shell's rim cuts it.
+       */
+      fov_deg?: number | null;
+      /**
+       * Format: double
+       * @description Where the object is focused, mm from the main lens; null where nowhere.
+       */
+      image_distance_mm?: number | null;
+      /**
+       * Format: double
+       * @description From the main lens to the MLA, mm.
+       */
+      lens_to_mla_mm: number;
+      /** @description Rays of three points of the object, three each, as far as light comes that way. */
+      rays: components["schemas"]["RayView"][];
+      reoptimise?: components["schemas"]["ReoptimiseView"] | null;
+      /** @description Which state. */
+      state: components["schemas"]["DraftStateName"];
+    };
+    /** @description What a draft comes to. */
+    DraftView: {
+      /** @description The camera's sections of the configuration with every value, those left out filled in. */
+      config: Record<string, never>;
+      /** @description The design's figures. */
+      design: components["schemas"]["DesignView"];
+      /** @description Why this bench could not align this camera; empty where it could. */
+      obstacles: components["schemas"]["ObstacleView"][];
+      /** @description Blur over the object distance. */
+      over_distance: components["schemas"]["OverDistanceView"];
+      /** @description Δv and field of view over e. */
+      over_e: components["schemas"]["OverEView"];
+      /** @description The camera's states: air design, shell added directly, clarity, joint. */
+      states: components["schemas"]["DraftStateView"][];
     };
     /** @description Whether the daemon answers. */
     Health: {
@@ -2784,6 +3024,40 @@ export interface components {
        */
       ttl_s: number;
     };
+    /** @description What is known about one micro-image. */
+    LensFigures: {
+      /** @description Centre, px of the raw frame. */
+      centre_px: number[];
+      /**
+       * Format: double
+       * @description Distance along the axis, mm; `null` where unknown, or without a pose.
+       */
+      distance_mm?: number | null;
+      /** @description Lattice indices. */
+      index: number[];
+      /**
+       * Format: double
+       * @description Its standard uncertainty, px; `null` where unknown.
+       */
+      sigma_px?: number | null;
+      /**
+       * Format: double
+       * @description Spacing, px; where unknown a guess.
+       */
+      spacing_px: number;
+      /**
+       * Format: double
+       * @description Structural similarity with the matching content of its neighbours, −1 to 1.
+       */
+      ssim: number;
+      /** @description Where the spacing comes from. */
+      state: components["schemas"]["DepthState"];
+      /**
+       * Format: double
+       * @description a/b; `null` where unknown.
+       */
+      virtual_depth?: number | null;
+    };
     /** @description A line of a job's log. */
     LogLine: {
       /**
@@ -2854,6 +3128,11 @@ export interface components {
       eog?: number | null;
       /**
        * Format: double
+       * @description Energy of gradient of the central view, sum over its pixels (Eq. 20): it grows with the picture.
+       */
+      eog_sum?: number | null;
+      /**
+       * Format: double
        * @description Readback of the focus axis, mm.
        */
       focus_mm?: number | null;
@@ -2878,7 +3157,17 @@ export interface components {
        * @description The spacing wanted (Eq. 16), px.
        */
       spacing_target_px: number;
+      /**
+       * Format: double
+       * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
+       */
+      ssim?: number | null;
     };
+    /**
+     * @description What is before the camera.
+     * @enum {string}
+     */
+    Medium: "air" | "water";
     /** @description The microlens array at the design point. */
     MlaView: {
       /**
@@ -2953,6 +3242,13 @@ export interface components {
     NewToken: components["schemas"]["TokenView"] & {
       /** @description The secret. It is shown here and never again. */
       secret: string;
+    };
+    /** @description Something that keeps a draft from being the bench's camera. */
+    ObstacleView: {
+      /** @description The key of the configuration, dotted from the root. */
+      key: string;
+      /** @description What is in the way. */
+      message: string;
     };
     /** @description What the operator is asked to do. */
     OperatorStep: {
@@ -3099,6 +3395,28 @@ export interface components {
           /** @enum {string} */
           type: "spacing_watch";
         };
+    /** @description The blur over the object distance: of the air design in air from the lens, of the rest in water from the shell. */
+    OverDistanceView: {
+      /** @description Of the clarity solution, px. */
+      clarity_px: (number | null)[];
+      /** @description Of the shell added directly, px. */
+      direct_px: (number | null)[];
+      /** @description Object distance, mm. */
+      distance_mm: number[];
+      /** @description Of the joint solution, px. */
+      joint_px: (number | null)[];
+      /** @description Diameter of the blur disc of the air design, px; null where nothing is imaged, here and below. */
+      reference_px: (number | null)[];
+    };
+    /** @description Figures over e, with Δv re-optimised at each. */
+    OverEView: {
+      /** @description Δv in focus, mm; null where nothing is imaged. */
+      delta_v_mm: (number | null)[];
+      /** @description e, mm. */
+      e_mm: number[];
+      /** @description Field of view in water over the sensor's width, degrees; null where the shell's rim cuts it. */
+      fov_deg: (number | null)[];
+    };
     /** @description A picture kept with a job. */
     PictureExport: {
       /**
@@ -3110,6 +3428,35 @@ export interface components {
       data: string;
       /** @description Which one: `before` the first move with the shell, or `after` the last. */
       name: string;
+    };
+    /** @description A serial port that is there. */
+    PortFound: {
+      /** @description What a controller's `port` can be to mean it, the steadiest name first. */
+      names: string[];
+      /** @description Its device file. */
+      path: string;
+      /** @description What its USB device calls itself; null for what is no USB device. */
+      product?: string | null;
+    };
+    /** @description Where the camera was. */
+    PoseView: {
+      /** @description Whether Δv, d and b are those of an air step rather than of the design and the axis's zero. */
+      calibrated: boolean;
+      /**
+       * Format: double
+       * @description Δv, mm: as the last air step calibrated it, or as the focus axis reads.
+       */
+      delta_v_mm: number;
+      /**
+       * Format: double
+       * @description e as the axis reads, mm; absent in air.
+       */
+      e_mm?: number | null;
+      /**
+       * @description What was before it. Distances count in water from the shell's outer vertex, in air from the main lens's principal
+       *     point.
+       */
+      medium: components["schemas"]["Medium"];
     };
     /** @description A problem as RFC 9457 has it, with members of its own beside the standard ones. */
     Problem: {
@@ -3151,10 +3498,36 @@ export interface components {
        */
       time_left_s?: number | null;
     };
+    /**
+     * @description A ray: points from the sensor to the object, each as a distance along the axis from the main lens, positive towards
+     *     the object, and one beside the axis, mm.
+     */
+    RayView: {
+      /**
+       * Format: double
+       * @description Where on the sensor its image lies: -1 and 1 are the edges, 0 the axis.
+       */
+      field: number;
+      /** @description The points. */
+      points_mm: number[][];
+    };
     /** @description That the bench can be worked with. */
     Readiness: {
       /** @description Always true: what is not ready answers 503. */
       ready: boolean;
+    };
+    /** @description When Δv has to be re-optimised, e held: once the object is beyond an end of the depth of field. */
+    ReoptimiseView: {
+      /**
+       * Format: double
+       * @description Δv that focuses on the far end, mm; null where nothing is too far.
+       */
+      far_delta_v_mm?: number | null;
+      /**
+       * Format: double
+       * @description Δv that focuses on the near end, mm; null where nothing is too near.
+       */
+      near_delta_v_mm?: number | null;
     };
     /** @description What an alignment came to. */
     Report: {
@@ -3490,6 +3863,11 @@ export interface components {
      */
     ShellState: "on" | "off" | "unknown";
     /**
+     * @description What the pictures of a viewer show.
+     * @enum {string}
+     */
+    Show: "raw" | "central" | "all_in_focus" | "depth";
+    /**
      * @description An end of an axis's travel.
      * @enum {string}
      */
@@ -3631,6 +4009,34 @@ export interface components {
        */
       window_px?: number | null;
     };
+    /** @description Least, quartiles and greatest of something. */
+    Spread: {
+      /**
+       * Format: double
+       * @description The greatest.
+       */
+      greatest: number;
+      /**
+       * Format: double
+       * @description The least.
+       */
+      least: number;
+      /**
+       * Format: double
+       * @description A quarter is below.
+       */
+      lower_quartile: number;
+      /**
+       * Format: double
+       * @description Half is below.
+       */
+      median: number;
+      /**
+       * Format: double
+       * @description A quarter is above.
+       */
+      upper_quartile: number;
+    };
     /**
      * @description What part of an alignment a job is in.
      * @enum {string}
@@ -3730,6 +4136,51 @@ export interface components {
       /** @description What it allows. */
       scope: components["schemas"]["Scope"];
     };
+    /** @description What is known about the newest frame's micro-images, its views and distances. */
+    ViewReport: components["schemas"]["DepthFigures"] & {
+      /**
+       * Format: date-time
+       * @description When it was taken, RFC 3339.
+       */
+      captured_at: string;
+      /**
+       * Format: double
+       * @description The same a pixel.
+       */
+      eog_mean_per_pixel: number;
+      /**
+       * Format: double
+       * @description Energy of gradient of the central view scaled to [0, 255] (Eq. 20), sum over its pixels.
+       */
+      eog_sum: number;
+      /**
+       * Format: double
+       * @description Its age when this was said, ms.
+       */
+      frame_age_ms: number;
+      /**
+       * Format: int64
+       * @description Sequence number of the frame.
+       */
+      frame_seq: number;
+      /** @description The micro-images one by one, where they were asked for. */
+      lenses?: components["schemas"]["LensFigures"][] | null;
+      pose?: components["schemas"]["PoseView"] | null;
+      /** @description What of the pose is not known, and what would make it known. */
+      pose_unknown?: string | null;
+      /** @description Whether this is a coarse picture for viewing only. */
+      preview: boolean;
+      /** @description Whether the frame is of old, played from a file. */
+      replayed: boolean;
+      /** @description Whether both axes were at rest during the whole exposure. */
+      settled: boolean;
+      /** @description Whether the frame was simulated. */
+      simulated: boolean;
+      /** @description Columns and rows of the central view. */
+      view_px: number[];
+      /** @description Whether grid and vignetting come from a white frame; without, they come from the frame itself. */
+      white_frame: boolean;
+    };
     /** @description What a viewer sends over the WebSocket, as text. */
     ViewerMessage:
       | {
@@ -3755,6 +4206,8 @@ export interface components {
            * @default 1
            */
           reduce: number;
+          /** @description What the pictures show. All but the raw frame are as large as a view is: `reduce` is not for them. */
+          show?: components["schemas"]["Show"];
           /** @enum {string} */
           type: "pictures";
           /**
@@ -4666,6 +5119,138 @@ export interface operations {
         };
         content: {
           "application/json": components["schemas"]["DesignView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  draft_design: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["DraftRequest"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["DraftView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No camera can be like that: `problems` says why, key by key */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_devices: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["DevicesFound"];
         };
       };
       /** @description Who asks is not known */
@@ -7109,6 +7694,232 @@ export interface operations {
         };
       };
       /** @description It cannot be kept */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_view: {
+    parameters: {
+      query?: {
+        /** @description Whether the micro-images are wanted one by one. */
+        lenses?: boolean;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["ViewReport"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Nothing can be made of the frame (`not-viewable`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came in time */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_view_jpeg: {
+    parameters: {
+      query?: {
+        /** @description What is to be seen. */
+        kind?: "central" | "all_in_focus" | "refocus" | "depth";
+        /**
+         * @description `U,V`: from where in the main lens's aperture one looks, right and down; its edge is 1 from the middle, and what
+         *     is beyond is taken for the nearest place on it. For `central`; nothing else is seen from an angle.
+         * @example 0.4,-0.2
+         */
+        angle?: string;
+        /**
+         * @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens. For
+         *     `refocus`, which takes the configured one where none is given; nothing else has a distance.
+         */
+        distance_mm?: number;
+        /** @description Quality of the JPEG, 10 to 100. */
+        quality?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The headers are those of `frame.png`; depth has `Plenalign-Near-Mm` and `Plenalign-Far-Mm` too, where the pose is known */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "image/jpeg": number[];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Nothing can be made of the frame (`not-viewable`), or distances are asked for and the pose is not known (`pose-unknown`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came in time */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_view_png: {
+    parameters: {
+      query?: {
+        /** @description What is to be seen. */
+        kind?: "central" | "all_in_focus" | "refocus" | "depth";
+        /**
+         * @description `U,V`: from where in the main lens's aperture one looks, right and down; its edge is 1 from the middle, and what
+         *     is beyond is taken for the nearest place on it. For `central`; nothing else is seen from an angle.
+         * @example 0.4,-0.2
+         */
+        angle?: string;
+        /**
+         * @description Distance that is to be sharp, mm: in water from the shell's outer vertex, in air from the main lens. For
+         *     `refocus`, which takes the configured one where none is given; nothing else has a distance.
+         */
+        distance_mm?: number;
+        /** @description Quality of the JPEG, 10 to 100. */
+        quality?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The headers are those of `frame.png` */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "image/png": number[];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Nothing can be made of the frame (`not-viewable`), or distances are asked for and the pose is not known (`pose-unknown`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame came in time */
       503: {
         headers: {
           [name: string]: unknown;

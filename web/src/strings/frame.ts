@@ -14,6 +14,10 @@ export const frame = {
   lost: "CONNECTION LOST",
   lostMore:
     "What is shown below is old. STOP may not get through: use the switch on the bench. Trying again…",
+  cameraGone: "The camera is gone",
+  cameraGoneMore: "It sends nothing.",
+  stageGone: (axes: string[]) => `Not connected: ${axes.join(", ").toLowerCase()}`,
+  stageGoneMore: "Nothing can be moved.",
   noAnswer: "The daemon does not answer",
   dismiss: "Dismiss",
   close: "Close",
@@ -24,6 +28,7 @@ export const frame = {
   pages: {
     live: "Live",
     alignment: "Alignment",
+    design: "Design",
     history: "History",
     settings: "Settings",
   } satisfies Record<Page, string>,

@@ -1,6 +1,7 @@
 // Every word the page shows.
 
 import { axis, byHand, lease, shell } from "./bench";
+import { design } from "./design";
 import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
 import { form, iterations, job, outcome, report } from "./job";
@@ -25,4 +26,5 @@ export const strings = {
   outcome,
   history,
   settings,
+  design,
 };

@@ -1,7 +1,7 @@
 // Words of the live page: picture, focus meter, charts.
 
 import type { Octant } from "../correction";
-import type { Overlay } from "../preferences";
+import type { Overlay, Preferences } from "../preferences";
 import type { Direction } from "../reading";
 
 export const picture = {
@@ -18,10 +18,16 @@ export const picture = {
   zoomIn: "Zoom in",
   zoomOut: "Zoom out",
   whole: "Whole",
-  wholeMore: "The whole frame",
+  wholeMore: "All of the picture",
   pixels: "1:1",
-  pixelsMore: "One raw pixel to one of the screen's",
-  keys: "The raw frame. Plus and minus zoom, arrows move, 0 shows all of it.",
+  pixelsMore: "One pixel of the picture to one of the screen's",
+  keys: (shown: string) => `${shown}. Plus and minus zoom, arrows move, 0 shows all of it.`,
+  show: "Picture",
+  shown: {
+    raw: "Raw frame",
+    central: "Central view",
+    depth: "Depth map",
+  } satisfies Record<Preferences["show"], string>,
   at: (x: number, y: number, grey: string) => `pixel ${x}, ${y}${grey}`,
   grey: (value: number) => ` · grey ${value}`,
   overlays: "Overlays",
@@ -40,6 +46,9 @@ export const picture = {
   legendBelow: "smaller",
   legendAbove: "larger",
   legendRange: (px: string) => `full colour at ${px} px from the target`,
+  legendFar: "far",
+  legendNear: "near",
+  legendUnknown: "striped: unknown",
   mapNone: "Nothing measured to be drawn yet",
   mapOld: (frames: number) => `measured ${frames} frames ago`,
   saturated: (percent: string) => `${percent} % saturated`,

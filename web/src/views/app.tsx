@@ -3,6 +3,7 @@ import { strings } from "../strings";
 import type { State } from "../state";
 import type { Problem } from "../wire";
 import { Header } from "./header";
+import { DesignPage } from "./design/page";
 import { HistoryPage } from "./history/page";
 import { AlignmentPage } from "./job/page";
 import { LivePage } from "./live/page";
@@ -22,6 +23,7 @@ interface Props {
 const VIEWS = {
   live: LivePage,
   alignment: AlignmentPage,
+  design: DesignPage,
   history: HistoryPage,
   settings: SettingsPage,
 } as const;

@@ -1,5 +1,6 @@
 import { addressOf, PAGES } from "../route";
 import { strings } from "../strings";
+import { Absences } from "./absences";
 import { Lease } from "./bench/lease";
 import { ProblemLine } from "./problem";
 import type { Scene } from "./scene";
@@ -54,6 +55,7 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
         </div>
       )}
       <StopNotices {...scene} />
+      {bench && state.link === "open" && <Absences bench={bench} />}
       {bench?.history_fault && (
         <div class="problem" role="alert" id="history-fault">
           <p>

@@ -1,7 +1,8 @@
 //! How clear a view is: the energy of its gradient, how like another it is, and how much its patches show.
 
+use super::depth::{DepthMap, DepthState};
 use super::grid::Grid;
-use super::view::View;
+use super::view::{Patches, View};
 
 /// Energy of gradient of a view scaled to [0, 255], Eq. 20.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,21 +90,35 @@ pub fn ssim(one: &View, other: &View) -> Option<f64> {
 /// within patches. 1 where they do not show; block artefacts raise it. `None` where there is no step to compare with.
 #[must_use]
 pub fn blockiness(view: &View, grid: &Grid) -> Option<f64> {
-    let [within, across] = steps(view, grid);
+    let [within, across] = steps(view, grid, |_| 1.0);
     let ratio = (across.absolute / across.count) / (within.absolute / within.count);
     ratio.is_finite().then_some(ratio)
 }
 
-/// Energy of gradient (Eq. 20) without the steps across the borders of a view's patches, which block artefacts make: that
-/// of the steps within patches, for as many steps as the view has. `None` where there is none within a patch.
+/// Energy of gradient (Eq. 20) of what a view shows of its scene: without the steps across the borders of its patches,
+/// which block artefacts make, and with what several patches show counted once. `patches` are those that it was drawn
+/// with, `known` the spacings of the scene. `None` where there is no step within a patch.
+///
+/// A patch too large for what it shows has at its edges what its neighbours show, too; of its energy counts the part
+/// that a patch of the right size would have.
 #[must_use]
-pub fn eog_within_patches(view: &View, grid: &Grid) -> Option<Eog> {
-    let [within, across] = steps(view, grid);
+pub fn eog_of_scene(view: &View, grid: &Grid, patches: Patches, known: &DepthMap) -> Option<Eog> {
+    let share = |index: [i32; 2]| -> f64 {
+        let Patches::Fixed(drawn_px) = patches else { return 1.0 };
+        let lens = known.lens(index).filter(|lens| lens.state != DepthState::Unknown);
+        lens.map_or(1.0, |lens| {
+            let patch = |spacing_px: f64| grid.pitch_px() - spacing_px;
+            (patch(lens.spacing_px) / patch(drawn_px)).powi(2).min(1.0)
+        })
+    };
+    let [within, _] = steps(view, grid, share);
     let values = view.luminance();
     let (least, greatest) = range(&values);
     let scale = 255.0 / f64::from(greatest - least);
-    let step = within.square / within.count * scale * scale;
-    step.is_finite().then_some(Eog { sum: step * (within.count + across.count), mean_per_pixel: 2.0 * step })
+    // A pixel enters Eq. 20 with two steps.
+    let mean_per_pixel = 2.0 * within.square / within.count * scale * scale;
+    let pixels = view.width.saturating_sub(1) * view.height.saturating_sub(1);
+    mean_per_pixel.is_finite().then_some(Eog { sum: mean_per_pixel * pixels as f64, mean_per_pixel })
 }
 
 /// Steps from pixel to pixel: how many, and the sums of their size and of its square.
@@ -114,8 +129,9 @@ struct Steps {
     square: f64,
 }
 
-/// The steps to the right and down within a view's patches, and those across their borders.
-fn steps(view: &View, grid: &Grid) -> [Steps; 2] {
+/// The steps to the right and down within a view's patches, and those across their borders; of the squares each patch's
+/// share counts.
+fn steps(view: &View, grid: &Grid, share: impl Fn([i32; 2]) -> f64) -> [Steps; 2] {
     let (w, h) = (view.width, view.height);
     let values = view.luminance();
     let owners: Vec<[i32; 2]> = view.extent().owners(grid).collect();
@@ -130,7 +146,7 @@ fn steps(view: &View, grid: &Grid) -> [Steps; 2] {
                 let step = f64::from((values[here] - values[next]).abs());
                 steps.count += 1.0;
                 steps.absolute += step;
-                steps.square += step * step;
+                steps.square += share(owners[here]) * step * step;
             }
         }
     }
@@ -140,6 +156,7 @@ fn steps(view: &View, grid: &Grid) -> [Steps; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::imaging::depth::LensDepth;
     use crate::optics::ArrayKind;
 
     #[test]
@@ -166,14 +183,32 @@ mod tests {
         let fine = |x: usize, y: usize| ((x + y) % 2) as f32;
         let plain = of(&|x, y| 100.0 * fine(x, y));
         assert!((blockiness(&plain, &grid).unwrap() - 1.0).abs() < 1e-6);
-        let (all, within) = (eog(&plain), eog_within_patches(&plain, &grid).unwrap());
+        let lens = |index: [i32; 2], spacing_px: f64, state: DepthState| {
+            let [x, y] = grid.position(index[0], index[1]);
+            LensDepth { index, centre_px: [x, y], spacing_px, sigma_px: 0.1, ssim: 1.0, state }
+        };
+        let everywhere = |spacing_px: f64, state: DepthState| {
+            let indices = (-9..9).flat_map(|j| (-9..9).map(move |i| [i, j]));
+            DepthMap::of(&grid, indices.map(|index| lens(index, spacing_px, state)).collect())
+        };
+        let right = everywhere(2.0, DepthState::Measured);
+        let of_scene = |view: &View, patches: Patches| eog_of_scene(view, &grid, patches, &right).unwrap();
+        let (all, within) = (eog(&plain), of_scene(&plain, Patches::Own(&right)));
         assert!((within.mean_per_pixel / all.mean_per_pixel - 1.0).abs() < 1e-6);
         // Steps of 20 levels within patches, of 100 or more between them.
         let blocks = of(&|x, y| 20.0 * fine(x, y) + 120.0 * fine(x / 4, y / 4));
         assert!(blockiness(&blocks, &grid).unwrap() > 4.0);
-        let within = eog_within_patches(&blocks, &grid).unwrap();
+        let within = of_scene(&blocks, Patches::Own(&right));
         let scale = (255.0f64 / 140.0).powi(2);
         assert!((within.mean_per_pixel / (2.0 * 400.0 * scale) - 1.0).abs() < 1e-6, "{within:?}");
+        // Patches of 3 px where 2 px are right show more than half of what they show twice; those of 1.5 px nothing.
+        let once = of_scene(&plain, Patches::Fixed(1.0)).sum / all.sum;
+        assert!((once - 4.0 / 9.0).abs() < 1e-6, "{once}");
+        assert!((of_scene(&plain, Patches::Fixed(2.5)).sum / all.sum - 1.0).abs() < 1e-6);
+        // Of what nothing is known nothing is taken away.
+        let unknown = everywhere(2.0, DepthState::Unknown);
+        let whole = eog_of_scene(&plain, &grid, Patches::Fixed(1.0), &unknown).unwrap();
+        assert!((whole.sum / all.sum - 1.0).abs() < 1e-6);
     }
 
     #[test]

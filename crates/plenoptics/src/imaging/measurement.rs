@@ -142,6 +142,18 @@ fn pitches_belong(micro_image_pitch_px: f64, mla_pitch_px: f64) -> bool {
     (0.98..1.1).contains(&(micro_image_pitch_px / mla_pitch_px))
 }
 
+/// That a grid is one of the array that is wanted.
+pub(super) fn check_array(grid: &Grid, options: &FrameOptions) -> Result<(), MeasurementError> {
+    if let Some(wanted) = options.array.filter(|&wanted| wanted != grid.array) {
+        return Err(MeasurementError::OtherArray { found: grid.array, wanted });
+    }
+    let mla_pitch_px = options.spacing.mla_pitch_px;
+    if !pitches_belong(grid.pitch_px(), mla_pitch_px) {
+        return Err(MeasurementError::OtherPitch { found_px: grid.pitch_px(), mla_pitch_px });
+    }
+    Ok(())
+}
+
 /// The frame that grid and vignetting are found in, and views are made of: that of a mosaic evened out.
 #[must_use]
 pub fn evened(raw: &RawImage, mosaic: Option<CfaPattern>) -> Cow<'_, RawImage> {
@@ -183,13 +195,7 @@ impl Setting {
 
     /// Divides the vignetting out of a frame.
     fn prepared(&self, raw: &RawImage, options: &FrameOptions) -> Result<PreparedFrame, MeasurementError> {
-        if let Some(wanted) = options.array.filter(|&wanted| wanted != self.grid.array) {
-            return Err(MeasurementError::OtherArray { found: self.grid.array, wanted });
-        }
-        let mla_pitch_px = options.spacing.mla_pitch_px;
-        if !pitches_belong(self.grid.pitch_px(), mla_pitch_px) {
-            return Err(MeasurementError::OtherPitch { found_px: self.grid.pitch_px(), mla_pitch_px });
-        }
+        check_array(&self.grid, options)?;
         let frame = SpacingFrame::of(raw, options.mosaic, &self.light.shares, &self.grid, SLOPE_SIGMA_PX)?;
         Ok(PreparedFrame { frame, grid: self.grid.clone(), vignetting_fit: self.fit, light: Arc::clone(&self.light) })
     }

@@ -35,6 +35,7 @@
 //!
 //! With a signed a (Keplerian a < 0) one set of formulas serves both modes: 1/b − 1/a = 1/f_MLA and v = d + a.
 
+pub mod curves;
 pub mod design;
 pub mod distance;
 pub mod exact;
@@ -45,8 +46,10 @@ pub mod report;
 pub mod shell;
 pub mod tolerance;
 pub mod trace;
+pub mod train;
 pub mod water;
 
+pub use curves::{AtE, distances_about};
 pub use design::{CameraDesign, Solution};
 pub use distance::DistanceTable;
 pub use exact::{ExactView, WindowPoint, disc_window, overlap_window, through_whole_lens};
@@ -57,6 +60,7 @@ pub use report::{DesignReport, SolutionReport};
 pub use shell::Shell;
 pub use tolerance::{DepthOfField, EInterval};
 pub use trace::Ray;
+pub use train::{RayBundle, TrainPoint, TrainPose};
 
 #[cfg(test)]
 pub(crate) mod tests {

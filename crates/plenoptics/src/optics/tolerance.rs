@@ -33,6 +33,12 @@ impl CameraDesign {
         self.mla.blur(v - self.lens_to_mla(delta_v))
     }
 
+    /// The same in air without the shell, for an object at a distance from M (mm).
+    #[must_use]
+    pub fn blur_in_air(&self, distance: f64, delta_v: f64) -> f64 {
+        self.mla.blur(self.main_lens.image_distance(distance) - self.lens_to_mla(delta_v))
+    }
+
     /// Object distances in water over which the blur stays within `limit` (mm on the sensor) at Δv and e (mm). `None`
     /// where nothing in the water is that sharp.
     #[must_use]
@@ -46,6 +52,14 @@ impl CameraDesign {
             near: if near <= nearest { 0.0 } else { self.shell.object_distance(near, e) },
             far: far.filter(|&far| far < furthest).map(|far| self.shell.object_distance(far, e)),
         })
+    }
+
+    /// Object distances in air without the shell, mm from M, over which the blur stays within `limit` (mm on the sensor)
+    /// at Δv (mm). `None` where nothing is that sharp.
+    #[must_use]
+    pub fn depth_of_field_in_air(&self, delta_v: f64, limit: f64) -> Option<DepthOfField> {
+        let (near, far) = self.sharp_equivalents(delta_v, limit);
+        near.is_finite().then_some(DepthOfField { near, far })
     }
 
     /// Values of e for which the object at the design's distance stays within `limit` (mm on the sensor), Δv held (mm).
@@ -154,6 +168,18 @@ mod tests {
         let steep = camera.spacing_per_equivalent(start, joint.delta_v) / PIXEL;
         let flat = camera.spacing_per_equivalent(joint.equivalent_distance, 0.0) / PIXEL;
         assert!((steep + 0.34).abs() < 0.005 && (flat + 0.017).abs() < 5e-4, "{steep} {flat}");
+    }
+
+    #[test]
+    fn the_air_design_is_sharp_about_its_own_distance() {
+        let camera = reference_camera();
+        assert!(camera.blur_in_air(800.0, 0.0) < 1e-12);
+        let depth = camera.depth_of_field_in_air(0.0, PIXEL).unwrap();
+        let far = depth.far.unwrap();
+        assert!(depth.near < 800.0 && far > 800.0, "{depth:?}");
+        for end in [depth.near, far] {
+            assert!((camera.blur_in_air(end, 0.0) - PIXEL).abs() < 1e-12, "{end}");
+        }
     }
 
     #[test]

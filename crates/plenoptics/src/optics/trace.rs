@@ -73,19 +73,25 @@ impl Shell {
     /// through C), or is totally reflected.
     #[must_use]
     pub fn trace(&self, ray: &Ray, e: f64) -> Option<Ray> {
+        self.path(ray, e).map(|[_, in_water]| in_water)
+    }
+
+    /// The same with the ray's way through the shell: first the ray within the shell, which starts on the inner sphere,
+    /// then that in the water.
+    #[must_use]
+    pub fn path(&self, ray: &Ray, e: f64) -> Option<[Ray; 2]> {
         let centre = Vector3::new(0.0, 0.0, e);
-        let mut ray = *ray;
-        for (radius, n_from, n_to) in
-            [(self.inner_radius, N_AIR, self.n_shell), (self.outer_radius, self.n_shell, self.n_water)]
-        {
+        let surface = |ray: &Ray, radius: f64, n_from: f64, n_to: f64| {
             let point = ray.exit_from_sphere(centre, radius)?;
             if point.z < e {
                 return None;
             }
             let direction = refract(ray.direction, (point - centre) / radius, n_from, n_to)?;
-            ray = Ray { origin: point, direction };
-        }
-        Some(ray)
+            Some(Ray { origin: point, direction })
+        };
+        let in_shell = surface(ray, self.inner_radius, N_AIR, self.n_shell)?;
+        let in_water = surface(&in_shell, self.outer_radius, self.n_shell, self.n_water)?;
+        Some([in_shell, in_water])
     }
 
     /// The exact angle to the axis in water (rad) of the ray through M at `angle` to the axis in air (rad); e in mm.

@@ -72,7 +72,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
         <button
           type="button"
           class="home"
-          disabled={disabled || axis.moving}
+          disabled={disabled || !axis.connected || axis.moving}
           aria-label={strings.byHand.homeMore(name)}
           onClick={() => void act(api.home(axis.axis))}
         >

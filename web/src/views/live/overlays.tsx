@@ -3,13 +3,14 @@ import { painter } from "../../painter";
 import { OVERLAYS, type Overlay } from "../../preferences";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
-import { Toggle } from "../toggle";
+import { SHOWS } from "../../show";
+import { Choice, Toggle } from "../toggle";
 
 const ZOOM = 2;
 
-/** What is laid over the picture, and how near one looks. */
+/** What the picture shows, what is laid over it, and how near one looks. */
 export function Overlays({ state, update }: Scene) {
-  const { overlays } = state.preferences;
+  const { overlays, show } = state.preferences;
   const set = (overlay: Overlay, on: boolean) => {
     const next = OVERLAYS.filter((one) => (one === overlay ? on : overlays.includes(one)));
     update({ preferences: { ...state.preferences, overlays: next } });
@@ -17,11 +18,19 @@ export function Overlays({ state, update }: Scene) {
   const scale = painter.scale;
   return (
     <div class="tools">
+      <Choice
+        label={strings.picture.show}
+        of={SHOWS}
+        chosen={show}
+        name={(one) => strings.picture.shown[one]}
+        choose={(one) => update({ preferences: { ...state.preferences, show: one } })}
+      />
       <span class="choice" role="group" aria-label={strings.picture.overlays}>
         {OVERLAYS.map((overlay) => (
           <Toggle
             key={overlay}
             on={overlays.includes(overlay)}
+            disabled={show !== "raw"}
             set={(on) => set(overlay, on)}
             title={strings.picture.overlayMore[overlay]}
           >

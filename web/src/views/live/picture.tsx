@@ -2,6 +2,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { fixed, span } from "../../format";
 import { range } from "../../field-map";
 import { painter } from "../../painter";
+import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
@@ -17,7 +18,7 @@ export function LivePicture(scene: Scene) {
   return (
     <section class="card picture" data-state={shown} aria-label={strings.picture.live}>
       <div class="frame" style={{ aspectRatio: facts ? `${facts.widthPx} / ${facts.heightPx}` : "1" }}>
-        <Canvases />
+        <Canvases label={strings.picture.keys(strings.picture.shown[state.preferences.show])} />
         <span class="stamps">
           {facts?.simulated && <span class="stamp">{strings.simulated}</span>}
           {facts?.replayed && <span class="stamp">{strings.replay}</span>}
@@ -49,7 +50,7 @@ export function LivePicture(scene: Scene) {
   );
 }
 
-function Canvases() {
+function Canvases({ label }: { label: string }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const over = useRef<HTMLCanvasElement>(null);
   const [probe, setProbe] = useState<ReturnType<typeof painter.probe>>(null);
@@ -65,7 +66,7 @@ function Canvases() {
         id="live"
         tabIndex={0}
         role="img"
-        aria-label={strings.picture.keys}
+        aria-label={label}
         data-whole={painter.whole}
         {...gestures}
       />
@@ -81,12 +82,19 @@ function Canvases() {
 
 /** What the overlays' colours mean. */
 function Legend({ state }: Scene) {
-  const { overlays } = state.preferences;
+  const { show } = state.preferences;
+  const overlays = overlaysOn(show, state.preferences.overlays);
   const map = painter.newestMap;
   const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
   const wanted = overlays.some((overlay) => overlay !== "saturation");
   return (
     <>
+      {show === "depth" && (
+        <span class="legend">
+          <i class="far" /> {strings.picture.legendFar} <i class="near" /> {strings.picture.legendNear} ·{" "}
+          {strings.picture.legendUnknown}
+        </span>
+      )}
       {overlays.includes("error") && map && (
         <span class="legend">
           <i class="below" /> {strings.picture.legendBelow} <i class="above" /> {strings.picture.legendAbove}{" "}

@@ -1,6 +1,7 @@
 import { may } from "../../state";
 import type { Scene } from "../scene";
 import { Configuration } from "./configuration";
+import { Devices } from "./devices";
 import { Preferences } from "./preferences";
 import { Tokens } from "./tokens";
 
@@ -10,6 +11,7 @@ export function SettingsPage(scene: Scene) {
     <div class="settings-page">
       <div class="column">
         <Preferences {...scene} />
+        <Devices {...scene} />
         {may(scene.state, "admin") && <Tokens {...scene} />}
       </div>
       <Configuration {...scene} />

@@ -1,9 +1,10 @@
 //! The spacing of every single micro-image, and hence how far away what it sees is.
 //!
 //! ```text
+//!   frame.rs    a frame made ready: micro-images, neighbours, noise; overlap.rs: the pixels that two neighbours share
 //!   volume.rs   how alike neighbours are (SSIM) at every spacing that they may have
 //!   paths.rs    the spacing of each micro-image that its neighbours allow: semi-global matching over the lattice
-//!   refine.rs   from there to parts of a pixel, pair by pair, each with its uncertainty
+//!   refine.rs   from there to parts of a pixel, pair by pair (fit.rs), each with its uncertainty
 //!   settle.rs   micro-images from their pairs, and those without texture from those with it, as far as they reach
 //! ```
 //!
@@ -11,15 +12,21 @@
 //! it agrees with the matching content of its neighbours is the same search. Distances follow from spacings by
 //! [`crate::optics::DistanceTable`].
 
+mod fit;
+mod frame;
+mod overlap;
 mod paths;
 mod refine;
 mod settle;
 mod volume;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+pub use frame::DepthFrame;
 
 use super::grid::Grid;
-use super::spacing::{SpacingFrame, capture_range};
+use super::spacing::{SpacingError, SpacingFrame, capture_range};
 use crate::optics::MlaMode;
 
 /// Steps of the search over the spacing for each micro-image pitch.
@@ -46,7 +53,7 @@ impl DepthOptions {
 }
 
 /// Where a micro-image's spacing comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthState {
     /// From its own texture.
@@ -86,10 +93,24 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
+    /// Of micro-images that are given.
+    #[cfg(test)]
+    pub(in crate::imaging) fn of(grid: &Grid, lenses: Vec<LensDepth>) -> Self {
+        let places = Places::new(lenses.iter().map(|lens| lens.index));
+        Self { grid: grid.clone(), lenses, places }
+    }
+
     /// The micro-image with these lattice indices, if it lies wholly within the frame.
     #[must_use]
     pub fn lens(&self, index: [i32; 2]) -> Option<&LensDepth> {
         self.place(index).map(|k| &self.lenses[k])
+    }
+
+    /// Structural similarity of the micro-images' patches with the matching content of their neighbours, mean over all
+    /// of them, −1 to 1: how well the frame's views fit together.
+    #[must_use]
+    pub fn ssim_mean(&self) -> f64 {
+        self.lenses.iter().map(|lens| lens.ssim).sum::<f64>() / self.lenses.len().max(1) as f64
     }
 
     /// Where in `lenses` the micro-image with these lattice indices is.
@@ -138,30 +159,71 @@ impl Places {
     }
 }
 
-/// The spacing of every micro-image of a prepared frame.
-#[must_use]
-pub fn depth_map(frame: &SpacingFrame, grid: &Grid, options: &DepthOptions) -> DepthMap {
-    let places = Places::new(frame.micro_images().iter().map(|m| m.index));
-    let [least, greatest] = options.spacing_px;
-    let step = (frame.micro_image_pitch_px() / STEPS_PER_PITCH).max(LEAST_STEP_PX);
-    let count = ((greatest - least) / step).ceil().max(1.0) as usize + 1;
-    let spacings: Vec<f64> = (0..count).map(|k| least + (greatest - least) * k as f64 / (count - 1) as f64).collect();
-    let volume = volume::Volume::new(frame, &spacings);
-    let labels = paths::labels(frame, grid, &places, &volume);
-    let chosen: Vec<f64> = labels.iter().map(|&label| spacings[label]).collect();
-    let pairs = refine::pairs(frame, &chosen, options);
-    let lenses = settle::settle(frame, grid, &places, &chosen, &pairs, options)
-        .into_iter()
-        .zip(frame.micro_images())
-        .zip(labels.iter().enumerate())
-        .map(|((settled, m), (k, &label))| LensDepth {
-            index: m.index,
-            centre_px: m.centre,
-            spacing_px: settled.spacing_px,
-            sigma_px: settled.sigma_px,
-            ssim: f64::from(volume.ssim(k)[label]),
-            state: settled.state,
-        })
-        .collect();
-    DepthMap { grid: grid.clone(), lenses, places }
+/// The spacing of every micro-image of a frame prepared for measuring its spacing; every pixel of it counts as measured.
+///
+/// # Errors
+/// [`SpacingError`] where frame and grid do not belong together, or there are too few micro-images.
+pub fn depth_map(frame: &SpacingFrame, grid: &Grid, options: &DepthOptions) -> Result<DepthMap, SpacingError> {
+    Ok(DepthFrame::new(frame.values().0, None, grid)?.depth_map(options))
+}
+
+/// The top of the parabola through a value and its neighbours, in steps from that value and within half of one; the value
+/// itself where there is no top.
+fn top(values: &[f32], at: usize) -> f64 {
+    let Some(&[before, here, after]) = at.checked_sub(1).and_then(|first| values.get(first..first + 3)) else {
+        return 0.0;
+    };
+    let bend = f64::from(2.0 * here - before - after);
+    if bend <= 0.0 { 0.0 } else { (f64::from(after - before) / (2.0 * bend)).clamp(-0.5, 0.5) }
+}
+
+impl DepthFrame<'_> {
+    /// The spacing of every micro-image.
+    #[must_use]
+    pub fn depth_map(&self, options: &DepthOptions) -> DepthMap {
+        let [least, greatest] = options.spacing_px;
+        let step = (self.grid.pitch_px() / STEPS_PER_PITCH).max(LEAST_STEP_PX);
+        let count = ((greatest - least) / step).ceil().max(1.0) as usize + 1;
+        let spacings: Vec<f64> =
+            (0..count).map(|k| least + (greatest - least) * k as f64 / (count - 1) as f64).collect();
+        let volume = volume::Volume::new(self, &spacings);
+        let labels = paths::labels(self, &volume);
+        let between = (greatest - least) / (count - 1) as f64;
+        let chosen: Vec<f64> = labels
+            .iter()
+            .enumerate()
+            .map(|(lens, &label)| spacings[label] + between * top(volume.ssim(lens), label))
+            .collect();
+        let pairs = refine::pairs(self, &chosen, options);
+        let lenses = settle::settle(self, &chosen, &pairs, options)
+            .into_iter()
+            .zip(&self.lenses)
+            .zip(labels.iter().enumerate())
+            .map(|((settled, lens), (k, &label))| LensDepth {
+                index: lens.index,
+                centre_px: lens.centre,
+                spacing_px: settled.spacing_px,
+                sigma_px: settled.sigma_px,
+                ssim: f64::from(volume.ssim(k)[label]),
+                state: settled.state,
+            })
+            .collect();
+        DepthMap { grid: self.grid.clone(), lenses, places: self.places.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_top_of_three_values_is_that_of_their_parabola() {
+        let parabola = |x: f32| 3.0 - (x - 1.3).powi(2);
+        let values: Vec<f32> = (0..4).map(|x| parabola(x as f32)).collect();
+        assert!((top(&values, 1) - 0.3).abs() < 1e-6);
+        assert_eq!([top(&values, 0), top(&values, 3)], [0.0; 2]);
+        assert_eq!(top(&[1.0, 0.5, 1.0], 1), 0.0);
+        // What goes on rising has its top beyond.
+        assert_eq!(top(&[0.0, 0.9, 1.0], 1), 0.5);
+    }
 }

@@ -4,9 +4,8 @@
 use rayon::prelude::*;
 
 use super::Places;
+use super::frame::{DepthFrame, Lens};
 use super::volume::Volume;
-use crate::imaging::grid::Grid;
-use crate::imaging::spacing::SpacingFrame;
 use crate::optics::ArrayKind;
 
 /// What a change by one step from a micro-image to the next costs, in similarity.
@@ -23,13 +22,12 @@ const fn ways(array: ArrayKind) -> &'static [[i32; 2]] {
 }
 
 /// The chosen spacing of each micro-image, as its place among those of the volume.
-pub(super) fn labels(frame: &SpacingFrame, grid: &Grid, places: &Places, volume: &Volume) -> Vec<usize> {
+pub(super) fn labels(frame: &DepthFrame, volume: &Volume) -> Vec<usize> {
     let count = volume.spacings();
-    let indices: Vec<[i32; 2]> = frame.micro_images().iter().map(|m| m.index).collect();
-    let directions: Vec<[i32; 2]> = ways(grid.array).iter().flat_map(|&[i, j]| [[i, j], [-i, -j]]).collect();
+    let directions: Vec<[i32; 2]> = ways(frame.grid.array).iter().flat_map(|&[i, j]| [[i, j], [-i, -j]]).collect();
     let total = directions
         .par_iter()
-        .map(|&direction| walk(&indices, places, volume, direction))
+        .map(|&direction| walk(&frame.lenses, &frame.places, volume, direction))
         .reduce_with(|mut sum, costs| {
             sum.iter_mut().zip(&costs).for_each(|(sum, cost)| *sum += cost);
             sum
@@ -41,13 +39,13 @@ pub(super) fn labels(frame: &SpacingFrame, grid: &Grid, places: &Places, volume:
 }
 
 /// The least costs of every spacing of every micro-image when it is come to along one direction.
-fn walk(indices: &[[i32; 2]], places: &Places, volume: &Volume, direction: [i32; 2]) -> Vec<f32> {
+fn walk(lenses: &[Lens], places: &Places, volume: &Volume, direction: [i32; 2]) -> Vec<f32> {
     let count = volume.spacings();
-    let mut costs = vec![0.0f32; indices.len() * count];
+    let mut costs = vec![0.0f32; lenses.len() * count];
     // Micro-images come row by row: those before are known when their successors are come to.
     let forwards = direction[1] > 0 || (direction[1] == 0 && direction[0] > 0);
     let mut visit = |k: usize| {
-        let index = indices[k];
+        let index = lenses[k].index;
         let before = places.of([index[0] - direction[0], index[1] - direction[1]]);
         let similarities = volume.ssim(k);
         match before {
@@ -77,9 +75,9 @@ fn walk(indices: &[[i32; 2]], places: &Places, volume: &Volume, direction: [i32;
         }
     };
     if forwards {
-        (0..indices.len()).for_each(&mut visit);
+        (0..lenses.len()).for_each(&mut visit);
     } else {
-        (0..indices.len()).rev().for_each(&mut visit);
+        (0..lenses.len()).rev().for_each(&mut visit);
     }
     costs
 }

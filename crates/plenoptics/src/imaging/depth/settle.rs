@@ -3,10 +3,9 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
+use super::frame::DepthFrame;
 use super::refine::{EDGE_PX, PairDepth};
-use super::{DepthOptions, DepthState, Places};
-use crate::imaging::grid::Grid;
-use crate::imaging::spacing::SpacingFrame;
+use super::{DepthOptions, DepthState};
 
 /// Scatter of the pairs about one micro-image that no noise explains, px: each sees another part of it.
 const PAIR_SCATTER_PX: f64 = 0.05;
@@ -28,23 +27,16 @@ pub(super) struct Settled {
 }
 
 /// The spacings of all micro-images; `chosen` are the search's.
-pub(super) fn settle(
-    frame: &SpacingFrame,
-    grid: &Grid,
-    places: &Places,
-    chosen: &[f64],
-    pairs: &[PairDepth],
-    options: &DepthOptions,
-) -> Vec<Settled> {
+pub(super) fn settle(frame: &DepthFrame, chosen: &[f64], pairs: &[PairDepth], options: &DepthOptions) -> Vec<Settled> {
     let own = measured(chosen.len(), pairs);
     let neighbours: Vec<Vec<usize>> = frame
-        .micro_images()
+        .lenses
         .iter()
         .enumerate()
         .map(|(k, m)| {
-            let steps = grid.neighbour_steps().iter().flat_map(|&[i, j]| [[i, j], [-i, -j]]);
+            let steps = frame.grid.neighbour_steps().iter().flat_map(|&[i, j]| [[i, j], [-i, -j]]);
             steps
-                .filter_map(|[i, j]| places.of([m.index[0] + i, m.index[1] + j]))
+                .filter_map(|[i, j]| frame.places.of([m.index[0] + i, m.index[1] + j]))
                 .filter(|&n| (chosen[n] - chosen[k]).abs() <= EDGE_PX)
                 .collect()
         })

@@ -2,10 +2,9 @@
 
 use rayon::prelude::*;
 
-use crate::imaging::spacing::{Pair, SpacingFrame};
+use super::frame::DepthFrame;
+use super::overlap::{Shift, between, lanes, load, splat};
 
-/// Pixels that are handled together.
-const LANES: usize = 8;
 /// Constants of the structural similarity, as shares of the frame's range: what its authors give.
 const K: [f32; 2] = [0.01, 0.03];
 /// Fewer pixels than this say nothing about a pair.
@@ -13,6 +12,10 @@ const LEAST_PIXELS: f32 = 24.0;
 /// Pixels that a similarity is worth: by chance alone it departs from its expectation by one over the root of their
 /// number, and of many candidates the best is the luckiest.
 const CHANCE: f32 = 1.0;
+/// Neighbours that a micro-image has at most.
+const NEIGHBOURS: usize = 6;
+/// Pairs that are compared in one piece of work.
+const PIECE: usize = 16;
 
 /// The similarity of each micro-image with its neighbours for each spacing.
 pub(super) struct Volume {
@@ -23,37 +26,32 @@ pub(super) struct Volume {
 
 impl Volume {
     /// Compares every pair of neighbours of a frame at each of these spacings (px).
-    pub(super) fn new(frame: &SpacingFrame, spacings: &[f64]) -> Self {
+    pub(super) fn new(frame: &DepthFrame, spacings: &[f64]) -> Self {
+        let count = spacings.len();
         let terms = Terms::of(frame);
-        let by_pair: Vec<Vec<f32>> = frame
-            .pairs()
-            .par_iter()
-            .map(|&pair| pulp::Arch::new().dispatch(Scan { frame, pair, spacings, terms }))
-            .collect();
-        let mut around: Vec<Vec<usize>> = vec![Vec::new(); frame.micro_images().len()];
-        for (k, pair) in frame.pairs().iter().enumerate() {
-            around[pair.first].push(k);
-            around[pair.second].push(k);
+        let mut by_pair = vec![0.0f32; frame.pairs.len() * count];
+        by_pair.par_chunks_mut(PIECE * count).zip(frame.pairs.par_chunks(PIECE)).for_each(|(similarities, pairs)| {
+            pulp::Arch::new().dispatch(Scan { frame, pairs, spacings, terms, similarities });
+        });
+        let mut around: Vec<Around> = vec![Around::default(); frame.lenses.len()];
+        for (k, pair) in frame.pairs.iter().enumerate() {
+            pair.iter().for_each(|&lens| around[lens].add(k));
         }
-        let ssim = around
-            .par_iter()
-            .flat_map_iter(|pairs| {
-                let mut values = [0.0f32; 6];
-                let by_pair = &by_pair;
-                (0..spacings.len()).map(move |s| {
-                    let count = pairs.len().min(values.len());
-                    for (value, &pair) in values.iter_mut().zip(pairs) {
-                        *value = by_pair[pair][s];
-                    }
-                    // Beside an edge in depth half of the neighbours show something else.
-                    let best = &mut values[..count];
-                    best.sort_unstable_by(|a, b| b.total_cmp(a));
-                    let half = count.div_ceil(2).max(1);
-                    best.iter().take(half).sum::<f32>() / half as f32
-                })
-            })
-            .collect();
-        Self { spacings: spacings.len(), ssim }
+        let mut ssim = vec![0.0f32; frame.lenses.len() * count];
+        ssim.par_chunks_mut(count).zip(&around).with_min_len(PIECE).for_each(|(ssim, around)| {
+            let mut values = [0.0f32; NEIGHBOURS];
+            let best = &mut values[..around.count];
+            let half = around.count.div_ceil(2).max(1);
+            for (s, ssim) in ssim.iter_mut().enumerate() {
+                for (value, &pair) in best.iter_mut().zip(&around.pairs) {
+                    *value = by_pair[pair * count + s];
+                }
+                // Beside an edge in depth half of the neighbours show something else.
+                best.sort_unstable_by(|a, b| b.total_cmp(a));
+                *ssim = best.iter().take(half).sum::<f32>() / half as f32;
+            }
+        });
+        Self { spacings: count, ssim }
     }
 
     /// The similarities of one micro-image, spacing by spacing.
@@ -67,6 +65,22 @@ impl Volume {
     }
 }
 
+/// The pairs of one micro-image.
+#[derive(Clone, Copy, Default)]
+struct Around {
+    pairs: [usize; NEIGHBOURS],
+    count: usize,
+}
+
+impl Around {
+    fn add(&mut self, pair: usize) {
+        if let Some(place) = self.pairs.get_mut(self.count) {
+            *place = pair;
+            self.count += 1;
+        }
+    }
+}
+
 /// What enters the similarity beside the moments.
 #[derive(Clone, Copy)]
 struct Terms {
@@ -74,11 +88,10 @@ struct Terms {
 }
 
 impl Terms {
-    fn of(frame: &SpacingFrame) -> Self {
-        let range = frame.range();
+    fn of(frame: &DepthFrame) -> Self {
         // Noise that both have must not pass for a difference in structure.
-        let noise = 2.0 * (frame.noise_grey_levels() as f32).powi(2);
-        Self { constants: [(K[0] * range).powi(2), (K[1] * range).powi(2).max(noise)] }
+        let noise = 2.0 * frame.noise.powi(2);
+        Self { constants: [(K[0] * frame.range).powi(2), (K[1] * frame.range).powi(2).max(noise)] }
     }
 
     #[inline(always)]
@@ -109,98 +122,90 @@ struct Sums {
     bb: f32,
 }
 
-/// One pair at all spacings, compiled for each instruction set.
+/// Some pairs at all spacings, compiled for each instruction set.
 struct Scan<'a> {
-    frame: &'a SpacingFrame,
-    pair: Pair,
+    frame: &'a DepthFrame<'a>,
+    pairs: &'a [[usize; 2]],
     spacings: &'a [f64],
     terms: Terms,
+    similarities: &'a mut [f32],
 }
 
 impl pulp::WithSimd for Scan<'_> {
-    type Output = Vec<f32>;
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) -> Vec<f32> {
-        let mut similarities = Vec::with_capacity(self.spacings.len());
-        for &spacing in self.spacings {
-            similarities.push(self.terms.similarity(&self.sums(spacing)));
-        }
-        similarities
-    }
-}
-
-impl Scan<'_> {
-    /// Moments over the overlap of the two discs, the second moved back by the spacing and read between its pixels.
-    #[inline(always)]
-    fn sums(&self, spacing: f64) -> Sums {
-        let frame = self.frame;
-        let (values, width) = frame.values();
-        let [a, b] = [self.pair.first, self.pair.second].map(|k| frame.micro_images()[k].centre);
-        let step = [b[0] - a[0], b[1] - a[1]];
-        let scale = spacing / (step[0] * step[0] + step[1] * step[1]).sqrt();
-        let shift = [step[0] * scale, step[1] * scale];
-        let other = [b[0] - shift[0], b[1] - shift[1]];
-        let radius = frame.mask_radius_px();
-        let whole = [shift[0].floor(), shift[1].floor()];
-        let (fx, fy) = ((shift[0] - whole[0]) as f32, (shift[1] - whole[1]) as f32);
-        let taps = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        let offset = whole[1] as isize * width as isize + whole[0] as isize;
-        // About the pair's own level, so that single precision suffices.
-        let level = values[a[1].round() as usize * width + a[0].round() as usize];
-        let top = (a[1].max(other[1]) - radius).ceil();
-        let bottom = (a[1].min(other[1]) + radius).floor();
-        let mut lanes = [[0.0f32; LANES]; 5];
-        let mut count = 0;
-        let mut y = top;
-        while y <= bottom {
-            let half = |centre: [f64; 2]| (radius * radius - (y - centre[1]) * (y - centre[1])).max(0.0).sqrt();
-            let (ha, hb) = (half(a), half(other));
-            let left = (a[0] - ha).max(other[0] - hb).ceil();
-            let right = (a[0] + ha).min(other[0] + hb).floor();
-            if right >= left {
-                let n = (right - left) as usize + 1;
-                count += n;
-                let at = y as usize * width + left as usize;
-                let moved = (at as isize + offset) as usize;
-                let own = &values[at..at + n];
-                let above = &values[moved..moved + n + 1];
-                let below = &values[moved + width..moved + width + n + 1];
-                accumulate(&mut lanes, own, above, below, taps, level);
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let Self { frame, pairs, spacings, terms, similarities } = self;
+        let mut found = similarities.iter_mut();
+        for &[first, second] in pairs {
+            let [a, b] = [frame.lenses[first].centre, frame.lenses[second].centre];
+            let step = [b[0] - a[0], b[1] - a[1]];
+            let length = (step[0] * step[0] + step[1] * step[1]).sqrt();
+            let nearest = frame.nearest(first);
+            for &spacing in spacings {
+                let scale = spacing / length;
+                let sums = moments(simd, frame, nearest, &Shift::new(b, [step[0] * scale, step[1] * scale]));
+                if let Some(similarity) = found.next() {
+                    *similarity = terms.similarity(&sums);
+                }
             }
-            y += 1.0;
         }
-        let [sa, sb, saa, sab, sbb] = lanes.map(|lane| lane.iter().sum::<f32>());
-        Sums { count: count as f32, level, a: sa, b: sb, aa: saa, ab: sab, bb: sbb }
     }
 }
 
+/// Moments over what the two discs share, the second moved back and read between its pixels.
 #[inline(always)]
-fn accumulate(lanes: &mut [[f32; LANES]; 5], own: &[f32], above: &[f32], below: &[f32], taps: [f32; 4], level: f32) {
-    let n = own.len();
-    let mut k = 0;
-    while k + LANES <= n {
-        let own: &[f32; LANES] = own[k..k + LANES].try_into().unwrap_or(&[0.0; LANES]);
-        let (above, below) = (&above[k..=k + LANES], &below[k..=k + LANES]);
-        for lane in 0..LANES {
-            let a = own[lane] - level;
-            let b =
-                taps[0] * above[lane] + taps[1] * above[lane + 1] + taps[2] * below[lane] + taps[3] * below[lane + 1]
-                    - level;
-            lanes[0][lane] += a;
-            lanes[1][lane] += b;
-            lanes[2][lane] += a * a;
-            lanes[3][lane] += a * b;
-            lanes[4][lane] += b * b;
+fn moments<S: pulp::Simd>(simd: S, frame: &DepthFrame, first: [i32; 2], shift: &Shift) -> Sums {
+    let (values, width) = (frame.values, frame.width);
+    // About the pair's own level, so that single precision suffices.
+    let level = values[first[1] as usize * width + first[0] as usize];
+    let levels = simd.splat_f32s(level);
+    let [fx, fy] = shift.fraction;
+    let taps = splat(simd, [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy]);
+    let offset = shift.whole[1] as isize * width as isize + shift.whole[0] as isize;
+    let mut sums = [simd.splat_f32s(0.0); 5];
+    let mut count = 0;
+    let [top, bottom] = shift.rows(&frame.disc, first);
+    for y in top..=bottom {
+        let [left, right] = shift.columns(&frame.disc, first, y);
+        if right < left {
+            continue;
         }
-        k += LANES;
+        let n = (right - left) as usize + 1;
+        count += n;
+        let at = y as usize * width + left as usize;
+        let moved = (at as isize + offset) as usize;
+        // Whole vectors: what lies beyond the row's end is read and counts for nothing.
+        let whole = n.next_multiple_of(S::F32_LANES);
+        let own = &values[at..at + whole];
+        let theirs = [moved, moved + 1, moved + width, moved + width + 1];
+        let theirs = [
+            &values[theirs[0]..][..whole],
+            &values[theirs[1]..][..whole],
+            &values[theirs[2]..][..whole],
+            &values[theirs[3]..][..whole],
+        ];
+        let mut k = 0;
+        while k < n {
+            let mask = lanes::<S>(n - k);
+            let a = simd.mul_f32s(mask, simd.sub_f32s(load::<S>(own, k), levels));
+            let b = simd.mul_f32s(mask, simd.sub_f32s(between(simd, &taps, theirs, k), levels));
+            sums[0] = simd.add_f32s(sums[0], a);
+            sums[1] = simd.add_f32s(sums[1], b);
+            sums[2] = simd.mul_add_e_f32s(a, a, sums[2]);
+            sums[3] = simd.mul_add_e_f32s(a, b, sums[3]);
+            sums[4] = simd.mul_add_e_f32s(b, b, sums[4]);
+            k += S::F32_LANES;
+        }
     }
-    while k < n {
-        let a = own[k] - level;
-        let b = taps[0] * above[k] + taps[1] * above[k + 1] + taps[2] * below[k] + taps[3] * below[k + 1] - level;
-        for (lane, term) in lanes.iter_mut().zip([a, b, a * a, a * b, b * b]) {
-            lane[0] += term;
-        }
-        k += 1;
+    Sums {
+        count: count as f32,
+        level,
+        a: simd.reduce_sum_f32s(sums[0]),
+        b: simd.reduce_sum_f32s(sums[1]),
+        aa: simd.reduce_sum_f32s(sums[2]),
+        ab: simd.reduce_sum_f32s(sums[3]),
+        bb: simd.reduce_sum_f32s(sums[4]),
     }
 }

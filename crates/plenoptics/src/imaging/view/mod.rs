@@ -9,16 +9,19 @@
 //!
 //! ```text
 //!   frame.rs    the frame made ready: vignetting divided out, colours of a mosaic filled in
-//!   render.rs   view pixels from the micro-images about them
+//!   render.rs   view pixels from the micro-images about them (cells.rs), read between pixels (taps.rs)
 //! ```
 //!
 //! Views stand upright: the main lens turns the scene by 180°, and they turn it back.
 
+mod cells;
 mod frame;
 mod render;
+mod taps;
 
 pub use frame::ViewFrame;
 pub use render::{extent, render};
+pub(super) use taps::keys;
 
 use super::depth::DepthMap;
 use super::grid::Grid;

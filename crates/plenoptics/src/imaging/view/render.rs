@@ -2,19 +2,23 @@
 
 use rayon::prelude::*;
 
+use super::cells::Cells;
+use super::taps::{Cubic, Linear, Taps};
 use super::{Blend, Extent, PATCH_LEAST_PX, Patches, View, ViewError, ViewFrame, ViewOptions};
 use crate::imaging::depth::{DepthMap, DepthState};
 use crate::imaging::grid::{Grid, reciprocal};
 
 /// Weight of a micro-image whose spacing is not known beside those whose is.
-const UNKNOWN_WEIGHT: f64 = 0.05;
+const UNKNOWN_WEIGHT: f32 = 0.05;
 /// Weight that what lies beyond the used part of a micro-image keeps, so that a place which nothing else shows is not
 /// left out.
-const BEYOND_WEIGHT: f64 = 1e-4;
+const BEYOND_WEIGHT: f32 = 1e-4;
 /// Difference in spacing that makes it doubtful whether two micro-images see the same surface, px.
-const SAME_SURFACE_PX: f64 = 0.75;
+const SAME_SURFACE_PX: f32 = 0.75;
 /// Pixels over which a micro-image's used part ends.
-const EDGE_PX: f64 = 1.5;
+const EDGE_PX: f32 = 1.5;
+/// View pixels from one place whose lattice indices are worked out to the next: between them they are interpolated.
+const KNOT_STEP: usize = 16;
 
 /// Draws a view.
 ///
@@ -29,31 +33,50 @@ pub fn render(frame: &ViewFrame, options: &ViewOptions) -> Result<View, ViewErro
         return Err(ViewError::Direction { direction: options.direction });
     }
     let Extent { width, height, scale } = extent(grid, options.patches)?;
+    let ratio = patch_px / pitch_px;
+    let inverse = reciprocal(grid.basis);
+    // A disc in lattice coordinates reaches as far as the longer of the reciprocal vectors.
+    let reach = frame.radius / ratio.abs();
+    let steps = match options.blend {
+        Blend::WholeAperture => inverse.map(|row| (reach * row[0].hypot(row[1])).ceil() as i32),
+        Blend::Abutting | Blend::Seamless => [1, 1],
+    };
     let painter = Painter {
         frame,
-        patches: options.patches,
         blend: options.blend,
+        own: matches!(options.patches, Patches::Own(_)),
+        cells: Cells::new(grid, options.patches, steps[0].max(steps[1]) + 1),
         // A microlens turns the aperture round: what passes it at +x reaches each micro-image at −x.
-        within: [-u * frame.radius, -v * frame.radius],
-        pitch: pitch_px,
-        ratio: patch_px / pitch_px,
-        inverse: reciprocal(grid.basis),
+        within: [-u * frame.radius, -v * frame.radius].map(|x| x as f32),
+        radius: frame.radius as f32,
+        pitch: pitch_px as f32,
+        ratio: ratio as f32,
+        steps,
     };
     let planes = frame.planes.len();
-    // Pixel by pixel all colours together; the scene's right is the frame's left.
-    let pixels: Vec<f32> = (0..height)
-        .into_par_iter()
-        .flat_map_iter(|row| {
-            let y = (height - 1 - row) as f64;
-            let qy = (y + 0.5) / scale - 0.5;
-            let painter = &painter;
-            (0..width).flat_map(move |column| {
-                let x = (width - 1 - column) as f64;
-                painter.pixel([(x + 0.5) / scale - 0.5, qy]).into_iter().take(planes)
-            })
-        })
-        .collect();
-    let planes = (0..planes).map(|plane| pixels.iter().skip(plane).step_by(planes).copied().collect()).collect();
+    // Pixel by pixel all colours together.
+    let mut pixels = vec![0.0f32; width * height * planes];
+    pixels.par_chunks_mut(width * planes).enumerate().for_each(|(row, pixels)| {
+        // The scene's right is the frame's left, and its top the frame's bottom.
+        let place =
+            |column: usize| [(width - 1 - column) as f64, (height - 1 - row) as f64].map(|x| (x + 0.5) / scale - 0.5);
+        for first in (0..width).step_by(KNOT_STEP) {
+            let count = KNOT_STEP.min(width - first);
+            let (from, to) = (place(first), place(first + count - 1));
+            let (at, end) = (grid.indices_at(from[0], from[1]), grid.indices_at(to[0], to[1]));
+            for k in 0..count {
+                let share = k as f64 / (count - 1).max(1) as f64;
+                let at = [at[0] + share * (end[0] - at[0]), at[1] + share * (end[1] - at[1])];
+                let q = [from[0] + share * (to[0] - from[0]), from[1]].map(|x| x as f32);
+                let colours = painter.pixel(q, at);
+                pixels[(first + k) * planes..][..planes].copy_from_slice(&colours[..planes]);
+            }
+        }
+    });
+    let planes = match planes {
+        1 => vec![pixels],
+        _ => (0..planes).map(|plane| pixels.iter().skip(plane).step_by(planes).copied().collect()).collect(),
+    };
     Ok(View { width, height, planes, scale })
 }
 
@@ -92,144 +115,132 @@ fn typical(map: &DepthMap) -> Option<f64> {
 
 struct Painter<'a> {
     frame: &'a ViewFrame,
-    patches: Patches<'a>,
     blend: Blend,
+    /// Whether each micro-image has a spacing of its own.
+    own: bool,
+    cells: Cells,
     /// Where within its micro-image a patch is taken from, px.
-    within: [f64; 2],
-    pitch: f64,
+    within: [f32; 2],
+    /// Radius about a micro-image's centre that is used, px.
+    radius: f32,
+    pitch: f32,
     /// (P − l)/P of the typical patch.
-    ratio: f64,
-    /// Rows that turn px into lattice indices.
-    inverse: [[f64; 2]; 2],
+    ratio: f32,
+    /// Lattice steps to either side within which a micro-image may see a place.
+    steps: [i32; 2],
+}
+
+/// Weighted colours of a place.
+#[derive(Default)]
+struct Sum {
+    colours: [f32; 3],
+    weights: f32,
 }
 
 impl Painter<'_> {
-    /// The colours at a place of the frame (px).
-    fn pixel(&self, q: [f64; 2]) -> [f32; 3] {
-        let mut sums = [0.0; 3];
-        let mut weights = 0.0;
-        let surface = match (self.blend, self.patches) {
-            (Blend::WholeAperture, Patches::Own(map)) => self.surface(map, q),
-            _ => None,
-        };
-        let mut add = |index: [i32; 2], weight: f64| {
-            if weight > 0.0 {
-                weights += self.contribute(index, q, weight, surface, &mut sums);
-            }
-        };
-        let grid = &self.frame.grid;
+    /// The colours at a place of the frame (px) with these lattice indices.
+    fn pixel(&self, q: [f32; 2], at: [f64; 2]) -> [f32; 3] {
+        let mut sum = Sum::default();
         match self.blend {
-            Blend::Abutting => add(grid.index_of(q[0], q[1]), 1.0),
+            Blend::Abutting => {
+                self.contribute(self.frame.grid.index_of(f64::from(q[0]), f64::from(q[1])), q, 1.0, None, &mut sum);
+            }
             Blend::Seamless => {
-                for (index, weight) in corners(grid, q) {
-                    add(index, weight);
+                for (index, weight) in corners(at) {
+                    self.contribute(index, q, weight, None, &mut sum);
                 }
             }
             Blend::WholeAperture => {
-                let at = grid.indices_at(q[0], q[1]);
-                let reach = self.frame.radius / self.ratio.abs();
-                // A disc in lattice coordinates reaches as far as the longer of the reciprocal vectors.
-                let [steps_i, steps_j] = self.inverse.map(|row| (reach * row[0].hypot(row[1])).ceil() as i32);
+                let surface = if self.own { self.surface(q, at) } else { None };
                 let [i, j] = at.map(|x| x.round() as i32);
-                for j in j - steps_j..=j + steps_j {
-                    for i in i - steps_i..=i + steps_i {
-                        add([i, j], 1.0);
+                for j in j - self.steps[1]..=j + self.steps[1] {
+                    for i in i - self.steps[0]..=i + self.steps[0] {
+                        self.contribute([i, j], q, 1.0, surface, &mut sum);
                     }
                 }
             }
         }
-        if weights > 0.0 { sums.map(|sum| (sum / weights) as f32) } else { [0.0; 3] }
+        let Sum { colours, weights } = sum;
+        if weights > 0.0 { colours.map(|colour| colour / weights) } else { [0.0; 3] }
     }
 
     /// The spacing of the surface at a place of the frame: that of the micro-images around it, as far as they see the same
     /// surface as the nearest. `None` where the nearest knows nothing.
-    fn surface(&self, map: &DepthMap, q: [f64; 2]) -> Option<f64> {
-        let grid = &self.frame.grid;
-        let known = |index: [i32; 2]| map.lens(index).filter(|lens| lens.state != DepthState::Unknown);
-        let nearest = known(grid.index_of(q[0], q[1]))?.spacing_px;
+    fn surface(&self, q: [f32; 2], at: [f64; 2]) -> Option<f32> {
+        let known = |index: [i32; 2]| self.cells.get(index).map(|cell| cell.spacing).filter(|l| !l.is_nan());
+        let nearest = known(self.frame.grid.index_of(f64::from(q[0]), f64::from(q[1])))?;
         let (mut sum, mut weights) = (0.0, 0.0);
-        for (index, weight) in corners(grid, q) {
-            if let Some(lens) = known(index) {
-                let weight = weight * agreement(lens.spacing_px, nearest);
-                sum += weight * lens.spacing_px;
+        for (index, weight) in corners(at) {
+            if let Some(spacing) = known(index) {
+                let weight = weight * agreement(spacing, nearest);
+                sum += weight * spacing;
                 weights += weight;
             }
         }
         Some(if weights > 1e-6 { sum / weights } else { nearest })
     }
 
-    /// Adds what a micro-image shows of a place, and returns its weight. With a surface's spacing it shows the place there,
-    /// and counts as far as it sees that surface.
-    fn contribute(&self, [i, j]: [i32; 2], q: [f64; 2], weight: f64, surface: Option<f64>, sums: &mut [f64; 3]) -> f64 {
-        let grid = &self.frame.grid;
-        let c = grid.position(i, j);
-        let patch = |spacing_px: f64| (self.pitch - spacing_px) / self.pitch;
-        let (ratio, trust) = match self.patches {
-            Patches::Fixed(_) => (self.ratio, 1.0),
-            Patches::Own(map) => match (map.lens([i, j]).filter(|lens| lens.state != DepthState::Unknown), surface) {
-                (Some(lens), Some(surface)) => (patch(surface), agreement(lens.spacing_px, surface)),
-                (Some(lens), None) => (patch(lens.spacing_px), 1.0),
-                (None, Some(surface)) => (patch(surface), UNKNOWN_WEIGHT),
-                (None, None) => (self.ratio, UNKNOWN_WEIGHT),
-            },
+    /// Adds what a micro-image shows of a place. With a surface's spacing it shows the place there, and counts as far as
+    /// it sees that surface.
+    #[inline(always)]
+    fn contribute(&self, index: [i32; 2], q: [f32; 2], weight: f32, surface: Option<f32>, sum: &mut Sum) {
+        let Some(cell) = self.cells.get(index) else { return };
+        let patch = |spacing_px: f32| (self.pitch - spacing_px) / self.pitch;
+        let (ratio, trust) = if !self.own {
+            (self.ratio, 1.0)
+        } else {
+            match (cell.spacing.is_nan(), surface) {
+                (false, Some(surface)) => (patch(surface), agreement(cell.spacing, surface)),
+                (false, None) => (patch(cell.spacing), 1.0),
+                (true, Some(surface)) => (patch(surface), UNKNOWN_WEIGHT),
+                (true, None) => (self.ratio, UNKNOWN_WEIGHT),
+            }
         };
-        let from = [0, 1].map(|axis| self.within[axis] + (q[axis] - c[axis]) * ratio);
-        let inside = ((self.frame.radius - from[0].hypot(from[1])) / EDGE_PX + 1.0).clamp(0.0, 1.0);
+        let c = cell.centre;
+        let from = [self.within[0] + (q[0] - c[0]) * ratio, self.within[1] + (q[1] - c[1]) * ratio];
+        let radius = (from[0] * from[0] + from[1] * from[1]).sqrt();
+        let inside = ((self.radius - radius) / EDGE_PX + 1.0).clamp(0.0, 1.0);
         // Where the whole aperture is wanted, what is not seen through it does not count at all.
         let least = if self.blend == Blend::WholeAperture { 0.0 } else { BEYOND_WEIGHT };
         let (x, y) = (c[0] + from[0], c[1] + from[1]);
-        let [w, h] = grid.frame_size;
-        let on_frame = x >= -0.5 && y >= -0.5 && x <= w as f64 - 0.5 && y <= h as f64 - 0.5;
+        let [w, h] = self.frame.grid.frame_size;
+        let on_frame = x >= -0.5 && y >= -0.5 && x <= w as f32 - 0.5 && y <= h as f32 - 0.5;
         let weight = weight * trust * inside.max(least) * if on_frame { 1.0 } else { BEYOND_WEIGHT };
         if weight > 0.0 {
-            let taps = Taps::new([w, h], x, y);
-            for (sum, plane) in sums.iter_mut().zip(&self.frame.planes) {
-                *sum += weight * f64::from(taps.read(plane));
+            match self.blend {
+                Blend::WholeAperture => sum.add(&self.frame.planes, weight, &Cubic::new([w, h], x, y)),
+                Blend::Abutting | Blend::Seamless => sum.add(&self.frame.planes, weight, &Linear::new([w, h], x, y)),
             }
         }
-        weight
     }
 }
 
-/// The micro-images at the corners of the lattice cell that a place (px) lies in, each with how near it is: the weights
+impl Sum {
+    #[inline(always)]
+    fn add(&mut self, planes: &[Vec<f32>], weight: f32, taps: &impl Taps) {
+        self.weights += weight;
+        for (colour, plane) in self.colours.iter_mut().zip(planes) {
+            *colour += weight * taps.read(plane);
+        }
+    }
+}
+
+/// The micro-images at the corners of the lattice cell that lattice indices lie in, each with how near it is: the weights
 /// sum to one everywhere.
-fn corners(grid: &Grid, q: [f64; 2]) -> [([i32; 2], f64); 4] {
-    let at = grid.indices_at(q[0], q[1]);
+#[inline(always)]
+fn corners(at: [f64; 2]) -> [([i32; 2], f32); 4] {
     let cell = at.map(f64::floor);
-    let [s, t] = [smooth(at[0] - cell[0]), smooth(at[1] - cell[1])];
+    let [s, t] = [smooth((at[0] - cell[0]) as f32), smooth((at[1] - cell[1]) as f32)];
     let [i, j] = cell.map(|x| x as i32);
     [([i, j], (1.0 - s) * (1.0 - t)), ([i + 1, j], s * (1.0 - t)), ([i, j + 1], (1.0 - s) * t), ([i + 1, j + 1], s * t)]
 }
 
 /// How far two spacings (px) can be those of one surface, 0 to 1.
-fn agreement(one: f64, other: f64) -> f64 {
+fn agreement(one: f32, other: f32) -> f32 {
     (1.0 + ((one - other) / SAME_SURFACE_PX).powi(2)).powi(-2)
 }
 
 /// Rises from 0 to 1 without a kink at either end.
-fn smooth(t: f64) -> f64 {
+fn smooth(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
-}
-
-/// The four pixels about a place and their weights; outside the frame, its edge.
-struct Taps {
-    places: [usize; 4],
-    weights: [f32; 4],
-}
-
-impl Taps {
-    fn new([w, h]: [usize; 2], x: f64, y: f64) -> Self {
-        let (x, y) = (x.clamp(0.0, (w - 1) as f64), y.clamp(0.0, (h - 1) as f64));
-        let (x0, y0) = (x as usize, y as usize);
-        let (x1, y1) = ((x0 + 1).min(w - 1), (y0 + 1).min(h - 1));
-        let (s, t) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
-        Self {
-            places: [y0 * w + x0, y0 * w + x1, y1 * w + x0, y1 * w + x1],
-            weights: [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t],
-        }
-    }
-
-    fn read(&self, plane: &[f32]) -> f32 {
-        (0..4).map(|k| self.weights[k] * plane[self.places[k]]).sum()
-    }
 }

@@ -14,7 +14,7 @@ import type { Message } from "@bufbuild/protobuf";
 export const file_plenalign_v1_frame: GenFile =
   /*@__PURE__*/
   fileDesc(
-    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSJnCgZWaWV3ZWQSJAoFZnJhbWUYASABKAsyEy5wbGVuYWxpZ24udjEuRnJhbWVIABIvCgtzcGFjaW5nX21hcBgCIAEoCzIYLnBsZW5hbGlnbi52MS5TcGFjaW5nTWFwSABCBgoEd2hhdCLCAQoKU3BhY2luZ01hcBIRCglmcmFtZV9zZXEYASABKAQSHAoUbWljcm9faW1hZ2VfcGl0Y2hfcHgYAiABKAESGQoRc3BhY2luZ190YXJnZXRfcHgYAyABKAESDAoEeF9weBgEIAMoAhIMCgR5X3B4GAUgAygCEhIKCnNwYWNpbmdfcHgYBiADKAISEAoIc2lnbWFfcHgYByADKAISJgoFc3RhdGUYCCADKA4yFy5wbGVuYWxpZ24udjEuTGVuc1N0YXRlIu4CCgVGcmFtZRIMCgRqcGVnGAEgASgMEgsKA3NlcRgCIAEoBBIYChBjYXB0dXJlZF91bml4X3VzGAMgASgDEhMKC2V4cG9zdXJlX3VzGAQgASgEEhgKEGV4cG9zdXJlX2Fzc3VtZWQYBSABKAgSFQoIZm9jdXNfbW0YBiABKAFIAIgBARIRCgRlX21tGAcgASgBSAGIAQESDwoHc2V0dGxlZBgIIAEoCBIPCgdwcmV2aWV3GAkgASgIEhEKCXNpbXVsYXRlZBgKIAEoCBIOCgZhZ2VfbXMYCyABKAESFgoOZnJhbWVzX3NraXBwZWQYDCABKAQSEAoId2lkdGhfcHgYDSABKA0SEQoJaGVpZ2h0X3B4GA4gASgNEg4KBnJlZHVjZRgPIAEoDRIQCghyZXBsYXllZBgQIAEoCBIdChVjYXB0dXJlZF9tb25vdG9uaWNfdXMYESABKARCCwoJX2ZvY3VzX21tQgcKBV9lX21tKnAKCUxlbnNTdGF0ZRIaChZMRU5TX1NUQVRFX1VOU1BFQ0lGSUVEEAASFgoSTEVOU19TVEFURV9NQVRDSEVEEAESGQoVTEVOU19TVEFURV9NSVNNQVRDSEVEEAISFAoQTEVOU19TVEFURV9CTEFOSxADYgZwcm90bzM",
+    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSJnCgZWaWV3ZWQSJAoFZnJhbWUYASABKAsyEy5wbGVuYWxpZ24udjEuRnJhbWVIABIvCgtzcGFjaW5nX21hcBgCIAEoCzIYLnBsZW5hbGlnbi52MS5TcGFjaW5nTWFwSABCBgoEd2hhdCLCAQoKU3BhY2luZ01hcBIRCglmcmFtZV9zZXEYASABKAQSHAoUbWljcm9faW1hZ2VfcGl0Y2hfcHgYAiABKAESGQoRc3BhY2luZ190YXJnZXRfcHgYAyABKAESDAoEeF9weBgEIAMoAhIMCgR5X3B4GAUgAygCEhIKCnNwYWNpbmdfcHgYBiADKAISEAoIc2lnbWFfcHgYByADKAISJgoFc3RhdGUYCCADKA4yFy5wbGVuYWxpZ24udjEuTGVuc1N0YXRlIpYDCgVGcmFtZRIMCgRqcGVnGAEgASgMEgsKA3NlcRgCIAEoBBIYChBjYXB0dXJlZF91bml4X3VzGAMgASgDEhMKC2V4cG9zdXJlX3VzGAQgASgEEhgKEGV4cG9zdXJlX2Fzc3VtZWQYBSABKAgSFQoIZm9jdXNfbW0YBiABKAFIAIgBARIRCgRlX21tGAcgASgBSAGIAQESDwoHc2V0dGxlZBgIIAEoCBIPCgdwcmV2aWV3GAkgASgIEhEKCXNpbXVsYXRlZBgKIAEoCBIOCgZhZ2VfbXMYCyABKAESFgoOZnJhbWVzX3NraXBwZWQYDCABKAQSEAoId2lkdGhfcHgYDSABKA0SEQoJaGVpZ2h0X3B4GA4gASgNEg4KBnJlZHVjZRgPIAEoDRIQCghyZXBsYXllZBgQIAEoCBIdChVjYXB0dXJlZF9tb25vdG9uaWNfdXMYESABKAQSJgoHcGljdHVyZRgSIAEoDjIVLnBsZW5hbGlnbi52MS5QaWN0dXJlQgsKCV9mb2N1c19tbUIHCgVfZV9tbSpwCglMZW5zU3RhdGUSGgoWTEVOU19TVEFURV9VTlNQRUNJRklFRBAAEhYKEkxFTlNfU1RBVEVfTUFUQ0hFRBABEhkKFUxFTlNfU1RBVEVfTUlTTUFUQ0hFRBACEhQKEExFTlNfU1RBVEVfQkxBTksQAyp1CgdQaWN0dXJlEhcKE1BJQ1RVUkVfVU5TUEVDSUZJRUQQABIPCgtQSUNUVVJFX1JBVxABEhMKD1BJQ1RVUkVfQ0VOVFJBTBACEhgKFFBJQ1RVUkVfQUxMX0lOX0ZPQ1VTEAMSEQoNUElDVFVSRV9ERVBUSBAEYgZwcm90bzM",
   );
 
 /**
@@ -130,7 +130,7 @@ export const SpacingMapSchema: GenMessage<SpacingMap> = /*@__PURE__*/ messageDes
  */
 export type Frame = Message<"plenalign.v1.Frame"> & {
   /**
-   * The picture, a greyscale JPEG.
+   * The picture, a JPEG; greyscale where it shows the raw frame.
    *
    * @generated from field: bytes jpeg = 1;
    */
@@ -248,6 +248,13 @@ export type Frame = Message<"plenalign.v1.Frame"> & {
    * @generated from field: uint64 captured_monotonic_us = 17;
    */
   capturedMonotonicUs: bigint;
+
+  /**
+   * What the picture shows. All but the raw frame are in colour where the sensor or the depth is.
+   *
+   * @generated from field: plenalign.v1.Picture picture = 18;
+   */
+  picture: Picture;
 };
 
 /**
@@ -295,3 +302,50 @@ export enum LensState {
  * Describes the enum plenalign.v1.LensState.
  */
 export const LensStateSchema: GenEnum<LensState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 0);
+
+/**
+ * What a picture shows.
+ *
+ * @generated from enum plenalign.v1.Picture
+ */
+export enum Picture {
+  /**
+   * Not said: the raw frame, from a daemon that knows no other.
+   *
+   * @generated from enum value: PICTURE_UNSPECIFIED = 0;
+   */
+  UNSPECIFIED = 0,
+
+  /**
+   * The raw frame.
+   *
+   * @generated from enum value: PICTURE_RAW = 1;
+   */
+  RAW = 1,
+
+  /**
+   * The central view.
+   *
+   * @generated from enum value: PICTURE_CENTRAL = 2;
+   */
+  CENTRAL = 2,
+
+  /**
+   * Everything sharp.
+   *
+   * @generated from enum value: PICTURE_ALL_IN_FOCUS = 3;
+   */
+  ALL_IN_FOCUS = 3,
+
+  /**
+   * How far away everything is: dark violet for far to yellow for near, striped in grey where it is unknown.
+   *
+   * @generated from enum value: PICTURE_DEPTH = 4;
+   */
+  DEPTH = 4,
+}
+
+/**
+ * Describes the enum plenalign.v1.Picture.
+ */
+export const PictureSchema: GenEnum<Picture> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 1);

@@ -1,9 +1,27 @@
 //! Everything that a person can be shown of one raw frame: views, refocused and all-in-focus pictures, and how far away
 //! things are.
+//!
+//! ```text
+//!   live.rs   frame after frame: setting.rs (grid and vignetting, kept while they fit) -> view, depth -> Pictures
+//!   paint.rs, figures.rs   what can be made of one: coloured depth, numbers
+//! ```
 
-use super::depth::{DepthMap, DepthOptions, DepthState, depth_map};
+mod figures;
+mod live;
+mod paint;
+mod setting;
+
+use std::sync::Arc;
+
+pub use figures::{DepthFigures, LensFigures, Spread};
+pub use live::LivePictures;
+pub use paint::{Painted, Scale};
+
+use self::setting::Setting;
+use super::depth::{DepthMap, DepthOptions, DepthState};
 use super::grid::Grid;
-use super::measurement::{FrameOptions, MeasurementError, WhiteModel, prepare_frame};
+use super::measurement::{FrameOptions, MeasurementError, WhiteModel};
+use super::spacing::SpacingError;
 use super::view::{Blend, Extent, Patches, View, ViewError, ViewFrame, ViewOptions, extent, render};
 use crate::optics::{DistanceTable, ExactView, MlaMode};
 use crate::raw::RawImage;
@@ -14,6 +32,9 @@ pub enum PictureError {
     /// The frame could not be made ready.
     #[error(transparent)]
     Measurement(#[from] MeasurementError),
+    /// The micro-images could not be compared.
+    #[error("depth: {0}")]
+    Depth(#[from] SpacingError),
     /// The view could not be drawn.
     #[error(transparent)]
     View(#[from] ViewError),
@@ -37,6 +58,27 @@ pub struct Pose {
     pub pixel_mm: f64,
 }
 
+/// Distances by spacing and place in the field, for one pose.
+#[derive(Debug, Clone, PartialEq)]
+struct Table {
+    distances: DistanceTable,
+    pose: Pose,
+    /// How far from the axis it reaches, mm on the MLA.
+    radius_mm: f64,
+}
+
+impl Table {
+    fn new(grid: &Grid, pose: &Pose, mode: MlaMode) -> Self {
+        let radius_mm = radius_mm(grid, pose);
+        Self { distances: DistanceTable::new(&pose.view, mode, radius_mm), pose: *pose, radius_mm }
+    }
+
+    /// Whether it reaches as far as a grid's frame.
+    fn serves(&self, grid: &Grid) -> bool {
+        radius_mm(grid, &self.pose) == self.radius_mm
+    }
+}
+
 /// One raw frame made ready for pictures.
 #[derive(Debug, Clone)]
 pub struct Pictures {
@@ -46,7 +88,7 @@ pub struct Pictures {
     /// The distance of what every micro-image of `depth` sees, along the axis (mm: in water from O, in air from M), where
     /// it is known.
     pub distances_mm: Vec<Option<f64>>,
-    table: Option<(DistanceTable, f64)>,
+    table: Option<Arc<Table>>,
 }
 
 impl Pictures {
@@ -61,19 +103,28 @@ impl Pictures {
         mode: MlaMode,
         pose: Option<&Pose>,
     ) -> Result<Self, PictureError> {
-        let prepared = prepare_frame(raw, white, options)?;
-        let grid = prepared.grid;
-        let depth = depth_map(&prepared.frame, &grid, &DepthOptions::new(mode, options.spacing.mla_pitch_px));
-        let frame = ViewFrame::new(raw, options.mosaic, &grid, Some(&prepared.light))?;
-        let table = pose.map(|pose| (DistanceTable::new(&pose.view, mode, radius_mm(&grid, pose)), pose.pixel_mm));
+        LivePictures::new(white.cloned(), *options, mode).next(raw, pose)
+    }
+
+    /// From a frame with its mosaic evened out.
+    fn of(
+        even: &RawImage,
+        setting: &Setting,
+        options: &FrameOptions,
+        mode: MlaMode,
+        table: Option<Arc<Table>>,
+    ) -> Result<Self, PictureError> {
+        let grid = &setting.grid;
+        let frame = ViewFrame::of(even, options.mosaic, grid, Some(&setting.light));
+        let depth = frame.depth_map(&DepthOptions::new(mode, options.spacing.mla_pitch_px))?;
         let distances_mm = depth
             .lenses
             .iter()
             .map(|lens| {
-                let (table, pixel) = table.as_ref()?;
+                let Table { distances, pose, .. } = table.as_deref()?;
                 let known = lens.state != DepthState::Unknown;
-                let place = field_mm(&grid, lens.centre_px, pose?);
-                known.then(|| table.distance(lens.spacing_px * pixel, place)).flatten()
+                let place = field_mm(grid, lens.centre_px, pose);
+                known.then(|| distances.distance(lens.spacing_px * pose.pixel_mm, place)).flatten()
             })
             .collect();
         Ok(Self { frame, depth, distances_mm, table })
@@ -113,9 +164,9 @@ impl Pictures {
     /// # Errors
     /// [`PictureError::NoPose`], or [`PictureError::OutOfSight`] where nothing there could be seen.
     pub fn refocused(&self, distance_mm: f64) -> Result<View, PictureError> {
-        let (table, pixel) = self.table.as_ref().ok_or(PictureError::NoPose)?;
-        let spacing = table.spacing(distance_mm, [0.0; 2]).ok_or(PictureError::OutOfSight { distance_mm })?;
-        self.fixed(spacing / pixel, Blend::WholeAperture)
+        let Table { distances, pose, .. } = self.table.as_deref().ok_or(PictureError::NoPose)?;
+        let spacing = distances.spacing(distance_mm, [0.0; 2]).ok_or(PictureError::OutOfSight { distance_mm })?;
+        self.fixed(spacing / pose.pixel_mm, Blend::WholeAperture)
     }
 
     /// The distance (mm) of what each pixel of [`Pictures::view`] shows, by its nearest micro-image: row by row, NaN where

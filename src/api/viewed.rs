@@ -1,0 +1,100 @@
+//! What a viewer of the WebSocket is shown, as the messages of `proto/plenalign/v1`.
+
+use std::sync::Arc;
+
+use axum::body::Bytes;
+
+use super::App;
+use super::error::{Problem, Result};
+use super::frame::{milliseconds, monotonic};
+use super::picture::{Encoding, Reduce, age};
+use super::proto;
+use super::scene::{Format, Scene};
+use super::types::Show;
+use super::view::picture;
+use crate::control::ServiceError;
+use crate::control::events::FieldMap;
+use crate::device::Frame;
+use crate::imaging::spacing::{LensSpacing, LensState};
+
+/// What pictures a viewer wants.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wanted {
+    pub(super) show: Show,
+    pub(super) reduce: Reduce,
+    pub(super) quality: u8,
+}
+
+/// The message that the spacing over the field goes out as.
+pub(super) fn map_message(field: &FieldMap) -> proto::SpacingMap {
+    let lenses = &field.map.lenses;
+    let each = |value: fn(&LensSpacing) -> f64| lenses.iter().map(|lens| value(lens) as f32).collect();
+    proto::SpacingMap {
+        frame_seq: field.frame_seq,
+        micro_image_pitch_px: field.micro_image_pitch_px,
+        spacing_target_px: field.spacing_target_px,
+        x_px: each(|lens| lens.centre_px[0]),
+        y_px: each(|lens| lens.centre_px[1]),
+        spacing_px: each(|lens| lens.spacing_px),
+        sigma_px: each(|lens| lens.sigma_px),
+        state: lenses.iter().map(|lens| i32::from(lens_state(lens.state))).collect(),
+    }
+}
+
+fn lens_state(state: LensState) -> proto::LensState {
+    match state {
+        LensState::Matched => proto::LensState::Matched,
+        LensState::Mismatched => proto::LensState::Mismatched,
+        LensState::Blank => proto::LensState::Blank,
+    }
+}
+
+/// What a viewer is to see of a frame, or of a newer one that was made ready for another viewer meanwhile.
+pub(super) async fn shown(app: &App, frame: Arc<Frame>, wanted: Wanted) -> Result<(Arc<Frame>, Bytes)> {
+    let scene = match wanted.show {
+        Show::Raw => {
+            let encoding = Encoding::Jpeg { reduce: wanted.reduce, quality: wanted.quality };
+            let jpeg = app.pictures.encode(&frame, encoding).await.map_err(|error| {
+                tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
+                Problem::internal()
+            })?;
+            return Ok((frame, jpeg));
+        }
+        Show::Central => Scene::central([0.0; 2]),
+        Show::AllInFocus => Scene::AllInFocus,
+        Show::Depth => Scene::Depth,
+    };
+    let look = app.service.look_at(&frame).await.map_err(ServiceError::from)?;
+    let jpeg = picture(app, &look, scene, Format::Jpeg { quality: wanted.quality }).await?;
+    Ok((Arc::clone(&look.frame), jpeg))
+}
+
+/// The message that a picture of a frame goes out as.
+pub(super) fn picture_message(frame: &Frame, jpeg: Bytes, wanted: Wanted, frames_skipped: u64) -> proto::Frame {
+    let (picture, reduce) = match wanted.show {
+        Show::Raw => (proto::Picture::Raw, wanted.reduce),
+        Show::Central => (proto::Picture::Central, Reduce::Not),
+        Show::AllInFocus => (proto::Picture::AllInFocus, Reduce::Not),
+        Show::Depth => (proto::Picture::Depth, Reduce::Not),
+    };
+    proto::Frame {
+        jpeg,
+        seq: frame.seq,
+        captured_unix_us: frame.captured_at.as_microsecond(),
+        captured_monotonic_us: monotonic(frame.exposed_to).as_micros() as u64,
+        exposure_us: frame.exposed_to.saturating_duration_since(frame.exposed_from).as_micros() as u64,
+        exposure_assumed: frame.exposure_assumed,
+        focus_mm: frame.focus.position.map(|position| position.value()),
+        e_mm: frame.e.position.map(|position| position.value()),
+        settled: frame.focus.settled && frame.e.settled,
+        preview: frame.preview,
+        simulated: frame.simulated,
+        age_ms: milliseconds(age(frame)),
+        frames_skipped,
+        width_px: frame.image.width() as u32,
+        height_px: frame.image.height() as u32,
+        reduce: reduce.number(),
+        replayed: frame.replayed,
+        picture: picture.into(),
+    }
+}

@@ -1,0 +1,151 @@
+// The design page: values are edited and results follow, the drawing is to scale, a draft is saved into the
+// configuration where that is allowed, and what keeps it from that is said.
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { accessible, browse, faults, folder, open, photograph, start, step } from "./harness.mjs";
+
+const SMALL = `
+[sensor]
+width_px = 320
+height_px = 320
+
+[bench.simulation]
+rays = 1
+preview_rays = 1
+preview_rate_hz = 2.0
+`;
+const place = folder(`# The bench in the cellar.\n${SMALL}`);
+const daemon = start(place);
+const browser = await browse();
+
+try {
+  const address = await daemon.address();
+  const page = await browser.newPage({ viewport: { width: 1280, height: 1000 } });
+  const own = faults(page);
+  await page.goto(address);
+  await open(page, "Design");
+
+  step("the configured camera is worked out");
+  const figure = (row, state) =>
+    page
+      .locator(".figures tr", { has: page.locator("th", { hasText: row }) })
+      .locator(`td[data-state=${state}]`);
+  const deltaV = figure("Δv", "joint").first();
+  await page.locator(".figures").waitFor();
+  assert.match(await deltaV.innerText(), /^\+2\.205 mm$/);
+  assert.match(await figure("Δv", "clarity").first().innerText(), /^\+1\.745 mm$/);
+  assert.match(await figure("Aperture", "joint").innerText(), /^6\.364 mm$/);
+  assert(await page.locator("#save").isDisabled());
+  await page.locator("#save-more", { hasText: "Nothing differs" }).waitFor();
+
+  step("what is typed is worked out at once, and the newest answer stands");
+  const distance = page.getByLabel("Distance in water, from the shell");
+  const asked = [];
+  await page.route("**/api/v1/design", async (route) => {
+    asked.push(route.request().postDataJSON());
+    // The first answer comes after the second.
+    if (asked.length === 1) await new Promise((resolve) => setTimeout(resolve, 1500));
+    await route.continue();
+  });
+  await distance.fill("400");
+  await page.waitForTimeout(300);
+  await distance.fill("600");
+  await page.waitForFunction(
+    () => document.querySelector(".figures td[data-state=joint]")?.textContent !== "+2.205 mm",
+  );
+  const there = await deltaV.innerText();
+  await page.waitForTimeout(2000);
+  assert.equal(await deltaV.innerText(), there, "an answer of old took the place of the newest");
+  assert.deepEqual(asked.at(-1), { base: "in_force", object: { distance_mm: 600 } });
+  await page.unroute("**/api/v1/design");
+
+  step("lengths are edited in the unit chosen");
+  await page.locator(".draft").getByRole("button", { name: "µm", exact: true }).click();
+  await holds(distance, "600000");
+  assert.match(await deltaV.innerText(), /µm$/);
+  await distance.fill("800000");
+  await page.waitForFunction(
+    () => document.querySelector(".figures td[data-state=joint]")?.textContent === "+2205 µm",
+  );
+  await page.locator(".draft").getByRole("button", { name: "mm", exact: true }).click();
+  await holds(distance, "800");
+
+  step("the drawing is to scale");
+  const scale = await page.locator("svg.train").evaluate((svg) => {
+    const shell = svg.querySelector(".edge").getBoundingClientRect();
+    const sensor = svg.querySelector(".sensor").getBoundingClientRect();
+    const { width, height } = svg.viewBox.baseVal;
+    const drawn = svg.getBoundingClientRect();
+    return {
+      shell: shell.height / (sensor.y + sensor.height / 2 - shell.y) / 2,
+      aspect: Math.min(drawn.width / width, drawn.height / height),
+      radius: shell.height / 2,
+    };
+  });
+  assert(Math.abs(scale.radius / scale.aspect / 59 - 1) < 0.03, JSON.stringify(scale));
+  assert.equal(await page.locator("svg.train .ray").count(), 9);
+  for (const part of ["Whole scene", "MLA and sensor", "Camera and shell"]) {
+    await page.getByRole("button", { name: part }).click();
+    await page.locator(`svg.train[aria-label^="${part}"]`).waitFor();
+  }
+
+  step("another camera is set beside it");
+  await page.getByLabel("Outer radius").fill("70");
+  await page.getByRole("button", { name: "the paper’s preset" }).click();
+  await page.locator(".figures .other[data-differs=true]").first().waitFor();
+  assert.equal(await page.locator("svg.train").count(), 2);
+  assert.match(await figure("Δv", "joint").first().locator(".other").innerText(), /^\+2\.205 mm$/);
+  await photograph(page, "design");
+  await accessible(page);
+
+  step("an impossible camera is named at its field, and what was is dimmed");
+  await page.getByLabel("Inner radius").fill("90");
+  await page.locator(".draft-field .fault", { hasText: "no thickness" }).waitFor();
+  await page.locator(".outcome-column[data-stale=true]").waitFor();
+  assert(await page.locator("#save").isDisabled());
+  await page.getByLabel("Inner radius").fill("wide");
+  await page.locator(".draft-field .fault", { hasText: "expected a number" }).waitFor();
+  await page.getByLabel("Inner radius").fill("51");
+  await page.locator(".outcome-column[data-stale=false]").waitFor();
+
+  step("what the bench cannot reach is worked out, and not saved");
+  await page.getByLabel("e at first").fill("45");
+  await page.locator(".save .fault", { hasText: "assembly.initial_e_mm" }).waitFor();
+  assert(await page.locator("#save").isDisabled());
+  await page.getByLabel("e at first").fill("28");
+
+  step("the water is said by its conditions");
+  await page.getByRole("button", { name: "by its conditions" }).click();
+  await page.getByLabel("Salinity").fill("35");
+  await page.locator(".draft-fields", { hasText: "Refractive index 1.34" }).waitFor();
+
+  step("the draft is saved, and nothing else of the file");
+  await page.locator("#save:enabled").click();
+  await page.locator(".save .notice", { hasText: "Start the daemon again" }).waitFor();
+  const file = readFileSync(place.file, "utf8");
+  assert.match(file, /^# The bench in the cellar\./);
+  assert.match(file, /outer_radius_mm = 70/);
+  assert.match(file, /salinity_permille = 35/);
+  assert.doesNotMatch(file, /pitch_mm/);
+
+  step("set back, it is the camera in force");
+  await page.locator("#back").click();
+  await page.waitForFunction(
+    () => document.querySelector(".figures td[data-state=joint]")?.firstChild?.textContent === "+2.205 mm",
+  );
+
+  assert.deepEqual(own(), []);
+} finally {
+  await browser.close();
+  daemon.process.kill("SIGKILL");
+  place.remove();
+}
+
+/** Waits until a field holds a text. */
+async function holds(field, text) {
+  for (let tries = 0; tries < 50 && (await field.inputValue()) !== text; tries += 1) {
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  assert.equal(await field.inputValue(), text);
+}

@@ -1,0 +1,116 @@
+// States that people meet, on a bench of its own processes: a stage controller's twin behind a terminal and a camera that
+// plays files. First start, replay, camera unplugged and back, stage gone and back, devices found.
+
+import assert from "node:assert/strict";
+import { spawn } from "node:child_process";
+import { once } from "node:events";
+import { renameSync } from "node:fs";
+import { join } from "node:path";
+import { browse, faults, folder, open, photograph, program, render, start, step } from "./harness.mjs";
+
+const camera = `
+[sensor]
+width_px = 320
+height_px = 320
+
+[bench.simulation]
+rays = 1
+`;
+const place = folder(camera);
+const frames = join(place.state, "frames");
+const link = join(place.state, "stage");
+const bench = folder(`
+${camera}
+[bench]
+driver = "hardware"
+
+[bench.controllers.main]
+driver = "grbl"
+port = "${link}"
+
+[bench.camera]
+driver = "files"
+files = "${frames}"
+frame_rate_hz = 5.0
+timeout_ms = 1000
+`);
+
+render(place, frames, 3);
+let stage = await plugIn();
+const daemon = start(bench, "127.0.0.1:0", []);
+const browser = await browse();
+
+try {
+  const address = await daemon.address();
+  const page = await browser.newPage({ viewport: { width: 1024, height: 900 } });
+  const own = faults(page);
+  await page.goto(address);
+
+  step("at the first start nothing has been done, and the page says where to begin");
+  await page.locator(".meter", { hasText: "an alignment begins with one" }).waitFor();
+  await page.locator(".axes .tag", { hasText: "not homed" }).first().waitFor();
+  await open(page, "Alignment");
+  await page.locator(".job[data-state=none]", { hasText: "No job has been run" }).waitFor();
+  await open(page, "History");
+  await page.locator(".history-page", { hasText: /No job/ }).waitFor();
+  await open(page, "Live");
+
+  step("a bench of hardware is not called simulated; frames of old are called a replay");
+  await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
+  assert.doesNotMatch(await page.title(), /SIMULATED/);
+  await page.locator("header .simulated", { hasText: "REPLAY" }).waitFor();
+  await page.locator(".stamp", { hasText: "REPLAY" }).waitFor();
+
+  step("a camera that is unplugged is said to be gone on every page, with the reason");
+  renameSync(frames, `${frames}-gone`);
+  await page.locator("#camera-gone", { hasText: frames }).waitFor({ timeout: 20_000 });
+  await page.locator(".picture[data-state=stale] .over", { hasText: "STALE" }).waitFor({ timeout: 20_000 });
+  await page.locator(".picture .tag.bad", { hasText: "The camera sends nothing" }).waitFor();
+  await photograph(page, "camera-gone");
+  await open(page, "Design");
+  await page.locator("#camera-gone").waitFor();
+  await open(page, "Live");
+
+  step("plugged in again it shows by itself");
+  renameSync(`${frames}-gone`, frames);
+  await page.locator("#camera-gone").waitFor({ state: "detached", timeout: 20_000 });
+  await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
+
+  step("a stage that is unplugged is said to be gone");
+  stage.kill("SIGKILL");
+  await page.locator("#stage-gone", { hasText: "focus axis, e axis" }).waitFor({ timeout: 20_000 });
+  assert.equal(await page.locator(".axes .tag", { hasText: "not connected" }).count(), 2);
+  await photograph(page, "stage-gone");
+
+  step("and to be back, its places unknown");
+  stage = await plugIn();
+  await page.locator("#stage-gone").waitFor({ state: "detached", timeout: 30_000 });
+  await page.locator(".axes .tag", { hasText: "not homed" }).first().waitFor();
+
+  step("the devices of the machine are listed");
+  await open(page, "Settings");
+  const devices = page.locator(".devices");
+  await devices.locator("h3", { hasText: "Serial ports" }).waitFor();
+  const found = await (await fetch(new URL("/api/v1/devices", address))).json();
+  for (const { path } of [...found.cameras, ...found.serial_ports]) {
+    await devices.locator("code", { hasText: path }).first().waitFor();
+  }
+  if (found.cameras.length === 0) await page.locator("#no-cameras").waitFor();
+  await photograph(page, "settings");
+
+  assert.deepEqual(own(), []);
+} finally {
+  await browser.close();
+  daemon.process.kill("SIGKILL");
+  stage.kill("SIGKILL");
+  place.remove();
+  bench.remove();
+}
+
+/** A stage controller's twin behind the link; resolves when it serves. */
+async function plugIn() {
+  const arguments_ = ["sim-stage", "--protocol", "grbl", "--link", link, "--json", "--config", bench.file];
+  const child = spawn(program, arguments_, { env: bench.env, stdio: ["ignore", "pipe", "inherit"] });
+  await once(child.stdout, "data");
+  return child;
+}

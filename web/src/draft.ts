@@ -1,0 +1,120 @@
+// A draft of a camera: which of its values can be edited, what is asked of the daemon for them, what is written.
+
+import { same, valueAt, withValue, type Json, type JsonObject } from "./config-schema";
+import { fixed } from "./format";
+import { numberOf } from "./job-kinds";
+import { keyed, type Sections } from "./water";
+import type { LengthUnit } from "./units";
+
+/** What a value is measured in: a length follows the unit chosen; the rest stays as it is. */
+export type Measure = "length" | "pixel" | "count" | "plain" | "celsius" | "permille" | "nanometre" | "blur";
+
+export type DraftField =
+  { path: string; is: "number"; measure: Measure } | { path: string; is: "choice"; of: readonly string[] };
+
+export interface FieldGroup {
+  name: "main_lens" | "mla" | "sensor" | "shell" | "object" | "assembly";
+  fields: DraftField[];
+}
+
+const number = (path: string, measure: Measure): DraftField => ({ path, is: "number", measure });
+
+/** What can be edited, section by section; the water is chosen among alternatives, elsewhere. */
+export const GROUPS: FieldGroup[] = [
+  { name: "main_lens", fields: [number("main_lens.focal_length_mm", "length")] },
+  {
+    name: "shell",
+    fields: [
+      number("shell.outer_radius_mm", "length"),
+      number("shell.inner_radius_mm", "length"),
+      number("shell.refractive_index", "plain"),
+    ],
+  },
+  {
+    name: "mla",
+    fields: [
+      { path: "mla.mode", is: "choice", of: ["galilean", "keplerian"] },
+      { path: "mla.array", is: "choice", of: ["square", "hexagonal"] },
+      number("mla.pitch_mm", "length"),
+      number("mla.focal_length_mm", "length"),
+      number("mla.angular_resolution", "plain"),
+    ],
+  },
+  {
+    name: "sensor",
+    fields: [
+      number("sensor.pixel_um", "pixel"),
+      number("sensor.width_px", "count"),
+      number("sensor.height_px", "count"),
+    ],
+  },
+  {
+    name: "object",
+    fields: [number("object.distance_mm", "length"), number("object.air_distance_mm", "length")],
+  },
+  {
+    name: "assembly",
+    fields: [
+      number("assembly.initial_e_mm", "length"),
+      number("assembly.l_bound_mm", "length"),
+      number("assembly.blur_limit_px", "blur"),
+    ],
+  },
+];
+
+/** A value as it is typed. */
+export function spelt(value: Json | undefined, measure: Measure, unit: LengthUnit): string {
+  if (typeof value !== "number") return typeof value === "string" ? value : "";
+  return String(measure === "length" && unit === "µm" ? rounded(value * 1000) : value);
+}
+
+/** What is typed, as the configuration has it; what is no number goes on as text, for the daemon to name it. */
+export function typed(text: string, measure: Measure, unit: LengthUnit): Json {
+  const value = numberOf(text);
+  if (!Number.isFinite(value)) return text;
+  return measure === "length" && unit === "µm" ? rounded(value / 1000) : value;
+}
+
+/** Without the last digits, which a change of units makes up. */
+function rounded(value: number): number {
+  return Number(value.toPrecision(12));
+}
+
+/** The sections of `to` with the keys that differ from `from`; the water whole, its keys being alternatives. */
+export function difference(from: JsonObject, to: JsonObject): Sections {
+  const sections: Sections = {};
+  for (const [section, keys] of Object.entries(to)) {
+    const before = from[section];
+    if (!keyed(keys) || same(before, keys)) continue;
+    const other = Object.entries(keys).filter(
+      ([key, value]) => section === "water" || !same(value, keyed(before) ? before[key] : undefined),
+    );
+    sections[section] = Object.fromEntries(other);
+  }
+  return sections;
+}
+
+/** A configuration with the keys of a draft that differ from what is in force. */
+export function laidOver(config: JsonObject, sections: Sections): JsonObject {
+  let next = config;
+  for (const [section, keys] of Object.entries(sections)) {
+    if (section === "water") next = { ...next, water: keys };
+    else for (const [key, value] of Object.entries(keys)) next = withValue(next, `${section}.${key}`, value);
+  }
+  return next;
+}
+
+/** How many keys a draft changes. */
+export function count(sections: Sections): number {
+  return Object.values(sections).reduce((sum, keys) => sum + Object.keys(keys).length, 0);
+}
+
+/** Whether a value differs from what is in force. */
+export function isChanged(from: JsonObject, to: JsonObject, path: string): boolean {
+  return !same(valueAt(from, path), valueAt(to, path));
+}
+
+/** An angle in degrees. */
+export function degrees(value: number | null | undefined): string | null {
+  return typeof value === "number" ? `${fixed(value, 2)}°` : null;
+}

@@ -1,0 +1,27 @@
+import { strings } from "../strings";
+import type { Bench } from "../wire";
+
+/** That the camera or a stage is gone, on every page: what is done there rests on them. */
+export function Absences({ bench }: { bench: Bench }) {
+  const gone = bench.axes.filter((axis) => !axis.connected);
+  const { camera } = bench;
+  return (
+    <>
+      {!camera.online && (
+        <div class="problem" role="alert" id="camera-gone">
+          <p>
+            <b>{strings.cameraGone}.</b> {camera.fault ?? strings.cameraGoneMore}
+          </p>
+        </div>
+      )}
+      {gone.length > 0 && (
+        <div class="problem" role="alert" id="stage-gone">
+          <p>
+            <b>{strings.stageGone(gone.map((axis) => strings.axis.name[axis.axis]))}.</b>{" "}
+            {gone[0]?.fault ?? strings.stageGoneMore}
+          </p>
+        </div>
+      )}
+    </>
+  );
+}

@@ -1,0 +1,158 @@
+import { useEffect, useState } from "preact/hooks";
+import * as api from "../../api";
+import type { JsonObject } from "../../config-schema";
+import { count, difference } from "../../draft";
+import { strings } from "../../strings";
+import { Newest } from "../../newest";
+import type { LengthUnit } from "../../units";
+import type { ConfigFault, Draft, DraftBase } from "../../wire";
+import type { Scene } from "../scene";
+import { Choice } from "../toggle";
+import { Curves } from "./curves";
+import { DraftFields } from "./fields";
+import { Figures } from "./figures";
+import { Save } from "./save";
+import { Drawings } from "./train";
+
+/** Between the last key pressed and the question, ms: results are to follow at once. */
+const REST_MS = 120;
+const UNITS: readonly LengthUnit[] = ["mm", "µm"];
+const COMPARISONS = ["nothing", "in_force", "preset"] as const;
+type Comparison = (typeof COMPARISONS)[number];
+
+/** What a camera would come to. */
+export function DesignPage(scene: Scene) {
+  const { state, update, act } = scene;
+  const [inForce, setInForce] = useState<Draft | null>(null);
+  const [preset, setPreset] = useState<Draft | null>(null);
+  const [shown, setShown] = useState<Draft | null>(null);
+  const [edited, edit] = useState<JsonObject | null>(null);
+  const [faults, setFaults] = useState<ConfigFault[] | null>(null);
+  const [working, setWorking] = useState(false);
+  const [comparison, compare] = useState<Comparison>("nothing");
+  const [newest] = useState(() => new Newest());
+  const connected = state.link === "open";
+
+  useEffect(() => {
+    if (!connected) return;
+    const ask = (base: DraftBase, set: (draft: Draft) => void) =>
+      act(
+        api.draftDesign(base, {}).then((result) => {
+          if (result.ok) set(result.value);
+          return result;
+        }),
+      );
+    void ask("in_force", (draft) => {
+      setInForce(draft);
+      setShown((before) => before ?? draft);
+      edit((before) => before ?? (draft.config as JsonObject));
+    });
+    void ask("preset", setPreset);
+  }, [state.bootId, connected]);
+
+  const base = inForce?.config as JsonObject | undefined;
+  const changes = base && edited ? difference(base, edited) : {};
+  useEffect(() => {
+    if (!edited || !base) return undefined;
+    setWorking(true);
+    const timer = setTimeout(() => {
+      void newest.of(api.draftDesign("in_force", changes)).then((result) => {
+        if (result === null) return;
+        setWorking(false);
+        if (result.ok) {
+          setShown(result.value);
+          setFaults(null);
+        } else if ([409, 422].includes(result.problem.status)) {
+          setFaults(result.problem.problems ?? [{ key: "", message: result.problem.detail }]);
+        } else {
+          update({ problem: result.problem });
+        }
+      });
+    }, REST_MS);
+    return () => clearTimeout(timer);
+  }, [edited, base]);
+
+  if (!shown || !edited || !base) return null;
+  const { unit } = state.preferences;
+  const against = comparison === "in_force" ? inForce : comparison === "preset" ? preset : null;
+  const other =
+    against && comparison !== "nothing"
+      ? { name: strings.design.compared[comparison], draft: against }
+      : null;
+  const stale = faults !== null;
+  return (
+    <div class="design-page">
+      <section class="card draft" aria-label={strings.design.title}>
+        <h2>{strings.design.title}</h2>
+        <p class="quiet">{strings.design.more}</p>
+        <p class="row">
+          <span>{strings.design.units}</span>
+          <Choice
+            label={strings.design.units}
+            of={UNITS}
+            chosen={unit}
+            choose={(unit) => update({ preferences: { ...state.preferences, unit } })}
+          />
+        </p>
+        <DraftFields
+          base={base}
+          edited={edited}
+          waterIndex={shown.design.water_refractive_index}
+          faults={faults ?? []}
+          unit={unit}
+          set={edit}
+        />
+        <p class="actions">
+          <button type="button" id="back" disabled={count(changes) === 0} onClick={() => edit(base)}>
+            {strings.design.reset}
+          </button>
+        </p>
+        <Save {...scene} changes={changes} wrong={stale} working={working} obstacles={shown.obstacles} />
+      </section>
+      <div class="column outcome-column" data-stale={stale} aria-busy={working}>
+        {stale && (
+          <div class="notice wrong" role="alert">
+            <p>{strings.design.impossible}</p>
+            <Strays faults={faults} />
+          </div>
+        )}
+        <section class="card" aria-label={strings.design.figures}>
+          <h2>
+            {strings.design.figures}
+            <span class="quiet" role="status">
+              {working ? strings.design.working : ""}
+            </span>
+          </h2>
+          <p class="row compare-with">
+            <span>{strings.design.compare}</span>
+            <Choice
+              label={strings.design.compare}
+              of={COMPARISONS}
+              chosen={comparison}
+              name={(one) => strings.design.comparison[one]}
+              choose={compare}
+            />
+          </p>
+          <Figures draft={shown} other={other} unit={unit} />
+        </section>
+        <Drawings draft={shown} other={other} unit={unit} />
+        <Curves draft={shown} other={other} unit={unit} />
+      </div>
+    </div>
+  );
+}
+
+/** What is wrong and has no field to be said at. */
+function Strays({ faults }: { faults: ConfigFault[] }) {
+  const strays = faults.filter((fault) => !(fault.key in strings.design.field));
+  return (
+    <>
+      {faults.length > strays.length && <p>{strings.design.wrong(faults.length - strays.length)}</p>}
+      {strays.map((fault) => (
+        <p key={fault.key}>
+          <b>{fault.key}</b> {fault.message}
+        </p>
+      ))}
+    </>
+  );
+}
