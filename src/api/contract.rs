@@ -192,6 +192,33 @@ fn of_kind(all: &Object, kind: JobKind) -> Object {
             object.properties.insert((*field).to_owned(), schema.clone());
         }
     }
-    object.required.extend(JobRequest::needs(kind).iter().map(|&field| field.to_owned()));
+    for &field in JobRequest::needs(kind) {
+        object.required.push(field.to_owned());
+        if let Some(schema) = object.properties.get_mut(field) {
+            forbid_null(schema);
+        }
+    }
     object
+}
+
+/// Takes null out of what a schema allows: a field that is needed is not there when it is null.
+fn forbid_null(schema: &mut RefOr<Schema>) {
+    let null = SchemaType::Type(Type::Null);
+    match schema {
+        RefOr::T(Schema::Object(object)) => {
+            if let SchemaType::Array(types) = &mut object.schema_type {
+                types.retain(|kind| *kind != Type::Null);
+                if let [only] = &types[..] {
+                    object.schema_type = SchemaType::Type(only.clone());
+                }
+            }
+        }
+        RefOr::T(Schema::OneOf(one_of)) => {
+            one_of.items.retain(|item| !matches!(item, RefOr::T(Schema::Object(object)) if object.schema_type == null));
+            if let [only] = &one_of.items[..] {
+                *schema = only.clone();
+            }
+        }
+        _ => {}
+    }
 }

@@ -132,3 +132,19 @@ fn references_and_links_of_the_contract_lead_somewhere() {
     assert_eq!(schemas["ConfigRequest"]["properties"]["config"]["$ref"], "#/components/schemas/Config");
     assert_eq!(schemas["Config"]["properties"]["sensor"]["$ref"], "#/components/schemas/Config.SensorConfig");
 }
+
+/// What a kind of job needs is there and not null, as the daemon takes it.
+#[test]
+fn a_job_is_not_promised_what_it_needs_as_null() {
+    let contract: serde_json::Value = serde_json::from_str(plenalign::api::openapi_json()).unwrap();
+    let kinds = contract["components"]["schemas"]["JobRequest"]["oneOf"].as_array().unwrap();
+    let mut needed = 0;
+    for kind in kinds {
+        for field in kind["required"].as_array().unwrap() {
+            let schema = &kind["properties"][field.as_str().unwrap()];
+            assert!(schema.is_object() && !schema.to_string().contains("\"null\""), "{field} may be null: {schema}");
+            needed += 1;
+        }
+    }
+    assert!(needed > kinds.len(), "no kind needs anything but its name");
+}

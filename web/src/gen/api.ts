@@ -2783,7 +2783,8 @@ export interface components {
           note?: string | null;
         }
       | {
-          axis: components["schemas"]["AxisName"] | null;
+          /** @description The axis to move (focus sweep). */
+          axis: components["schemas"]["AxisName"];
           /**
            * Format: double
            * @description Distance of the board's middle from the lens's principal point in air, mm (calibration, focus sweep); where the
@@ -2794,7 +2795,7 @@ export interface components {
            * Format: double
            * @description Where the sweep begins, mm (focus sweep).
            */
-          from_mm: number | null;
+          from_mm: number;
           /** @enum {string} */
           kind: "focus_sweep";
           /** @description What it is for, in the caller's words. */
@@ -2808,14 +2809,14 @@ export interface components {
            * Format: double
            * @description Where it ends, mm (focus sweep).
            */
-          to_mm: number | null;
+          to_mm: number;
         }
       | {
           /**
            * Format: double
            * @description For how long, s (spacing watch).
            */
-          duration_s: number | null;
+          duration_s: number;
           /**
            * Format: double
            * @description Between two measurements, s (spacing watch); 1 where it is not given, and longer where more than 500 measurements
