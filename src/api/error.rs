@@ -267,6 +267,13 @@ impl Problem {
             .with(json!({ "problems": problems }))
     }
 
+    /// Things can be made to go wrong with a simulated bench only.
+    #[must_use]
+    pub fn not_simulated() -> Self {
+        let detail = "this bench is not simulated; start the daemon with --simulated to try faults";
+        Self::new(StatusCode::CONFLICT, "not-simulated", "The bench is not simulated", detail)
+    }
+
     /// The WebSocket's path was asked for without an upgrade.
     #[must_use]
     pub fn upgrade_required(detail: impl Into<String>) -> Self {

@@ -38,6 +38,7 @@ mod scopes;
 mod security;
 pub mod server;
 mod session;
+mod simulation;
 mod stop;
 mod stream;
 mod tickets;
@@ -246,6 +247,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(config::validate))
         .routes(routes!(info::design, draft::work_out))
         .routes(routes!(devices::get))
+        .routes(routes!(simulation::faults, simulation::put_faults))
         .routes(routes!(info::openapi))
         .routes(routes!(page::docs))
         .routes(routes!(metrics::health))

@@ -28,6 +28,9 @@ const MEASURE: (&str, &str) = ("POST", "/api/v1/measurements");
 /// Working out a draft of a camera, which is arithmetic.
 const DRAFT: (&str, &str) = ("POST", "/api/v1/design");
 
+/// What is made to go wrong with the simulated bench.
+const FAULTS: &str = "/api/v1/simulation/faults";
+
 /// Method and path of every route. HEAD needs what GET does.
 const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/healthz", NOTHING),
@@ -79,6 +82,8 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", DRAFT.1, VIEW),
     (DRAFT.0, DRAFT.1, VIEW),
     ("GET", "/api/v1/devices", VIEW),
+    ("GET", FAULTS, VIEW),
+    ("PUT", FAULTS, CONTROL),
     ("GET", "/api/v1/openapi.json", VIEW),
     ("GET", "/api/v1/config", VIEW),
     ("PUT", "/api/v1/config", ADMIN),

@@ -16,7 +16,7 @@ use super::tasks::AirStep;
 use crate::config::Config;
 use crate::device::{AxisPose, Bench, DeviceError, Frame};
 use crate::optics::CameraDesign;
-use crate::raw::RawImage;
+use crate::raw::{RawImage, Samples};
 use crate::telemetry;
 use crate::units::Millimetres;
 
@@ -60,6 +60,8 @@ pub(super) struct Eye {
     journal: Arc<Journal>,
     sight: Mutex<Option<Arc<Sight>>>,
     air_step: Mutex<Option<AirStep>>,
+    /// The frame that was looked at last.
+    looked_at: Mutex<Option<Arc<Frame>>>,
     measured: watch::Sender<Option<MeasurementView>>,
     map: watch::Sender<Option<Arc<FieldMap>>>,
     /// The spacing wanted, px.
@@ -77,6 +79,7 @@ impl Eye {
             journal,
             sight: Mutex::new(None),
             air_step: Mutex::new(None),
+            looked_at: Mutex::new(None),
             measured: watch::Sender::new(None),
             map: watch::Sender::new(None),
             target_px: Mutex::new(0.0),
@@ -189,10 +192,31 @@ impl Eye {
                     }
                     .into());
                 }
+                self.check_new(&frame)?;
                 return Ok(frame);
             }
         }
         Err(JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis")))
+    }
+
+    /// Whether a frame is a new picture: noise makes no two the same to the last pixel, unless the driver gives an old
+    /// one again.
+    fn check_new(&self, frame: &Arc<Frame>) -> Result<(), JobEnd> {
+        let before = self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).replace(Arc::clone(frame));
+        let simulation = &self.config.bench.simulation;
+        let noiseless = frame.simulated && simulation.read_noise_levels == 0.0 && simulation.electrons_per_level == 0.0;
+        match before {
+            Some(before) if before.seq != frame.seq && !noiseless && is_same_picture(&before.image, &frame.image) => {
+                Err(DeviceError::Protocol {
+                    device: "the camera".to_owned(),
+                    detail: "two frames are the same to the last pixel: it gives an old picture again as if it were \
+                             new; unplug it and plug it in again"
+                        .to_owned(),
+                }
+                .into())
+            }
+            _ => Ok(()),
+        }
     }
 
     async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
@@ -320,6 +344,18 @@ impl Eye {
     pub(super) fn journal(&self) -> &Journal {
         &self.journal
     }
+}
+
+/// Whether two frames are the same to the last pixel; such as are of one grey level alone, black or clipped, tell nothing.
+fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
+    fn varies<T: PartialEq>(samples: &[T]) -> bool {
+        samples.first().is_some_and(|first| samples.iter().any(|sample| sample != first))
+    }
+    one == other
+        && match one.samples() {
+            Samples::U8(samples) => varies(samples),
+            Samples::U16(samples) => varies(samples),
+        }
 }
 
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {

@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod connected;
+pub mod faults;
 pub mod jog;
 pub mod open;
 pub mod port;
@@ -22,6 +23,7 @@ use tokio::time::Instant;
 
 use crate::raw::RawImage;
 use crate::units::Millimetres;
+use faults::Faults;
 
 /// Which of the bench's two axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
@@ -394,6 +396,10 @@ pub trait SimulatedOperator: Send + Sync {
     fn confirms(&self) -> bool;
     /// The simulated truth as a JSON object, for reports.
     fn truth(&self) -> serde_json::Value;
+    /// What goes wrong with the simulated bench.
+    fn faults(&self) -> Faults;
+    /// Makes that go wrong, and nothing else, from now on.
+    fn set_faults(&self, faults: Faults);
 }
 
 /// Every device of one rig.

@@ -3,8 +3,8 @@
 //! A measured frame is rendered at full quality when it is asked for. While somebody watches, coarse previews are
 //! rendered at the preview rate; nobody watching costs nothing.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -13,18 +13,24 @@ use tokio::time::Instant;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::picture::Picture;
-use super::truth::Truth;
+use super::truth::{Pose, Truth};
 use crate::config::Config;
+use crate::device::faults::Faults;
 use crate::device::{AxisPose, CameraState, DeviceError, Frame, FrameSource, Stage};
+use crate::raw::RawImage;
 
+/// What the camera is called in errors.
+const NAME: &str = "the simulated camera";
+/// Why it gives no frame while it is unplugged.
+const UNPLUGGED: &str = "it is unplugged";
 /// Exposure of a simulated frame.
 const EXPOSURE: Duration = Duration::from_millis(10);
 
 /// The simulated camera.
 pub struct SimulatedCamera {
     shared: Arc<Shared>,
-    /// Ends the preview task with the camera.
-    _preview: DropGuard,
+    /// Ends the camera's tasks with it.
+    _tasks: DropGuard,
 }
 
 struct Shared {
@@ -37,6 +43,9 @@ struct Shared {
     live: watch::Sender<Option<Arc<Frame>>>,
     watched: Notify,
     seq: AtomicU64,
+    faults: watch::Receiver<Faults>,
+    /// The newest picture, given again by a driver that hangs.
+    last: Mutex<Option<Arc<RawImage>>>,
     /// One frame is rendered at a time: they all use every core.
     rendering: tokio::sync::Mutex<()>,
 }
@@ -61,6 +70,8 @@ impl SimulatedCamera {
         };
         let shared = Arc::new(Shared {
             picture: Arc::new(Picture::new(&config)),
+            faults: truth.faults(),
+            last: Mutex::default(),
             truth,
             focus,
             e,
@@ -74,11 +85,40 @@ impl SimulatedCamera {
         let end = CancellationToken::new();
         let preview = Arc::clone(&shared);
         tokio::spawn(end.clone().run_until_cancelled_owned(async move { preview.preview().await }));
-        Self { shared, _preview: end.drop_guard() }
+        let plug = Arc::clone(&shared);
+        tokio::spawn(end.clone().run_until_cancelled_owned(async move { plug.follow_the_plug().await }));
+        Self { shared, _tasks: end.drop_guard() }
     }
 }
 
 impl Shared {
+    /// Says that the camera is gone while it is unplugged.
+    async fn follow_the_plug(&self) {
+        let mut faults = self.faults.clone();
+        loop {
+            let unplugged = faults.borrow_and_update().camera.unplugged;
+            self.state.send_if_modified(|state| {
+                let changed = state.online == unplugged;
+                state.online = !unplugged;
+                state.fault = unplugged.then(|| UNPLUGGED.to_owned());
+                changed
+            });
+            if unplugged {
+                self.live.send_replace(None);
+            }
+            if faults.changed().await.is_err() {
+                return;
+            }
+        }
+    }
+
+    fn unplugged(&self) -> Result<(), DeviceError> {
+        if self.faults.borrow().camera.unplugged {
+            return Err(DeviceError::Disconnected { device: NAME.to_owned(), reason: UNPLUGGED.to_owned() });
+        }
+        Ok(())
+    }
+
     async fn preview(&self) {
         let rate = self.config.bench.simulation.preview_rate_hz;
         let interval = Duration::from_secs_f64(1.0 / rate);
@@ -104,6 +144,7 @@ impl Shared {
     }
 
     async fn take(&self, rays: u32, preview: bool) -> Result<Arc<Frame>, DeviceError> {
+        self.unplugged()?;
         let exposed_from = Instant::now();
         let pose = self.truth.pose();
         let focus = Self::axis_pose(&self.focus, self.config.bench.focus.settle_ms, exposed_from);
@@ -112,13 +153,10 @@ impl Shared {
         let end = self.truth.pose();
         let still = end == pose;
         let seq = self.seq.fetch_add(1, Ordering::SeqCst) + 1;
-        let picture = Arc::clone(&self.picture);
-        let image =
-            tokio::task::spawn_blocking(move || picture.take(&pose, &end, rays, seq)).await.map_err(|error| {
-                DeviceError::Disconnected { device: "the simulated camera".to_owned(), reason: error.to_string() }
-            })?;
+        let image = self.image(pose, end, rays, seq).await?;
+        self.unplugged()?;
         Ok(Arc::new(Frame {
-            image: Arc::new(image),
+            image,
             seq,
             exposed_from,
             exposed_to: exposed_from + EXPOSURE,
@@ -130,6 +168,22 @@ impl Shared {
             simulated: true,
             replayed: false,
         }))
+    }
+
+    async fn image(&self, from: Pose, to: Pose, rays: u32, seq: u64) -> Result<Arc<RawImage>, DeviceError> {
+        let faults = *self.faults.borrow();
+        let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let hanging = if faults.camera.frozen { last().clone() } else { None };
+        if let Some(image) = hanging {
+            return Ok(image);
+        }
+        let picture = Arc::clone(&self.picture);
+        let image = tokio::task::spawn_blocking(move || picture.take(&from, &to, rays, seq, &faults))
+            .await
+            .map_err(|error| DeviceError::Disconnected { device: NAME.to_owned(), reason: error.to_string() })?;
+        let image = Arc::new(image);
+        *last() = Some(Arc::clone(&image));
+        Ok(image)
     }
 }
 

@@ -11,6 +11,7 @@ use super::shutter::Displacement;
 use super::texture::TextureMap;
 use super::truth::{Pose, Surroundings};
 use crate::config::Config;
+use crate::device::faults::{Faults, PictureFault};
 use crate::optics::CameraDesign;
 use crate::raw::RawImage;
 
@@ -40,8 +41,8 @@ impl Picture {
     /// Takes a picture of the simulated world while it goes from one pose to another. `seq` makes its noise its own.
     ///
     /// Where the configuration samples an exposure at one moment only, that is the first.
-    pub(super) fn take(&self, from: &Pose, to: &Pose, rays: u32, seq: u64) -> RawImage {
-        let camera = self.camera(from);
+    pub(super) fn take(&self, from: &Pose, to: &Pose, rays: u32, seq: u64, faults: &Faults) -> RawImage {
+        let camera = self.camera(from, faults);
         let simulation = &self.config.bench.simulation;
         let seed = simulation.seed;
         let travel = Displacement {
@@ -50,8 +51,17 @@ impl Picture {
             ..Displacement::default()
         };
         let shutter = configured::shutter(&self.config).with_travel(travel);
-        let flaws = configured::flaws(&self.config, from.shell_on, seed);
-        let irradiance = shutter.collect(&self.renderer(rays, seed), &camera, &self.scene(from), &flaws);
+        let flaws = match faults.scene.bubbles {
+            0 => configured::flaws(&self.config, from.shell_on, seed),
+            count => {
+                let mut config = self.config.clone();
+                config.bench.simulation.bubbles.count = count.into();
+                configured::flaws(&config, from.shell_on, seed)
+            }
+        };
+        let scene = self.scene(from, faults.scene.board_displaced_mm);
+        let mut irradiance = shutter.collect(&self.renderer(rays, seed), &camera, &scene, &flaws);
+        spoil(&mut irradiance, camera.width, faults.camera.picture);
         expose(&irradiance, camera.width, camera.height, &self.noise, seed.rotate_left(32) ^ seq)
     }
 
@@ -61,9 +71,14 @@ impl Picture {
         Arc::clone(renderer)
     }
 
-    fn camera(&self, pose: &Pose) -> CameraTruth {
+    fn camera(&self, pose: &Pose, faults: &Faults) -> CameraTruth {
         let simulation = &self.config.bench.simulation;
-        let camera = self.design_camera(pose.shell_on.then_some(pose.e_mm));
+        let mut camera = self.design_camera(pose.shell_on.then_some(pose.e_mm));
+        if let Medium::Water { shell, .. } = &mut camera.medium
+            && faults.scene.tank_empty
+        {
+            shell.n_water = 1.0;
+        }
         let camera = configured::camera(camera, simulation, simulation.seed);
         CameraTruth {
             focal_length: self.design.main_lens.focal_length * (1.0 + simulation.focal_length_error),
@@ -86,18 +101,19 @@ impl Picture {
         self.config.pixel_pitch().millimetres()
     }
 
-    fn scene(&self, pose: &Pose) -> Scene {
+    /// `farther`: how much farther away boards are than where they are said to be, mm.
+    fn scene(&self, pose: &Pose, farther: f64) -> Scene {
         match pose.surroundings {
             Surroundings::Diffuser => Scene::Diffuser,
             Surroundings::AirBoard { placed_at_e_mm } => {
                 let distance = self.config.object.air_distance_mm;
                 let texture = self.texture(Medium::Air, distance);
-                let board = Board::new(distance + pose.e_mm - placed_at_e_mm, texture);
+                let board = Board::new(distance + farther + pose.e_mm - placed_at_e_mm, texture);
                 Scene::Board(Board { tilt: self.board_tilt(), ..board })
             }
             Surroundings::AirTripleBoard { distances_mm, placed_at_e_mm } => {
                 // The boards stand still while e moves the camera.
-                let distances = distances_mm.map(|distance| distance + pose.e_mm - placed_at_e_mm);
+                let distances = distances_mm.map(|distance| distance + farther + pose.e_mm - placed_at_e_mm);
                 let texture = self.texture(Medium::Air, distances_mm[1]);
                 // The edges are the board's own, whatever Δv does to the field.
                 let slope = self.design_camera(None).half_field_slope();
@@ -110,7 +126,7 @@ impl Picture {
             Surroundings::WaterBoard { distance_mm } => {
                 let joint = self.design.joint(self.config.assembly.l_bound_mm);
                 let medium = self.design_camera(Some(joint.e)).medium;
-                let board = Board::new(distance_mm, self.texture(medium, distance_mm));
+                let board = Board::new(distance_mm + farther, self.texture(medium, distance_mm));
                 Scene::Board(Board { tilt: self.board_tilt(), ..board })
             }
         }
@@ -133,6 +149,51 @@ impl Picture {
     }
 }
 
+/// How much less light there is where it is dark, and more where there is too much.
+const DARK: f32 = 0.01;
+const GLARE: f32 = 12.0;
+/// To how many pixels either side of its place a blurred picture's light is spread, each way.
+const SPREAD_PX: usize = 6;
+/// Where data of a torn picture are lost, and how much of them, as shares of its height and width.
+const TORN_AT: f64 = 0.45;
+const TORN_BY: f64 = 0.3;
+
+/// Does to a picture what is wrong with the camera.
+fn spoil(irradiance: &mut Vec<f32>, width: usize, fault: PictureFault) {
+    match fault {
+        PictureFault::None => {}
+        PictureFault::Dark => irradiance.iter_mut().for_each(|light| *light *= DARK),
+        PictureFault::Saturated => irradiance.iter_mut().for_each(|light| *light *= GLARE),
+        PictureFault::Blurred => {
+            for row in irradiance.chunks_mut(width) {
+                row.copy_from_slice(&spread(row));
+            }
+            let height = irradiance.len() / width;
+            for x in 0..width {
+                let column: Vec<f32> = irradiance.iter().skip(x).step_by(width).copied().collect();
+                for (y, light) in spread(&column).into_iter().enumerate().take(height) {
+                    irradiance[y * width + x] = light;
+                }
+            }
+        }
+        PictureFault::Torn => {
+            let lost = (TORN_BY * width as f64) as usize;
+            let at = (TORN_AT * (irradiance.len() / width) as f64) as usize * width + lost;
+            irradiance.drain(at..at + lost);
+            irradiance.extend(std::iter::repeat_n(0.0, lost));
+        }
+    }
+}
+
+/// The mean over [`SPREAD_PX`] either side of each place, at the ends over as many as there are.
+fn spread(line: &[f32]) -> Vec<f32> {
+    let at = |index: usize| {
+        let near = &line[index.saturating_sub(SPREAD_PX)..(index + SPREAD_PX + 1).min(line.len())];
+        near.iter().sum::<f32>() / near.len() as f32
+    };
+    (0..line.len()).map(at).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,7 +212,8 @@ mod tests {
             Pose { delta_v_mm: from.delta_v_mm + way, lens_to_mla_mm: from.lens_to_mla_mm + way, ..from }
         };
         let sharp = Picture::new(&config);
-        let take = |picture: &Picture, from: &Pose, to: &Pose| picture.take(from, to, 8, 1).to_f32();
+        let take =
+            |picture: &Picture, from: &Pose, to: &Pose| picture.take(from, to, 8, 1, &Faults::default()).to_f32();
         assert_eq!(take(&sharp, &from, &to), take(&sharp, &from, &from));
         config.bench.simulation.motion.steps = 2;
         let blurred = take(&Picture::new(&config), &from, &to);
@@ -159,6 +221,49 @@ mod tests {
         let (one, other) = (take(&sharp, &part(0.25), &from), take(&sharp, &part(0.75), &from));
         for ((blurred, one), other) in blurred.iter().zip(&one).zip(&other) {
             assert!((blurred - 0.5 * (one + other)).abs() <= 1.01, "{blurred} for {one} and {other}");
+        }
+    }
+    #[test]
+    fn what_is_wrong_with_pictures_is_seen_in_them() {
+        let mut config = Config::default();
+        (config.sensor.width_px, config.sensor.height_px) = (120, 90);
+        let pose = Truth::new(&Arc::new(config.clone())).pose();
+        let picture = Picture::new(&config);
+        let take = |fault| {
+            let mut faults = Faults::default();
+            faults.camera.picture = fault;
+            picture.take(&pose, &pose, 8, 1, &faults).to_f32()
+        };
+        let mean = |frame: &[f32]| frame.iter().sum::<f32>() / frame.len() as f32;
+        let variation = |frame: &[f32]| frame.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f32>();
+        let (good, dark, glare) = (take(PictureFault::None), take(PictureFault::Dark), take(PictureFault::Saturated));
+        assert!(mean(&dark) < 0.1 * mean(&good), "{} of {}", mean(&dark), mean(&good));
+        let clipped = |frame: &[f32]| frame.iter().filter(|&&level| level > 254.5).count() as f32 / frame.len() as f32;
+        assert!(clipped(&good) < 0.05 && clipped(&glare) > 0.5, "{} and {}", clipped(&good), clipped(&glare));
+        assert!(variation(&take(PictureFault::Blurred)) < 0.6 * variation(&good));
+        let torn = take(PictureFault::Torn);
+        let above = 120 * 40;
+        assert_eq!(torn[..above], good[..above]);
+        assert!(torn[above + 120..120 * 89] != good[above + 120..120 * 89]);
+        assert_eq!(torn.len(), good.len());
+    }
+
+    #[test]
+    fn an_empty_tank_and_a_board_elsewhere_look_otherwise() {
+        let mut config = Config::default();
+        (config.sensor.width_px, config.sensor.height_px) = (120, 90);
+        config.bench.simulation.read_noise_levels = 0.0;
+        let truth = Truth::new(&Arc::new(config.clone()));
+        truth.obey(&crate::device::Setup::WaterBoard { distance_mm: 800.0 });
+        let (pose, picture) = (truth.pose(), Picture::new(&config));
+        let take = |faults: Faults| picture.take(&pose, &pose, 8, 1, &faults).to_f32();
+        let good = take(Faults::default());
+        let (mut empty, mut elsewhere, mut bubbles) = (Faults::default(), Faults::default(), Faults::default());
+        empty.scene.tank_empty = true;
+        elsewhere.scene.board_displaced_mm = 200.0;
+        bubbles.scene.bubbles = 80;
+        for faults in [empty, elsewhere, bubbles] {
+            assert_ne!(take(faults), good, "{faults:?}");
         }
     }
 }

@@ -7,10 +7,13 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::json;
 
+use tokio::sync::watch;
+
 use super::plant::Plant;
 use super::stage::PULL_OFF_MM;
 use crate::config::{AxisConfig, Config, Side};
-use crate::device::{AxisName, Setup, SimulatedOperator};
+use crate::device::faults::{AxisFaults, Faults};
+use crate::device::{AxisName, Setup};
 use crate::optics::{CameraDesign, MainLens};
 
 /// What stands before the lens, and what is around it.
@@ -96,12 +99,13 @@ impl Carriage {
         if self.flipped { 2.0 * self.home - self.position } else { self.position }
     }
 
-    fn turn_to(&mut self, count: f64) {
+    fn turn_to(&mut self, count: f64, faults: &AxisFaults) {
         let direction = if self.reversed { -1.0 } else { 1.0 };
-        self.screw += direction * (count - self.count) * self.scale;
+        self.screw += direction * (count - self.count) * self.scale * (1.0 - faults.slip_share);
         self.count = count;
-        // The nut has `backlash` of play below the screw's push position.
-        let pulled = self.position.clamp(self.screw - self.backlash, self.screw);
+        // The nut has this much play below the screw's push position.
+        let backlash = self.backlash + faults.backlash_mm;
+        let pulled = self.position.clamp(self.screw - backlash, self.screw);
         if (pulled - self.position).abs() >= self.friction {
             self.position = pulled;
         }
@@ -170,6 +174,7 @@ pub struct Truth {
     design: CameraDesign,
     config: Arc<Config>,
     world: Mutex<World>,
+    faults: watch::Sender<Faults>,
 }
 
 impl Truth {
@@ -209,7 +214,19 @@ impl Truth {
                 least_e_with_shell_mm: f64::INFINITY,
                 touched_shell: false,
             }),
+            faults: watch::Sender::default(),
         })
+    }
+
+    /// What goes wrong, now and from now on.
+    #[must_use]
+    pub fn faults(&self) -> watch::Receiver<Faults> {
+        self.faults.subscribe()
+    }
+
+    /// Makes that go wrong, and nothing else, as far as it is the world's and the camera's.
+    pub fn set_faults(&self, faults: Faults) {
+        self.faults.send_replace(faults);
     }
 
     /// The configuration that the bench was made from.
@@ -290,26 +307,32 @@ impl Plant for Truth {
     fn motor_moved(&self, axis: usize, position_mm: f64) {
         let Some(axis) = axis_of(axis) else { return };
         let contact = self.config.bench.simulation.contact_e_mm;
+        let faults = *self.faults.borrow().axis(axis);
         let mut world = self.world();
-        world.carriage(axis).turn_to(position_mm);
+        world.carriage(axis).turn_to(position_mm, &faults);
         world.note_shell(contact);
     }
 
     fn home_switch_closed(&self, axis: usize) -> bool {
-        axis_of(axis).is_some_and(|axis| self.world().carriage(axis).at_switch())
+        axis_of(axis).is_some_and(|axis| {
+            let stuck = self.faults.borrow().axis(axis).limit_switch;
+            stuck || self.world().carriage(axis).at_switch()
+        })
     }
 
     fn limit_switch_closed(&self, axis: usize) -> bool {
         axis_of(axis).is_some_and(|axis| {
+            let stuck = self.faults.borrow().axis(axis).limit_switch;
             let mut world = self.world();
             let carriage = world.carriage(axis);
-            carriage.at_switch() || carriage.at_far_stop()
+            stuck || carriage.at_switch() || carriage.at_far_stop()
         })
     }
 }
 
-impl SimulatedOperator for Truth {
-    fn obey(&self, setup: &Setup) {
+impl Truth {
+    /// Carries out a set-up instruction at once.
+    pub fn obey(&self, setup: &Setup) {
         let simulation = &self.config.bench.simulation;
         let error = simulation.board_placement_error_mm;
         let mut world = self.world();
@@ -341,11 +364,9 @@ impl SimulatedOperator for Truth {
         }
     }
 
-    fn confirms(&self) -> bool {
-        self.config.bench.simulation.operator_confirms
-    }
-
-    fn truth(&self) -> serde_json::Value {
+    /// The truth as a JSON object, for reports.
+    #[must_use]
+    pub fn report(&self) -> serde_json::Value {
         let pose = self.pose();
         let world = self.world();
         json!({
@@ -414,11 +435,29 @@ mod tests {
     }
 
     #[test]
+    fn a_screw_that_slips_goes_less_far_and_more_play_loses_more() {
+        let truth = bench(|_| {});
+        truth.motor_moved(1, 1.0);
+        let start = truth.pose().e_mm;
+        let mut faults = Faults::default();
+        faults.e.slip_share = 0.25;
+        truth.set_faults(faults);
+        truth.motor_moved(1, 2.0);
+        assert!((truth.pose().e_mm - start - 0.75 * 1.05).abs() < 1e-9);
+        faults.e = AxisFaults { backlash_mm: 0.2, limit_switch: true, ..AxisFaults::default() };
+        truth.set_faults(faults);
+        let up = truth.pose().e_mm;
+        truth.motor_moved(1, 1.0);
+        assert!((up - truth.pose().e_mm - (1.05 - 0.23)).abs() < 1e-9);
+        assert!(truth.limit_switch_closed(1) && !truth.limit_switch_closed(0));
+    }
+
+    #[test]
     fn the_shell_stops_the_lens_and_the_touch_is_remembered() {
         let truth = bench(|_| {});
         truth.obey(&Setup::WaterBoard { distance_mm: 800.0 });
         truth.motor_moved(1, -60.0);
         assert_eq!(truth.pose().e_mm, -0.5);
-        assert_eq!(truth.truth()["touched_shell"], true);
+        assert_eq!(truth.report()["touched_shell"], true);
     }
 }

@@ -13,8 +13,7 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 use plenalign::config::{BenchDriver, Config, ControllerConfig, ControllerDriver};
 use plenalign::device::{
-    AxisName, DeviceError, FrameSource as _, MoveTime, Setup, SimulatedOperator as _, Stage, StageInfo, StageState,
-    StopDelivery,
+    AxisName, DeviceError, FrameSource as _, MoveTime, Setup, Stage, StageInfo, StageState, StopDelivery,
 };
 use plenalign::raw::Samples;
 use plenalign::sim::camera::SimulatedCamera;
@@ -401,7 +400,7 @@ fn setup(step: &Value) -> Result<Setup, String> {
 
 /// Judges the end by the world's truth, as tests/suite/alignment.rs does.
 fn judge(config: &Config, truth: &Arc<Truth>, job: &Value) -> Result<(), String> {
-    let (report, end) = (&job["report"], truth.truth());
+    let (report, end) = (&job["report"], truth.report());
     println!("chain: {end}");
     let number = |value: &Value, key: &str| value[key].as_f64().ok_or_else(|| format!("no {key} in {value}"));
     let (spacing_px, target_px) = (number(report, "spacing_px")?, number(report, "spacing_target_px")?);

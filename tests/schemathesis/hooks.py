@@ -61,3 +61,8 @@ def after_call(context, case, response):
     global lease
     if response.status_code == 201 and case.operation.label in ("POST /api/v1/lease", "POST /api/v1/lease/takeover"):
         lease = response.json()["key"]
+    if case.operation.label == "PUT /api/v1/simulation/faults":
+        # What went wrong on purpose is not to be found.
+        address = response.request.url.split("/api/")[0]
+        headers = {"Authorization": f"Bearer {TOKEN}"}
+        requests.put(f"{address}/api/v1/simulation/faults", json={}, headers=headers, timeout=30)

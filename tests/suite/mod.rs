@@ -17,6 +17,7 @@ mod design_cli;
 mod draft;
 mod export;
 mod fakes;
+mod faults;
 mod grbl;
 mod grid;
 mod grid_arrays;

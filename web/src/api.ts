@@ -13,6 +13,7 @@ import type {
   Devices,
   Draft,
   DraftBase,
+  Faults,
   Job,
   JobList,
   JobRequest,
@@ -111,6 +112,10 @@ export const design = () => request<Design>("GET", "/api/v1/design");
 export const draftDesign = (base: DraftBase, sections: Sections) =>
   request<Draft>("POST", "/api/v1/design", { base, ...sections });
 export const devices = () => request<Devices>("GET", "/api/v1/devices");
+export const faults = () => request<Faults>("GET", "/api/v1/simulation/faults");
+/** What is not named goes right. */
+export const setFaults = (faults: Partial<Faults>) =>
+  request<Faults>("PUT", "/api/v1/simulation/faults", faults);
 export const config = () => exchange<ConfigView>("GET", "/api/v1/config");
 export const configSchema = () => request<unknown>("GET", "/api/v1/config/schema");
 export const checkConfig = (config: unknown) =>

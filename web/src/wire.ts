@@ -43,6 +43,7 @@ export type ConfigCheck = Schemas["ConfigCheck"];
 export type ConfigFault = Schemas["ConfigFault"];
 export type ConfigWritten = Schemas["ConfigWritten"];
 export type Devices = Schemas["DevicesFound"];
+export type Faults = Schemas["Faults"];
 export type Token = Schemas["TokenView"];
 export type TokenList = Schemas["TokenList"];
 export type TokenRequest = Schemas["TokenRequest"];

@@ -1,5 +1,6 @@
 //! A wire on which things go wrong.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
@@ -24,6 +25,8 @@ pub struct Line {
     pub garbled: bool,
     /// One byte in this many that the controller says is lost; 0 for none.
     pub loses_one_in: usize,
+    /// One byte in this many that the controller says comes out wrong; 0 for none.
+    pub garbles_one_in: usize,
 }
 
 /// What a byte looks like at another baud rate.
@@ -32,13 +35,16 @@ const fn garble(byte: u8) -> u8 {
 }
 
 impl Line {
-    /// Passes bytes between the driver's end and the controller's until either closes.
-    pub async fn run<A, B>(self, mut driver: A, mut controller: B)
+    /// Passes bytes between the driver's end and the controller's until either closes. What goes wrong may change
+    /// meanwhile.
+    pub async fn run<A, B>(now: &Mutex<Self>, mut driver: A, mut controller: B)
     where
         A: AsyncRead + AsyncWrite + Unpin,
         B: AsyncRead + AsyncWrite + Unpin,
     {
-        if !self.noise.is_empty() && driver.write_all(&self.noise).await.is_err() {
+        let line = || now.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let noise = line().noise;
+        if !noise.is_empty() && driver.write_all(&noise).await.is_err() {
             return;
         }
         let (mut down, mut up) = ([0u8; 256], [0u8; 256]);
@@ -47,11 +53,12 @@ impl Line {
             tokio::select! {
                 read = driver.read(&mut down) => {
                     let Ok(count @ 1..) = read else { return };
+                    let line = line();
                     let mut bytes = down[..count].to_vec();
-                    if self.echo && driver.write_all(&bytes).await.is_err() {
+                    if line.echo && driver.write_all(&bytes).await.is_err() {
                         return;
                     }
-                    if self.garbled {
+                    if line.garbled {
                         bytes.iter_mut().for_each(|byte| *byte = garble(*byte));
                     }
                     if controller.write_all(&bytes).await.is_err() {
@@ -60,26 +67,29 @@ impl Line {
                 }
                 read = controller.read(&mut up) => {
                     let Ok(count @ 1..) = read else { return };
+                    let line = line();
+                    let one_in = |many: usize, counted: usize| many > 0 && counted.is_multiple_of(many);
                     let mut bytes: Vec<u8> = Vec::with_capacity(2 * count);
                     for &byte in &up[..count] {
                         counted += 1;
-                        if self.loses_one_in == 0 || !counted.is_multiple_of(self.loses_one_in) {
-                            bytes.push(if self.garbled { garble(byte) } else { byte });
+                        if !one_in(line.loses_one_in, counted) {
+                            let wrong = line.garbled || one_in(line.garbles_one_in, counted);
+                            bytes.push(if wrong { garble(byte) } else { byte });
                         }
                     }
-                    if self.doubled {
+                    if line.doubled {
                         bytes.extend_from_within(..);
                     }
-                    if !self.delay.is_zero() {
-                        sleep(self.delay).await;
+                    if !line.delay.is_zero() {
+                        sleep(line.delay).await;
                     }
-                    let size = if self.fragment == 0 { bytes.len().max(1) } else { self.fragment };
+                    let size = if line.fragment == 0 { bytes.len().max(1) } else { line.fragment };
                     for piece in bytes.chunks(size) {
                         if driver.write_all(piece).await.is_err() {
                             return;
                         }
-                        if !self.pause.is_zero() {
-                            sleep(self.pause).await;
+                        if !line.pause.is_zero() {
+                            sleep(line.pause).await;
                         }
                     }
                 }

@@ -129,7 +129,7 @@ impl ControllerTwin {
         self.plugged.send_replace(true);
     }
 
-    /// What goes wrong on the wire to it, of every stream opened by its dial and every terminal from now on.
+    /// What goes wrong on the wire to it from now on; noise is for streams and terminals that are opened later.
     pub fn set_line(&self, line: Line) {
         *self.line.lock().unwrap_or_else(PoisonError::into_inner) = line;
     }
@@ -158,13 +158,8 @@ impl ControllerTwin {
 
     /// Serves with what goes wrong on the wire.
     async fn serve_over_its_line<T: AsyncRead + AsyncWrite + Unpin>(&self, io: T) {
-        let line = self.line.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if line == Line::default() {
-            self.serve(io).await;
-        } else {
-            let (a, b) = tokio::io::duplex(1024);
-            tokio::join!(line.run(io, a), self.serve(b));
-        }
+        let (a, b) = tokio::io::duplex(1024);
+        tokio::join!(Line::run(&self.line, io, a), self.serve(b));
     }
 
     async fn run<T: AsyncRead + AsyncWrite + Unpin>(&self, io: T) {

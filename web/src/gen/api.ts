@@ -565,6 +565,27 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/simulation/faults": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** What is made to go wrong with the simulated bench. */
+    get: operations["get_faults"];
+    /**
+     * Makes things go wrong with the simulated bench: what is named does from now on, everything else goes right.
+     * @description Whether a program or a person deals with them as they should can so be tried without breaking anything.
+     */
+    put: operations["put_faults"];
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/snapshot.jpg": {
     parameters: {
       query?: never;
@@ -871,6 +892,31 @@ export interface components {
       /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
       next?: string | null;
     };
+    /** @description What goes wrong with an axis. */
+    AxisFaults: {
+      /**
+       * Format: double
+       * @description Play on reversal, beside the configured one, mm.
+       * @default 0
+       */
+      backlash_mm: number;
+      /**
+       * @description Its limit switch is closed.
+       * @default false
+       */
+      limit_switch: boolean;
+      /**
+       * Format: double
+       * @description Share of every way that the screw slips.
+       * @default 0
+       */
+      slip_share: number;
+      /**
+       * @description The motor stands still whatever steps it is given; the controller does not know.
+       * @default false
+       */
+      stalled: boolean;
+    };
     /**
      * @description Which of the bench's two axes.
      * @enum {string}
@@ -941,6 +987,24 @@ export interface components {
       simulated: boolean;
       /** @description The stop's latch. */
       stop: components["schemas"]["StopView"];
+    };
+    /** @description What goes wrong with the camera. */
+    CameraFaults: {
+      /**
+       * @description Its driver gives the same picture again and again, as if it were new.
+       * @default false
+       */
+      frozen: boolean;
+      /**
+       * @description What is wrong with its pictures.
+       * @default none
+       */
+      picture: components["schemas"]["PictureFault"];
+      /**
+       * @description The camera is unplugged.
+       * @default false
+       */
+      unplugged: boolean;
     };
     /** @description A camera that is connected. */
     CameraFound: {
@@ -2562,6 +2626,57 @@ export interface components {
       /** @description The camera's states: air design, shell added directly, clarity, joint. */
       states: components["schemas"]["DraftStateView"][];
     };
+    /** @description Everything that goes wrong with a simulated bench at a time. By default nothing; what is not named goes right. */
+    Faults: {
+      /**
+       * @description The camera.
+       * @default {
+       *       "frozen": false,
+       *       "picture": "none",
+       *       "unplugged": false
+       *     }
+       */
+      camera: components["schemas"]["CameraFaults"];
+      /**
+       * @description The e axis.
+       * @default {
+       *       "backlash_mm": 0,
+       *       "limit_switch": false,
+       *       "slip_share": 0,
+       *       "stalled": false
+       *     }
+       */
+      e: components["schemas"]["AxisFaults"];
+      /**
+       * @description The focus axis.
+       * @default {
+       *       "backlash_mm": 0,
+       *       "limit_switch": false,
+       *       "slip_share": 0,
+       *       "stalled": false
+       *     }
+       */
+      focus: components["schemas"]["AxisFaults"];
+      /**
+       * @description What stands before the camera.
+       * @default {
+       *       "board_displaced_mm": 0,
+       *       "bubbles": 0,
+       *       "tank_empty": false
+       *     }
+       */
+      scene: components["schemas"]["SceneFaults"];
+      /**
+       * @description The stages' controller, and the wire to it.
+       * @default {
+       *       "delay_ms": 0,
+       *       "garbled_one_in": 0,
+       *       "lost_one_in": 0,
+       *       "unplugged": false
+       *     }
+       */
+      serial: components["schemas"]["SerialFaults"];
+    };
     /** @description Whether the daemon answers. */
     Health: {
       /**
@@ -3430,6 +3545,11 @@ export interface components {
       /** @description Which one: `before` the first move with the shell, or `after` the last. */
       name: string;
     };
+    /**
+     * @description What is wrong with a camera's pictures.
+     * @enum {string}
+     */
+    PictureFault: "none" | "dark" | "saturated" | "blurred" | "torn";
     /** @description A serial port that is there. */
     PortFound: {
       /** @description What a controller's `port` can be to mean it, the steadiest name first. */
@@ -3702,11 +3822,57 @@ export interface components {
       /** @description The program's version. */
       version: string;
     };
+    /** @description What is wrong with what stands before the camera. */
+    SceneFaults: {
+      /**
+       * Format: double
+       * @description How much farther away the boards are than where they should be, mm.
+       * @default 0
+       */
+      board_displaced_mm: number;
+      /**
+       * Format: int32
+       * @description Bubbles in the field, instead of as many as are configured.
+       * @default 0
+       */
+      bubbles: number;
+      /**
+       * @description The tank has no water in it: there is air beyond the shell.
+       * @default false
+       */
+      tank_empty: boolean;
+    };
     /**
      * @description What somebody may do. Each scope holds those before it.
      * @enum {string}
      */
     Scope: "view" | "control" | "admin";
+    /** @description What goes wrong between the program and the stages' controller. */
+    SerialFaults: {
+      /**
+       * Format: int32
+       * @description How late what the controller says arrives, ms.
+       * @default 0
+       */
+      delay_ms: number;
+      /**
+       * Format: int32
+       * @description One byte in this many that the controller says arrives as another; 0 for none.
+       * @default 0
+       */
+      garbled_one_in: number;
+      /**
+       * Format: int32
+       * @description One byte in this many that the controller says is lost; 0 for none.
+       * @default 0
+       */
+      lost_one_in: number;
+      /**
+       * @description The adapter is unplugged.
+       * @default false
+       */
+      unplugged: boolean;
+    };
     /** @description What the daemon sends over the WebSocket as text. */
     ServerMessage:
       | {
@@ -7154,6 +7320,156 @@ export interface operations {
       };
       /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_faults: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["Faults"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The bench is not simulated */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  put_faults: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["Faults"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["Faults"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The bench is not simulated */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };

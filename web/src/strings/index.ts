@@ -2,6 +2,7 @@
 
 import { axis, byHand, lease, shell } from "./bench";
 import { design } from "./design";
+import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
 import { form, iterations, job, outcome, report } from "./job";
@@ -26,5 +27,6 @@ export const strings = {
   outcome,
   history,
   settings,
+  faults,
   design,
 };

@@ -2,6 +2,7 @@ import { may } from "../../state";
 import type { Scene } from "../scene";
 import { Configuration } from "./configuration";
 import { Devices } from "./devices";
+import { Faults } from "./faults";
 import { Preferences } from "./preferences";
 import { Tokens } from "./tokens";
 
@@ -12,6 +13,7 @@ export function SettingsPage(scene: Scene) {
       <div class="column">
         <Preferences {...scene} />
         <Devices {...scene} />
+        {scene.state.bench?.simulated && <Faults {...scene} />}
         {may(scene.state, "admin") && <Tokens {...scene} />}
       </div>
       <Configuration {...scene} />

@@ -1,0 +1,178 @@
+import { useEffect, useState } from "preact/hooks";
+import * as api from "../../api";
+import { may } from "../../state";
+import { strings } from "../../strings";
+import type { AxisName, Faults as Wrong } from "../../wire";
+import type { Scene } from "../scene";
+import { Choice, Toggle } from "../toggle";
+
+const PICTURES = ["none", "dark", "saturated", "blurred", "torn"] as const;
+const AXES: readonly AxisName[] = ["focus", "e"];
+const PERCENT = 100;
+
+/** What is made to go wrong with the simulated bench, and what more could be. */
+export function Faults({ state, act }: Scene) {
+  const [wrong, setWrong] = useState<Wrong | null>(null);
+  const show = (asked: ReturnType<typeof api.faults>) =>
+    act(
+      asked.then((result) => {
+        if (result.ok) setWrong(result.value);
+        return result;
+      }),
+    );
+  useEffect(() => void show(api.faults()), [state.bootId]);
+  if (!wrong) return null;
+  const words = strings.faults;
+  const allowed = may(state, "control");
+  const set = (change: Partial<Wrong>) => void show(api.setFaults(change));
+  const { serial, camera, scene } = wrong;
+  const parts = [serial, camera, scene, wrong.focus, wrong.e];
+  const any = parts.some((part) => Object.values(part).some((value) => value && value !== "none"));
+  return (
+    <section class="card faults" aria-label={words.title}>
+      <h2>
+        {words.title}
+        <button type="button" id="faults-none" disabled={!allowed || !any} onClick={() => set({})}>
+          {words.good}
+        </button>
+      </h2>
+      <p class="quiet">{words.more}</p>
+      <p id="faults-state" class={any ? "fault" : ""}>
+        {any ? words.some : words.none}
+      </p>
+      <fieldset disabled={!allowed}>
+        <legend>{words.camera}</legend>
+        <p class="row">
+          <Toggle
+            on={camera.unplugged}
+            set={(unplugged) => set({ ...wrong, camera: { ...camera, unplugged } })}
+          >
+            {words.unplugged}
+          </Toggle>
+          <Toggle on={camera.frozen} set={(frozen) => set({ ...wrong, camera: { ...camera, frozen } })}>
+            {words.frozen}
+          </Toggle>
+        </p>
+        <p class="row">
+          <span>{words.picture}</span>
+          <Choice
+            label={words.picture}
+            of={PICTURES}
+            chosen={camera.picture}
+            name={(picture) => words.pictures[picture]}
+            choose={(picture) => set({ ...wrong, camera: { ...camera, picture } })}
+          />
+        </p>
+      </fieldset>
+      <fieldset disabled={!allowed}>
+        <legend>{words.scene}</legend>
+        <p class="row">
+          <Toggle
+            on={scene.tank_empty}
+            set={(tank_empty) => set({ ...wrong, scene: { ...scene, tank_empty } })}
+          >
+            {words.tankEmpty}
+          </Toggle>
+        </p>
+        <Figure
+          label={words.bubbles}
+          value={scene.bubbles}
+          range={[0, 500, 1]}
+          set={(bubbles) => set({ ...wrong, scene: { ...scene, bubbles } })}
+        />
+        <Figure
+          label={words.displaced}
+          value={scene.board_displaced_mm}
+          range={[-300, 1000, "any"]}
+          set={(board_displaced_mm) => set({ ...wrong, scene: { ...scene, board_displaced_mm } })}
+        />
+      </fieldset>
+      {AXES.map((axis) => {
+        const of = wrong[axis];
+        const change = (part: Partial<typeof of>) => set({ ...wrong, [axis]: { ...of, ...part } });
+        return (
+          <fieldset key={axis} disabled={!allowed}>
+            <legend>{words.axis[axis]}</legend>
+            <p class="row">
+              <Toggle on={of.stalled} set={(stalled) => change({ stalled })}>
+                {words.stalled}
+              </Toggle>
+              <Toggle on={of.limit_switch} set={(limit_switch) => change({ limit_switch })}>
+                {words.limitSwitch}
+              </Toggle>
+            </p>
+            <Figure
+              label={words.slip}
+              value={PERCENT * of.slip_share}
+              range={[0, PERCENT, "any"]}
+              set={(percent) => change({ slip_share: percent / PERCENT })}
+            />
+            <Figure
+              label={words.backlash}
+              value={of.backlash_mm}
+              range={[0, 5, "any"]}
+              set={(backlash_mm) => change({ backlash_mm })}
+            />
+          </fieldset>
+        );
+      })}
+      <fieldset disabled={!allowed}>
+        <legend>{words.serial}</legend>
+        <p class="row">
+          <Toggle
+            on={serial.unplugged}
+            set={(unplugged) => set({ ...wrong, serial: { ...serial, unplugged } })}
+          >
+            {words.unplugged}
+          </Toggle>
+        </p>
+        <Figure
+          label={words.delay}
+          value={serial.delay_ms}
+          range={[0, 5000, 1]}
+          set={(delay_ms) => set({ ...wrong, serial: { ...serial, delay_ms } })}
+        />
+        <Figure
+          label={words.lost}
+          value={serial.lost_one_in}
+          range={[0, 1_000_000, 1]}
+          set={(lost_one_in) => set({ ...wrong, serial: { ...serial, lost_one_in } })}
+        />
+        <Figure
+          label={words.garbled}
+          value={serial.garbled_one_in}
+          range={[0, 1_000_000, 1]}
+          set={(garbled_one_in) => set({ ...wrong, serial: { ...serial, garbled_one_in } })}
+        />
+      </fieldset>
+    </section>
+  );
+}
+
+interface FigureProps {
+  label: string;
+  value: number;
+  /** Least, greatest and step. */
+  range: [number, number, number | "any"];
+  set: (value: number) => void;
+}
+
+/** A number that holds when it is left; 0 is none of it. */
+function Figure({ label, value, range: [min, max, step], set }: FigureProps) {
+  return (
+    <label class="row">
+      <span>{label}</span>
+      <input
+        type="number"
+        min={min}
+        max={max}
+        step={step}
+        value={value}
+        onChange={(event) => {
+          const asked = event.currentTarget.valueAsNumber;
+          if (Number.isFinite(asked) && event.currentTarget.reportValidity()) set(asked);
+        }}
+      />
+    </label>
+  );
+}
