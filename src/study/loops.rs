@@ -54,6 +54,8 @@ struct Bench<'a> {
     focus: Axis<'a>,
     e: Axis<'a>,
     frames: std::cell::Cell<u64>,
+    /// The bench's own seed.
+    seed: u64,
 }
 
 /// An axis: reading to true position.
@@ -116,6 +118,7 @@ pub(super) fn write(desk: &Desk<'_>) -> Result<Chapter, StudyError> {
                 focus,
                 e,
                 frames: std::cell::Cell::new(random.random_range(0..1 << 32)),
+                seed,
             };
             let taken = [bench.plain()?, bench.ours()?];
             let done = finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
@@ -136,8 +139,9 @@ impl Bench<'_> {
         self.frames.set(self.frames.get() + 1);
         let raw = studio.expose(&camera, &board, self.frames.get());
         let options = FrameOptions { white_at_this_setting: false, ..studio.frame_options() };
-        let seen = measure_frame(&raw, Some(&white), &options)
-            .map_err(|error| StudyError::unseen(format!("a frame of the loops, Δv {delta_v:.3} mm"), error))?;
+        let seen = measure_frame(&raw, Some(&white), &options).map_err(|error| {
+            StudyError::unseen(format!("a frame of the loops, bench {}, Δv {delta_v:.3} mm", self.seed), error)
+        })?;
         Ok((seen.spacing.on_axis_px, seen.spacing.sigma_px))
     }
 
