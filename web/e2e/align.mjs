@@ -188,7 +188,10 @@ async function seeThrough(page) {
 function spread(page) {
   return page.evaluate(() => {
     const canvas = document.querySelector("canvas#live");
-    const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    // A worker draws on it: what it shows is read from a copy.
+    const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+    copy.drawImage(canvas, 0, 0);
+    const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
     let [n, sum, squares] = [0, 0, 0];
     for (let i = 0; i < data.length; i += 4) {
       n += 1;
@@ -207,7 +210,9 @@ function painted(page) {
 /** In the page. */
 function overlaid() {
   const canvas = document.querySelector("canvas.overlay");
-  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+  copy.drawImage(canvas, 0, 0);
+  const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
   let drawn = 0;
   for (let i = 3; i < data.length; i += 4) if (data[i] > 0) drawn += 1;
   return drawn;

@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { accessible, browse, faults, folder, open, photograph, start, step } from "./harness.mjs";
+import { accessible, browse, faults, folder, open, photograph, shots, start, step } from "./harness.mjs";
 
 const SMALL = `
 [sensor]
@@ -98,6 +98,25 @@ try {
   assert.match(await figure("Δv", "joint").first().locator(".other").innerText(), /^\+2\.205 mm$/);
   await photograph(page, "design");
   await accessible(page);
+
+  step("on a phone the results are in sight in short from every field, and a press away in full");
+  await page.setViewportSize({ width: 360, height: 740 });
+  const summary = page.locator(".summary");
+  for (const name of ["Focal length", "Inner radius", "Blur still sharp"]) {
+    await page.getByLabel(name, { exact: true }).first().scrollIntoViewIfNeeded();
+    const [seen, stop] = [await summary.boundingBox(), await page.locator("#stop").boundingBox()];
+    assert(seen && seen.y > 0 && seen.y + seen.height <= stop.y, `${name}: ${JSON.stringify([seen, stop])}`);
+  }
+  assert.match(await summary.innerText(), /Δv\s+\+\d\.\d{3} mm/);
+  await page.screenshot({ path: `${shots}/design-fields-360.png` });
+  await summary.getByRole("button").click();
+  await page.waitForFunction(() => {
+    const { top } = document.querySelector(".figures").getBoundingClientRect();
+    const { bottom } = document.querySelector("header").getBoundingClientRect();
+    return top >= bottom && top < innerHeight / 2;
+  });
+  await page.setViewportSize({ width: 1280, height: 1000 });
+  assert(!(await summary.isVisible()));
 
   step("an impossible camera is named at its field, and what was is dimmed");
   await page.getByLabel("Inner radius").fill("90");

@@ -76,6 +76,22 @@ try {
   await page.locator("#camera-gone").waitFor({ state: "detached", timeout: 20_000 });
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
 
+  step(
+    "a picture that stands still because the page itself hangs is called stale, and what hangs is replaced",
+  );
+  const drawing = (worker) => /viewer-worker/.test(worker.url());
+  const another = page.waitForEvent("worker", { predicate: drawing, timeout: 40_000 });
+  void page
+    .workers()
+    .find(drawing)
+    .evaluate(() => {
+      for (;;);
+    })
+    .catch(() => {});
+  await page.locator(".picture[data-state=stale] .over", { hasText: "STALE" }).waitFor({ timeout: 10_000 });
+  await another;
+  await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
+
   step("a stage that is unplugged is said to be gone");
   stage.kill("SIGKILL");
   await page.locator("#stage-gone", { hasText: "focus axis, e axis" }).waitFor({ timeout: 20_000 });

@@ -1,4 +1,4 @@
-// The WebSocket's one driver: keeps a connection, reads what comes, asks for pictures while the page is seen.
+// The WebSocket's one driver: keeps a connection, reads what comes, asks for pictures, and says when they were drawn.
 
 import {
   parseMessage,
@@ -6,10 +6,10 @@ import {
   type FieldMap,
   type Picture,
   type ServerMessage,
-  type Show,
   type ViewerMessage,
 } from "./wire";
 import { SILENCE_MS, type Link } from "./state";
+import type { Wish } from "./wish";
 
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
@@ -22,21 +22,11 @@ const NEWEST = 0.2;
 
 export interface Listener {
   link(link: Link): void;
-  message(message: ServerMessage): void;
+  /** `cameAt` is this page's clock, ms. */
+  message(message: ServerMessage, cameAt: number): void;
   /** Resolves when the picture has been drawn. */
-  picture(picture: Picture): Promise<void>;
+  picture(picture: Picture, cameAt: number): Promise<void>;
   map(map: FieldMap): void;
-}
-
-/** What this page wants to see. */
-export interface Wish {
-  pictures: boolean;
-  /** The spacing over the field, too. */
-  overlay: boolean;
-  /** Raw pixels to a picture pixel, each way. */
-  reduce: 1 | 2 | 4;
-  /** What the pictures show. */
-  show: Show;
 }
 
 const MAX_RATE_HZ = 30;
@@ -71,16 +61,12 @@ export class Live {
 
   /** Asks for what is to be seen from now on. */
   want(wish: Wish): void {
-    const { pictures, overlay, reduce, show } = this.wish;
-    const same = wish.pictures === pictures && wish.overlay === overlay && wish.reduce === reduce;
-    if (same && wish.show === show) return;
     this.wish = wish;
     this.ask();
   }
 
   start(): void {
     setInterval(() => this.watch(), 1000);
-    document.addEventListener("visibilitychange", () => this.ask());
   }
 
   private connect(): void {
@@ -97,9 +83,9 @@ export class Live {
       this.heardAt = Date.now();
       if (typeof event.data === "string") {
         const message = parseMessage(event.data);
-        if (message) this.listener.message(message);
+        if (message) this.listener.message(message, this.heardAt);
       } else {
-        void this.show(socket, new Uint8Array(event.data));
+        void this.show(socket, new Uint8Array(event.data), this.heardAt);
       }
     };
     socket.onclose = () => {
@@ -111,12 +97,12 @@ export class Live {
     };
   }
 
-  private async show(socket: WebSocket, bytes: Uint8Array): Promise<void> {
+  private async show(socket: WebSocket, bytes: Uint8Array, cameAt: number): Promise<void> {
     const seen = parseSeen(bytes);
     if (seen?.is === "map") this.listener.map(seen.map);
     if (seen?.is !== "picture") return;
     const began = performance.now();
-    await this.listener.picture(seen.picture);
+    await this.listener.picture(seen.picture, cameAt);
     const slow = this.isSlow;
     this.drawingMs += NEWEST * (performance.now() - began - this.drawingMs);
     if (slow !== this.isSlow) this.ask();
@@ -132,11 +118,9 @@ export class Live {
     if (this.socket && Date.now() - this.heardAt > SILENCE_MS) this.socket.close();
   }
 
-  /** Pictures cost the daemon work: none while nobody looks. */
   private ask(): void {
     if (!this.socket) return;
-    const on = this.wish.pictures && document.visibilityState === "visible";
-    const { overlay, reduce, show } = this.wish;
+    const { pictures: on, overlay, reduce, show } = this.wish;
     this.send(this.socket, {
       type: "pictures",
       on,

@@ -2,37 +2,35 @@ import "uplot/dist/uPlot.min.css";
 import "./style/index.css";
 import { render } from "preact";
 import * as api from "./api";
+import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
+import { eyepiece } from "./eyepiece";
 import { jog, watchJog } from "./jogging";
-import { Live } from "./live";
-import { painter } from "./painter";
 import { keep, recall } from "./preferences";
 import { routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI } from "./session";
 import { initial, receive, receivePicture, type State } from "./state";
 import { overlaysOn } from "./show";
 import { stop, watchStopKey } from "./stopping";
+import type { Report } from "./viewer";
 import { App } from "./views/app";
 import type { Problem } from "./wire";
 
 const ASK_AGAIN_MS = 2000;
 
 let state: State = { ...initial, route: routeOf(location.hash), preferences: recall(localStorage) };
-let scheduled = false;
 const root = document.getElementById("app");
+const cadence = new Cadence(() => {
+  if (root) render(<App state={state} now={Date.now()} update={update} enter={enter} leave={leave} />, root);
+});
 const update = (change: Partial<State>) => set({ ...state, ...change });
 
-/** Draws at most once per display frame, however many messages come. */
-function set(next: State): void {
+/** The state from now on; what is shown of it follows soon, however many messages come. */
+function set(next: State, everyMs = SOON_MS): void {
   const before = state;
   state = next;
   if (next.preferences !== before.preferences) keep(localStorage, next.preferences);
   heed();
-  if (scheduled || !root) return;
-  scheduled = true;
-  setTimeout(() => {
-    scheduled = false;
-    render(<App state={state} now={Date.now()} update={update} enter={enter} leave={leave} />, root);
-  }, 30);
+  cadence.due(everyMs);
 }
 
 /** What follows from the state for those outside of it. */
@@ -42,39 +40,45 @@ function heed(): void {
     preferences.name || (session && session !== "stranger" && session.signed_in ? session.name : ""),
   );
   const overlays = overlaysOn(preferences.show, preferences.overlays);
-  painter.showOverlays(overlays);
+  eyepiece.showOverlays(overlays);
   if (state.link !== "open") jog.release();
   const small = window.innerWidth * window.devicePixelRatio < 700;
-  live.want({
-    pictures: route.page === "live",
+  eyepiece.want({
+    pictures: route.page === "live" && document.visibilityState === "visible",
     overlay: overlays.some((overlay) => overlay !== "saturation"),
     // Where one looks closely, every pixel is wanted.
-    reduce: small && painter.whole ? 2 : 1,
+    reduce: small && eyepiece.whole ? 2 : 1,
     show: preferences.show,
   });
 }
 
-const scheme = location.protocol === "https:" ? "wss" : "ws";
-const live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
-  link: (link) => {
-    set({ ...state, link });
-    void identify();
-  },
-  message: (message) => {
-    // Another run of the daemon may have another design, and another camera.
-    if (message.type === "snapshot" && state.bootId !== null && state.bootId !== message.boot_id) {
-      painter.forget();
-      void learnDesign();
+/** What the viewer reports. */
+function receiveReport(report: Report): void {
+  // What was on its way when somebody signed out is not for the next one.
+  if (state.session === "stranger" && report.is !== "link") return;
+  switch (report.is) {
+    case "link":
+      set({ ...state, link: report.link });
+      void identify();
+      return;
+    case "message": {
+      const { message, cameAt } = report;
+      // Another run of the daemon may have another design, and another camera.
+      if (message.type === "snapshot" && state.bootId !== null && state.bootId !== message.boot_id) {
+        eyepiece.forget();
+        void learnDesign();
+      }
+      set(receive(state, message, cameAt));
+      return;
     }
-    set(receive(state, message, Date.now()));
-  },
-  picture: async (picture) => {
-    // What decoding takes counts as age.
-    const came = Date.now();
-    if (await painter.show(picture)) set(receivePicture(state, picture.facts, came));
-  },
-  map: (map) => painter.showMap(map),
-});
+    case "picture":
+      set(receivePicture(state, report.facts, report.sentAt, Date.now()), LEISURELY_MS);
+      return;
+    case "map":
+    case "saturation":
+      cadence.due(LEISURELY_MS);
+  }
+}
 
 /** Finds out who one is; to a stranger the daemon says nothing more, so that nothing is asked of it. */
 async function identify(): Promise<void> {
@@ -84,14 +88,14 @@ async function identify(): Promise<void> {
     void learnDesign();
   }
   if (who.is === "stranger") {
-    live.close();
+    eyepiece.close();
     // Nothing that was shown to somebody is left for the next one.
     const { problem, route, preferences } = state;
     set({ ...initial, problem, route, preferences, session: "stranger" });
-    painter.forget();
+    eyepiece.forget();
     return;
   }
-  live.open();
+  eyepiece.open();
   // Nothing is offered to who is not known: asked again until it is.
   if (who.is === "unclear" && state.session === null) setTimeout(() => void identify(), ASK_AGAIN_MS);
 }
@@ -124,7 +128,8 @@ async function begin(): Promise<void> {
   await identify();
 }
 
-live.start();
+eyepiece.start(receiveReport, () => cadence.due(SOON_MS));
+document.addEventListener("visibilitychange", heed);
 watchJog((problem) => update({ problem }));
 watchStopKey(
   () => state.preferences.stopKey,
@@ -134,5 +139,5 @@ watchStopKey(
 window.addEventListener("hashchange", () => update({ route: routeOf(location.hash), problem: null }));
 void begin();
 // Ages grow without any message.
-setInterval(() => set(state), 500);
+setInterval(() => cadence.due(LEISURELY_MS), 500);
 set(state);

@@ -1,79 +1,98 @@
-// Draws the newest picture and what is laid over it. It is outside the page's state: pictures come thirty times a second,
-// and only they are drawn then.
+// Draws the newest picture and what is laid over it, on canvases of a window or of a worker alike. What is seen of it is
+// decided elsewhere.
 
-import { pairs, range, tint } from "./field-map";
+import { pairs } from "./field-map";
+import { drawError, drawGrid, drawPairs, type Context } from "./overlay";
 import type { Overlay } from "./preferences";
 import { SaturationWatch } from "./saturation-watch";
+import { onFrame } from "./screen-frame";
 import { extent } from "./show";
-import { fit, isWhole, pan, pixelAt, zoom, type Size, type Viewport } from "./viewport";
-import type { FieldMap, Lens, Picture, PictureFacts } from "./wire";
+import { fit, pan, type Size, type Viewport } from "./viewport";
+import type { FieldMap, Lens, Picture, PictureFacts, Show } from "./wire";
 
-const GRID = "#5ad2c0";
-const CROSS = "#ff4fd0";
-const PAIR = "#ffffff";
+export type Surface = HTMLCanvasElement | OffscreenCanvas;
+
+/** What is seen of the picture. */
+export interface Look {
+  /** The canvas, in pixels of the screen. */
+  view: Size;
+  /** Pixels of the screen to a CSS pixel. */
+  ratio: number;
+  /** Null while the whole of it is shown. */
+  viewport: Viewport | null;
+  /** What it counts in: it says nothing about a picture of something else. */
+  show: Show;
+}
 
 export class Painter {
-  private canvas: HTMLCanvasElement | null = null;
-  private over: HTMLCanvasElement | null = null;
+  private canvas: Surface | null = null;
+  private over: Surface | null = null;
   private bitmap: ImageBitmap | null = null;
   private facts: PictureFacts | null = null;
   private map: FieldMap | null = null;
   private links: [Lens, Lens][] = [];
   private overlays: Overlay[] = [];
-  /** Null while the whole frame is shown. */
-  private viewport: Viewport | null = null;
-  private readonly saturated = new SaturationWatch(() => this.soon(true));
+  private look: Look | null = null;
+  private readonly saturated: SaturationWatch;
   private due = false;
   private dueOver = false;
-  private times: number[] = [];
+  private probing: Context | null = null;
+  /** How many times everything was forgotten: what was being decoded then is for nobody. */
+  private forgotten = 0;
 
-  /** Draws on these from now on; returns what lets go of them. */
-  attach(canvas: HTMLCanvasElement, over: HTMLCanvasElement): () => void {
-    this.canvas = canvas;
-    this.over = over;
-    const resized = new ResizeObserver(() => this.soon(true));
-    resized.observe(canvas);
-    this.soon(true);
-    return () => {
-      resized.disconnect();
-      this.canvas = this.over = null;
-    };
+  /** `saturation` is told the share of the pixels that are saturated; null while nobody asks. */
+  constructor(saturation: (share: number | null) => void) {
+    this.saturated = new SaturationWatch(() => {
+      saturation(this.saturated.newest?.share ?? null);
+      this.soon(true);
+    });
   }
 
-  /** Shows a picture unless a newer one is shown already; false where it cannot be read. */
-  async show(picture: Picture): Promise<boolean> {
+  /** Draws on these from now on. */
+  attach(canvas: Surface, over: Surface): void {
+    this.canvas = canvas;
+    this.over = over;
+    this.soon(true);
+  }
+
+  detach(): void {
+    this.canvas = this.over = null;
+  }
+
+  /** Draws a picture unless a newer one is shown already; the picture's own size, or null where it is not shown. */
+  async show(picture: Picture): Promise<Size | null> {
+    const { forgotten } = this;
     let bitmap: ImageBitmap;
     try {
       bitmap = await createImageBitmap(new Blob([picture.jpeg], { type: "image/jpeg" }));
     } catch {
-      return false;
+      return null;
     }
     const other = this.facts !== null && picture.facts.show !== this.facts.show;
     // A view is ready later than the raw frame that it is made of: when they change it is older, and shown all the same.
-    if (this.facts && this.bitmap && !other && picture.facts.capturedAt < this.facts.capturedAt) {
+    const older = this.facts && this.bitmap && !other && picture.facts.capturedAt < this.facts.capturedAt;
+    if (older || forgotten !== this.forgotten) {
       bitmap.close();
-      return false;
+      return null;
     }
-    // Places count otherwise in it.
-    if (other) this.viewport = null;
     this.bitmap?.close();
     this.bitmap = bitmap;
     this.facts = picture.facts;
-    const now = performance.now();
-    this.times = [...this.times.filter((time) => now - time < 2000), now];
     if (other) this.saturated.forget();
     // What is laid over is drawn anew when it is known anew, not with each picture.
     if (this.overlays.includes("saturation") && picture.facts.show === "raw") {
-      this.saturated.look(picture.jpeg, now);
+      this.saturated.look(picture.jpeg, performance.now());
     }
-    this.soon(other);
-    return true;
+    this.drawPicture();
+    if (other) this.soon(true);
+    return { width: bitmap.width, height: bitmap.height };
   }
 
   /** Nothing of it is left for the next one who looks. */
   forget(): void {
+    this.forgotten += 1;
     this.bitmap?.close();
-    this.bitmap = this.facts = this.map = this.viewport = null;
+    this.bitmap = this.facts = this.map = null;
     this.saturated.forget();
     this.links = [];
     this.soon(true);
@@ -86,103 +105,41 @@ export class Painter {
   }
 
   showOverlays(overlays: Overlay[]): void {
-    if (overlays === this.overlays) return;
     this.overlays = overlays;
     if (!overlays.includes("saturation")) this.saturated.forget();
     this.soon(true);
   }
 
-  /** Pictures shown a second, of late. */
-  get rate(): number {
-    const now = performance.now();
-    return this.times.filter((time) => now - time < 2000).length / 2;
-  }
-
-  get newestMap(): FieldMap | null {
-    return this.map;
-  }
-
-  /** Share of the pixels that are saturated; null while nobody asks. */
-  get saturation(): number | null {
-    return this.saturated.newest?.share ?? null;
-  }
-
-  /** Pixels of the screen to a raw one. */
-  get scale(): number | null {
-    return this.seen()?.viewport.scale ?? null;
-  }
-
-  get whole(): boolean {
-    return this.viewport === null;
-  }
-
-  /** `about` is in CSS pixels from the canvas's corner; the middle where it is not given. */
-  zoom(factor: number, about?: { x: number; y: number }): void {
-    const seen = this.seen();
-    if (!seen) return;
-    const ratio = this.ratio();
-    const at = about
-      ? { x: about.x * ratio, y: about.y * ratio }
-      : { x: seen.view.width / 2, y: seen.view.height / 2 };
-    const next = zoom(seen.viewport, factor, at, seen.view, seen.frame);
-    this.viewport = isWhole(next, seen.view, seen.frame) ? null : next;
+  lookAt(look: Look): void {
+    this.look = look;
     this.soon(true);
   }
 
-  /** One raw pixel to one pixel of the screen. */
-  pixelForPixel(): void {
-    const scale = this.scale;
-    if (scale !== null) this.zoom(1 / scale);
-  }
-
-  all(): void {
-    this.viewport = null;
-    this.soon(true);
-  }
-
-  /** In CSS pixels. */
-  pan(dx: number, dy: number): void {
-    const seen = this.seen();
-    if (!seen || this.viewport === null) return;
-    this.viewport = pan(seen.viewport, dx * this.ratio(), dy * this.ratio(), seen.view, seen.frame);
-    this.soon(true);
-  }
-
-  /** The raw pixel at a place of the canvas, CSS pixels, and its grey level where the picture has every pixel; null where
-   *  no raw frame is shown. */
-  probe(at: { x: number; y: number }): { x: number; y: number; grey: number | null } | null {
-    const seen = this.seen();
-    const pixel =
-      seen && pixelAt(seen.viewport, { x: at.x * this.ratio(), y: at.y * this.ratio() }, seen.frame);
-    if (!pixel || !this.bitmap || this.facts?.show !== "raw") return null;
-    if (this.facts.reduce !== 1) return { ...pixel, grey: null };
-    const one = new OffscreenCanvas(1, 1).getContext("2d");
-    one?.drawImage(this.bitmap, pixel.x, pixel.y, 1, 1, 0, 0, 1, 1);
-    return { ...pixel, grey: one?.getImageData(0, 0, 1, 1).data[0] ?? null };
-  }
-
-  private ratio(): number {
-    return window.devicePixelRatio || 1;
+  /** The grey level of a raw pixel; null where the picture shown does not have every one. */
+  grey(x: number, y: number): number | null {
+    if (!this.bitmap || this.facts?.show !== "raw" || this.facts.reduce !== 1) return null;
+    const one = (this.probing ??= probe());
+    one?.drawImage(this.bitmap, x, y, 1, 1, 0, 0, 1, 1);
+    return one?.getImageData(0, 0, 1, 1).data[0] ?? null;
   }
 
   private seen(): { viewport: Viewport; view: Size; frame: Size } | null {
-    if (!this.canvas || !this.facts || !this.bitmap) return null;
-    const view = {
-      width: Math.round(this.canvas.clientWidth * this.ratio()),
-      height: Math.round(this.canvas.clientHeight * this.ratio()),
-    };
-    const frame = extent(this.facts, this.bitmap);
-    if (view.width === 0 || view.height === 0) return null;
-    // Another size of the view or of the frame: kept in sight.
-    const viewport = this.viewport ? pan(this.viewport, 0, 0, view, frame) : fit(view, frame);
-    return { viewport, view, frame };
+    const { bitmap, facts, look } = this;
+    if (!look || !facts || !bitmap || look.view.width === 0 || look.view.height === 0) return null;
+    const frame = extent(facts, bitmap);
+    const viewport =
+      look.viewport && look.show === facts.show
+        ? // Another size of the view or of the frame: kept in sight.
+          pan(look.viewport, 0, 0, look.view, frame)
+        : fit(look.view, frame);
+    return { viewport, view: look.view, frame };
   }
 
   private soon(over: boolean): void {
     this.dueOver ||= over;
     if (this.due) return;
     this.due = true;
-    requestAnimationFrame(() => {
+    onFrame(() => {
       this.due = false;
       this.drawPicture();
       if (this.dueOver) this.drawOver();
@@ -190,26 +147,10 @@ export class Painter {
     });
   }
 
-  private begin(canvas: HTMLCanvasElement | null, view: Size): CanvasRenderingContext2D | null {
-    const context = canvas?.getContext("2d") ?? null;
-    if (!canvas || !context) return null;
-    if (canvas.width !== view.width || canvas.height !== view.height) {
-      canvas.width = view.width;
-      canvas.height = view.height;
-    } else {
-      context.setTransform(1, 0, 0, 1, 0, 0);
-      context.clearRect(0, 0, view.width, view.height);
-    }
-    return context;
-  }
-
   private drawPicture(): void {
     const seen = this.seen();
-    const context = seen && this.begin(this.canvas, seen.view);
-    if (!seen || !context || !this.bitmap) {
-      this.canvas?.getContext("2d")?.clearRect(0, 0, this.canvas.width, this.canvas.height);
-      return;
-    }
+    const context = begin(this.canvas, seen?.view, { alpha: false });
+    if (!seen || !context || !this.bitmap) return;
     const { scale, left, top } = seen.viewport;
     // Single pixels are to be seen as such.
     context.imageSmoothingEnabled = scale < 2;
@@ -218,12 +159,12 @@ export class Painter {
 
   private drawOver(): void {
     const seen = this.seen();
-    const context = this.over && this.begin(this.over, seen?.view ?? { width: 1, height: 1 });
+    const context = begin(this.over, seen?.view);
     if (!seen || !context) return;
     const { scale, left, top } = seen.viewport;
     // Centres are at the middle of pixels.
     context.setTransform(scale, 0, 0, scale, left + scale / 2, top + scale / 2);
-    context.lineWidth = (1.4 * this.ratio()) / scale;
+    context.lineWidth = (1.4 * (this.look?.ratio ?? 1)) / scale;
     if (this.overlays.includes("saturation")) this.drawSaturation(context, seen.frame);
     const map = this.map;
     if (!map) return;
@@ -232,7 +173,7 @@ export class Painter {
     if (this.overlays.includes("grid")) drawGrid(context, map);
   }
 
-  private drawSaturation(context: CanvasRenderingContext2D, frame: Size): void {
+  private drawSaturation(context: Context, frame: Size): void {
     const found = this.saturated.newest;
     if (!found) return;
     context.imageSmoothingEnabled = false;
@@ -240,60 +181,29 @@ export class Painter {
   }
 }
 
-function disc(context: CanvasRenderingContext2D, lens: Lens, radius: number): void {
-  context.moveTo(lens.x + radius, lens.y);
-  context.arc(lens.x, lens.y, radius, 0, 2 * Math.PI);
-}
-
-function drawError(context: CanvasRenderingContext2D, map: FieldMap): void {
-  const rangePx = range(map);
-  for (const lens of map.lenses) {
-    const colour = tint(lens, map.targetPx, rangePx);
-    if (colour === null) continue;
-    context.fillStyle = colour;
-    context.beginPath();
-    disc(context, lens, 0.48 * map.pitchPx);
-    context.fill();
+/** A canvas with nothing on it, of the size given or else its own. */
+function begin(
+  canvas: Surface | null,
+  view: Size | undefined,
+  settings?: CanvasRenderingContext2DSettings,
+): Context | null {
+  const context = (canvas?.getContext("2d", settings) ?? null) as Context | null;
+  if (!canvas || !context) return null;
+  if (view && (canvas.width !== view.width || canvas.height !== view.height)) {
+    canvas.width = view.width;
+    canvas.height = view.height;
+  } else {
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, canvas.width, canvas.height);
   }
+  return context;
 }
 
-function drawPairs(context: CanvasRenderingContext2D, links: [Lens, Lens][]): void {
-  context.strokeStyle = PAIR;
-  context.beginPath();
-  for (const [from, to] of links) {
-    const at = (share: number): [number, number] => [
-      from.x + share * (to.x - from.x),
-      from.y + share * (to.y - from.y),
-    ];
-    context.moveTo(...at(0.38));
-    context.lineTo(...at(0.62));
-  }
-  context.stroke();
+/** A canvas of a pixel, to be read. */
+function probe(): Context | null {
+  const settings = { willReadFrequently: true };
+  const canvas: Surface =
+    typeof OffscreenCanvas === "undefined" ? document.createElement("canvas") : new OffscreenCanvas(1, 1);
+  canvas.width = canvas.height = 1;
+  return canvas.getContext("2d", settings) as Context | null;
 }
-
-function drawGrid(context: CanvasRenderingContext2D, map: FieldMap): void {
-  const radius = 0.46 * map.pitchPx;
-  const ring = (fate: Lens["fate"], colour: string, dash: number[]) => {
-    context.setLineDash(dash);
-    context.strokeStyle = colour;
-    context.beginPath();
-    for (const lens of map.lenses) if (lens.fate === fate) disc(context, lens, radius);
-    context.stroke();
-  };
-  ring("matched", GRID, []);
-  ring("blank", GRID, [radius / 4, radius / 4]);
-  ring("mismatched", CROSS, []);
-  context.beginPath();
-  for (const lens of map.lenses) {
-    if (lens.fate !== "mismatched") continue;
-    const arm = 0.6 * radius;
-    context.moveTo(lens.x - arm, lens.y - arm);
-    context.lineTo(lens.x + arm, lens.y + arm);
-    context.moveTo(lens.x - arm, lens.y + arm);
-    context.lineTo(lens.x + arm, lens.y - arm);
-  }
-  context.stroke();
-}
-
-/** The page's one. */
-export const painter = new Painter();

@@ -1,5 +1,6 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
+import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
 import { best, type Best } from "./reading";
 import { routeOf, type Route } from "./route";
 import { standard, type Preferences } from "./preferences";
@@ -30,12 +31,11 @@ export interface State {
   /** Newest last. */
   jobs: Job[];
   measurement: Measurement | null;
-  /** This page's clock less the daemon's, ms; null before the daemon has told the time. */
-  clockAheadMs: number | null;
+  clock: Clock;
   /** This page's clock when the measurement came, ms. */
   measurementAt: number | null;
   picture: PictureFacts | null;
-  /** This page's clock when the picture came, ms. */
+  /** This page's clock when the picture was sent, ms. */
   pictureAt: number | null;
   /** This page's clock when anything came, ms. */
   heardAt: number | null;
@@ -61,7 +61,7 @@ export const initial: State = {
   version: null,
   bench: null,
   jobs: [],
-  clockAheadMs: null,
+  clock: unknown,
   measurement: null,
   measurementAt: null,
   picture: null,
@@ -96,6 +96,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         ...heard,
         seq,
         bootId: message.boot_id,
+        clock: unknown,
         version: message.version,
         bench: message.bench,
         jobs: message.jobs,
@@ -124,7 +125,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         }),
       };
     case "tick":
-      return { ...heard, seq, clockAheadMs: now - Date.parse(message.now) };
+      return { ...heard, seq, clock: heardTick(state.clock, now, message.now) };
     case "gap":
       return { ...heard, seq };
     case "problem":
@@ -149,8 +150,9 @@ function withJob(jobs: Job[], job: Job): Job[] {
   return jobs.map((other, index) => (index === at ? job : other));
 }
 
-export function receivePicture(state: State, picture: PictureFacts, now: number): State {
-  return { ...state, heardAt: now, picture, pictureAt: now };
+/** The state with a picture that the daemon sent at `sentAt` of this page's clock. */
+export function receivePicture(state: State, picture: PictureFacts, sentAt: number, now: number): State {
+  return { ...state, heardAt: now, picture, pictureAt: sentAt };
 }
 
 /** Age of the picture shown, ms. */
@@ -161,8 +163,9 @@ export function pictureAge(state: State, now: number): number | null {
 /** Age of the measurement shown, ms: since its frame was taken where the daemon's clock is known, or since it came. */
 export function measurementAge(state: State, now: number): number | null {
   if (!state.measurement || state.measurementAt === null) return null;
-  if (state.clockAheadMs === null) return now - state.measurementAt;
-  return Math.max(0, now - state.clockAheadMs - Date.parse(state.measurement.captured_at));
+  const aheadMs = ahead(state.clock);
+  if (aheadMs === null) return now - state.measurementAt;
+  return Math.max(0, now - aheadMs - Date.parse(state.measurement.captured_at));
 }
 
 export type PictureState = "none" | "fresh" | "stale";

@@ -68,7 +68,7 @@ describe("receive", () => {
   });
 
   it("forgets the picture of another start of the daemon, and takes no change before its snapshot", () => {
-    const seen = receivePicture(open(), picture, 2000);
+    const seen = receivePicture(open(), picture, 2000, 2000);
     const stray = receive(
       seen,
       { type: "bench", seq: 1, boot_id: "other", bench: { ...bench, simulated: false } },
@@ -88,7 +88,7 @@ describe("receive", () => {
 
 describe("the picture", () => {
   it("ages from what the daemon said and from when it came", () => {
-    const state = receivePicture(open(), picture, 2000);
+    const state = receivePicture(open(), picture, 2000, 2000);
     expect(pictureAge(state, 2050)).toBe(150);
     expect(pictureState(state, 2000 + STALE_MS - 100)).toBe("fresh");
     expect(pictureState(state, 2001 + STALE_MS - 100)).toBe("stale");
@@ -96,7 +96,7 @@ describe("the picture", () => {
 
   it("is stale at once when the link is lost, and none before the first", () => {
     expect(pictureState(open(), 1000)).toBe("none");
-    const state: State = { ...receivePicture(open(), picture, 2000), link: "lost" };
+    const state: State = { ...receivePicture(open(), picture, 2000, 2000), link: "lost" };
     expect(pictureState(state, 2000)).toBe("stale");
   });
 });

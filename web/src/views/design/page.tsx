@@ -12,12 +12,14 @@ import { Curves } from "./curves";
 import { DraftFields } from "./fields";
 import { Figures } from "./figures";
 import { Save } from "./save";
+import { Summary } from "./summary";
 import { Drawings } from "./train";
 
 /** Between the last key pressed and the question, ms: results are to follow at once. */
 const REST_MS = 120;
 const UNITS: readonly LengthUnit[] = ["mm", "µm"];
 const COMPARISONS = ["nothing", "in_force", "preset"] as const;
+const RESULTS = "design-results";
 type Comparison = (typeof COMPARISONS)[number];
 
 /** What a camera would come to. */
@@ -82,33 +84,36 @@ export function DesignPage(scene: Scene) {
   const stale = faults !== null;
   return (
     <div class="design-page">
-      <section class="card draft" aria-label={strings.design.title}>
-        <h2>{strings.design.title}</h2>
-        <p class="quiet">{strings.design.more}</p>
-        <p class="row">
-          <span>{strings.design.units}</span>
-          <Choice
-            label={strings.design.units}
-            of={UNITS}
-            chosen={unit}
-            choose={(unit) => update({ preferences: { ...state.preferences, unit } })}
+      <div class="draft-column">
+        <section class="card draft" aria-label={strings.design.title}>
+          <h2>{strings.design.title}</h2>
+          <p class="quiet">{strings.design.more}</p>
+          <p class="row">
+            <span>{strings.design.units}</span>
+            <Choice
+              label={strings.design.units}
+              of={UNITS}
+              chosen={unit}
+              choose={(unit) => update({ preferences: { ...state.preferences, unit } })}
+            />
+          </p>
+          <DraftFields
+            base={base}
+            edited={edited}
+            waterIndex={shown.design.water_refractive_index}
+            faults={faults ?? []}
+            unit={unit}
+            set={edit}
           />
-        </p>
-        <DraftFields
-          base={base}
-          edited={edited}
-          waterIndex={shown.design.water_refractive_index}
-          faults={faults ?? []}
-          unit={unit}
-          set={edit}
-        />
-        <p class="actions">
-          <button type="button" id="back" disabled={count(changes) === 0} onClick={() => edit(base)}>
-            {strings.design.reset}
-          </button>
-        </p>
-        <Save {...scene} changes={changes} wrong={stale} working={working} obstacles={shown.obstacles} />
-      </section>
+          <p class="actions">
+            <button type="button" id="back" disabled={count(changes) === 0} onClick={() => edit(base)}>
+              {strings.design.reset}
+            </button>
+          </p>
+          <Save {...scene} changes={changes} wrong={stale} working={working} obstacles={shown.obstacles} />
+        </section>
+        <Summary draft={shown} unit={unit} stale={stale} results={RESULTS} />
+      </div>
       <div class="column outcome-column" data-stale={stale} aria-busy={working}>
         {stale && (
           <div class="notice wrong" role="alert">
@@ -116,7 +121,7 @@ export function DesignPage(scene: Scene) {
             <Strays faults={faults} />
           </div>
         )}
-        <section class="card" aria-label={strings.design.figures}>
+        <section class="card" id={RESULTS} tabIndex={-1} aria-label={strings.design.figures}>
           <h2>
             {strings.design.figures}
             <span class="quiet" role="status">

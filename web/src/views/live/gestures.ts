@@ -1,13 +1,11 @@
 import { useEffect, useRef } from "preact/hooks";
-import { painter } from "../../painter";
-
-type Probe = ReturnType<typeof painter.probe>;
+import { eyepiece, type Probe } from "../../eyepiece";
 
 const ZOOM = 1.25;
 const PAN_PX = 60;
 
 /** Wheel, drag, pinch and keys on the picture. */
-export function useGestures(setProbe: (probe: Probe) => void) {
+export function useGestures(setProbe: (probe: Probe | null) => void) {
   const fingers = useRef(new Map<number, { x: number; y: number }>());
   const element = useRef<HTMLElement | null>(null);
 
@@ -17,7 +15,7 @@ export function useGestures(setProbe: (probe: Probe) => void) {
     element.current = canvas;
     const wheel = (event: WheelEvent) => {
       event.preventDefault();
-      painter.zoom(Math.exp(-event.deltaY / 400), { x: event.offsetX, y: event.offsetY });
+      eyepiece.zoom(Math.exp(-event.deltaY / 400), { x: event.offsetX, y: event.offsetY });
     };
     canvas?.addEventListener("wheel", wheel, { passive: false });
     return () => canvas?.removeEventListener("wheel", wheel);
@@ -31,7 +29,7 @@ export function useGestures(setProbe: (probe: Probe) => void) {
   const onPointerMove = (event: PointerEvent) => {
     const before = fingers.current.get(event.pointerId);
     const at = { x: event.offsetX, y: event.offsetY };
-    setProbe(painter.probe(at));
+    void eyepiece.probe(at, setProbe);
     if (!before) return;
     const was = spread();
     fingers.current.set(event.pointerId, at);
@@ -42,9 +40,9 @@ export function useGestures(setProbe: (probe: Probe) => void) {
         x: places.reduce((sum, place) => sum + place.x, 0) / places.length,
         y: places.reduce((sum, place) => sum + place.y, 0) / places.length,
       };
-      painter.zoom(is / was, middle);
+      eyepiece.zoom(is / was, middle);
     } else {
-      painter.pan(at.x - before.x, at.y - before.y);
+      eyepiece.pan(at.x - before.x, at.y - before.y);
     }
   };
 
@@ -55,14 +53,14 @@ export function useGestures(setProbe: (probe: Probe) => void) {
 
   const onKeyDown = (event: KeyboardEvent) => {
     const keys: Record<string, () => void> = {
-      "+": () => painter.zoom(ZOOM),
-      "=": () => painter.zoom(ZOOM),
-      "-": () => painter.zoom(1 / ZOOM),
-      "0": () => painter.all(),
-      ArrowLeft: () => painter.pan(PAN_PX, 0),
-      ArrowRight: () => painter.pan(-PAN_PX, 0),
-      ArrowUp: () => painter.pan(0, PAN_PX),
-      ArrowDown: () => painter.pan(0, -PAN_PX),
+      "+": () => eyepiece.zoom(ZOOM),
+      "=": () => eyepiece.zoom(ZOOM),
+      "-": () => eyepiece.zoom(1 / ZOOM),
+      "0": () => eyepiece.all(),
+      ArrowLeft: () => eyepiece.pan(PAN_PX, 0),
+      ArrowRight: () => eyepiece.pan(-PAN_PX, 0),
+      ArrowUp: () => eyepiece.pan(0, PAN_PX),
+      ArrowDown: () => eyepiece.pan(0, -PAN_PX),
     };
     const act = keys[event.key];
     if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -82,7 +80,7 @@ export function useGestures(setProbe: (probe: Probe) => void) {
       lift(event);
       setProbe(null);
     },
-    onDblClick: () => painter.all(),
+    onDblClick: () => eyepiece.all(),
     onKeyDown,
   };
 }

@@ -1,5 +1,5 @@
 import { fixed } from "../../format";
-import { painter } from "../../painter";
+import { eyepiece } from "../../eyepiece";
 import { OVERLAYS, type Overlay } from "../../preferences";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
@@ -15,7 +15,7 @@ export function Overlays({ state, update }: Scene) {
     const next = OVERLAYS.filter((one) => (one === overlay ? on : overlays.includes(one)));
     update({ preferences: { ...state.preferences, overlays: next } });
   };
-  const scale = painter.scale;
+  const scale = eyepiece.scale;
   return (
     <div class="tools">
       <Choice
@@ -39,16 +39,16 @@ export function Overlays({ state, update }: Scene) {
         ))}
       </span>
       <span class="choice" role="group" aria-label={strings.picture.zoom}>
-        <button type="button" aria-label={strings.picture.zoomOut} onClick={() => painter.zoom(1 / ZOOM)}>
+        <button type="button" aria-label={strings.picture.zoomOut} onClick={() => eyepiece.zoom(1 / ZOOM)}>
           −
         </button>
-        <button type="button" title={strings.picture.wholeMore} onClick={() => painter.all()}>
+        <button type="button" title={strings.picture.wholeMore} onClick={() => eyepiece.all()}>
           {strings.picture.whole}
         </button>
-        <button type="button" title={strings.picture.pixelsMore} onClick={() => painter.pixelForPixel()}>
+        <button type="button" title={strings.picture.pixelsMore} onClick={() => eyepiece.pixelForPixel()}>
           {strings.picture.pixels}
         </button>
-        <button type="button" aria-label={strings.picture.zoomIn} onClick={() => painter.zoom(ZOOM)}>
+        <button type="button" aria-label={strings.picture.zoomIn} onClick={() => eyepiece.zoom(ZOOM)}>
           +
         </button>
         <output class="facts">{scale === null ? "" : `× ${fixed(scale, scale < 10 ? 1 : 0)}`}</output>

@@ -1,3 +1,4 @@
+import { useMemo } from "preact/hooks";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
 import type { Scene } from "../scene";
@@ -5,19 +6,30 @@ import { Charts } from "./charts";
 import { Meter } from "./meter";
 import { LivePicture } from "./picture";
 
-/** What an assembler works by. */
+/** Between two looks at the clock, ms. */
+const CLOCK_MS = 500;
+
+/** What an assembler works by. What a picture does not change is not drawn anew with each. */
 export function LivePage(scene: Scene) {
+  const { state, now } = scene;
+  const { picture, pictureAt, heardAt, ...rest } = state;
+  const beat = Math.round(now / CLOCK_MS);
+  const about = [...Object.values(rest), beat, picture?.widthPx];
+  const strip = useMemo(() => <JobStrip {...scene} />, about);
+  const meter = useMemo(() => <Meter {...scene} />, about);
+  const bench = useMemo(() => <Bench {...scene} />, about);
+  const charts = useMemo(() => <Charts {...scene} />, [state.spacings, state.axes, beat]);
   return (
     <div class="live-page">
       <div class="column">
         <LivePicture {...scene} />
-        <JobStrip {...scene} />
+        {strip}
       </div>
       <div class="column">
-        <Meter {...scene} />
-        <Bench {...scene} />
+        {meter}
+        {bench}
       </div>
-      <Charts {...scene} />
+      {charts}
     </div>
   );
 }

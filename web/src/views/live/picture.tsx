@@ -1,7 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { fixed, span } from "../../format";
-import { range } from "../../field-map";
-import { painter } from "../../painter";
+import { eyepiece, type Probe } from "../../eyepiece";
 import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
@@ -18,7 +17,10 @@ export function LivePicture(scene: Scene) {
   return (
     <section class="card picture" data-state={shown} aria-label={strings.picture.live}>
       <div class="frame" style={{ aspectRatio: facts ? `${facts.widthPx} / ${facts.heightPx}` : "1" }}>
-        <Canvases label={strings.picture.keys(strings.picture.shown[state.preferences.show])} />
+        <Canvases
+          key={eyepiece.replaced}
+          label={strings.picture.keys(strings.picture.shown[state.preferences.show])}
+        />
         <span class="stamps">
           {facts?.simulated && <span class="stamp">{strings.simulated}</span>}
           {facts?.replayed && <span class="stamp">{strings.replay}</span>}
@@ -29,7 +31,7 @@ export function LivePicture(scene: Scene) {
       <Overlays {...scene} />
       <p class="facts">
         {facts && age !== null && <span>{strings.picture.frame(facts.seq, fixed(age, 0))}</span>}
-        {shown === "fresh" && <span>{strings.picture.rate(fixed(painter.rate, 1))}</span>}
+        {shown === "fresh" && <span>{strings.picture.rate(fixed(eyepiece.rate, 1))}</span>}
         {facts && facts.framesSkipped > 0 && <span>{strings.picture.skipped(facts.framesSkipped)}</span>}
         {facts?.preview && <span class="tag">{strings.picture.preview}</span>}
         {facts && !facts.settled && <span class="tag">{strings.picture.moving}</span>}
@@ -53,9 +55,9 @@ export function LivePicture(scene: Scene) {
 function Canvases({ label }: { label: string }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const over = useRef<HTMLCanvasElement>(null);
-  const [probe, setProbe] = useState<ReturnType<typeof painter.probe>>(null);
+  const [probe, setProbe] = useState<Probe | null>(null);
   useEffect(() => {
-    if (canvas.current && over.current) return painter.attach(canvas.current, over.current);
+    if (canvas.current && over.current) return eyepiece.attach(canvas.current, over.current);
     return undefined;
   }, []);
   const gestures = useGestures(setProbe);
@@ -67,7 +69,7 @@ function Canvases({ label }: { label: string }) {
         tabIndex={0}
         role="img"
         aria-label={label}
-        data-whole={painter.whole}
+        data-whole={eyepiece.whole}
         {...gestures}
       />
       <canvas ref={over} class="overlay" aria-hidden="true" />
@@ -84,7 +86,7 @@ function Canvases({ label }: { label: string }) {
 function Legend({ state }: Scene) {
   const { show } = state.preferences;
   const overlays = overlaysOn(show, state.preferences.overlays);
-  const map = painter.newestMap;
+  const map = eyepiece.newestMap;
   const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
   const wanted = overlays.some((overlay) => overlay !== "saturation");
   return (
@@ -98,13 +100,13 @@ function Legend({ state }: Scene) {
       {overlays.includes("error") && map && (
         <span class="legend">
           <i class="below" /> {strings.picture.legendBelow} <i class="above" /> {strings.picture.legendAbove}{" "}
-          · {strings.picture.legendRange(fixed(range(map), 2))}
+          · {strings.picture.legendRange(fixed(map.rangePx, 2))}
         </span>
       )}
       {wanted && !map && <span>{strings.picture.mapNone}</span>}
       {wanted && map && behind > 0 && <span>{strings.picture.mapOld(behind)}</span>}
-      {overlays.includes("saturation") && painter.saturation !== null && (
-        <span>{strings.picture.saturated(fixed(100 * painter.saturation, 2))}</span>
+      {overlays.includes("saturation") && eyepiece.saturation !== null && (
+        <span>{strings.picture.saturated(fixed(100 * eyepiece.saturation, 2))}</span>
       )}
     </>
   );

@@ -1,0 +1,101 @@
+// What keeps the connection and draws its pictures: told what to do, and reporting what came. It knows nothing of the
+// page, so that it can work in a worker, where nothing that the page does delays a picture.
+
+import { heard, sentAt, unknown, type Clock } from "./clock";
+import { range } from "./field-map";
+import { Live } from "./live";
+import { Painter, type Look, type Surface } from "./painter";
+import type { Overlay } from "./preferences";
+import { onFrame } from "./screen-frame";
+import type { Link } from "./state";
+import type { Size } from "./viewport";
+import type { PictureFacts, ServerMessage } from "./wire";
+import type { Wish } from "./wish";
+
+export type Command =
+  | { do: "open" }
+  | { do: "close" }
+  | { do: "want"; wish: Wish }
+  | { do: "attach"; canvas: Surface; over: Surface }
+  | { do: "detach" }
+  | { do: "look"; look: Look }
+  | { do: "overlay"; overlays: Overlay[] }
+  | { do: "forget" }
+  | { do: "probe"; probe: number; x: number; y: number };
+
+/** What the page says about a map of the spacing. */
+export interface MapFacts {
+  frameSeq: number;
+  rangePx: number;
+}
+
+/** Times are the page's clock, ms. */
+export type Report =
+  /** Now and then, whatever else there is to report. */
+  | { is: "alive" }
+  | { is: "link"; link: Link }
+  | { is: "message"; message: ServerMessage; cameAt: number }
+  /** A picture has been drawn. */
+  | { is: "picture"; facts: PictureFacts; size: Size; sentAt: number }
+  | { is: "map"; map: MapFacts }
+  | { is: "saturation"; share: number | null }
+  | { is: "grey"; probe: number; grey: number | null };
+
+const ALIVE_MS = 1000;
+
+export class Viewer {
+  private readonly painter: Painter;
+  private readonly live: Live;
+  private clock: Clock = unknown;
+
+  constructor(private readonly report: (report: Report) => void) {
+    this.painter = new Painter((share) => report({ is: "saturation", share }));
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    this.live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
+      link: (link) => report({ is: "link", link }),
+      message: (message, cameAt) => {
+        if (message.type === "snapshot") this.clock = unknown;
+        if (message.type === "tick") this.clock = heard(this.clock, cameAt, message.now);
+        report({ is: "message", message, cameAt });
+      },
+      picture: async ({ facts, jpeg }, cameAt) => {
+        const size = await this.painter.show({ facts, jpeg });
+        if (size === null) return;
+        report({ is: "picture", facts, size, sentAt: sentAt(this.clock, facts, cameAt) });
+        // A browser that draws its frames more slowly than pictures come is not sent more of them.
+        await new Promise<void>((resolve) => onFrame(resolve));
+      },
+      map: (map) => {
+        this.painter.showMap(map);
+        report({ is: "map", map: { frameSeq: map.frameSeq, rangePx: range(map) } });
+      },
+    });
+    this.live.start();
+    setInterval(() => report({ is: "alive" }), ALIVE_MS);
+  }
+
+  obey(command: Command): void {
+    switch (command.do) {
+      case "open":
+        return this.live.open();
+      case "close":
+        return this.live.close();
+      case "want":
+        return this.live.want(command.wish);
+      case "attach":
+        return this.painter.attach(command.canvas, command.over);
+      case "detach":
+        return this.painter.detach();
+      case "look":
+        return this.painter.lookAt(command.look);
+      case "overlay":
+        return this.painter.showOverlays(command.overlays);
+      case "forget":
+        return this.painter.forget();
+      case "probe": {
+        const grey = this.painter.grey(command.x, command.y);
+        return this.report({ is: "grey", probe: command.probe, grey });
+      }
+    }
+  }
+}
