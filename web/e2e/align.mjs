@@ -1,7 +1,7 @@
 // End to end: an alignment by clicks, STOP in mid-run, a daemon that dies and comes back.
 
 import assert from "node:assert/strict";
-import { browse, faults, folder, open, photograph, shots, start, step } from "./harness.mjs";
+import { browse, darken, faults, folder, open, photograph, shots, start, step } from "./harness.mjs";
 
 const ALIGNMENT_MS = 240_000;
 const OVER = ".job .outcome:is(.converged, .not_converged, .failed, .cancelled)";
@@ -72,6 +72,7 @@ try {
   assert.doesNotMatch(await page.locator("body").innerText(), /NaN|undefined|null\b|Infinity/);
   await page.locator(".meter .tag.good").waitFor({ timeout: 10_000 });
   await photograph(page, "converged");
+  await darken(page, "converged");
 
   step("its report can be fetched");
   for (const link of await page.locator(".job .downloads a").all()) {
@@ -91,6 +92,7 @@ try {
   for (const row of [0, 1]) await page.locator("table.jobs .toggle").nth(row).click();
   await page.locator(".compare li").nth(1).waitFor();
   await photograph(page, "history");
+  await darken(page, "history");
   await page.locator("table.jobs a").first().click();
   await page.locator(".earlier").waitFor();
   assert.equal(await page.locator(".iterations tbody tr").count(), rows);
@@ -104,15 +106,40 @@ try {
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
   assert((await spread(page)) > 10, "the picture is blank");
 
+  step("the picture can be the view that is made of the frame, or its depth");
+  const scale = () => page.locator(".tools output").textContent();
+  const whole = await scale();
+  const grid = page.getByRole("button", { name: "Grid", exact: true });
+  assert((await coloured(page)) < 0.001, "a raw frame is grey");
+  await page.getByRole("button", { name: "Central view" }).click();
+  // Its pixels are fewer than the frame's, and so shown larger.
+  await page.waitForFunction((raw) => document.querySelector(".tools output").textContent !== raw, whole, {
+    timeout: 60_000,
+  });
+  assert.match(await page.locator("#live").getAttribute("aria-label"), /^Central view/);
+  assert(await grid.isDisabled(), "an overlay of raw pixels is offered over a view");
+  assert((await spread(page)) > 5, "the view is blank");
+  assert((await coloured(page)) < 0.001, "a view is grey");
+  await photograph(page, "central");
+  await page.getByRole("button", { name: "Depth map" }).click();
+  await page.locator(".legend", { hasText: "near" }).waitFor();
+  await until(async () => (await coloured(page)) > 0.05, "no depth map is shown");
+  await photograph(page, "depth");
+  await page.getByRole("button", { name: "Raw frame" }).click();
+  await until(
+    async () => (await coloured(page)) < 0.001 && (await scale()) === whole,
+    "the raw frame is not back",
+  );
+  assert(await grid.isEnabled());
+
   step("overlays are drawn over it, and it is seen down to single pixels");
   assert.equal(await painted(page), 0, "something is drawn over the picture unasked");
   for (const name of ["Grid", "Spacing error"]) {
     await page.getByRole("button", { name, exact: true }).click();
   }
-  await page.waitForFunction(overlaid, undefined, { timeout: 60_000 });
+  await until(async () => (await painted(page)) > 0, "nothing is drawn over the picture");
   await photograph(page, "overlays");
-  const scale = () => page.locator(".tools output").textContent();
-  const whole = await scale();
+  await darken(page, "overlays");
   for (let i = 0; i < 6; i += 1) await page.getByRole("button", { name: "Zoom in" }).click();
   await page.waitForTimeout(300);
   assert.notEqual(await scale(), whole);
@@ -185,35 +212,41 @@ async function seeThrough(page) {
 }
 
 /** Standard deviation of the canvas's grey levels. */
-function spread(page) {
-  return page.evaluate(() => {
-    const canvas = document.querySelector("canvas#live");
+async function spread(page) {
+  const grey = (await pixels(page, "canvas#live")).map(([red]) => red);
+  const mean = grey.reduce((sum, level) => sum + level, 0) / grey.length;
+  return Math.sqrt(grey.reduce((sum, level) => sum + (level - mean) ** 2, 0) / grey.length);
+}
+
+/** Share of the canvas that is coloured. */
+async function coloured(page) {
+  const all = await pixels(page, "canvas#live");
+  return all.filter(([red, , blue]) => Math.abs(red - blue) > 30).length / all.length;
+}
+
+/** How many of the pixels looked at have something drawn over the picture. */
+async function painted(page) {
+  return (await pixels(page, "canvas.overlay")).filter(([, , , alpha]) => alpha > 0).length;
+}
+
+/** Some of a canvas's pixels, spread all over it. */
+function pixels(page, selector) {
+  return page.evaluate((selector) => {
+    const canvas = document.querySelector(selector);
     // A worker draws on it: what it shows is read from a copy.
     const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
     copy.drawImage(canvas, 0, 0);
     const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
-    let [n, sum, squares] = [0, 0, 0];
-    for (let i = 0; i < data.length; i += 4) {
-      n += 1;
-      sum += data[i];
-      squares += data[i] * data[i];
-    }
-    return Math.sqrt(squares / n - (sum / n) ** 2);
-  });
+    const some = [];
+    for (let at = 0; at + 3 < data.length; at += 4 * 37) some.push([...data.slice(at, at + 4)]);
+    return some;
+  }, selector);
 }
 
-/** How many pixels are drawn over the picture. */
-function painted(page) {
-  return page.evaluate(overlaid);
-}
-
-/** In the page. */
-function overlaid() {
-  const canvas = document.querySelector("canvas.overlay");
-  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
-  copy.drawImage(canvas, 0, 0);
-  const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
-  let drawn = 0;
-  for (let i = 3; i < data.length; i += 4) if (data[i] > 0) drawn += 1;
-  return drawn;
+async function until(holds, otherwise) {
+  for (let tries = 0; tries < 300; tries += 1) {
+    if (await holds()) return;
+    await new Promise((resolve) => setTimeout(resolve, 200));
+  }
+  throw new Error(otherwise);
 }

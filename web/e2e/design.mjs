@@ -3,7 +3,18 @@
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { accessible, browse, faults, folder, open, photograph, shots, start, step } from "./harness.mjs";
+import {
+  accessible,
+  browse,
+  darken,
+  faults,
+  folder,
+  open,
+  photograph,
+  shots,
+  start,
+  step,
+} from "./harness.mjs";
 
 const SMALL = `
 [sensor]
@@ -97,6 +108,7 @@ try {
   assert.equal(await page.locator("svg.train").count(), 2);
   assert.match(await figure("Δv", "joint").first().locator(".other").innerText(), /^\+2\.205 mm$/);
   await photograph(page, "design");
+  await darken(page, "design");
   await accessible(page);
 
   step("on a phone the results are in sight in short from every field, and a press away in full");

@@ -124,3 +124,15 @@ export async function photograph(page, name) {
   }
   await page.setViewportSize(before);
 }
+
+/** The page in the dark, and whether it can be read there. */
+export async function darken(page, name) {
+  const before = page.viewportSize();
+  await page.emulateMedia({ colorScheme: "dark" });
+  await page.setViewportSize({ width: 1024, height: 768 });
+  await page.waitForTimeout(400);
+  await page.screenshot({ path: `${shots}/${name}-dark.png`, fullPage: true });
+  await accessible(page);
+  await page.emulateMedia({ colorScheme: "light" });
+  await page.setViewportSize(before);
+}

@@ -6,7 +6,18 @@ import { spawn } from "node:child_process";
 import { once } from "node:events";
 import { renameSync } from "node:fs";
 import { join } from "node:path";
-import { browse, faults, folder, open, photograph, program, render, start, step } from "./harness.mjs";
+import {
+  browse,
+  darken,
+  faults,
+  folder,
+  open,
+  photograph,
+  program,
+  render,
+  start,
+  step,
+} from "./harness.mjs";
 
 const camera = `
 [sensor]
@@ -113,6 +124,7 @@ try {
   }
   if (found.cameras.length === 0) await page.locator("#no-cameras").waitFor();
   await photograph(page, "settings");
+  await darken(page, "settings");
 
   assert.deepEqual(own(), []);
 } finally {

@@ -17,6 +17,8 @@ const LONGEST_RETRY_MS = 5000;
 const WINDOW = 2;
 /** Where drawing takes longer than this, ms, the one that travels would wait, and be old when it is drawn. */
 const SLOW_MS = 60;
+/** Where it takes less again, it would not. */
+const QUICK_MS = 40;
 /** How much the newest picture counts in what drawing takes of late. */
 const NEWEST = 0.2;
 
@@ -39,6 +41,9 @@ export class Live {
   private wanted = false;
   /** What drawing a picture has taken of late, ms. */
   private drawingMs = 0;
+  private slow = false;
+  /** Frames left out: of those asked for before, and of those asked for last, which the daemon counts anew. */
+  private leftOut = { before: 0, since: 0 };
   private wish: Wish = { pictures: false, overlay: false, reduce: 1, show: "raw" };
 
   constructor(
@@ -101,16 +106,31 @@ export class Live {
     const seen = parseSeen(bytes);
     if (seen?.is === "map") this.listener.map(seen.map);
     if (seen?.is !== "picture") return;
+    const { facts, jpeg } = seen.picture;
+    const framesSkipped = this.count(facts.framesSkipped);
     const began = performance.now();
-    await this.listener.picture(seen.picture, cameAt);
-    const slow = this.isSlow;
-    this.drawingMs += NEWEST * (performance.now() - began - this.drawingMs);
-    if (slow !== this.isSlow) this.ask();
-    this.send(socket, { type: "seen", seq: seen.picture.facts.seq });
+    try {
+      await this.listener.picture({ jpeg, facts: { ...facts, framesSkipped } }, cameAt);
+    } finally {
+      // One that could not be drawn is on the way no longer, either.
+      this.learn(performance.now() - began);
+      this.send(socket, { type: "seen", seq: facts.seq });
+    }
   }
 
-  private get isSlow(): boolean {
-    return this.drawingMs > SLOW_MS;
+  /** Every frame left out so far, where the daemon has counted so many since it was asked last. */
+  private count(skipped: number): number {
+    const { before, since } = this.leftOut;
+    this.leftOut = { before: skipped < since ? before + since : before, since: skipped };
+    return this.leftOut.before + skipped;
+  }
+
+  private learn(tookMs: number): void {
+    this.drawingMs += NEWEST * (tookMs - this.drawingMs);
+    const slow = this.drawingMs > (this.slow ? QUICK_MS : SLOW_MS);
+    if (slow === this.slow) return;
+    this.slow = slow;
+    this.ask();
   }
 
   /** A connection that says nothing is none, whatever TCP thinks. */
@@ -129,7 +149,7 @@ export class Live {
       show,
       quality: QUALITY,
       overlay,
-      window: this.isSlow ? 1 : WINDOW,
+      window: this.slow ? 1 : WINDOW,
     });
   }
 

@@ -6,12 +6,15 @@ export interface Saturation {
   share: number;
 }
 
-/** Between two looks. */
+/** From one look to the next at least, ms; and how many times what one took, so that pictures keep most of a slow
+ *  computer. */
 const REST_MS = 300;
+const REST = 5;
 
 export class SaturationWatch {
   private worker: Worker | null = null;
   private askedAt = -Infinity;
+  private tookMs = 0;
   private busy = false;
   private found: Saturation | null = null;
 
@@ -24,7 +27,7 @@ export class SaturationWatch {
 
   /** Looks at a picture, unless the last look is too recent or still under way. */
   look(jpeg: Uint8Array<ArrayBuffer>, now: number): void {
-    if (this.busy || now - this.askedAt < REST_MS) return;
+    if (this.busy || now - this.askedAt < Math.max(REST_MS, REST * this.tookMs)) return;
     this.askedAt = now;
     this.busy = true;
     this.worker ??= this.start();
@@ -37,6 +40,7 @@ export class SaturationWatch {
     this.worker = null;
     this.busy = false;
     this.askedAt = -Infinity;
+    this.tookMs = 0;
     this.found?.mask.close();
     this.found = null;
   }
@@ -45,6 +49,7 @@ export class SaturationWatch {
     const worker = new Worker(new URL("./saturation-worker.ts", import.meta.url), { type: "module" });
     worker.onmessage = (event: MessageEvent<Saturation | null>) => {
       this.busy = false;
+      this.tookMs = performance.now() - this.askedAt;
       if (!event.data) return;
       this.found?.mask.close();
       this.found = event.data;

@@ -144,6 +144,7 @@ export const design = {
   curveLabel: (what: string, over: string) => `${what} over ${over}`,
   solutions: "clarity and joint",
   limit: "still sharp",
+  thin: (name: string) => `${name}: thin`,
   save: "Save into the configuration",
   saveMore: "It takes effect when the daemon starts again.",
   saved: (keys: string) => `Written: ${keys}. Start the daemon again for it to take effect.`,

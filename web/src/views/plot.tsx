@@ -38,6 +38,8 @@ interface Props {
 export function Plot({ label, height, data, options }: Props) {
   const holder = useRef<HTMLDivElement>(null);
   const plot = useRef<uPlot | null>(null);
+  const newest = useRef(data);
+  newest.current = data;
 
   useEffect(() => {
     const element = holder.current;
@@ -45,7 +47,7 @@ export function Plot({ label, height, data, options }: Props) {
     const make = () => {
       plot.current?.destroy();
       const size = { width: element.clientWidth, height };
-      plot.current = new uPlot({ ...options(theme(element)), ...size }, data, element);
+      plot.current = new uPlot({ ...options(theme(element)), ...size }, newest.current, element);
     };
     make();
     const resize = new ResizeObserver(() => plot.current?.setSize({ width: element.clientWidth, height }));

@@ -3,6 +3,7 @@ import uPlot from "uplot";
 import { strings } from "../../strings";
 import type { LengthUnit } from "../../units";
 import type { Draft } from "../../wire";
+import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Other } from "./figures";
 
@@ -89,9 +90,10 @@ export function Curves({ draft, other, unit }: Props) {
         </div>
         <div>
           <p class="facts key">
-            <span class="line accent" /> {words.state.joint} <span class="line second" />{" "}
-            {words.state.clarity} <span class="line good" /> {words.limit}
-            {other && ` · ${other.name}: thin`}
+            <LineKey of="accent">{words.state.joint}</LineKey>
+            <LineKey of="second">{words.state.clarity}</LineKey>
+            <LineKey of="good">{words.limit}</LineKey>
+            {other && <span>{words.thin(other.name)}</span>}
           </p>
           <Plot
             key={`${key} ${about.join()}`}
@@ -109,13 +111,10 @@ export function Curves({ draft, other, unit }: Props) {
 function Key({ both, other, first }: { both: boolean; other: Other | null; first: string }) {
   return (
     <p class="facts key">
-      <span class="line accent" /> {first} ● {strings.design.solutions}
-      {both && other && (
-        <>
-          {" "}
-          <span class="line second" /> {other.name}
-        </>
-      )}
+      <LineKey of="accent">
+        {first} ● {strings.design.solutions}
+      </LineKey>
+      {both && other && <LineKey of="second">{other.name}</LineKey>}
     </p>
   );
 }

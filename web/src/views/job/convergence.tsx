@@ -2,6 +2,7 @@ import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
+import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 
 const HEIGHT = 240;
@@ -43,8 +44,8 @@ export function Convergence({ job }: { job: Job }) {
   return (
     <>
       <p class="facts key">
-        <span class="line accent" /> {strings.iterations.chartSpacing} <span class="line good" />{" "}
-        {strings.iterations.chartTarget}
+        <LineKey of="accent">{strings.iterations.chartSpacing}</LineKey>
+        <LineKey of="good">{strings.iterations.chartTarget}</LineKey>
       </p>
       <Plot label={strings.iterations.chartSpacing} height={HEIGHT} data={data} options={options} />
     </>

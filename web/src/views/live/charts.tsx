@@ -2,6 +2,7 @@ import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
 import { strings } from "../../strings";
 import { SPAN_S } from "../../trail";
+import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Scene } from "../scene";
 
@@ -85,15 +86,16 @@ export function Charts({ state, now }: Scene) {
       <div class="chart-pair">
         <div>
           <p class="facts key">
-            <span class="line accent" /> {strings.charts.spacing} <span class="line good" /> {legend}
+            <LineKey of="accent">{strings.charts.spacing}</LineKey>
+            <LineKey of="good">{legend}</LineKey>
           </p>
           <Plot label={strings.charts.spacing} height={HEIGHT} data={spacings} options={spacing} />
           {state.spacings.at.length === 0 && <p class="chart-none">{strings.charts.none}</p>}
         </div>
         <div>
           <p class="facts key">
-            <span class="line accent" /> {strings.charts.focus} <span class="line second" />{" "}
-            {strings.charts.e}
+            <LineKey of="accent">{strings.charts.focus}</LineKey>
+            <LineKey of="second">{strings.charts.e}</LineKey>
           </p>
           <Plot
             label={`${strings.charts.focus}, ${strings.charts.e}`}

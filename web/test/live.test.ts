@@ -1,0 +1,98 @@
+import { create, toBinary } from "@bufbuild/protobuf";
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { FrameSchema, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
+import { Live } from "../src/live";
+import type { PictureFacts } from "../src/wire";
+
+class Socket {
+  static readonly OPEN = 1;
+  static newest: Socket;
+  readyState = Socket.OPEN;
+  binaryType = "";
+  sent: { type: string; seq?: number; window?: number }[] = [];
+  onopen: (() => void) | null = null;
+  onmessage: ((event: { data: ArrayBuffer }) => void) | null = null;
+  constructor() {
+    Socket.newest = this;
+  }
+  send(text: string): void {
+    this.sent.push(JSON.parse(text) as Socket["sent"][number]);
+  }
+  picture(seq: number, framesSkipped = 0): void {
+    const value = create(FrameSchema, {
+      seq: BigInt(seq),
+      framesSkipped: BigInt(framesSkipped),
+      jpeg: new Uint8Array([1]),
+    });
+    const bytes = toBinary(ViewedSchema, create(ViewedSchema, { what: { case: "frame", value } }));
+    this.onmessage?.({ data: new Uint8Array(bytes).buffer });
+  }
+}
+
+describe("the live connection", () => {
+  let drawn: PictureFacts[] = [];
+  let draw: () => Promise<void>;
+  const socket = () => Socket.newest;
+  const sent = (type: string) => socket().sent.filter((message) => message.type === type);
+
+  beforeEach(() => {
+    vi.useFakeTimers();
+    vi.stubGlobal("WebSocket", Socket);
+    drawn = [];
+    draw = () => Promise.resolve();
+    const live = new Live("ws://bench", {
+      link: () => undefined,
+      message: () => undefined,
+      map: () => undefined,
+      picture: ({ facts }) => {
+        drawn.push(facts);
+        return draw();
+      },
+    });
+    live.want({ pictures: true, overlay: false, reduce: 1, show: "raw" });
+    live.open();
+    socket().onopen?.();
+  });
+  afterEach(() => {
+    vi.useRealTimers();
+    vi.unstubAllGlobals();
+  });
+
+  it("says that a picture was seen once it is drawn, and no sooner", async () => {
+    draw = () => new Promise((resolve) => setTimeout(resolve, 30));
+    socket().picture(7);
+    await vi.advanceTimersByTimeAsync(29);
+    expect(sent("seen")).toEqual([]);
+    await vi.advanceTimersByTimeAsync(1);
+    expect(sent("seen")).toEqual([{ type: "seen", seq: 7 }]);
+  });
+
+  it("has fewer pictures on the way where drawing is slow, until it is quick again", async () => {
+    expect(sent("pictures").map(({ window }) => window)).toEqual([2]);
+    const after = async (ms: number) => {
+      draw = () => new Promise((resolve) => setTimeout(resolve, ms));
+      for (let seq = 0; seq < 20; seq += 1) {
+        socket().picture(seq);
+        await vi.advanceTimersByTimeAsync(ms);
+      }
+      return sent("pictures").map(({ window }) => window);
+    };
+    expect(await after(90)).toEqual([2, 1]);
+    // Between the two it stays as it is.
+    expect(await after(50)).toEqual([2, 1]);
+    expect(await after(10)).toEqual([2, 1, 2]);
+  });
+
+  it("counts frames left out on, where the daemon begins anew", () => {
+    for (const [seq, skipped] of [
+      [1, 0],
+      [5, 3],
+      [9, 6],
+      [10, 0],
+      [14, 3],
+    ] as const) {
+      socket().picture(seq, skipped);
+    }
+    expect(drawn.map(({ framesSkipped }) => framesSkipped)).toEqual([0, 3, 6, 6, 9]);
+  });
+});
