@@ -16,7 +16,7 @@ use super::tasks::AirStep;
 use crate::config::Config;
 use crate::device::{AxisPose, Bench, DeviceError, Frame};
 use crate::optics::CameraDesign;
-use crate::raw::{RawImage, Samples};
+use crate::raw::RawImage;
 use crate::telemetry;
 use crate::units::Millimetres;
 
@@ -24,6 +24,9 @@ use crate::units::Millimetres;
 const SETTLING_ALLOWED: Duration = Duration::from_secs(10);
 /// A frame that spans motion is taken again this often.
 const FRAME_TRIES: u32 = 5;
+/// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
+const LIT: [f32; 2] = [0.1, 0.9];
+const LEAST_LIT: f64 = 0.01;
 
 /// A spacing seen, with the pose of its last frame.
 #[derive(Debug, Clone)]
@@ -346,21 +349,40 @@ impl Eye {
     }
 }
 
-/// Whether two frames are the same to the last pixel; such as are of one grey level alone, black or clipped, tell nothing.
+/// Whether two frames are the same to the last pixel, and have enough light between black and white to be noisy: a sensor
+/// that is dark or clipped may well repeat itself.
 fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
-    fn varies<T: PartialEq>(samples: &[T]) -> bool {
-        samples.first().is_some_and(|first| samples.iter().any(|sample| sample != first))
-    }
-    one == other
-        && match one.samples() {
-            Samples::U8(samples) => varies(samples),
-            Samples::U16(samples) => varies(samples),
-        }
+    let white = f32::from(one.white_level());
+    let lit = |frame: &RawImage| {
+        let (low, high) = (LIT[0] * white, LIT[1] * white);
+        let lit = frame.to_f32().into_iter().filter(|level| (low..high).contains(level)).count();
+        lit as f64 >= LEAST_LIT * frame.samples().len() as f64
+    };
+    one == other && lit(one)
 }
 
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
     match tokio::task::spawn_blocking(work).await {
         Ok(result) => result.map_err(|why| JobEnd::Failed { why }),
         Err(error) => Err(JobEnd::failed(format!("a measurement ended unexpectedly: {error}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_is_known_again_by_its_light() {
+        let frame = |level: u8, one: u8| {
+            let mut samples = vec![level; 100 * 100];
+            samples[17] = one;
+            RawImage::from_u8(100, 100, samples)
+        };
+        assert!(is_same_picture(&frame(120, 130), &frame(120, 130)));
+        assert!(!is_same_picture(&frame(120, 130), &frame(120, 131)));
+        // A cap on the lens, and a lamp in it.
+        assert!(!is_same_picture(&frame(0, 130), &frame(0, 130)));
+        assert!(!is_same_picture(&frame(255, 130), &frame(255, 130)));
     }
 }

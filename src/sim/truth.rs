@@ -446,9 +446,10 @@ mod tests {
         assert!((truth.pose().e_mm - start - 0.75 * 1.05).abs() < 1e-9);
         faults.e = AxisFaults { backlash_mm: 0.2, limit_switch: true, ..AxisFaults::default() };
         truth.set_faults(faults);
-        let up = truth.pose().e_mm;
         truth.motor_moved(1, 1.0);
-        assert!((up - truth.pose().e_mm - (1.05 - 0.23)).abs() < 1e-9);
+        let down = truth.pose().e_mm;
+        truth.motor_moved(1, 2.0);
+        assert!((truth.pose().e_mm - down - (1.05 - 0.23)).abs() < 1e-9);
         assert!(truth.limit_switch_closed(1) && !truth.limit_switch_closed(0));
     }
 
