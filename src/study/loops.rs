@@ -45,6 +45,21 @@ struct Taken {
     converged: bool,
 }
 
+/// What both strategies came to on a bench, the plain one first.
+struct Run {
+    /// What each loop took; or why a frame of it was refused, which ends it, as it ends a job.
+    strategies: [Result<[Taken; 2], String>; 2],
+}
+
+/// A strategy's end: a refused frame is one.
+fn ended(taken: Result<[Taken; 2], StudyError>) -> Result<Result<[Taken; 2], String>, StudyError> {
+    match taken {
+        Ok(taken) => Ok(Ok(taken)),
+        Err(StudyError::Unseen { what, why }) => Ok(Err(format!("{what}: {why}"))),
+        Err(other) => Err(other),
+    }
+}
+
 /// One bench: its axes as they truly are, and its camera.
 struct Bench<'a> {
     studio: &'a Studio,
@@ -120,12 +135,12 @@ pub(super) fn write(desk: &Desk<'_>) -> Result<Chapter, StudyError> {
                 frames: std::cell::Cell::new(random.random_range(0..1 << 32)),
                 seed,
             };
-            let taken = [bench.plain()?, bench.ours()?];
+            let run = Run { strategies: [ended(bench.plain())?, ended(bench.ours())?] };
             let done = finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
             desk.watch.done(done, seeds);
-            Ok(taken)
+            Ok(run)
         })
-        .collect::<Result<Vec<[[Taken; 2]; 2]>, StudyError>>()?;
+        .collect::<Result<Vec<Run>, StudyError>>()?;
     Ok(chapter(config, &runs, design.mla.target_spacing() / pixel))
 }
 
@@ -334,7 +349,12 @@ impl Bench<'_> {
     }
 }
 
-fn chapter(config: &Config, runs: &[[[Taken; 2]; 2]], target_px: f64) -> Chapter {
+/// The benches, by number, whose frames could all be measured, and what a strategy took there.
+fn ended_well(runs: &[Run], strategy: usize) -> impl Iterator<Item = (usize, [Taken; 2])> {
+    runs.iter().enumerate().filter_map(move |(k, run)| run.strategies[strategy].as_ref().ok().map(|taken| (k, *taken)))
+}
+
+fn chapter(config: &Config, runs: &[Run], target_px: f64) -> Chapter {
     let mut chapter = Chapter::default();
     let joint = config.design().joint(config.assembly.l_bound_mm);
     let tolerance = config.assembly.delta_v_tolerance_mm;
@@ -366,7 +386,10 @@ fn chapter(config: &Config, runs: &[[[Taken; 2]; 2]], target_px: f64) -> Chapter
     let names = ["plain", "this program's"];
     for (stage, (name, unit)) in [("Δv in air", "µm"), ("e with the shell", "px")].into_iter().enumerate() {
         for (strategy, label) in names.into_iter().enumerate() {
-            let taken: Vec<Taken> = runs.iter().map(|run| run[strategy][stage]).collect();
+            let taken: Vec<Taken> = ended_well(runs, strategy).map(|(_, taken)| taken[stage]).collect();
+            if taken.is_empty() {
+                continue;
+            }
             let figures = |value: &dyn Fn(&Taken) -> f64, digits: usize| {
                 let mut values: Vec<f64> = taken.iter().map(value).collect();
                 values.sort_unstable_by(f64::total_cmp);
@@ -388,7 +411,7 @@ fn chapter(config: &Config, runs: &[[[Taken; 2]; 2]], target_px: f64) -> Chapter
                 figures(&|t| t.travel_mm, 2).0,
                 figures(&|t| t.seconds, 1).0,
                 format!("{error:.3} {unit}"),
-                format!("{converged} of {}", taken.len()),
+                format!("{converged} of {}", runs.len()),
                 if stage == 1 { format!("{} of {}", past[strategy], taken.len()) } else { "–".to_owned() },
             ]);
         }
@@ -422,7 +445,7 @@ fn chapter(config: &Config, runs: &[[[Taken; 2]; 2]], target_px: f64) -> Chapter
             .enumerate()
             .map(|(strategy, label)| {
                 let points =
-                    runs.iter().enumerate().map(|(k, run)| [k as f64, scale * run[strategy][stage].error]).collect();
+                    ended_well(runs, strategy).map(|(k, taken)| [k as f64, scale * taken[stage].error]).collect();
                 Curve::marks(label, points)
             })
             .collect();
@@ -433,6 +456,17 @@ fn chapter(config: &Config, runs: &[[[Taken; 2]; 2]], target_px: f64) -> Chapter
             y: y.to_owned(),
             curves,
         });
+    }
+    for (strategy, name) in names.into_iter().enumerate() {
+        let refused: Vec<&str> =
+            runs.iter().filter_map(|run| run.strategies[strategy].as_ref().err()).map(String::as_str).collect();
+        if let Some(first) = refused.first() {
+            chapter.text.push(format!(
+                "On {} of the benches a frame of the {name} loops was refused, which ended them, as it ends a job; they \
+                 count as not converged, and are in no other figure. The first: {first}.",
+                refused.len()
+            ));
+        }
     }
     chapter.text.push(format!("The target of the spacing is {target_px:.3} px (Eq. 16)."));
     chapter

@@ -901,7 +901,7 @@ export interface components {
        */
       backlash_mm: number;
       /**
-       * @description Its limit switch is closed.
+       * @description Its switches are closed, wherever it stands.
        * @default false
        */
       limit_switch: boolean;
