@@ -38,5 +38,6 @@ pub mod store;
 pub mod study;
 pub mod telemetry;
 mod text;
+pub mod whole;
 
 pub use plenoptics::{imaging, optics, raw, units};

@@ -13,7 +13,7 @@ use super::error::{Problem, Result};
 use super::extract::{JsonBody, Query};
 use super::history::PageAsked;
 use crate::control::measurement::{MeasurementRequest, SingleMeasurement};
-use crate::control::whole::whole_or_none;
+use crate::whole::whole_or_none;
 
 /// Oldest frame that may be asked for, ms.
 const MAX_AGE_MS: u64 = 60_000;

@@ -39,7 +39,6 @@ mod sight;
 mod survey;
 mod tasks;
 mod watchers;
-pub mod whole;
 pub use jobs::Acceptance;
 pub use motion::StopReport;
 pub use open::open_bench;

@@ -5,8 +5,8 @@ use utoipa::ToSchema;
 
 use super::lease::MAX_TEXT;
 use super::refusal::ServiceError;
-use super::whole::whole_or_none;
 use crate::device::AxisName;
+use crate::whole::whole_or_none;
 
 /// What a job is to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::AxisName;
+use crate::whole::whole;
 
 /// Everything that goes wrong with a simulated bench at a time. By default nothing; what is not named goes right.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
@@ -28,12 +29,15 @@ pub struct SerialFaults {
     /// The adapter is unplugged.
     pub unplugged: bool,
     /// How late what the controller says arrives, ms.
+    #[serde(deserialize_with = "whole")]
     #[schema(minimum = 0, maximum = 5000)]
     pub delay_ms: u16,
     /// One byte in this many that the controller says is lost; 0 for none.
+    #[serde(deserialize_with = "whole")]
     #[schema(minimum = 0, maximum = 1_000_000)]
     pub lost_one_in: u32,
     /// One byte in this many that the controller says arrives as another; 0 for none.
+    #[serde(deserialize_with = "whole")]
     #[schema(minimum = 0, maximum = 1_000_000)]
     pub garbled_one_in: u32,
 }
@@ -88,6 +92,7 @@ pub enum PictureFault {
 #[serde(default, deny_unknown_fields)]
 pub struct SceneFaults {
     /// Bubbles in the field, instead of as many as are configured.
+    #[serde(deserialize_with = "whole")]
     #[schema(minimum = 0, maximum = 500)]
     pub bubbles: u16,
     /// The tank has no water in it: there is air beyond the shell.
@@ -172,5 +177,7 @@ mod tests {
         assert_eq!(faults.camera.picture, PictureFault::Dark);
         assert_eq!(Faults { camera: CameraFaults::default(), ..faults }, Faults::default());
         assert!(serde_json::from_str::<Faults>(r#"{"camera": {"pictures": "dark"}}"#).is_err());
+        let faults: Faults = serde_json::from_str(r#"{"serial": {"lost_one_in": 6518.0}}"#).unwrap();
+        assert_eq!(faults.serial.lost_one_in, 6518);
     }
 }

@@ -40,15 +40,20 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("imaging", &["optics", "units", "raw"]),
     ("access", &[]),
     ("config", &["optics", "units", "raw", "access"]),
-    ("device", &["optics", "units", "raw", "config", "telemetry"]),
+    ("device", &["optics", "units", "raw", "config", "telemetry", "whole"]),
     ("sim", &["optics", "units", "raw", "config", "device"]),
-    ("control", &["optics", "units", "raw", "config", "device", "imaging", "sim", "store", "access", "telemetry"]),
+    (
+        "control",
+        &["optics", "units", "raw", "config", "device", "imaging", "sim", "store", "access", "telemetry", "whole"],
+    ),
     ("study", &["optics", "units", "raw", "config", "imaging", "sim", "control", "text"]),
     ("text", &[]),
+    ("whole", &[]),
     (
         "api",
         &[
             "text",
+            "whole",
             "optics",
             "units",
             "raw",
