@@ -37,6 +37,15 @@ const QUEUE: usize = 4096;
 /// Longest wait for a command to be on the disk.
 const WRITE_ALLOWED: Duration = Duration::from_secs(5);
 
+/// What keeps the history from being written, on purpose. By default nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Hindrance {
+    /// Whether the disk is to be taken for a full one.
+    pub full: bool,
+    /// How much longer than it should every command takes.
+    pub delay: Duration,
+}
+
 /// The history. Cheap to clone; the thread ends with the last clone, once it has written what was queued.
 #[derive(Clone)]
 pub struct Store {
@@ -47,6 +56,7 @@ struct Shared {
     place: Place,
     commands: SyncSender<Command>,
     health: watch::Receiver<Health>,
+    hindrance: Arc<Mutex<Hindrance>>,
     /// What reads; opened when first needed.
     reader: Mutex<Option<read::Reader>>,
 }
@@ -70,6 +80,7 @@ impl Store {
                 place,
                 commands,
                 health: watch::channel(Health::Opening).1,
+                hindrance: Arc::default(),
                 reader: Mutex::new(None),
             }),
         }
@@ -84,14 +95,21 @@ impl Store {
     fn start(place: Place) -> Self {
         let (commands, queue) = sync_channel(QUEUE);
         let (told, health) = watch::channel(Health::Opening);
-        let at = place.clone();
-        let started =
-            std::thread::Builder::new().name("history".to_owned()).spawn(move || worker::run(at, &queue, &told));
+        let (at, hindrance) = (place.clone(), Arc::<Mutex<Hindrance>>::default());
+        let hindered = Arc::clone(&hindrance);
+        let started = std::thread::Builder::new()
+            .name("history".to_owned())
+            .spawn(move || worker::run(at, &queue, &told, &hindered));
         if let Err(error) = started {
             // The queue's other end is gone: every command says so.
             tracing::error!(%error, "the history's thread does not start");
         }
-        Self { shared: Arc::new(Shared { place, commands, health, reader: Mutex::new(None) }) }
+        Self { shared: Arc::new(Shared { place, commands, health, hindrance, reader: Mutex::new(None) }) }
+    }
+
+    /// Keeps the history from being written from now on, for whoever wants to see what then happens.
+    pub fn hinder(&self, hindrance: Hindrance) {
+        *self.shared.hindrance.lock().unwrap_or_else(PoisonError::into_inner) = hindrance;
     }
 
     /// The file, where there is one.

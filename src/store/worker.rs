@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use rusqlite::Connection;
@@ -10,7 +11,7 @@ use tokio::sync::watch;
 use super::disk::{self, Identity};
 use super::health::{Health, StoreError};
 use super::write::Writer;
-use super::{records, schema};
+use super::{Hindrance, records, schema};
 
 /// Between two looks at the disk while nothing is written.
 const LOOK: Duration = Duration::from_secs(1);
@@ -65,11 +66,17 @@ struct Worker<'a> {
     open: Option<Open>,
     opened: u64,
     health: &'a watch::Sender<Health>,
+    hindrance: &'a Mutex<Hindrance>,
 }
 
 /// Carries commands out until nobody can send any more.
-pub(super) fn run(place: Place, commands: &Receiver<Command>, health: &watch::Sender<Health>) {
-    let mut worker = Worker { place, open: None, opened: 0, health };
+pub(super) fn run(
+    place: Place,
+    commands: &Receiver<Command>,
+    health: &watch::Sender<Health>,
+    hindrance: &Mutex<Hindrance>,
+) {
+    let mut worker = Worker { place, open: None, opened: 0, health, hindrance };
     worker.look();
     loop {
         match commands.recv_timeout(LOOK) {
@@ -108,6 +115,11 @@ impl Worker<'_> {
 
     /// The connection, opened anew where the file is no longer the one that was opened.
     fn ready(&mut self, needs_room: bool) -> Result<&mut Open, StoreError> {
+        let hindrance = *self.hindrance.lock().unwrap_or_else(PoisonError::into_inner);
+        std::thread::sleep(hindrance.delay);
+        if hindrance.full {
+            return Err(StoreError::Unusable("the disk is full: the simulated bench is told to have it so".to_owned()));
+        }
         if let Place::File(path) = &self.place {
             if self.open.as_ref().is_some_and(|open| open.identity != Identity::of(path)) {
                 tracing::warn!(path = %path.display(), "the history's file is gone or another one; it is opened anew");
