@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
-use axum::extract::{FromRequest, FromRequestParts, Path, Request};
+use axum::extract::{DefaultBodyLimit, FromRequest, FromRequestParts, Path, Request};
 use axum::http::header;
 use axum::http::request::Parts;
 use axum::response::IntoResponse;
@@ -21,13 +21,14 @@ pub(super) const BODY_LIMIT_BYTES: usize = 16 * 1024;
 /// How long a request's body may take to come.
 const BODY_ALLOWED: Duration = Duration::from_secs(10);
 
-/// A JSON body.
-pub(super) struct JsonBody<T>(pub T);
+/// A JSON body of so many bytes at most.
+pub(super) struct JsonBody<T, const LIMIT_BYTES: usize = BODY_LIMIT_BYTES>(pub T);
 
-impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
+impl<S: Send + Sync, T: DeserializeOwned, const LIMIT_BYTES: usize> FromRequest<S> for JsonBody<T, LIMIT_BYTES> {
     type Rejection = Problem;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+    async fn from_request(mut request: Request, state: &S) -> Result<Self, Problem> {
+        DefaultBodyLimit::max(LIMIT_BYTES).apply(&mut request);
         let content_type = request.headers().get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok());
         let essence = content_type.map(|value| value.split(';').next().unwrap_or_default().trim());
         if !essence.is_some_and(|essence| essence.eq_ignore_ascii_case("application/json")) {
@@ -36,14 +37,14 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
         let bytes = tokio::time::timeout(BODY_ALLOWED, Bytes::from_request(request, state))
             .await
             .map_err(|_| Problem::slow_body(BODY_ALLOWED))?
-            .map_err(body_problem)?;
+            .map_err(|rejection| body_problem(&rejection, LIMIT_BYTES))?;
         parse(&bytes).map(Self)
     }
 }
 
-fn body_problem(rejection: BytesRejection) -> Problem {
+fn body_problem(rejection: &BytesRejection, limit_bytes: usize) -> Problem {
     if rejection.status().as_u16() == 413 {
-        return Problem::too_large(BODY_LIMIT_BYTES);
+        return Problem::too_large(limit_bytes);
     }
     // The connection broke off within the body: nobody is there to read this.
     Problem::malformed(rejection.body_text())

@@ -248,6 +248,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(info::design, draft::work_out))
         .routes(routes!(devices::get))
         .routes(routes!(simulation::faults, simulation::put_faults))
+        .routes(routes!(simulation::fault_plan, simulation::put_fault_plan, simulation::delete_fault_plan))
         .routes(routes!(info::openapi))
         .routes(routes!(page::docs))
         .routes(routes!(metrics::health))

@@ -30,6 +30,7 @@ const DRAFT: (&str, &str) = ("POST", "/api/v1/design");
 
 /// What is made to go wrong with the simulated bench.
 const FAULTS: &str = "/api/v1/simulation/faults";
+const FAULT_PLAN: &str = "/api/v1/simulation/fault-plan";
 
 /// Method and path of every route. HEAD needs what GET does.
 const TABLE: &[(&str, &str, Need)] = &[
@@ -84,6 +85,9 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/devices", VIEW),
     ("GET", FAULTS, VIEW),
     ("PUT", FAULTS, CONTROL),
+    ("GET", FAULT_PLAN, VIEW),
+    ("PUT", FAULT_PLAN, CONTROL),
+    ("DELETE", FAULT_PLAN, CONTROL),
     ("GET", "/api/v1/openapi.json", VIEW),
     ("GET", "/api/v1/config", VIEW),
     ("PUT", "/api/v1/config", ADMIN),

@@ -8,6 +8,7 @@ use anyhow::Context as _;
 use tokio::io::{AsyncBufReadExt, BufReader};
 use tokio::sync::broadcast::error::RecvError;
 
+use super::faults::{self, FaultArgs};
 use super::lock::BenchLock;
 use super::progress::Progress;
 use super::serve::Signals;
@@ -30,12 +31,19 @@ pub(super) struct Args {
     /// Seed of the simulated bench's noise and textures.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    #[command(flatten)]
+    faults: FaultArgs,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    if args.server.is_some() && args.faults.is_given() {
+        anyhow::bail!(
+            "--faults is for an alignment in process; a daemon takes a plan at /api/v1/simulation/fault-plan"
+        );
+    }
     if args.server.is_some() && context.given {
         anyhow::bail!("with --server the daemon's own configuration is in force: leave --config and --set away");
     }
@@ -62,6 +70,7 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
         context.config.bench.simulation.seed = seed;
         context.config.validate()?;
     }
+    let plan = args.faults.read()?;
     let config = Arc::new(context.config);
     let mut signals = Signals::new()?;
     let _lock = BenchLock::take(&config.bench)?;
@@ -71,6 +80,7 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
         eprintln!("plenalign: SIMULATED bench: no real device is driven");
     }
     let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
+    faults::put_in_force(&service, plan)?;
     let ended = follow(&service, &mut signals).await;
     service.shut_down().await;
     ended

@@ -9,6 +9,7 @@ mod calibrate;
 mod camera;
 mod demo;
 mod design;
+mod faults;
 mod jobs;
 mod listen;
 mod lock;

@@ -12,6 +12,7 @@ use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
 use super::announce::Announcement;
+use super::faults::{self, FaultArgs};
 use super::listen::{Exposure, bind};
 use super::lock::BenchLock;
 use super::remote::RemoteArgs;
@@ -49,6 +50,8 @@ pub(super) struct Args {
     /// Use the simulated bench, whatever the configuration says.
     #[arg(long)]
     simulated: bool,
+    #[command(flatten)]
+    faults: FaultArgs,
     /// Print one JSON object instead of text once it serves: `address`, `simulated`.
     #[arg(long)]
     json: bool,
@@ -66,9 +69,11 @@ async fn serve(mut context: Context, args: Args) -> anyhow::Result<ExitCode> {
     if args.simulated {
         context.config.bench.driver = BenchDriver::Simulated;
     }
+    let plan = args.faults.read()?;
     // Signals are taken from here on, so that none in the next lines ends the program with a bench half open.
     let mut signals = Signals::new()?;
     let mut server = Server::start(context, &args.listen, args.insecure).await?;
+    faults::put_in_force(&server.service, plan)?;
     let watchdog = supervised::serving(&server.service, &server.api);
     say_address(&server, args.json);
     server.offer_key(!args.json)?;

@@ -10,11 +10,12 @@ use super::context::{JobContext, JobEnd};
 use super::events::ShellState;
 use super::eye::{Eye, Seen};
 use super::job::{IterationKind, Stage};
+use super::mistake::ShellLook;
 use super::motion::Motion;
 use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
 use super::sight::HoldB;
 use super::tasks::AirStep;
-use crate::config::{Config, LBoundSource, ShellStep, SpacingTarget};
+use crate::config::{Config, LBoundSource, ShellStep, Side, SpacingTarget};
 use crate::device::{AxisName, Setup};
 use crate::imaging::spacing::capture_range;
 use crate::optics::{CameraDesign, Solution};
@@ -28,6 +29,8 @@ const HOLD_B_BEYOND_MM: f64 = 0.2;
 const APERTURE_WITHIN_MM: f64 = 0.5;
 /// Standard relative uncertainty of the configured b while it is held.
 const B_RELATIVE_SIGMA: f64 = 0.002;
+/// So far (mm) e may be moved with the shell off: the boards, which stay where they are, can then still be measured.
+const FOLLOWED_IN_AIR_MM: f64 = 5.0;
 /// Frames combined in a verifying measurement.
 pub(super) const VERIFY_FRAMES: u32 = 2;
 /// Measurements of a loop before it is cut off, whatever its decisions.
@@ -86,6 +89,7 @@ impl Alignment<'_> {
     /// The joint alignment.
     pub(super) async fn joint(&mut self) -> Result<(), JobEnd> {
         self.prepare().await?;
+        self.withdraw_e().await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
         }
@@ -116,6 +120,21 @@ impl Alignment<'_> {
             self.context.log(format!("the {axis} axis stands at {:.3}", state.position));
         }
         self.white_frame().await
+    }
+
+    /// Takes e back from where an earlier alignment left it near the shell, by homing: that way is the same whatever the
+    /// axis's coordinate is like, and makes its zero new. An axis that homes on the shell's side is left where it is.
+    async fn withdraw_e(&mut self) -> Result<(), JobEnd> {
+        let (at, initial) = (self.motion.position_mm(AxisName::E)?, self.config.assembly.initial_e_mm);
+        if initial - at <= FOLLOWED_IN_AIR_MM || self.config.bench.e.home_side != Side::High {
+            return Ok(());
+        }
+        self.context.log(format!(
+            "the e axis stands {:.3} mm nearer to the shell than at the start: it is homed",
+            initial - at
+        ));
+        self.context.unless_cancelled(self.motion.home(AxisName::E)).await?;
+        Ok(())
     }
 
     pub(super) async fn white_frame(&mut self) -> Result<(), JobEnd> {
@@ -381,6 +400,8 @@ impl Alignment<'_> {
         }
         let axis = &self.config.bench.e;
         let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);
+        let mut first_look = true;
+        let in_air = self.findings.seen.clone();
         let mut shell = ShellLoop::new(
             ShellGoal {
                 e_mm: solution.e,
@@ -401,7 +422,12 @@ impl Alignment<'_> {
         let focus_at_air = self.eye.air_step().map_or(here_mm, |air| air.focus_mm);
         for _ in 0..MAX_MEASUREMENTS {
             self.context.doing(format!("shell: measuring the spacing ({})", kind.word()));
-            let seen = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
+            let e_reading_mm = self.motion.position_mm(AxisName::E)?;
+            let focus_scale = self.findings.focus_scale.unwrap_or(1.0);
+            let trim_mm = (self.motion.position_mm(AxisName::Focus)? - focus_at_air) * focus_scale;
+            let seen = self.context.unless_cancelled(self.eye.spacing(frames)).await;
+            let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm };
+            let seen = if std::mem::take(&mut first_look) { as_configured(&look, seen)? } else { seen? };
             if let Some(picture) = &seen.picture {
                 // The first stays; of the others the last.
                 self.context.keep_picture(if self.findings.eog_before.is_none() { "before" } else { "after" }, picture);
@@ -410,9 +436,6 @@ impl Alignment<'_> {
                 self.findings.eog_before = seen.eog;
             }
             self.findings.eog_after = seen.eog;
-            let e_reading_mm = self.motion.position_mm(AxisName::E)?;
-            let focus_scale = self.findings.focus_scale.unwrap_or(1.0);
-            let trim_mm = (self.motion.position_mm(AxisName::Focus)? - focus_at_air) * focus_scale;
             let decision = shell.next(ShellObservation {
                 e_reading_mm,
                 trim_mm,
@@ -440,7 +463,10 @@ impl Alignment<'_> {
                 }
                 ShellDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
                 ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
-                ShellDecision::Done => return Ok(()),
+                ShellDecision::Done => {
+                    self.note_turned_board(&look, in_air.as_ref(), &seen);
+                    return Ok(());
+                }
                 ShellDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
                 ShellDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
             }
@@ -448,9 +474,32 @@ impl Alignment<'_> {
         Err(JobEnd::failed("the shell loop did not end; this is a defect of the program"))
     }
 
+    /// Notes where the spacing's tilt says that a board is turned.
+    fn note_turned_board(&mut self, look: &ShellLook<'_>, in_air: Option<&Seen>, seen: &Seen) {
+        let half_width_mm = f64::from(self.config.sensor.width_px) / 2.0 * self.eye.pixel_mm();
+        let turned = in_air.and_then(|in_air| look.turned_board(&in_air.spacing, &seen.spacing, half_width_mm));
+        if let Some(turned) = turned {
+            self.context.log(turned.clone());
+            self.findings.notes.push(turned);
+        }
+    }
+
     async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {
         self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
         self.context.unless_cancelled(self.motion.go(AxisName::E, Millimetres(to_mm))).await?;
         Ok(())
+    }
+}
+
+/// The first picture through the shell, or why it cannot be measured, where it contradicts nothing of what was asked to be
+/// set up: before anything moves on the strength of it.
+fn as_configured(look: &ShellLook<'_>, seen: Result<Seen, JobEnd>) -> Result<Seen, JobEnd> {
+    let seen = seen.map_err(|end| match end {
+        JobEnd::Unmeasurable { why } => JobEnd::failed(look.unmeasurable(&why)),
+        end => end,
+    })?;
+    match look.contradiction(&seen.spacing) {
+        Some(why) => Err(JobEnd::failed(why)),
+        None => Ok(seen),
     }
 }

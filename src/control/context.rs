@@ -36,6 +36,11 @@ pub(super) enum JobEnd {
         /// Why.
         why: String,
     },
+    /// A frame cannot be measured.
+    Unmeasurable {
+        /// Why, in words.
+        why: String,
+    },
     /// Something failed.
     Failed {
         /// What.

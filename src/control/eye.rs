@@ -363,7 +363,7 @@ fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
 
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
     match tokio::task::spawn_blocking(work).await {
-        Ok(result) => result.map_err(|why| JobEnd::Failed { why }),
+        Ok(result) => result.map_err(|why| JobEnd::Unmeasurable { why }),
         Err(error) => Err(JobEnd::failed(format!("a measurement ended unexpectedly: {error}"))),
     }
 }

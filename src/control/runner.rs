@@ -31,14 +31,14 @@ pub(super) async fn run(context: &JobContext, motion: &Motion, eye: &Eye, config
     let findings = alignment.findings;
     let (state, reason) = match ended {
         // Whatever a device says of a motion that a stop has cut short, it was the stop.
-        Err(JobEnd::Failed { .. }) if motion.stop_view().latched => {
+        Err(JobEnd::Failed { .. } | JobEnd::Unmeasurable { .. }) if motion.stop_view().latched => {
             (JobState::Cancelled, context.cancelled_why().unwrap_or_else(|| "stopped".to_owned()))
         }
         Ok(()) => done(kind),
         // A stop cancels the job that it cuts short, but what was asked before it is why the job ends.
         Err(JobEnd::Cancelled { why }) => (JobState::Cancelled, context.cancelled_why().unwrap_or(why)),
         Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
-        Err(JobEnd::Failed { why }) => (JobState::Failed, why),
+        Err(JobEnd::Failed { why } | JobEnd::Unmeasurable { why }) => (JobState::Failed, why),
     };
     let good = matches!(state, JobState::Converged | JobState::Succeeded);
     bring_to_rest(context, motion, !good).await;

@@ -19,6 +19,7 @@ use super::journal::Journal;
 use super::lease::{LeaseGrant, LeaseRequest, Leases};
 use super::look::Looks;
 use super::motion::Motion;
+use super::simulated::PlanInForce;
 use super::{Refusal, ServiceError, StopReport};
 use crate::config::Config;
 use crate::device::{AxisName, Bench};
@@ -61,6 +62,8 @@ pub struct Service {
     pub(super) pulses: [watch::Sender<u64>; 2],
     /// Shared with everybody who watches the live picture's spacing.
     pub(super) onlookers: Arc<()>,
+    /// What is to go wrong with a simulated bench, and when.
+    pub(super) fault_plan: Mutex<Option<PlanInForce>>,
     pub(super) tasks: CancellationToken,
 }
 
@@ -93,6 +96,7 @@ impl Service {
             closing: AtomicBool::new(false),
             pulses: [watch::Sender::new(0), watch::Sender::new(0)],
             onlookers: Arc::default(),
+            fault_plan: Mutex::default(),
             tasks: CancellationToken::new(),
         });
         service.watch();

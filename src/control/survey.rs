@@ -44,7 +44,7 @@ impl Alignment<'_> {
             match self.context.unless_cancelled(self.eye.spacing(1)).await {
                 Ok(seen) => samples.push(self.sample(&seen, Some(sweep.axis), to)),
                 // Out of the range of focus is what a sweep may well run into.
-                Err(JobEnd::Failed { why }) => self.context.log(format!("nothing measured at {to:.3} mm: {why}")),
+                Err(JobEnd::Unmeasurable { why }) => self.context.log(format!("nothing measured at {to:.3} mm: {why}")),
                 Err(end) => return Err(end),
             }
         }

@@ -67,6 +67,7 @@ impl SimulatedOperator for Hand {
             garbles_one_in: serial.garbled_one_in as usize,
             ..Line::default()
         });
+        self.twin.power(!serial.unpowered);
         match (before.serial.unplugged, serial.unplugged) {
             (false, true) => self.twin.unplug(),
             (true, false) => self.twin.plug_in(),

@@ -11,7 +11,7 @@ use super::shutter::Displacement;
 use super::texture::TextureMap;
 use super::truth::{Pose, Surroundings};
 use crate::config::Config;
-use crate::device::faults::{Faults, PictureFault};
+use crate::device::faults::{Faults, PictureFault, SceneFaults};
 use crate::optics::CameraDesign;
 use crate::raw::RawImage;
 
@@ -59,7 +59,7 @@ impl Picture {
                 configured::flaws(&config, from.shell_on, seed)
             }
         };
-        let scene = self.scene(from, faults.scene.board_displaced_mm);
+        let scene = self.scene(from, &faults.scene);
         let mut irradiance = shutter.collect(&self.renderer(rays, seed), &camera, &scene, &flaws);
         spoil(&mut irradiance, camera.width, faults.camera.picture);
         expose(&irradiance, camera.width, camera.height, &self.noise, seed.rotate_left(32) ^ seq)
@@ -74,10 +74,15 @@ impl Picture {
     fn camera(&self, pose: &Pose, faults: &Faults) -> CameraTruth {
         let simulation = &self.config.bench.simulation;
         let mut camera = self.design_camera(pose.shell_on.then_some(pose.e_mm));
-        if let Medium::Water { shell, .. } = &mut camera.medium
-            && faults.scene.tank_empty
-        {
-            shell.n_water = 1.0;
+        if let Medium::Water { shell, e, .. } = &mut camera.medium {
+            let radius =
+                if faults.scene.no_shell { FLAT_MM } else { shell.outer_radius + faults.scene.shell_radius_mm };
+            // The vertex stays where it is: the centre moves with the radius.
+            let larger = radius - shell.outer_radius;
+            (shell.outer_radius, shell.inner_radius, *e) = (radius, shell.inner_radius + larger, *e - larger);
+            if faults.scene.tank_empty {
+                shell.n_water = 1.0;
+            }
         }
         let camera = configured::camera(camera, simulation, simulation.seed);
         CameraTruth {
@@ -101,15 +106,15 @@ impl Picture {
         self.config.pixel_pitch().millimetres()
     }
 
-    /// `farther`: how much farther away boards are than where they are said to be, mm.
-    fn scene(&self, pose: &Pose, farther: f64) -> Scene {
+    fn scene(&self, pose: &Pose, faults: &SceneFaults) -> Scene {
+        let (farther, tilt) = (faults.board_displaced_mm, self.board_tilt(faults));
         match pose.surroundings {
             Surroundings::Diffuser => Scene::Diffuser,
             Surroundings::AirBoard { placed_at_e_mm } => {
                 let distance = self.config.object.air_distance_mm;
                 let texture = self.texture(Medium::Air, distance);
                 let board = Board::new(distance + farther + pose.e_mm - placed_at_e_mm, texture);
-                Scene::Board(Board { tilt: self.board_tilt(), ..board })
+                Scene::Board(Board { tilt, ..board })
             }
             Surroundings::AirTripleBoard { distances_mm, placed_at_e_mm } => {
                 // The boards stand still while e moves the camera.
@@ -119,7 +124,7 @@ impl Picture {
                 let slope = self.design_camera(None).half_field_slope();
                 let mut boards = TripleBoard::new(&distances, slope, &texture);
                 for strip in &mut boards.strips {
-                    strip.board.tilt = self.board_tilt();
+                    strip.board.tilt = tilt;
                 }
                 Scene::TripleBoard(boards)
             }
@@ -127,13 +132,14 @@ impl Picture {
                 let joint = self.design.joint(self.config.assembly.l_bound_mm);
                 let medium = self.design_camera(Some(joint.e)).medium;
                 let board = Board::new(distance_mm + farther, self.texture(medium, distance_mm));
-                Scene::Board(Board { tilt: self.board_tilt(), ..board })
+                Scene::Board(Board { tilt, ..board })
             }
         }
     }
 
-    fn board_tilt(&self) -> [f64; 2] {
-        self.config.bench.simulation.board_tilt_mrad.map(|tilt| tilt / 1000.0)
+    fn board_tilt(&self, faults: &SceneFaults) -> [f64; 2] {
+        let [x, y] = self.config.bench.simulation.board_tilt_mrad;
+        [x + faults.board_turned_mrad, y].map(|tilt| tilt / 1000.0)
     }
 
     /// The boards' texture, its finest detail at the scale of a micro-image's pixels when in focus.
@@ -149,6 +155,8 @@ impl Picture {
     }
 }
 
+/// Radius at which a window is as good as flat, mm.
+const FLAT_MM: f64 = 1e5;
 /// How much less light there is where it is dark, and more where there is too much.
 const DARK: f32 = 0.01;
 const GLARE: f32 = 12.0;

@@ -1,13 +1,16 @@
 //! The simulated truth that all twins share: where the carriages really are, what stands before the camera, and the
 //! optics as they are rather than as they are configured.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::json;
 
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use super::plant::Plant;
 use super::stage::PULL_OFF_MM;
@@ -57,6 +60,10 @@ struct Carriage {
     screw: f64,
     /// The firmware's count at the last call, mm.
     count: f64,
+    /// Which way it went last, by its sign.
+    way: f64,
+    /// Play that has been worn into it, mm.
+    worn: f64,
     /// True coordinate after a perfect homing, mm.
     home: f64,
     /// The end where the switch is.
@@ -86,6 +93,8 @@ impl Carriage {
             position: start,
             screw: start,
             count: 0.0,
+            way: 0.0,
+            worn: 0.0,
             home,
             home_side: axis.home_side,
             // The reversal after the switch loses the play, which the switch's place makes up for.
@@ -101,13 +110,26 @@ impl Carriage {
 
     fn turn_to(&mut self, count: f64, faults: &AxisFaults) {
         let direction = if self.reversed { -1.0 } else { 1.0 };
+        self.wear(count - self.count, faults.backlash_growth_mm);
         self.screw += direction * (count - self.count) * self.scale * (1.0 - faults.slip_share);
         self.count = count;
         // The nut has this much play below the screw's push position.
-        let backlash = self.backlash + faults.backlash_mm;
+        let backlash = self.backlash + faults.backlash_mm + self.worn;
         let pulled = self.position.clamp(self.screw - backlash, self.screw);
         if (pulled - self.position).abs() >= self.friction {
             self.position = pulled;
+        }
+    }
+
+    /// Lets the play grow at a reversal; it is as good as new where it does not grow.
+    fn wear(&mut self, travel: f64, growth: f64) {
+        if growth == 0.0 {
+            self.worn = 0.0;
+        } else if travel * self.way < 0.0 {
+            self.worn += growth;
+        }
+        if travel != 0.0 {
+            self.way = travel.signum();
         }
     }
 
@@ -149,6 +171,8 @@ struct World {
     aperture_mm: f64,
     least_e_with_shell_mm: f64,
     touched_shell: bool,
+    /// Turns of the motors that the carriages have yet to follow: when, which axis, the firmware's count, mm.
+    creeping: VecDeque<(Instant, AxisName, f64)>,
 }
 
 /// A moment of the simulated world, for a frame.
@@ -213,6 +237,7 @@ impl Truth {
                 aperture_mm: design.aperture(0.0),
                 least_e_with_shell_mm: f64::INFINITY,
                 touched_shell: false,
+                creeping: VecDeque::new(),
             }),
             faults: watch::Sender::default(),
         })
@@ -271,8 +296,19 @@ impl Truth {
         Some(lens.image_distance(equivalent) - self.design.mla.a() - pose.lens_to_mla_mm)
     }
 
+    /// The world as it is at this moment.
     fn world(&self) -> MutexGuard<'_, World> {
-        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+        let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+        let (now, faults) = (Instant::now(), *self.faults.borrow());
+        while let Some((_, axis, count)) = world.creeping.pop_front_if(|(due, ..)| *due <= now) {
+            self.turn(&mut world, axis, count, &faults);
+        }
+        world
+    }
+
+    fn turn(&self, world: &mut World, axis: AxisName, count: f64, faults: &Faults) {
+        world.carriage(axis).turn_to(count, faults.axis(axis));
+        world.note_shell(self.config.bench.simulation.contact_e_mm);
     }
 }
 
@@ -306,11 +342,16 @@ impl World {
 impl Plant for Truth {
     fn motor_moved(&self, axis: usize, position_mm: f64) {
         let Some(axis) = axis_of(axis) else { return };
-        let contact = self.config.bench.simulation.contact_e_mm;
-        let faults = *self.faults.borrow().axis(axis);
+        let faults = *self.faults.borrow();
         let mut world = self.world();
-        world.carriage(axis).turn_to(position_mm, &faults);
-        world.note_shell(contact);
+        let late = Duration::from_millis(faults.axis(axis).stops_late_ms.into());
+        if late.is_zero() && world.creeping.is_empty() {
+            self.turn(&mut world, axis, position_mm, &faults);
+        } else {
+            // Never before what is still to come.
+            let due = world.creeping.back().map_or_else(Instant::now, |(due, ..)| *due);
+            world.creeping.push_back((due.max(Instant::now() + late), axis, position_mm));
+        }
     }
 
     fn home_switch_closed(&self, axis: usize) -> bool {

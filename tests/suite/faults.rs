@@ -2,17 +2,19 @@
 
 use std::time::Duration;
 
-use plenalign::control::job::{JobSnapshot, JobState};
+use plenalign::control::events::Event;
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::open_bench;
 use plenalign::device::faults::{Faults, PictureFault};
 use reqwest::Method;
 use serde_json::{Value, json};
 
-use super::bench::{align, service, small_config};
+use super::bench::{align, permit, service, small_config};
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
 
 const FAULTS: &str = "/api/v1/simulation/faults";
+const PLAN: &str = "/api/v1/simulation/fault-plan";
 
 /// A joint alignment on a bench with which something is wrong from the beginning.
 async fn aligned_with(change: impl FnOnce(&mut Faults)) -> JobSnapshot {
@@ -105,6 +107,105 @@ async fn faults_are_set_and_read_over_the_api() {
     // What is not named goes right again.
     assert_eq!(put(json!({})).await.unwrap().status(), 200);
     assert_eq!(read().await, json!(Faults::default()));
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_assemblers_mistakes_are_named() {
+    failed_naming(&aligned_with(|faults| faults.scene.tank_empty = true).await, &["no water", "Is the tank filled"]);
+    failed_naming(
+        &aligned_with(|faults| faults.scene.no_shell = true).await,
+        &["without the shell", "is the shell mounted"],
+    );
+    failed_naming(&aligned_with(|faults| faults.scene.shell_radius_mm = 6.0).await, &["a shell of 6"]);
+}
+
+/// The board stands right in air, and is put up wrong in the water.
+async fn with_the_board_in_water(change: impl FnOnce(&mut Faults) + Send + 'static) -> JobSnapshot {
+    let service = service(small_config(9)).await;
+    let bench = service.bench().clone();
+    let mut events = service.subscribe();
+    let put_up = tokio::spawn(async move {
+        loop {
+            if let Ok(Event::Job { job }) = events.recv().await
+                && job.log.iter().any(|line| line.message.contains("Mount the shell"))
+            {
+                let mut faults = Faults::default();
+                change(&mut faults);
+                bench.simulated.as_ref().unwrap().set_faults(faults);
+                return;
+            }
+        }
+    });
+    let job = align(&service).await;
+    put_up.await.unwrap();
+    job
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_board_in_the_wrong_place_is_named_and_a_turned_one_noted() {
+    let displaced = with_the_board_in_water(|faults| faults.scene.board_displaced_mm = 500.0).await;
+    failed_naming(&displaced, &["a board 12", "a board 13"]);
+    let turned = with_the_board_in_water(|faults| faults.scene.board_turned_mrad = 250.0).await;
+    let notes = turned.report.unwrap().notes;
+    let noted = notes.iter().find(|note| note.contains("a board is turned")).unwrap_or_else(|| panic!("{notes:?}"));
+    // 250 mrad are 14.3°.
+    assert!([" 12.", " 13.", " 14.", " 15.", " 16."].iter().any(|degrees| noted.contains(degrees)), "{noted}");
+}
+
+/// What an alignment leaves at the shell is no obstacle to the next.
+#[tokio::test(start_paused = true)]
+async fn an_aligned_camera_can_be_aligned_again() {
+    let service = service(small_config(9)).await;
+    for _ in 0..2 {
+        let job = align(&service).await;
+        assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
+    }
+}
+
+#[tokio::test]
+async fn a_plan_of_faults_comes_and_goes_over_the_api() {
+    let config = std::sync::Arc::new(small_config(1));
+    let daemon = Daemon::start(open_bench(&config).await.unwrap()).await;
+    let read = |path: &'static str| {
+        let daemon = &daemon;
+        async move { daemon.get(path).await.json::<Value>().await.unwrap() }
+    };
+    let put = |body: Value| daemon.request(Method::PUT, PLAN).json(&body).send();
+    assert_eq!(read(PLAN).await, json!({ "plan": null, "elapsed_s": null }));
+    let plan = json!({ "events": [
+        { "at_s": 0.0, "lasts_s": 0.3, "faults": { "camera": { "picture": "dark" } } },
+        { "at_s": 0.2, "faults": { "e": { "slip_share": 0.5 } } },
+    ]});
+    assert_eq!(put(plan).await.unwrap().status(), 200);
+    let first = read(FAULTS).await;
+    assert_eq!((&first["camera"]["picture"], &first["e"]["slip_share"]), (&json!("dark"), &json!(0.0)));
+    tokio::time::sleep(Duration::from_millis(600)).await;
+    let second = read(FAULTS).await;
+    assert_eq!((&second["camera"]["picture"], &second["e"]["slip_share"]), (&json!("none"), &json!(0.5)));
+    let in_force = read(PLAN).await;
+    assert!(in_force["elapsed_s"].as_f64().unwrap() >= 0.6 && in_force["plan"]["events"][1]["at_s"] == 0.2);
+    let wrong = json!({ "events": [{ "at_s": 1, "faults": { "e": { "slip_share": 2 } } }] });
+    let refused = problem(put(wrong).await.unwrap(), 422, "invalid").await;
+    assert_eq!(refused["field"], "events[0].faults.e.slip_share");
+    assert_eq!(read(PLAN).await["plan"], in_force["plan"], "a refused plan changes nothing");
+    // A thousand events are longer than other requests may be.
+    let event = json!({ "at_s": 1e5, "faults": {} });
+    assert_eq!(put(json!({ "events": vec![event; 1000] })).await.unwrap().status(), 200);
+    assert_eq!(daemon.request(Method::DELETE, PLAN).send().await.unwrap().status(), 204);
+    assert_eq!(read(FAULTS).await, json!(Faults::default()));
+    assert_eq!(read(PLAN).await["plan"], Value::Null);
+}
+
+/// The disk is full for a while: nothing moves meanwhile, and all is well afterwards.
+#[tokio::test]
+async fn a_full_disk_keeps_everything_still() {
+    let service = service(small_config(9)).await;
+    service.set_faults(serde_json::from_value(json!({ "disk": { "full": true } })).unwrap());
+    let refused = service.create_job(&permit(&service), JobRequest::of(JobKind::JointAlignment)).await.unwrap_err();
+    assert!(refused.to_string().contains("the disk is full"), "{refused}");
+    service.set_faults(Faults::default());
+    let id = service.create_job(&permit(&service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
+    service.cancel(id).unwrap();
 }
 
 #[tokio::test]

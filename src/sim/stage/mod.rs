@@ -13,6 +13,7 @@ pub mod zaber;
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -84,6 +85,7 @@ pub fn firmware(driver: ControllerDriver, axes: &[&AxisConfig], plant: Arc<dyn P
 pub struct ControllerTwin {
     firmware: Arc<Mutex<dyn Firmware>>,
     plugged: Arc<watch::Sender<bool>>,
+    powered: Arc<AtomicBool>,
     line: Arc<Mutex<Line>>,
     /// How many streams are being served.
     served: Arc<watch::Sender<u32>>,
@@ -98,6 +100,7 @@ impl ControllerTwin {
         Self {
             firmware: Arc::new(Mutex::new(firmware)),
             plugged: Arc::new(watch::Sender::new(true)),
+            powered: Arc::new(AtomicBool::new(true)),
             line: Arc::default(),
             served: Arc::new(watch::Sender::new(0)),
             reached: Arc::new(Mutex::new(Instant::now())),
@@ -112,6 +115,13 @@ impl ControllerTwin {
     /// Switches the controller off and on while its port stays.
     pub fn power_cycle(&self) {
         self.now(|firmware| firmware.power_cycle());
+    }
+
+    /// Takes the power away, or gives it back, while the port stays. Without power nothing moves and nothing is said.
+    pub fn power(&self, on: bool) {
+        if self.powered.swap(on, Ordering::SeqCst) != on {
+            self.power_cycle();
+        }
     }
 
     /// Gives the firmware bytes as if they came over the wire.
@@ -169,8 +179,10 @@ impl ControllerTwin {
         let mut unsent: Vec<u8> = Vec::new();
         let mut heard = Instant::now();
         loop {
+            let powered = self.powered.load(Ordering::SeqCst);
             let moving = self.now(|firmware| {
-                unsent.extend(firmware.take_output());
+                let said = firmware.take_output();
+                unsent.extend(said.into_iter().filter(|_| powered));
                 firmware.is_moving()
             });
             let tick = Instant::now() + TICK;
@@ -183,6 +195,9 @@ impl ControllerTwin {
                     };
                     let paused = heard.elapsed() > PAUSE;
                     heard = Instant::now();
+                    if !self.powered.load(Ordering::SeqCst) {
+                        continue;
+                    }
                     self.now(|firmware| {
                         if paused {
                             firmware.pause();

@@ -565,6 +565,28 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/simulation/fault-plan": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The plan of faults in force, and for how long it has been. */
+    get: operations["get_fault_plan"];
+    /**
+     * Puts a plan of faults in force: things go wrong with the simulated bench by themselves, when it says so and for as
+     *     long. It counts from now, in the place of another plan and of what was set by hand.
+     */
+    put: operations["put_fault_plan"];
+    post?: never;
+    /** Ends the plan of faults: everything goes right from now on. */
+    delete: operations["delete_fault_plan"];
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/simulation/faults": {
     parameters: {
       query?: never;
@@ -576,7 +598,8 @@ export interface paths {
     get: operations["get_faults"];
     /**
      * Makes things go wrong with the simulated bench: what is named does from now on, everything else goes right.
-     * @description Whether a program or a person deals with them as they should can so be tried without breaking anything.
+     * @description Whether a program or a person deals with them as they should can so be tried without breaking anything. A plan of
+     *     faults in force ends.
      */
     put: operations["put_faults"];
     post?: never;
@@ -896,6 +919,12 @@ export interface components {
     AxisFaults: {
       /**
        * Format: double
+       * @description By how much the play grows at every reversal, mm.
+       * @default 0
+       */
+      backlash_growth_mm: number;
+      /**
+       * Format: double
        * @description Play on reversal, beside the configured one, mm.
        * @default 0
        */
@@ -916,6 +945,12 @@ export interface components {
        * @default false
        */
       stalled: boolean;
+      /**
+       * Format: int32
+       * @description How long the carriage creeps after the motor, ms: the controller says "stopped" and it is not true.
+       * @default 0
+       */
+      stops_late_ms: number;
     };
     /**
      * @description Which of the bench's two axes.
@@ -2520,6 +2555,20 @@ export interface components {
        */
       half_width_mm?: number | null;
     };
+    /** @description What goes wrong with the disk that the history is written to. */
+    DiskFaults: {
+      /**
+       * Format: int32
+       * @description How much longer than it should everything takes that is written, ms of real time.
+       * @default 0
+       */
+      delay_ms: number;
+      /**
+       * @description Nothing more can be written.
+       * @default false
+       */
+      full: boolean;
+    };
     /**
      * @description What a draft's keys are laid over.
      * @enum {string}
@@ -2626,6 +2675,32 @@ export interface components {
       /** @description The camera's states: air design, shell added directly, clarity, joint. */
       states: components["schemas"]["DraftStateView"][];
     };
+    /** @description Something that goes wrong for a while. */
+    FaultEvent: {
+      /**
+       * Format: double
+       * @description When it begins, s after the plan was put in force.
+       */
+      at_s: number;
+      /** @description What goes wrong; what is not named is left as it is. */
+      faults: components["schemas"]["Faults"];
+      /**
+       * Format: double
+       * @description How long it lasts, s; without, to the end.
+       */
+      lasts_s?: number | null;
+    };
+    /**
+     * @description What is to go wrong with a simulated bench, and when. Counted from the moment at which the plan is put in force, in
+     *     the bench's own time.
+     */
+    FaultPlan: {
+      /**
+       * @description What happens, in any order. Where events overlap, everything that any of them names goes wrong; of two that name
+       *     the same, the later one counts.
+       */
+      events: components["schemas"]["FaultEvent"][];
+    };
     /** @description Everything that goes wrong with a simulated bench at a time. By default nothing; what is not named goes right. */
     Faults: {
       /**
@@ -2638,22 +2713,34 @@ export interface components {
        */
       camera: components["schemas"]["CameraFaults"];
       /**
+       * @description The disk that the history is written to.
+       * @default {
+       *       "delay_ms": 0,
+       *       "full": false
+       *     }
+       */
+      disk: components["schemas"]["DiskFaults"];
+      /**
        * @description The e axis.
        * @default {
+       *       "backlash_growth_mm": 0,
        *       "backlash_mm": 0,
        *       "limit_switch": false,
        *       "slip_share": 0,
-       *       "stalled": false
+       *       "stalled": false,
+       *       "stops_late_ms": 0
        *     }
        */
       e: components["schemas"]["AxisFaults"];
       /**
        * @description The focus axis.
        * @default {
+       *       "backlash_growth_mm": 0,
        *       "backlash_mm": 0,
        *       "limit_switch": false,
        *       "slip_share": 0,
-       *       "stalled": false
+       *       "stalled": false,
+       *       "stops_late_ms": 0
        *     }
        */
       focus: components["schemas"]["AxisFaults"];
@@ -2661,7 +2748,10 @@ export interface components {
        * @description What stands before the camera.
        * @default {
        *       "board_displaced_mm": 0,
+       *       "board_turned_mrad": 0,
        *       "bubbles": 0,
+       *       "no_shell": false,
+       *       "shell_radius_mm": 0,
        *       "tank_empty": false
        *     }
        */
@@ -2672,7 +2762,8 @@ export interface components {
        *       "delay_ms": 0,
        *       "garbled_one_in": 0,
        *       "lost_one_in": 0,
-       *       "unplugged": false
+       *       "unplugged": false,
+       *       "unpowered": false
        *     }
        */
       serial: components["schemas"]["SerialFaults"];
@@ -3550,6 +3641,15 @@ export interface components {
      * @enum {string}
      */
     PictureFault: "none" | "dark" | "saturated" | "blurred" | "torn";
+    /** @description The plan of faults in force. */
+    PlanInForce: {
+      /**
+       * Format: double
+       * @description For how long it has been in force, s.
+       */
+      elapsed_s: number | null;
+      plan: components["schemas"]["FaultPlan"] | null;
+    };
     /** @description A serial port that is there. */
     PortFound: {
       /** @description What a controller's `port` can be to mean it, the steadiest name first. */
@@ -3831,11 +3931,28 @@ export interface components {
        */
       board_displaced_mm: number;
       /**
+       * Format: double
+       * @description By how much the boards are turned about their upright, mrad.
+       * @default 0
+       */
+      board_turned_mrad: number;
+      /**
        * Format: int32
        * @description Bubbles in the field, instead of as many as are configured.
        * @default 0
        */
       bubbles: number;
+      /**
+       * @description There is no shell: a flat window stands in the place of its vertex.
+       * @default false
+       */
+      no_shell: boolean;
+      /**
+       * Format: double
+       * @description By how much the shell's radii are larger than they should be, mm; its vertex is in its place.
+       * @default 0
+       */
+      shell_radius_mm: number;
       /**
        * @description The tank has no water in it: there is air beyond the shell.
        * @default false
@@ -3872,6 +3989,11 @@ export interface components {
        * @default false
        */
       unplugged: boolean;
+      /**
+       * @description The controller is without power, while its adapter stays. With the power back it knows no place any more.
+       * @default false
+       */
+      unpowered: boolean;
     };
     /** @description What the daemon sends over the WebSocket as text. */
     ServerMessage:
@@ -7320,6 +7442,210 @@ export interface operations {
       };
       /** @description The controller is away, the history cannot be written, or the program is shutting down */
       503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_fault_plan: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["PlanInForce"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The bench is not simulated */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  put_fault_plan: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["FaultPlan"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["PlanInForce"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The bench is not simulated */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  delete_fault_plan: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description Everything goes right */
+      204: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content?: never;
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The bench is not simulated */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
         headers: {
           [name: string]: unknown;
         };

@@ -29,4 +29,13 @@ export const faults = {
   bubbles: "Bubbles",
   tankEmpty: "No water in the tank",
   displaced: "Board farther away by, mm",
+  turned: "Board turned by, mrad",
+  noShell: "No shell",
+  otherShell: "Shell’s radius larger by, mm",
+  unpowered: "Without power",
+  growth: "Play grows a reversal by, mm",
+  stopsLate: "Creeps on after its stop for, ms",
+  disk: "Disk",
+  full: "Full",
+  slow: "Slower by, ms",
 };

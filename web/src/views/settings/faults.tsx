@@ -25,8 +25,8 @@ export function Faults({ state, act }: Scene) {
   const words = strings.faults;
   const allowed = may(state, "control");
   const set = (change: Partial<Wrong>) => void show(api.setFaults(change));
-  const { serial, camera, scene } = wrong;
-  const parts = [serial, camera, scene, wrong.focus, wrong.e];
+  const { serial, camera, scene, disk } = wrong;
+  const parts = [serial, camera, scene, disk, wrong.focus, wrong.e];
   const any = parts.some((part) => Object.values(part).some((value) => value && value !== "none"));
   return (
     <section class="card faults" aria-label={words.title}>
@@ -73,6 +73,9 @@ export function Faults({ state, act }: Scene) {
           >
             {words.tankEmpty}
           </Toggle>
+          <Toggle on={scene.no_shell} set={(no_shell) => set({ ...wrong, scene: { ...scene, no_shell } })}>
+            {words.noShell}
+          </Toggle>
         </p>
         <Figure
           label={words.bubbles}
@@ -85,6 +88,18 @@ export function Faults({ state, act }: Scene) {
           value={scene.board_displaced_mm}
           range={[-300, 1000, "any"]}
           set={(board_displaced_mm) => set({ ...wrong, scene: { ...scene, board_displaced_mm } })}
+        />
+        <Figure
+          label={words.turned}
+          value={scene.board_turned_mrad}
+          range={[-300, 300, "any"]}
+          set={(board_turned_mrad) => set({ ...wrong, scene: { ...scene, board_turned_mrad } })}
+        />
+        <Figure
+          label={words.otherShell}
+          value={scene.shell_radius_mm}
+          range={[-20, 200, "any"]}
+          set={(shell_radius_mm) => set({ ...wrong, scene: { ...scene, shell_radius_mm } })}
         />
       </fieldset>
       {AXES.map((axis) => {
@@ -113,6 +128,18 @@ export function Faults({ state, act }: Scene) {
               range={[0, 5, "any"]}
               set={(backlash_mm) => change({ backlash_mm })}
             />
+            <Figure
+              label={words.growth}
+              value={of.backlash_growth_mm}
+              range={[0, 1, "any"]}
+              set={(backlash_growth_mm) => change({ backlash_growth_mm })}
+            />
+            <Figure
+              label={words.stopsLate}
+              value={of.stops_late_ms}
+              range={[0, 5000, 1]}
+              set={(stops_late_ms) => change({ stops_late_ms })}
+            />
           </fieldset>
         );
       })}
@@ -124,6 +151,12 @@ export function Faults({ state, act }: Scene) {
             set={(unplugged) => set({ ...wrong, serial: { ...serial, unplugged } })}
           >
             {words.unplugged}
+          </Toggle>
+          <Toggle
+            on={serial.unpowered}
+            set={(unpowered) => set({ ...wrong, serial: { ...serial, unpowered } })}
+          >
+            {words.unpowered}
           </Toggle>
         </p>
         <Figure
@@ -143,6 +176,20 @@ export function Faults({ state, act }: Scene) {
           value={serial.garbled_one_in}
           range={[0, 1_000_000, 1]}
           set={(garbled_one_in) => set({ ...wrong, serial: { ...serial, garbled_one_in } })}
+        />
+      </fieldset>
+      <fieldset disabled={!allowed}>
+        <legend>{words.disk}</legend>
+        <p class="row">
+          <Toggle on={disk.full} set={(full) => set({ ...wrong, disk: { ...disk, full } })}>
+            {words.full}
+          </Toggle>
+        </p>
+        <Figure
+          label={words.slow}
+          value={disk.delay_ms}
+          range={[0, 5000, 1]}
+          set={(delay_ms) => set({ ...wrong, disk: { ...disk, delay_ms } })}
         />
       </fieldset>
     </section>

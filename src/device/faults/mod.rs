@@ -1,7 +1,11 @@
 //! What can be made to go wrong with a simulated bench, for whoever wants to see what then happens.
 
+mod plan;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+
+pub use plan::{FaultEvent, FaultPlan, PlanError};
 
 use super::AxisName;
 use crate::whole::whole;
@@ -20,6 +24,8 @@ pub struct Faults {
     pub camera: CameraFaults,
     /// What stands before the camera.
     pub scene: SceneFaults,
+    /// The disk that the history is written to.
+    pub disk: DiskFaults,
 }
 
 /// What goes wrong between the program and the stages' controller.
@@ -28,6 +34,8 @@ pub struct Faults {
 pub struct SerialFaults {
     /// The adapter is unplugged.
     pub unplugged: bool,
+    /// The controller is without power, while its adapter stays. With the power back it knows no place any more.
+    pub unpowered: bool,
     /// How late what the controller says arrives, ms.
     #[serde(deserialize_with = "whole")]
     #[schema(minimum = 0, maximum = 5000)]
@@ -54,6 +62,13 @@ pub struct AxisFaults {
     /// Play on reversal, beside the configured one, mm.
     #[schema(minimum = 0, maximum = 5)]
     pub backlash_mm: f64,
+    /// By how much the play grows at every reversal, mm.
+    #[schema(minimum = 0, maximum = 1)]
+    pub backlash_growth_mm: f64,
+    /// How long the carriage creeps after the motor, ms: the controller says "stopped" and it is not true.
+    #[serde(deserialize_with = "whole")]
+    #[schema(minimum = 0, maximum = 5000)]
+    pub stops_late_ms: u16,
     /// Its switches are closed, wherever it stands.
     pub limit_switch: bool,
 }
@@ -100,6 +115,26 @@ pub struct SceneFaults {
     /// How much farther away the boards are than where they should be, mm.
     #[schema(minimum = -300, maximum = 1000)]
     pub board_displaced_mm: f64,
+    /// By how much the boards are turned about their upright, mrad.
+    #[schema(minimum = -300, maximum = 300)]
+    pub board_turned_mrad: f64,
+    /// There is no shell: a flat window stands in the place of its vertex.
+    pub no_shell: bool,
+    /// By how much the shell's radii are larger than they should be, mm; its vertex is in its place.
+    #[schema(minimum = -20, maximum = 200)]
+    pub shell_radius_mm: f64,
+}
+
+/// What goes wrong with the disk that the history is written to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DiskFaults {
+    /// Nothing more can be written.
+    pub full: bool,
+    /// How much longer than it should everything takes that is written, ms of real time.
+    #[serde(deserialize_with = "whole")]
+    #[schema(minimum = 0, maximum = 5000)]
+    pub delay_ms: u16,
 }
 
 /// A fault that cannot be.
@@ -144,10 +179,17 @@ impl Faults {
             ("serial.garbled_one_in", f64::from(self.serial.garbled_one_in), 0.0, one_in),
             ("focus.slip_share", self.focus.slip_share, 0.0, 1.0),
             ("focus.backlash_mm", self.focus.backlash_mm, 0.0, 5.0),
+            ("focus.backlash_growth_mm", self.focus.backlash_growth_mm, 0.0, 1.0),
+            ("focus.stops_late_ms", f64::from(self.focus.stops_late_ms), 0.0, 5000.0),
             ("e.slip_share", self.e.slip_share, 0.0, 1.0),
             ("e.backlash_mm", self.e.backlash_mm, 0.0, 5.0),
+            ("e.backlash_growth_mm", self.e.backlash_growth_mm, 0.0, 1.0),
+            ("e.stops_late_ms", f64::from(self.e.stops_late_ms), 0.0, 5000.0),
             ("scene.bubbles", f64::from(self.scene.bubbles), 0.0, 500.0),
             ("scene.board_displaced_mm", self.scene.board_displaced_mm, -300.0, 1000.0),
+            ("scene.board_turned_mrad", self.scene.board_turned_mrad, -300.0, 300.0),
+            ("scene.shell_radius_mm", self.scene.shell_radius_mm, -20.0, 200.0),
+            ("disk.delay_ms", f64::from(self.disk.delay_ms), 0.0, 5000.0),
         ] {
             if !(low..=high).contains(&value) {
                 return Err(FaultRange { field, value, low, high });
