@@ -41,6 +41,7 @@ mod program;
 mod rendered;
 mod renderer;
 mod shutdown;
+mod soak;
 mod spacing;
 mod spans;
 mod stages;
