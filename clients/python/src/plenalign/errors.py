@@ -85,7 +85,9 @@ class ProblemError(PlenalignError):
         self.retry_after_s = retry_after_s
         """When it makes sense to try again, s; none where the daemon does not say."""
         more = "".join(f"; {each['key']}: {each['message']}" for each in self._problems())
-        super().__init__(f"{self.title}: {self.detail}{more}" if self.detail else self.title)
+        field = self.members.get("field")
+        where = f"{field}: " if isinstance(field, str) and field not in self.detail else ""
+        super().__init__(f"{self.title}: {where}{self.detail}{more}" if self.detail else self.title)
 
     def _problems(self) -> list[dict[str, Any]]:
         """What is wrong with a configuration or a design, key by key."""

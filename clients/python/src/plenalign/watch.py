@@ -77,6 +77,7 @@ class Watch:
 
     def _connect(self) -> ClientConnection:
         try:
+            # Entered, and left by being closed: it lives longer than a block.
             self._socket = connect(
                 self._following.url,
                 ssl=self._address.tls,
@@ -86,7 +87,7 @@ class Watch:
                 max_size=LONGEST_MESSAGE,
                 compression=None,
                 proxy=None,
-            )
+            ).__enter__()
             for text in self._following.greetings():
                 self._socket.send(text)
             return self._socket
