@@ -18,9 +18,10 @@ build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates 
 # chromium          the browser in which the page is tested
 # openssl           another's opinion of the certificates made
 # python3           the table of `make test-long`
+# jq                reads answers in the walk with curl
 # python3-venv      where the stage vendors' clients, Schemathesis and other tools' clients are put
 # iproute2, util-linux   a network of its own for the announcement's test
-test_packages=(chromium openssl python3 python3-venv iproute2 util-linux)
+test_packages=(chromium openssl jq python3 python3-venv iproute2 util-linux)
 # python3-venv      where the comparison's OpenCV and NumPy are put
 bench_packages=(python3 python3-venv)
 # qemu-system-x86   emulates the machine that the virtual cameras run on

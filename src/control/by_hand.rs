@@ -1,6 +1,6 @@
 //! What a person moves by hand: moves, homing and jogs of one axis, and the statement about the shell.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -29,12 +29,23 @@ impl Service {
         self.failures.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    pub(super) fn by_hand(&self) -> MutexGuard<'_, HashSet<AxisName>> {
+        self.by_hand.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// From here on an axis counts as moving, until it [has ended](Self::ended_by_hand).
+    fn begins_by_hand(&self, axis: AxisName) {
+        self.failures().remove(&axis);
+        self.by_hand().insert(axis);
+    }
+
     /// Keeps how a command by hand ended.
     fn ended_by_hand(&self, axis: AxisName, ended: Result<(), ServiceError>) {
         if let Err(error) = ended {
             tracing::warn!(%axis, %error, "a command by hand did not end as commanded");
             self.failures().insert(axis, error.to_string());
         }
+        self.by_hand().remove(&axis);
         self.publish_bench();
     }
 
@@ -69,7 +80,7 @@ impl Service {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check(axis, target)?;
         self.history_ready().await?;
-        self.failures().remove(&axis);
+        self.begins_by_hand(axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
             let ended = service.motion.go_claimed(claim, target).await;
@@ -86,7 +97,7 @@ impl Service {
         let claim = self.claim_for_hand(axis)?;
         self.motion.check_home(axis)?;
         self.history_ready().await?;
-        self.failures().remove(&axis);
+        self.begins_by_hand(axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
             let ended = service.motion.home_claimed(claim).await;
@@ -127,7 +138,7 @@ impl Service {
         let mut jogs = self.jogs();
         let claim = self.claim_for_hand(axis)?;
         self.motion.jog_end(axis, towards)?;
-        self.failures().remove(&axis);
+        self.begins_by_hand(axis);
         let (grip, deadman) = deadman(JOG_HOLD);
         jogs.insert(axis, Jogging { towards, speed, grip });
         drop(jogs);

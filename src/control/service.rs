@@ -1,6 +1,6 @@
 //! What callers hold: the bench with its motion rules, the one job, and what happens.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -56,6 +56,8 @@ pub struct Service {
     pub(super) looks: tokio::sync::Mutex<Looks>,
     /// Why the last command by hand of an axis did not end as commanded.
     pub(super) failures: Mutex<HashMap<AxisName, String>>,
+    /// The axes that a command by hand is not yet done with.
+    pub(super) by_hand: Mutex<HashSet<AxisName>>,
     pub(super) jogs: Mutex<HashMap<AxisName, Jogging>>,
     pub(super) closing: AtomicBool,
     /// Asks the service's own watchers for a sign of life; each answers when it comes round.
@@ -92,6 +94,7 @@ impl Service {
             measuring: tokio::sync::Mutex::default(),
             looks: tokio::sync::Mutex::default(),
             failures: Mutex::default(),
+            by_hand: Mutex::default(),
             jogs: Mutex::default(),
             closing: AtomicBool::new(false),
             pulses: [watch::Sender::new(0), watch::Sender::new(0)],
@@ -175,6 +178,8 @@ impl Service {
         let stage = self.bench.stage(axis);
         let (info, state) = (stage.info(), stage.state().borrow().clone());
         let (low_limit_mm, high_limit_mm) = self.motion.range_mm(axis);
+        // Between the pieces of its way, and before the first, a driver reads an axis at rest.
+        let moving = state.moving || self.by_hand().contains(&axis);
         AxisView {
             axis,
             driver: info.driver,
@@ -183,7 +188,7 @@ impl Service {
             connected: state.connected,
             homed: state.homed,
             position_mm: state.homed.then_some(state.position.value()),
-            moving: state.moving,
+            moving,
             low_limit_mm,
             high_limit_mm,
             fault: state.fault,

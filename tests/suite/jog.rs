@@ -74,3 +74,36 @@ async fn a_jog_goes_on_while_it_is_asked_for_and_ends_when_nobody_asks() {
     let again = daemon.request(Method::DELETE, path).send().await.unwrap();
     assert_eq!(again.status(), 200, "may be repeated");
 }
+
+/// The controller is told a long way in pieces, and stands for a moment between two of them.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_axis_counts_as_moving_until_the_whole_of_its_way_is_done() {
+    let config = small_config(1);
+    let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
+    let daemon = Daemon::start_with(config, bench).await;
+    let command = async |path: &str, body: &Value| {
+        let answer = daemon.command(Method::POST, path, body).await;
+        assert_eq!(answer.status(), 202, "{path}");
+        let bench: Value = answer.json().await.unwrap();
+        assert_eq!(bench["axes"][0]["moving"], true, "{path}: {bench}");
+        let from = Instant::now();
+        loop {
+            let focus = axis(&daemon, "focus").await;
+            if focus["moving"] == false {
+                return focus;
+            }
+            assert!(from.elapsed() < Duration::from_secs(20), "{focus}");
+            sleep(Duration::from_millis(10)).await;
+        }
+    };
+    // Each is accepted as soon as the one before is done with, without a pause.
+    let homed = command("/api/v1/axes/focus/home", &Value::Null).await;
+    assert_eq!((&homed["homed"], &homed["failure"]), (&json!(true), &Value::Null), "{homed}");
+    for target in [4.5, 0.0] {
+        let there = command("/api/v1/axes/focus/move", &json!({ "position_mm": target })).await;
+        assert!((there["position_mm"].as_f64().unwrap() - target).abs() < 0.011, "{there}");
+    }
+    let before = command("/api/v1/axes/focus/jog", &json!({ "towards": "high", "speed_mm_per_s": 1.0 })).await;
+    sleep(Duration::from_millis(400)).await;
+    assert_eq!(axis(&daemon, "focus").await["position_mm"], before["position_mm"]);
+}

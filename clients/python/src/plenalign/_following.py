@@ -1,0 +1,240 @@
+"""What a viewer has to keep in mind between two connections, and what the messages are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from typing import TYPE_CHECKING, Any, TypeAlias
+from uuid import UUID
+
+import msgspec
+
+from ._transport import decode
+from .address import Address
+from .errors import PlenalignError, UnexpectedAnswerError, problem_error
+from .models import (
+    BenchMessage,
+    GapMessage,
+    JobMessage,
+    MeasurementMessage,
+    PicturesRequest,
+    ProblemMessage,
+    SeenRequest,
+    ServerMessage,
+    Show,
+    SnapshotMessage,
+    TickMessage,
+    ViewerMessage,
+)
+
+if TYPE_CHECKING:
+    from ._pb import frame_pb2
+
+SILENCE_S = 10.0
+"""The daemon gives a sign of life every other second: after so long without one it is lost."""
+LONGEST_MESSAGE = 256 * 1024 * 1024
+CONNECT_S = 5.0
+_TYPES = frozenset({"snapshot", "gap", "bench", "job", "measurement", "tick", "problem"})
+_CHANGES = (SnapshotMessage, BenchMessage, JobMessage, MeasurementMessage)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A live picture, and when and where it was taken."""
+
+    jpeg: bytes
+    """The picture, a JPEG."""
+    show: Show | None
+    """What it shows; none where this package does not know."""
+    seq: int
+    """Sequence number from the camera."""
+    captured_at: datetime
+    """End of the exposure."""
+    captured_monotonic_us: int
+    """The same on the daemon's machine's monotonic clock, µs."""
+    exposure_us: int
+    """Length of the exposure, µs."""
+    exposure_assumed: bool
+    """Whether that is assumed."""
+    focus_mm: float | None
+    """Readback of the focus axis, mm; none while unknown."""
+    e_mm: float | None
+    """Readback of the e axis, mm; none while unknown."""
+    settled: bool
+    """Whether both axes were at rest during the exposure."""
+    preview: bool
+    """Whether it is a coarse picture for viewing only."""
+    simulated: bool
+    """Whether it was simulated."""
+    replayed: bool
+    """Whether it is of old, played from a file."""
+    age_ms: float
+    """Age when it was sent, ms."""
+    frames_skipped: int
+    """Frames that this viewer was not sent until now."""
+    raw_size: tuple[int, int]
+    """Columns and rows of the raw frame."""
+    reduce: int
+    """Raw pixels to a picture pixel, each way."""
+
+
+@dataclass(frozen=True)
+class SpacingMap:
+    """The spacing micro-image by micro-image; the lists run together."""
+
+    frame_seq: int
+    """Sequence number of the frame measured."""
+    micro_image_pitch_px: float
+    """Pitch of the micro-images, px."""
+    spacing_target_px: float
+    """The spacing wanted, px."""
+    x_px: tuple[float, ...]
+    """Columns of the centres, px of the raw frame."""
+    y_px: tuple[float, ...]
+    """Rows of the centres, px."""
+    spacing_px: tuple[float, ...]
+    """Spacing between a micro-image's image points and its neighbours', px."""
+    sigma_px: tuple[float, ...]
+    """Standard uncertainty of that, px; infinite where blank."""
+    matched: tuple[bool, ...]
+    """Whether it can be used."""
+
+
+Message: TypeAlias = (
+    SnapshotMessage
+    | GapMessage
+    | BenchMessage
+    | JobMessage
+    | MeasurementMessage
+    | TickMessage
+    | ProblemMessage
+    | Picture
+    | SpacingMap
+)
+"""What comes while one watches."""
+
+
+class _Type(msgspec.Struct):
+    type: str = ""
+
+
+class Following:
+    """What was seen last, so that a new connection goes on there."""
+
+    def __init__(self, address: Address, pictures: PicturesRequest | None) -> None:
+        self._address = address
+        self._pictures = pictures
+        self._after: tuple[int, UUID] | None = None
+        if pictures is not None:
+            _messages()
+
+    @property
+    def url(self) -> str:
+        """Where to connect."""
+        if self._after is None:
+            return self._address.socket
+        seq, boot_id = self._after
+        return f"{self._address.socket}?after={seq}&boot_id={boot_id}"
+
+    def greetings(self) -> list[str]:
+        """What is sent over a new connection."""
+        return [] if self._pictures is None else [_text(self._pictures)]
+
+    def read(self, message: str | bytes) -> tuple[Message | None, list[str]]:
+        """A message, where it is one that is known, and what is to be sent back."""
+        if isinstance(message, bytes):
+            viewed = _viewed(message)
+            windowed = self._pictures is not None and bool(self._pictures.window)
+            seen = isinstance(viewed, Picture) and windowed
+            return viewed, [_text(SeenRequest(seq=viewed.seq))] if seen and isinstance(viewed, Picture) else []
+        base = self._address.base
+        if decode(message, _Type, base).type not in _TYPES:
+            return None, []
+        # A union is no class to the type checker.
+        kind: Any = ServerMessage
+        known: Message = decode(message, kind, base)
+        if isinstance(known, _CHANGES):
+            self._after = (known.seq, known.boot_id)
+        return known, []
+
+
+def _text(message: ViewerMessage) -> str:
+    return msgspec.json.encode(message).decode()
+
+
+def _messages() -> Any:
+    try:
+        from ._pb import frame_pb2
+    except ImportError as error:
+        raise ImportError(
+            "live pictures need Google's protobuf: pip install 'plenalign[live]'", name=error.name
+        ) from error
+    return frame_pb2
+
+
+def _viewed(data: bytes) -> Picture | SpacingMap | None:
+    """A binary message; none where it is of a kind that is not known."""
+    from google.protobuf.message import DecodeError
+
+    pb = _messages()
+    try:
+        viewed: frame_pb2.Viewed = pb.Viewed.FromString(data)
+    except DecodeError as error:
+        raise UnexpectedAnswerError(f"a picture cannot be understood: {error}") from None
+    which = viewed.WhichOneof("what")
+    if which == "frame":
+        return _picture(viewed.frame)
+    return _map(viewed.spacing_map, pb.LENS_STATE_MATCHED) if which == "spacing_map" else None
+
+
+def _picture(frame: frame_pb2.Frame) -> Picture:
+    shows = {0: Show.RAW, 1: Show.RAW, 2: Show.CENTRAL, 3: Show.ALL_IN_FOCUS, 4: Show.DEPTH}
+    epoch = datetime(1970, 1, 1, tzinfo=timezone.utc)
+    return Picture(
+        jpeg=frame.jpeg,
+        show=shows.get(int(frame.picture)),
+        seq=frame.seq,
+        captured_at=epoch + timedelta(microseconds=frame.captured_unix_us),
+        captured_monotonic_us=frame.captured_monotonic_us,
+        exposure_us=frame.exposure_us,
+        exposure_assumed=frame.exposure_assumed,
+        focus_mm=frame.focus_mm if frame.HasField("focus_mm") else None,
+        e_mm=frame.e_mm if frame.HasField("e_mm") else None,
+        settled=frame.settled,
+        preview=frame.preview,
+        simulated=frame.simulated,
+        replayed=frame.replayed,
+        age_ms=frame.age_ms,
+        frames_skipped=frame.frames_skipped,
+        raw_size=(frame.width_px, frame.height_px),
+        reduce=frame.reduce,
+    )
+
+
+def _map(spacing: frame_pb2.SpacingMap, matched: int) -> SpacingMap:
+    return SpacingMap(
+        frame_seq=spacing.frame_seq,
+        micro_image_pitch_px=spacing.micro_image_pitch_px,
+        spacing_target_px=spacing.spacing_target_px,
+        x_px=tuple(spacing.x_px),
+        y_px=tuple(spacing.y_px),
+        spacing_px=tuple(spacing.spacing_px),
+        sigma_px=tuple(spacing.sigma_px),
+        matched=tuple(state == matched for state in spacing.state),
+    )
+
+
+def refused(status: int, body: bytes, base: str) -> PlenalignError:
+    """Why the daemon opens no WebSocket."""
+    try:
+        problem = msgspec.json.decode(body, type=dict[str, Any])
+    except msgspec.DecodeError:
+        problem = {}
+    if isinstance(problem.get("type"), str):
+        return problem_error({"status": status, **problem})
+    return UnexpectedAnswerError(f"{base} answers {status} where a WebSocket should be: no plenalign, or a proxy")
+
+
+def cut_off(code: int, reason: str) -> bool:
+    """Whether the daemon closed for a reason that connecting anew does not mend."""
+    return code == 1008 and "token" in reason

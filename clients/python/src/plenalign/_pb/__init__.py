@@ -1,0 +1,1 @@
+"""The WebSocket's binary messages, by protoc."""

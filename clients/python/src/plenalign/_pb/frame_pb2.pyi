@@ -1,0 +1,100 @@
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class LensState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    LENS_STATE_UNSPECIFIED: _ClassVar[LensState]
+    LENS_STATE_MATCHED: _ClassVar[LensState]
+    LENS_STATE_MISMATCHED: _ClassVar[LensState]
+    LENS_STATE_BLANK: _ClassVar[LensState]
+
+class Picture(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    PICTURE_UNSPECIFIED: _ClassVar[Picture]
+    PICTURE_RAW: _ClassVar[Picture]
+    PICTURE_CENTRAL: _ClassVar[Picture]
+    PICTURE_ALL_IN_FOCUS: _ClassVar[Picture]
+    PICTURE_DEPTH: _ClassVar[Picture]
+LENS_STATE_UNSPECIFIED: LensState
+LENS_STATE_MATCHED: LensState
+LENS_STATE_MISMATCHED: LensState
+LENS_STATE_BLANK: LensState
+PICTURE_UNSPECIFIED: Picture
+PICTURE_RAW: Picture
+PICTURE_CENTRAL: Picture
+PICTURE_ALL_IN_FOCUS: Picture
+PICTURE_DEPTH: Picture
+
+class Viewed(_message.Message):
+    __slots__ = ("frame", "spacing_map")
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    SPACING_MAP_FIELD_NUMBER: _ClassVar[int]
+    frame: Frame
+    spacing_map: SpacingMap
+    def __init__(self, frame: _Optional[_Union[Frame, _Mapping]] = ..., spacing_map: _Optional[_Union[SpacingMap, _Mapping]] = ...) -> None: ...
+
+class SpacingMap(_message.Message):
+    __slots__ = ("frame_seq", "micro_image_pitch_px", "spacing_target_px", "x_px", "y_px", "spacing_px", "sigma_px", "state")
+    FRAME_SEQ_FIELD_NUMBER: _ClassVar[int]
+    MICRO_IMAGE_PITCH_PX_FIELD_NUMBER: _ClassVar[int]
+    SPACING_TARGET_PX_FIELD_NUMBER: _ClassVar[int]
+    X_PX_FIELD_NUMBER: _ClassVar[int]
+    Y_PX_FIELD_NUMBER: _ClassVar[int]
+    SPACING_PX_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_PX_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    frame_seq: int
+    micro_image_pitch_px: float
+    spacing_target_px: float
+    x_px: _containers.RepeatedScalarFieldContainer[float]
+    y_px: _containers.RepeatedScalarFieldContainer[float]
+    spacing_px: _containers.RepeatedScalarFieldContainer[float]
+    sigma_px: _containers.RepeatedScalarFieldContainer[float]
+    state: _containers.RepeatedScalarFieldContainer[LensState]
+    def __init__(self, frame_seq: _Optional[int] = ..., micro_image_pitch_px: _Optional[float] = ..., spacing_target_px: _Optional[float] = ..., x_px: _Optional[_Iterable[float]] = ..., y_px: _Optional[_Iterable[float]] = ..., spacing_px: _Optional[_Iterable[float]] = ..., sigma_px: _Optional[_Iterable[float]] = ..., state: _Optional[_Iterable[_Union[LensState, str]]] = ...) -> None: ...
+
+class Frame(_message.Message):
+    __slots__ = ("jpeg", "seq", "captured_unix_us", "exposure_us", "exposure_assumed", "focus_mm", "e_mm", "settled", "preview", "simulated", "age_ms", "frames_skipped", "width_px", "height_px", "reduce", "replayed", "captured_monotonic_us", "picture")
+    JPEG_FIELD_NUMBER: _ClassVar[int]
+    SEQ_FIELD_NUMBER: _ClassVar[int]
+    CAPTURED_UNIX_US_FIELD_NUMBER: _ClassVar[int]
+    EXPOSURE_US_FIELD_NUMBER: _ClassVar[int]
+    EXPOSURE_ASSUMED_FIELD_NUMBER: _ClassVar[int]
+    FOCUS_MM_FIELD_NUMBER: _ClassVar[int]
+    E_MM_FIELD_NUMBER: _ClassVar[int]
+    SETTLED_FIELD_NUMBER: _ClassVar[int]
+    PREVIEW_FIELD_NUMBER: _ClassVar[int]
+    SIMULATED_FIELD_NUMBER: _ClassVar[int]
+    AGE_MS_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_SKIPPED_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    REDUCE_FIELD_NUMBER: _ClassVar[int]
+    REPLAYED_FIELD_NUMBER: _ClassVar[int]
+    CAPTURED_MONOTONIC_US_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_FIELD_NUMBER: _ClassVar[int]
+    jpeg: bytes
+    seq: int
+    captured_unix_us: int
+    exposure_us: int
+    exposure_assumed: bool
+    focus_mm: float
+    e_mm: float
+    settled: bool
+    preview: bool
+    simulated: bool
+    age_ms: float
+    frames_skipped: int
+    width_px: int
+    height_px: int
+    reduce: int
+    replayed: bool
+    captured_monotonic_us: int
+    picture: Picture
+    def __init__(self, jpeg: _Optional[bytes] = ..., seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., exposure_us: _Optional[int] = ..., exposure_assumed: _Optional[bool] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., age_ms: _Optional[float] = ..., frames_skipped: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., reduce: _Optional[int] = ..., replayed: _Optional[bool] = ..., captured_monotonic_us: _Optional[int] = ..., picture: _Optional[_Union[Picture, str]] = ...) -> None: ...

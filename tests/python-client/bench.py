@@ -1,0 +1,123 @@
+"""Daemons of a test's own, each with a folder, a configuration and a port of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = ROOT / "target" / "debug" / "plenalign"
+
+SMALL = """
+[server]
+requests_per_s = 100000
+{server}
+[sensor]
+width_px = 560
+height_px = 560
+[bench.camera]
+timeout_ms = 10000
+[bench.simulation]
+rays = 4
+{simulation}
+"""
+
+
+class Daemon:
+    """The real program over the simulated bench, with a sensor small enough to render in a blink."""
+
+    def __init__(
+        self, folder: Path, *, server: str = "", simulation: str = "", arguments: tuple[str, ...] = ()
+    ) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self.config = folder / "plenalign.toml"
+        self.config.write_text(SMALL.format(server=server, simulation=simulation))
+        self.arguments = arguments
+        self.listen = "127.0.0.1:0"
+        self.address = ""
+        self.token: str | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def environment(self) -> dict[str, str]:
+        return {**os.environ, "PLENALIGN_STATE_DIR": str(self.folder / "state")}
+
+    def run(self, *arguments: str) -> str:
+        """What another command of the program says."""
+        done = subprocess.run(
+            [PROGRAM, *arguments], env=self.environment, capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def create_token(self, name: str, scope: str) -> str:
+        secret: str = json.loads(self.run("token", "create", "--name", name, "--scope", scope, "--json"))["secret"]
+        return secret
+
+    def start(self) -> Daemon:
+        """Starts it, at the same port as before where it ran before, and waits until it serves."""
+        said, log = self.folder / "said", self.folder / "log"
+        with said.open("wb") as out, log.open("ab") as error:
+            command = [
+                str(PROGRAM),
+                "serve",
+                "--config",
+                str(self.config),
+                "--simulated",
+                "--json",
+                "--listen",
+                self.listen,
+            ]
+            self._process = subprocess.Popen(
+                [*command, *self.arguments], env=self.environment, stdout=out, stderr=error, stdin=subprocess.DEVNULL
+            )
+        deadline = time.monotonic() + 60
+        while not said.read_text().strip():
+            assert self._process.poll() is None and time.monotonic() < deadline, log.read_text()
+            time.sleep(0.05)
+        self.address = json.loads(said.read_text().splitlines()[0])["address"].rstrip("/")
+        self.listen = self.address.split("//")[1]
+        if self.address.startswith("http://"):
+            self._wait_until_ready(deadline)
+        return self
+
+    def _wait_until_ready(self, deadline: float) -> None:
+        while True:
+            try:
+                with urllib.request.urlopen(self.address + "/readyz", timeout=5):
+                    return
+            except urllib.error.HTTPError as error:
+                assert time.monotonic() < deadline, error.read()
+            time.sleep(0.1)
+
+    def end(self, how: int = signal.SIGTERM) -> None:
+        """Ends it, and waits until it has."""
+        process, self._process = self._process, None
+        if process is not None and process.poll() is None:
+            process.send_signal(how)
+            try:
+                process.wait(timeout=20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                raise
+
+    def signal(self, which: int) -> None:
+        """Sends it a signal, such as one that has it stand still."""
+        assert self._process is not None
+        self._process.send_signal(which)
+
+    def raw(self, path: str) -> Any:
+        """The JSON at a path, by a client that is not ours."""
+        headers = {"authorization": f"Bearer {self.token}"} if self.token else {}
+        request = urllib.request.Request(self.address + path, headers=headers)
+        with urllib.request.urlopen(request, timeout=30) as answer:
+            return json.load(answer)

@@ -1,0 +1,215 @@
+"""What moves: by hand, within limits, and not on after an interrupt."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+
+import plenalign
+import pytest
+from plenalign.models import AxisName, CameraFaults, Faults, ShellState, Side, StopDelivery
+
+from bench import Daemon
+
+
+def position(client: plenalign.Client, axis: str) -> float:
+    found = next(each.position_mm for each in client.bench().axes if each.axis == axis)
+    assert found is not None
+    return found
+
+
+def rests(client: plenalign.Client) -> bool:
+    """Whether nothing moves within the time in which a jog that nobody renews ends."""
+    time.sleep(0.6)
+    before = [axis.position_mm for axis in client.bench().axes]
+    time.sleep(0.4)
+    return before == [axis.position_mm for axis in client.bench().axes]
+
+
+def test_a_move_is_waited_for(homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        here = position(homed, "focus")
+        there = here + 0.5 if here < 1.0 else here - 0.5
+        view = lease.move("focus", there)
+        assert view.axis is AxisName.FOCUS
+        assert not view.moving
+        assert view.position_mm == pytest.approx(there, abs=0.01)
+        began = lease.move(AxisName.FOCUS, here, wait=False)
+        assert began.position_mm is None or abs(began.position_mm - here) > 0.1
+        while homed.bench().axes[0].moving:
+            time.sleep(0.05)
+
+
+def test_homing(client: plenalign.Client) -> None:
+    with client.lease() as lease:
+        assert lease.set_shell(ShellState.OFF).shell is ShellState.OFF
+        assert lease.home("focus").homed
+        assert lease.home("e").homed
+        lease.set_shell("on")
+        wall = client.bench().e_wall_mm
+        with pytest.raises(plenalign.OutOfReachError) as refused:
+            lease.move("e", wall - 0.1)
+        assert refused.value.kind == "wall"
+        assert refused.value.members["wall_mm"] == wall
+        lease.set_shell("off")
+
+
+def test_a_jog_moves_and_ends(homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        lease.move("focus", 0.0)
+        view = lease.jog("focus", Side.HIGH, 0.6, speed_mm_per_s=0.5)
+        assert view.position_mm is not None
+        assert 0.1 < view.position_mm < 0.6
+        assert not view.moving
+        back = lease.jog("focus", "low", 0.3, speed_mm_per_s=0.5)
+        assert back.position_mm is not None
+        assert back.position_mm < view.position_mm
+
+
+def test_beyond_the_travel_is_refused_with_its_limits(homed: plenalign.Client) -> None:
+    with homed.lease() as lease, pytest.raises(plenalign.OutOfReachError) as refused:
+        lease.move("focus", 900.0)
+    problem = refused.value
+    assert (problem.kind, problem.status) == ("limit", 409)
+    assert problem.members["axis"] == "focus"
+    assert problem.members["low_mm"] < problem.members["high_mm"]
+    assert problem.title in str(problem)
+    assert problem.detail in str(problem)
+    again = pickle.loads(pickle.dumps(problem))
+    assert (type(again), again.members, str(again)) == (type(problem), problem.members, str(problem))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        (lambda lease: lease.move("zoom", 1.0), "focus, e"),
+        (lambda lease: lease.move("focus", float("nan")), "finite"),
+        (lambda lease: lease.jog("focus", "up", 1.0), "up"),
+        (lambda lease: lease.jog("focus", "high", float("inf")), "finite"),
+        (lambda lease: lease.jog("focus", "high", 1.0, speed_mm_per_s=float("nan")), "finite"),
+        (lambda lease: lease.set_shell("half"), "half"),
+    ],
+)
+def test_wrong_arguments_are_told_before_anything_is_sent(homed: plenalign.Client, wrong: object, word: str) -> None:
+    before = [axis.position_mm for axis in homed.bench().axes]
+    with homed.lease() as lease, pytest.raises(ValueError, match=word):
+        wrong(lease)  # type: ignore[operator]
+    assert before == [axis.position_mm for axis in homed.bench().axes]
+
+
+def test_the_stop_needs_no_lease_and_keeps_everything_still(homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        report = homed.stop()
+        assert report.focus is StopDelivery.CONFIRMED
+        assert homed.stop_state().latched
+        with pytest.raises(plenalign.StoppedError) as refused:
+            lease.move("focus", 0.2)
+        assert refused.value.detail
+        assert not homed.reset_stop().latched
+        lease.move("focus", 0.2)
+
+
+def test_a_stop_ends_a_move_that_is_waited_for(homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        lease.move("e", position(homed, "e"))
+        high = homed.bench().axes[1].high_limit_mm
+        target = high - 0.1 if position(homed, "e") < high - 20 else high - 30
+        lease.move("e", target, wait=False)
+        homed.stop()
+        homed.reset_stop()
+        assert rests(homed)
+        assert abs(position(homed, "e") - target) > 0.5
+
+
+INTERRUPTED = """
+import sys, plenalign
+client = plenalign.Client(sys.argv[1])
+with client.lease("a program that is interrupted", ttl_s=5.0) as lease:
+    print("begun", flush=True)
+    {what}
+"""
+
+
+def interrupt(daemon: Daemon, what: str, wait_s: float, how: int = signal.SIGINT) -> subprocess.CompletedProcess[str]:
+    """Runs this in a program of its own, and sends that a signal."""
+    command = [sys.executable, "-c", INTERRUPTED.format(what=what), daemon.address]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "PLENALIGN_TOKEN": ""}
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(wait_s)
+        process.send_signal(how)
+        said, wrong = process.communicate(timeout=30)
+        return subprocess.CompletedProcess(command, process.returncode, said, wrong)
+
+
+def test_an_interrupt_ends_a_jog(daemon: Daemon, homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        lease.move("focus", 0.0)
+    ended = interrupt(daemon, 'lease.jog("focus", "high", 60.0, speed_mm_per_s=0.5)', 1.0)
+    assert "KeyboardInterrupt" in ended.stderr
+    at_once = position(homed, "focus")
+    assert rests(homed)
+    assert 0.1 < position(homed, "focus") < 1.5
+    assert position(homed, "focus") == pytest.approx(at_once, abs=0.02)
+    assert not homed.stop_state().latched
+    assert homed.lease_holder() is None
+
+
+def test_a_killed_program_leaves_no_jog_behind(daemon: Daemon, homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        lease.move("focus", 0.0)
+    interrupt(daemon, 'lease.jog("focus", "high", 60.0, speed_mm_per_s=0.5)', 0.8, signal.SIGKILL)
+    assert rests(homed)
+    assert 0.1 < position(homed, "focus") < 1.5
+
+
+def test_an_interrupt_of_a_move_stops_the_bench(daemon: Daemon, homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        lease.move("e", max(homed.bench().e_wall_mm + 2.0, position(homed, "e") - 20.0))
+        here = position(homed, "e")
+    ended = interrupt(daemon, f'lease.move("e", {here + 30.0})', 0.5)
+    assert "KeyboardInterrupt" in ended.stderr
+    assert homed.stop_state().latched
+    assert rests(homed)
+    assert position(homed, "e") < here + 29.0
+
+
+def test_a_move_that_takes_too_long_is_stopped(homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        here = position(homed, "e")
+        there = here + 20.0 if here + 20.0 < homed.bench().axes[1].high_limit_mm else here - 20.0
+        with pytest.raises(plenalign.MotionError, match="stopped") as late:
+            lease.move("e", there, timeout_s=0.2)
+        assert late.value.axis.axis is AxisName.E
+        assert homed.stop_state().latched
+
+
+def test_a_motion_that_fails_is_told(homed: plenalign.Client) -> None:
+    with homed.lease() as lease:
+        lease.move("focus", 0.0)
+        homed.set_faults(Faults(focus=plenalign.models.AxisFaults(limit_switch=True)))
+        with pytest.raises((plenalign.MotionError, plenalign.ProblemError)) as failed:
+            lease.move("focus", 1.0)
+        assert "focus" in str(failed.value)
+        homed.set_faults()
+        homed.reset_stop()
+        lease.set_shell("off")
+        lease.home("focus")
+
+
+def test_faults_are_set_and_cleared(client: plenalign.Client) -> None:
+    wanted = Faults(camera=CameraFaults(frozen=True), e=plenalign.models.AxisFaults(slip_share=0.25))
+    client.set_faults(wanted)
+    now = client.faults()
+    assert (now.camera.frozen, now.e.slip_share) == (True, 0.25)  # type: ignore[union-attr]
+    good = client.set_faults()
+    assert (good.camera.frozen, good.e.slip_share) == (False, 0.0)  # type: ignore[union-attr]
+    with pytest.raises(plenalign.InvalidError) as refused:
+        client.set_faults(Faults(e=plenalign.models.AxisFaults(slip_share=7.0)))
+    assert "slip_share" in str(refused.value)
