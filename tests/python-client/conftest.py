@@ -71,6 +71,18 @@ def homed(client: plenalign.Client) -> plenalign.Client:
 
 
 @pytest.fixture
+def measurable(homed: plenalign.Client) -> plenalign.Client:
+    """The same, with a white frame, which only a job takes."""
+    try:
+        homed.measure()
+    except plenalign.ProblemError as refused:
+        assert refused.kind == "not-measurable"
+        with homed.lease("a test") as lease:
+            lease.start(plenalign.models.SpacingWatchJob(duration_s=1.0)).wait(timeout_s=60)
+    return homed
+
+
+@pytest.fixture
 def admin(guarded: Daemon) -> Iterator[plenalign.Client]:
     """An administrator of the daemon that demands a token."""
     with plenalign.Client(guarded.address, token=guarded.token) as client:

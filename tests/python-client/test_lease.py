@@ -127,6 +127,8 @@ def test_a_daemon_that_is_gone_loses_it(new_daemon: Callable[..., Daemon]) -> No
 def test_it_survives_the_daemons_restart(new_daemon: Callable[..., Daemon]) -> None:
     daemon = new_daemon().start()
     with plenalign.Client(daemon.address, timeout_s=2.0) as client, client.lease("ada", ttl_s=20.0) as lease:
+        # Until it is on the disk, which the daemon does not wait for.
+        time.sleep(2.0)
         daemon.end(signal.SIGKILL)
         daemon.start()
         assert lease.renew().owner == "ada"
