@@ -5,7 +5,7 @@
 //! Who may call whom, downwards only:
 //!
 //! ```text
-//!   cli   api            arguments and wires to requests; results to text, JSON, problem details
+//!   cli   api   alpaca   arguments and wires to requests; results to text, JSON, problem details
 //!     \   /
 //!    control             what to do next and doing it: the one place that commands motion
 //!    /     \
@@ -27,6 +27,7 @@
 //! below `api` knows a status code; nothing but `control` commands motion.
 
 pub mod access;
+pub mod alpaca;
 pub mod api;
 pub mod cli;
 pub mod config;

@@ -9,11 +9,11 @@ use crate::access::Networks;
 
 /// The connection a request came over; the server puts it into the request's extensions.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Peer {
+pub(crate) struct Peer {
     /// Its far end.
-    pub(super) address: SocketAddr,
+    pub(crate) address: SocketAddr,
     /// Whether it is encrypted.
-    pub(super) tls: bool,
+    pub(crate) tls: bool,
 }
 
 impl Peer {
@@ -25,12 +25,12 @@ impl Peer {
 
 /// Whoever sent a request, as a handler sees it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Client {
-    pub(super) address: IpAddr,
+pub(crate) struct Client {
+    pub(crate) address: IpAddr,
     /// Whether nobody on the way can read along.
-    pub(super) secure: bool,
+    pub(crate) secure: bool,
     /// The host that the client asked for.
-    pub(super) host: Option<String>,
+    pub(crate) host: Option<String>,
 }
 
 const FORWARDED: [&str; 7] = [

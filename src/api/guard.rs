@@ -1,7 +1,7 @@
 //! What every request passes: where it comes from, which page sent it, who asks, whether they may, and how often.
 
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{Method, header};
+use axum::http::{HeaderMap, Method, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
@@ -11,7 +11,7 @@ use super::credentials::{Credential, without_ticket};
 use super::error::Problem;
 use super::origin::{is_own_host, is_same_origin};
 use super::scopes::{Need, STOP, need};
-use crate::access::{Principal, Scope, Unauthorised};
+use crate::access::{Gate, Principal, Scope, Unauthorised};
 
 /// Lets a request through to its handler with its [`Client`] and, where its route asks who it is, its [`Principal`]
 /// among its extensions.
@@ -25,23 +25,10 @@ pub(super) async fn guard(State(app): State<App>, mut request: Request, next: Ne
         Problem::internal()
     })?;
     let headers = request.headers();
-    let client = Client::of(peer, headers, &app.gate.settings().trusted_proxies)?;
-    if let Some(host) = &client.host
-        && !is_own_host(host, &app.gate.settings().names, app.loopback_only)
-    {
-        return Err(Problem::wrong_host(host, app.loopback_only));
-    }
+    let client = Client::vetted(peer, headers, &app.gate, app.loopback_only)?;
     let reads = matches!(*request.method(), Method::GET | Method::HEAD | Method::OPTIONS);
     if !reads || headers.contains_key(header::UPGRADE) {
-        match (text(headers, header::ORIGIN), text(headers, header::HeaderName::from_static("sec-fetch-site"))) {
-            (Some(origin), _) if !is_same_origin(origin, client.host.as_deref(), client.secure) => {
-                return Err(Problem::cross_origin(origin));
-            }
-            (None, Some(site)) if !matches!(site, "same-origin" | "none") => {
-                return Err(Problem::cross_origin("another site"));
-            }
-            _ => {}
-        }
+        client.check_origin(headers)?;
     }
     let route = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
     let is_stop = route.as_deref() == Some(STOP.1) && request.method() == STOP.0;
@@ -69,6 +56,36 @@ pub(super) async fn guard(State(app): State<App>, mut request: Request, next: Ne
     }
     request.extensions_mut().insert(client);
     Ok(next.run(request).await)
+}
+
+impl Client {
+    /// Whoever sent a request, where it may be answered at all.
+    ///
+    /// # Errors
+    /// Refuses a proxy that nobody trusts, and a foreign `Host`.
+    pub(crate) fn vetted(peer: Peer, headers: &HeaderMap, gate: &Gate, loopback_only: bool) -> Result<Self, Problem> {
+        let client = Self::of(peer, headers, &gate.settings().trusted_proxies)?;
+        match &client.host {
+            Some(host) if !is_own_host(host, &gate.settings().names, loopback_only) => {
+                Err(Problem::wrong_host(host, loopback_only))
+            }
+            _ => Ok(client),
+        }
+    }
+
+    /// That no page of another origin has sent the request.
+    ///
+    /// # Errors
+    /// Refuses a foreign `Origin`, and what a browser says comes from another site.
+    pub(crate) fn check_origin(&self, headers: &HeaderMap) -> Result<(), Problem> {
+        match (text(headers, header::ORIGIN), text(headers, header::HeaderName::from_static("sec-fetch-site"))) {
+            (Some(origin), _) if !is_same_origin(origin, self.host.as_deref(), self.secure) => {
+                Err(Problem::cross_origin(origin))
+            }
+            (None, Some(site)) if !matches!(site, "same-origin" | "none") => Err(Problem::cross_origin("another site")),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// What a request needs: of a route, what the table says, and everything where the table says nothing of it; elsewhere

@@ -66,6 +66,7 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+pub(crate) use client::{Client, Peer};
 use error::Problem;
 use hub::Hub;
 use picture::Pictures;
@@ -175,7 +176,7 @@ impl Api {
             return false;
         };
         let address = SocketAddr::from((std::net::Ipv4Addr::LOCALHOST, 0));
-        request.extensions_mut().insert(client::Peer { address, tls: false });
+        request.extensions_mut().insert(Peer { address, tls: false });
         self.router().oneshot(request).await.is_ok_and(|answer| answer.status().is_success())
     }
 

@@ -90,7 +90,7 @@ pub(super) async fn bind(address: &str) -> anyhow::Result<TcpListener> {
     match TcpListener::bind(address).await {
         Ok(listener) => Ok(listener),
         Err(error) if error.kind() == ErrorKind::AddrInUse => {
-            Err(anyhow!("{address} is taken by another program; choose another address with --listen"))
+            Err(anyhow!("{address} is taken by another program; choose another address"))
         }
         Err(error) => Err(error).with_context(|| format!("cannot listen on {address}")),
     }

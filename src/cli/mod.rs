@@ -4,6 +4,7 @@
 //! Progress goes to standard error, an error is one line there, and the exit code is 0 only on success.
 
 mod align;
+mod alpaca;
 mod announce;
 mod calibrate;
 mod camera;

@@ -11,6 +11,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
+use super::alpaca::{Prepared, Serving};
 use super::announce::Announcement;
 use super::faults::{self, FaultArgs};
 use super::listen::{Exposure, bind};
@@ -52,7 +53,8 @@ pub(super) struct Args {
     simulated: bool,
     #[command(flatten)]
     faults: FaultArgs,
-    /// Print one JSON object instead of text once it serves: `address`, `simulated`.
+    /// Print one JSON object instead of text once it serves: `address`, `simulated`, and
+    /// `alpaca`, where Alpaca is spoken.
     #[arg(long)]
     json: bool,
 }
@@ -125,6 +127,7 @@ pub(super) struct Server {
     exposure: Exposure,
     task: JoinHandle<()>,
     announcement: Option<Announcement>,
+    alpaca: Option<Serving>,
     _lock: BenchLock,
 }
 
@@ -137,6 +140,7 @@ impl Server {
         let config = Arc::new(context.config);
         let state = state_folder()?;
         let exposure = Exposure::decide(&config.server, address, &state, insecure)?;
+        let alpaca = Prepared::take(&config.alpaca, &state, insecure).await?;
         let lock = BenchLock::take(&config.bench)?;
         let tokens = TokenStore::open(&state).context("the tokens cannot be read")?;
         let store = Store::open(&state);
@@ -154,9 +158,16 @@ impl Server {
         let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);
         let serving = serve_connections(listener, api.router(), exposure.server.clone(), api.closing());
         let task = tokio::spawn(serving);
+        let alpaca = match alpaca {
+            Some(prepared) => {
+                let (service, gate) = (Arc::clone(&service), Arc::clone(&gate));
+                Some(prepared.serve(service, gate, exposure.server.clone(), api.closing()).await)
+            }
+            None => None,
+        };
         let announcement =
             if config.server.mdns { announce(address, exposure.server.tls.is_some(), simulated) } else { None };
-        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, _lock: lock })
+        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, alpaca, _lock: lock })
     }
 
     /// Where it is reached, without a slash at the end.
@@ -184,13 +195,16 @@ impl Server {
         tracing::info!("stopping: axes first, then the streams");
         let orderly = async {
             self.service.come_to_rest().await;
-            let announcement = self.announcement.take();
+            let (announcement, alpaca) = (self.announcement.take(), self.alpaca.take());
             tokio::join!(
                 self.service.end(),
                 async {
                     self.api.close().await;
                     tracing::info!("streams closed");
                     let _ = (&mut self.task).await;
+                    if let Some(alpaca) = alpaca {
+                        alpaca.end().await;
+                    }
                 },
                 async {
                     let _ = tokio::task::spawn_blocking(move || drop(announcement)).await;
@@ -224,10 +238,17 @@ fn announce(address: SocketAddr, tls: bool, simulated: bool) -> Option<Announcem
 fn say_address(server: &Server, json: bool) {
     let (url, simulated) = (format!("{}/", server.url()), server.simulated);
     if json {
-        println!("{}", serde_json::json!({ "address": url, "simulated": simulated }));
+        let mut said = serde_json::json!({ "address": url, "simulated": simulated });
+        if let Some(alpaca) = &server.alpaca {
+            said["alpaca"] = alpaca.address.to_string().into();
+        }
+        println!("{said}");
     } else {
         let bench = if simulated { "SIMULATED bench" } else { "bench" };
         println!("plenalign: {bench} at {url}");
+        if let Some(alpaca) = &server.alpaca {
+            println!("plenalign: ASCOM Alpaca at {}", alpaca.address);
+        }
     }
     let _ = std::io::stdout().flush();
     tracing::info!(address = %server.address, simulated, "serving");

@@ -11,7 +11,7 @@ use super::{Config, ConfigError, Violation};
 /// Named in errors as the origin of a configuration that came in a request.
 const ORIGIN: &str = "the request";
 /// Keys, with all below them, that are changed only on the machine itself: who may ask the daemon, and what it reads.
-pub const LOCKED: [&str; 2] = ["server", "bench.camera.files"];
+pub const LOCKED: [&str; 3] = ["server", "alpaca", "bench.camera.files"];
 /// Stands for a value that is not told.
 const REDACTED: &str = "(redacted)";
 /// Keys whose values are not told.
@@ -393,7 +393,7 @@ mod tests {
         let check = |key: &str, to: &str| {
             Change { key: key.to_owned(), from: None, to: Some(Value::String(to.to_owned())) }.check_from_afar()
         };
-        for key in ["server.auth", "server.tls.certificate", "bench.camera.files"] {
+        for key in ["server.auth", "server.tls.certificate", "alpaca.listen", "bench.camera.files"] {
             assert_eq!(check(key, "x"), Err(Forbidden::Locked), "{key}");
         }
         for path in ["/etc/passwd", "/dev/../etc/passwd", "ttyUSB0", "http://x", ""] {

@@ -6,6 +6,7 @@
 //! Every key carries its unit in its name. Without a file the reference preset stands, whose camera and shell are
 //! inferred from the paper's Table 2 (f is forced by it; the shell and the MLA are a choice among those that fit).
 
+mod alpaca;
 mod assembly;
 mod bench;
 mod camera;
@@ -26,6 +27,7 @@ mod simulation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use alpaca::AlpacaConfig;
 pub use assembly::{AssemblyConfig, LBoundSource, ShellStep, SpacingTarget};
 pub use bench::{AxisConfig, BenchConfig, BenchDriver, ControllerConfig, ControllerDriver, Side};
 pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellConfig, WaterConfig};
@@ -66,6 +68,8 @@ pub struct Config {
     pub bench: BenchConfig,
     /// Who may ask the daemon, and how many at once.
     pub server: ServerConfig,
+    /// The facade for ASCOM Alpaca clients.
+    pub alpaca: AlpacaConfig,
 }
 
 impl Config {

@@ -10,8 +10,8 @@ use super::motion::Claim;
 use super::service::Service;
 use super::{Acceptance, Refusal, ServiceError};
 use crate::config::Side;
-use crate::device::AxisName;
 use crate::device::jog::{Grip, deadman};
+use crate::device::{AxisName, StopDelivery};
 use crate::units::Millimetres;
 
 /// How long a jog goes on from a request.
@@ -39,13 +39,19 @@ impl Service {
         self.by_hand().insert(axis);
     }
 
-    /// Keeps how a command by hand ended.
-    fn ended_by_hand(&self, axis: AxisName, ended: Result<(), ServiceError>) {
+    /// Keeps how a command by hand ended, then gives the axis free: whoever finds it free knows how.
+    fn ended_by_hand(&self, claim: Claim, ended: Result<(), ServiceError>) {
+        let axis = claim.axis();
         if let Err(error) = ended {
             tracing::warn!(%axis, %error, "a command by hand did not end as commanded");
             self.failures().insert(axis, error.to_string());
         }
-        self.by_hand().remove(&axis);
+        {
+            // Whoever takes the axis next begins only after this.
+            let mut by_hand = self.by_hand();
+            drop(claim);
+            by_hand.remove(&axis);
+        }
         self.publish_bench();
     }
 
@@ -83,8 +89,8 @@ impl Service {
         self.begins_by_hand(axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
-            let ended = service.motion.go_claimed(claim, target).await;
-            service.ended_by_hand(axis, ended.map(drop));
+            let ended = service.motion.go_claimed(&claim, target).await;
+            service.ended_by_hand(claim, ended.map(drop));
         });
         Ok(self.bench_view())
     }
@@ -100,8 +106,8 @@ impl Service {
         self.begins_by_hand(axis);
         let service = Arc::clone(self);
         tokio::spawn(async move {
-            let ended = service.motion.home_claimed(claim).await;
-            service.ended_by_hand(axis, ended);
+            let ended = service.motion.home_claimed(&claim).await;
+            service.ended_by_hand(claim, ended);
         });
         Ok(self.bench_view())
     }
@@ -146,8 +152,7 @@ impl Service {
         tokio::spawn(async move {
             let ended = service.motion.jog_claimed(&claim, towards, speed, deadman).await;
             service.jogs().remove(&axis);
-            drop(claim);
-            service.ended_by_hand(axis, ended.map(drop));
+            service.ended_by_hand(claim, ended.map(drop));
         });
         Ok((self.bench_view(), Acceptance::Now))
     }
@@ -165,6 +170,33 @@ impl Service {
             jog.grip.renew(Duration::ZERO);
         }
         self.bench_view()
+    }
+
+    /// Whether a command of motion has an axis, by hand or of a job: from its acceptance to its end.
+    #[must_use]
+    pub fn is_commanded(&self, axis: AxisName) -> bool {
+        self.motion.is_commanded(axis)
+    }
+
+    /// Stops one axis (and whatever else its controller moves) at once, in every state and whoever asks, without
+    /// latching: another command may follow. What the axis was under ends: a move, a jog, or the job that moves it, for
+    /// which `why` is the reason. An axis that stands, and is known to, is left alone.
+    pub async fn halt_axis(&self, axis: AxisName, why: &str) -> StopDelivery {
+        let stands = {
+            let state = self.bench.stage(axis).state();
+            let state = state.borrow();
+            state.connected && state.at_rest_since.is_some()
+        };
+        if stands && !self.is_commanded(axis) {
+            return StopDelivery::Confirmed;
+        }
+        if let Some(job) = self.current() {
+            job.cancel(why.to_owned());
+        }
+        self.end_jog(axis);
+        let delivery = self.motion.halt_axis(axis).await;
+        self.publish_bench();
+        delivery
     }
 
     /// Takes the operator's statement about the shell.

@@ -186,40 +186,44 @@ impl Eye {
             };
             let frame = self.bench.camera.frame(from.max(Instant::now())).await?;
             if frame.focus.settled && frame.e.settled {
-                let (width, height) = (self.config.sensor.width_px, self.config.sensor.height_px);
-                if (frame.image.width(), frame.image.height()) != (width as usize, height as usize) {
-                    return Err(DeviceError::WrongDevice {
-                        device: "the camera".to_owned(),
-                        expected: format!("frames of {width}x{height} px"),
-                        found: format!("frames of {}x{} px", frame.image.width(), frame.image.height()),
-                    }
-                    .into());
-                }
-                self.check_new(&frame)?;
+                self.check_size(&frame)?;
+                self.check_new(None, &frame)?;
                 return Ok(frame);
             }
         }
         Err(JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis")))
     }
 
-    /// Whether a frame is a new picture: noise makes no two the same to the last pixel, unless the driver gives an old
-    /// one again.
-    fn check_new(&self, frame: &Arc<Frame>) -> Result<(), JobEnd> {
-        let before = self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).replace(Arc::clone(frame));
+    /// Whether a frame is of the size that is configured.
+    pub(super) fn check_size(&self, frame: &Frame) -> Result<(), DeviceError> {
+        let (width, height) = (self.config.sensor.width_px, self.config.sensor.height_px);
+        if (frame.image.width(), frame.image.height()) == (width as usize, height as usize) {
+            return Ok(());
+        }
+        Err(DeviceError::WrongDevice {
+            device: "the camera".to_owned(),
+            expected: format!("frames of {width}x{height} px"),
+            found: format!("frames of {}x{} px", frame.image.width(), frame.image.height()),
+        })
+    }
+
+    /// Whether a frame is a new picture, and not the one looked at last nor `before`: noise makes no two the same to the
+    /// last pixel, unless the driver gives an old one again.
+    pub(super) fn check_new(&self, before: Option<&Frame>, frame: &Arc<Frame>) -> Result<(), DeviceError> {
+        let looked_at = self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).replace(Arc::clone(frame));
         let simulation = &self.config.bench.simulation;
         let noiseless = frame.simulated && simulation.read_noise_levels == 0.0 && simulation.electrons_per_level == 0.0;
-        match before {
-            Some(before) if before.seq != frame.seq && !noiseless && is_same_picture(&before.image, &frame.image) => {
-                Err(DeviceError::Protocol {
-                    device: "the camera".to_owned(),
-                    detail: "two frames are the same to the last pixel: it gives an old picture again as if it were \
-                             new; unplug it and plug it in again"
-                        .to_owned(),
-                }
-                .into())
-            }
-            _ => Ok(()),
+        let same = |old: &Frame| old.seq != frame.seq && is_same_picture(&old.image, &frame.image);
+        if noiseless || !(looked_at.as_deref().is_some_and(same) || before.is_some_and(same)) {
+            return Ok(());
         }
+        Err(DeviceError::Protocol {
+            device: "the camera".to_owned(),
+            detail:
+                "two frames are the same to the last pixel: it gives an old picture again as if it were new; unplug \
+                     it and plug it in again"
+                    .to_owned(),
+        })
     }
 
     async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {

@@ -13,6 +13,7 @@ mod context;
 pub mod design;
 pub mod draft;
 pub mod events;
+mod exposure;
 mod eye;
 mod health;
 pub mod history;

@@ -1,7 +1,7 @@
 //! The motion rules: the one way to command an axis. A move is checked against latch, homing, limits, the e wall and
 //! the greatest step before it starts; backlash is taken out by approaching every target from the same side.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -21,6 +21,9 @@ use crate::units::Millimetres;
 
 /// A readback this far from its target means that the controller did not do what it was told, mm.
 const READBACK_TOLERANCE_MM: f64 = 0.01;
+/// How often an axis is told to halt, at most, and how long the command that it was under has to end each time.
+const HALTS: usize = 5;
+const HALT_ALLOWED: Duration = Duration::from_millis(200);
 /// Positions are reported to a thousandth of a millimetre.
 const READOUT_MM: f64 = 1e-3;
 
@@ -44,6 +47,8 @@ pub struct Motion {
     state: Mutex<State>,
     /// One command of motion at a time on each axis: a second is refused, never queued.
     commands: [Arc<tokio::sync::Mutex<()>>; 2],
+    /// Counts the times that each axis was halted: what was commanded before does not go on to its next piece.
+    halts: [AtomicU64; 2],
     /// What every motion is written to before it begins; none for a bench of a test's own.
     journal: Option<Arc<Journal>>,
 }
@@ -61,7 +66,17 @@ struct State {
 #[derive(Debug)]
 pub struct Claim {
     axis: AxisName,
+    /// How often the axis had been halted when it was taken.
+    halts: u64,
     _command: tokio::sync::OwnedMutexGuard<()>,
+}
+
+impl Claim {
+    /// Which axis.
+    #[must_use]
+    pub const fn axis(&self) -> AxisName {
+        self.axis
+    }
 }
 
 fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
@@ -93,6 +108,7 @@ impl Motion {
                 l_bound_mm,
             }),
             commands: Default::default(),
+            halts: Default::default(),
             journal: None,
         }
     }
@@ -201,6 +217,9 @@ impl Motion {
 
     async fn halt_asked(&self, asked: Instant) -> StopReport {
         self.state().approached = [false; 2];
+        for halts in &self.halts {
+            halts.fetch_add(1, Ordering::SeqCst);
+        }
         let (focus, e) = tokio::join!(self.bench.focus.stop(), self.bench.e.stop());
         // An order that went out before this one was asked for stops the axis already: nothing was waited for.
         let latency_ms = [(AxisName::Focus, focus), (AxisName::E, e)]
@@ -210,6 +229,38 @@ impl Motion {
             .map(|sent| sent.saturating_duration_since(asked).as_secs_f64() * 1000.0)
             .reduce(f64::max);
         StopReport { focus, e, latency_ms }
+    }
+
+    /// Stops one axis (and whatever else its controller moves) at once without latching, and ends the command that it is
+    /// under. Where that command told its next piece in the very same moment, the axis is stopped again.
+    pub async fn halt_axis(&self, axis: AxisName) -> StopDelivery {
+        let at = index(axis);
+        let mut delivery = StopDelivery::Undeliverable;
+        for _ in 0..HALTS {
+            self.state().approached[at] = false;
+            self.halts[at].fetch_add(1, Ordering::SeqCst);
+            delivery = self.bench.stage(axis).stop().await;
+            let from = Instant::now();
+            while self.is_commanded(axis) && from.elapsed() < HALT_ALLOWED {
+                tokio::time::sleep(Duration::from_millis(2)).await;
+            }
+            if !self.is_commanded(axis) {
+                break;
+            }
+        }
+        delivery
+    }
+
+    /// Whether a command of motion has the axis: from its acceptance to its end, also between two pieces of it.
+    #[must_use]
+    pub fn is_commanded(&self, axis: AxisName) -> bool {
+        // Whoever has it holds on to its lock.
+        Arc::strong_count(&self.commands[index(axis)]) > 1
+    }
+
+    fn check_halt(&self, claim: &Claim) -> Result<(), DeviceError> {
+        let halted = self.halts[index(claim.axis)].load(Ordering::SeqCst) != claim.halts;
+        if halted { Err(DeviceError::Stopped { axis: claim.axis }) } else { Ok(()) }
     }
 
     /// Latches without a motion to stop: the stop of an earlier run, still in force.
@@ -304,7 +355,7 @@ impl Motion {
     /// # Errors
     /// A refusal before anything moves; a device's error, or a stop, in mid-move.
     pub async fn go(&self, axis: AxisName, target: Millimetres) -> Result<Millimetres, ServiceError> {
-        self.go_claimed(self.claim(axis)?, target).await
+        self.go_claimed(&self.claim(axis)?, target).await
     }
 
     /// Takes the right to command an axis, which a command that answers before its end holds until then.
@@ -312,31 +363,33 @@ impl Motion {
     /// # Errors
     /// [`Refusal::Moving`] while another command has it.
     pub fn claim(&self, axis: AxisName) -> Result<Claim, Refusal> {
+        let halts = self.halts[index(axis)].load(Ordering::SeqCst);
         let command = Arc::clone(&self.commands[index(axis)]);
         let command = command.try_lock_owned().map_err(|_| Refusal::Moving { axis })?;
-        Ok(Claim { axis, _command: command })
+        Ok(Claim { axis, halts, _command: command })
     }
 
     /// [`Motion::go`] with a right taken before.
     ///
     /// # Errors
     /// Those of [`Motion::go`].
-    pub async fn go_claimed(&self, claim: Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
+    pub async fn go_claimed(&self, claim: &Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
         let axis = claim.axis;
         self.check(axis, target)?;
         let underway = self.record(axis, "move", Some(target)).await?;
-        let ended = self.go_by_legs(axis, target).await;
+        let ended = self.go_by_legs(claim, target).await;
         note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
         ended
     }
 
-    async fn go_by_legs(&self, axis: AxisName, target: Millimetres) -> Result<Millimetres, ServiceError> {
+    async fn go_by_legs(&self, claim: &Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis;
         let from = self.bench.stage(axis).state().borrow().position;
         let mut readback = from;
         let legs = self.legs(axis, from, target);
         self.state().approached[index(axis)] = false;
         for leg in legs {
-            readback = self.go_straight(axis, readback, leg).await?;
+            readback = self.go_straight(claim, readback, leg).await?;
         }
         self.state().approached[index(axis)] = true;
         Ok(readback)
@@ -345,10 +398,11 @@ impl Motion {
     /// One leg, in pieces.
     async fn go_straight(
         &self,
-        axis: AxisName,
+        claim: &Claim,
         from: Millimetres,
         target: Millimetres,
     ) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis;
         let stage = self.bench.stage(axis);
         let pieces = self.pieces(pieces::MOVE, axis, f64::INFINITY);
         let mut at = from;
@@ -356,6 +410,7 @@ impl Motion {
             if self.stopped.load(Ordering::SeqCst) {
                 return Err(Refusal::Stopped.into());
             }
+            self.check_halt(claim)?;
             at = pieces.next(at, target);
             let readback = stage.move_to(at).await?;
             if (readback - at).abs().value() > READBACK_TOLERANCE_MM {
@@ -457,17 +512,21 @@ impl Motion {
     /// # Errors
     /// A refusal before anything moves, or the device's error.
     pub async fn home(&self, axis: AxisName) -> Result<(), ServiceError> {
-        self.home_claimed(self.claim(axis)?).await
+        self.home_claimed(&self.claim(axis)?).await
     }
 
     /// [`Motion::home`] with a right taken before.
     ///
     /// # Errors
     /// Those of [`Motion::home`].
-    pub async fn home_claimed(&self, claim: Claim) -> Result<(), ServiceError> {
+    pub async fn home_claimed(&self, claim: &Claim) -> Result<(), ServiceError> {
         let axis = claim.axis;
         self.check_home(axis)?;
         let underway = self.record(axis, "home", None).await?;
+        if let Err(halted) = self.check_halt(claim).map_err(ServiceError::from) {
+            note_end(underway, Err(&halted));
+            return Err(halted);
+        }
         let ended = self.bench.stage(axis).home().await.map_err(ServiceError::from);
         let at = self.position_mm(axis).ok().map(Millimetres);
         note_end(underway, ended.as_ref().map(|()| at));

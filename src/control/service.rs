@@ -174,7 +174,9 @@ impl Service {
         }
     }
 
-    fn axis_view(&self, axis: AxisName) -> AxisView {
+    /// The state of one axis.
+    #[must_use]
+    pub fn axis_view(&self, axis: AxisName) -> AxisView {
         let stage = self.bench.stage(axis);
         let (info, state) = (stage.info(), stage.state().borrow().clone());
         let (low_limit_mm, high_limit_mm) = self.motion.range_mm(axis);

@@ -344,6 +344,13 @@ fn a_server_that_could_let_in_the_wrong_ones_or_nobody_is_refused() {
     ] {
         refused(&format!("[server]\n{line}\n"), key, words);
     }
+    for (line, key, words) in [
+        ("listen = \"localhost\"", "alpaca.listen", "such as 127.0.0.1:11111"),
+        ("listen = \":11111\"", "alpaca.listen", "such as 127.0.0.1:11111"),
+        ("lease_ttl_s = 1.0", "alpaca.lease_ttl_s", "2 to 3600"),
+    ] {
+        refused(&format!("[alpaca]\n{line}\n"), key, words);
+    }
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 mod access;
 mod alignment;
+mod alpaca;
 mod analytic;
 mod api;
 mod audit;

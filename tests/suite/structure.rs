@@ -67,9 +67,11 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "telemetry",
         ],
     ),
+    ("alpaca", &["units", "raw", "config", "device", "control", "access", "api"]),
     (
         "cli",
         &[
+            "alpaca",
             "study",
             "optics",
             "units",

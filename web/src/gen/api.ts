@@ -1095,6 +1095,15 @@ export interface components {
      */
     Config: {
       /**
+       * @description The facade for ASCOM Alpaca clients.
+       * @default {
+       *       "discovery": false,
+       *       "lease_ttl_s": 30,
+       *       "listen": ""
+       *     }
+       */
+      alpaca: components["schemas"]["Config.AlpacaConfig"];
+      /**
        * @description How the camera is put together, and to which tolerances.
        * @default {
        *       "blur_limit_px": 1,
@@ -1327,6 +1336,26 @@ export interface components {
        *     }
        */
       water: components["schemas"]["Config.WaterConfig"];
+    };
+    /** @description `[alpaca]` */
+    "Config.AlpacaConfig": {
+      /**
+       * @description Whether clients that look for Alpaca devices by UDP on port 32227 are told of this one.
+       * @default false
+       */
+      discovery: boolean;
+      /**
+       * Format: double
+       * @description How long a client keeps the control lease without a request, s.
+       * @default 30
+       */
+      lease_ttl_s: number;
+      /**
+       * @description Address and port on which Alpaca is spoken; empty for not at all. Beyond loopback only with `--insecure`: Alpaca
+       *     knows no tokens and no TLS.
+       * @default
+       */
+      listen: string;
     };
     /** @description How the microlenses are arranged. */
     "Config.ArrayKind": "square" | "hexagonal";
