@@ -635,7 +635,7 @@ async fn a_camera_that_hangs_fails_the_exposure_and_the_next_may_succeed() {
 }
 
 #[tokio::test]
-async fn an_exposure_is_aborted_and_a_frame_of_another_size_is_none() {
+async fn an_exposure_is_aborted_and_one_that_fails_says_why() {
     let fakes = fakes();
     fakes.camera.hang();
     let facade = Facade::start(Config::default(), fakes.bench).await;
@@ -651,6 +651,22 @@ async fn an_exposure_is_aborted_and_a_frame_of_another_size_is_none() {
     ada.put("camera/0/abortexposure", &[]).await;
     assert_eq!((ada.get("camera/0/camerastate").await, ada.get("camera/0/imageready").await), (json!(0), json!(false)));
     refused(&ada.ask("camera/0/imagearray").await, INVALID_OPERATION, "no image has been taken");
+
+    // This one's camera gives no frame to measure.
+    let facade = Facade::still().await;
+    let ada = facade.client(42);
+    ada.connect("camera/0", true).await;
+    ada.put("camera/0/startexposure", &[("Duration", "0.01"), ("Light", "True")]).await;
+    let until = Instant::now() + Duration::from_secs(10);
+    while ada.get("camera/0/camerastate").await == 2 {
+        assert!(Instant::now() < until, "the exposure does not end");
+        sleep(Duration::from_millis(10)).await;
+    }
+    for member in ["imageready", "imagearray"] {
+        refused(&ada.ask(&format!("camera/0/{member}")).await, DEVICE, "camera is not connected: a stand-in");
+    }
+    ada.put("camera/0/abortexposure", &[]).await;
+    refused(&ada.ask("camera/0/lastexposureduration").await, INVALID_OPERATION, "no image has been taken");
 }
 
 #[tokio::test]
