@@ -11,7 +11,7 @@ import time
 
 import plenalign
 import pytest
-from plenalign.models import AxisName, CameraFaults, Faults, ShellState, Side, StopDelivery
+from plenalign.models import AxisName, CameraFaults, FaultEvent, FaultPlan, Faults, ShellState, Side, StopDelivery
 
 from bench import Daemon
 
@@ -213,3 +213,20 @@ def test_faults_are_set_and_cleared(client: plenalign.Client) -> None:
     with pytest.raises(plenalign.InvalidError) as refused:
         client.set_faults(Faults(e=plenalign.models.AxisFaults(slip_share=7.0)))
     assert "slip_share" in str(refused.value)
+
+
+def test_a_plan_of_faults_comes_into_force_and_ends(client: plenalign.Client) -> None:
+    dark = Faults(camera=CameraFaults(picture=plenalign.models.PictureFault.DARK))
+    late = Faults(e=plenalign.models.AxisFaults(slip_share=0.25))
+    plan = FaultPlan(events=[FaultEvent(at_s=0.0, faults=dark), FaultEvent(at_s=3600.0, lasts_s=5.0, faults=late)])
+    in_force = client.run_fault_plan(plan)
+    assert in_force.plan is not None and in_force.elapsed_s is not None
+    assert [event.at_s for event in in_force.plan.events] == [0.0, 3600.0]
+    now = client.faults()
+    assert now.camera.picture == plenalign.models.PictureFault.DARK  # type: ignore[union-attr]
+    with pytest.raises(plenalign.InvalidError) as refused:
+        client.run_fault_plan(FaultPlan(events=[FaultEvent(at_s=-1.0, faults=dark)]))
+    assert "at_s" in str(refused.value)
+    client.end_fault_plan()
+    ended = client.fault_plan()
+    assert (ended.plan, ended.elapsed_s) == (None, None)

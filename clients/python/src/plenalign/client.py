@@ -26,6 +26,7 @@ from .models import (
     DevicesFound,
     DraftRequest,
     DraftView,
+    FaultPlan,
     Faults,
     Health,
     JobItem,
@@ -41,6 +42,7 @@ from .models import (
     MeasurementList,
     MeasurementView,
     PicturesRequest,
+    PlanInForce,
     SingleMeasurement,
     StopReport,
     StopView,
@@ -253,6 +255,18 @@ class Client:
     def set_faults(self, faults: Faults | None = None) -> Faults:
         """Has these things, and nothing else, go wrong with the simulated bench; without any, everything goes right."""
         return self._transport.ask(op.PUT_FAULTS, body=faults or Faults()).as_(Faults)
+
+    def fault_plan(self) -> PlanInForce:
+        """The plan of faults in force, and for how long it has been."""
+        return self._transport.ask(op.GET_FAULT_PLAN).as_(PlanInForce)
+
+    def run_fault_plan(self, plan: FaultPlan) -> PlanInForce:
+        """Has things go wrong with the simulated bench by themselves, when the plan says so, counted from now."""
+        return self._transport.ask(op.PUT_FAULT_PLAN, body=plan).as_(PlanInForce)
+
+    def end_fault_plan(self) -> None:
+        """Ends the plan of faults: everything goes right."""
+        self._transport.ask(op.DELETE_FAULT_PLAN)
 
 
 def _owner() -> str:

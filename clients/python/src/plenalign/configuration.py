@@ -14,6 +14,8 @@ from msgspec import UNSET, Struct, UnsetType
 class Config(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Everything the daemon is told."""
 
+    alpaca: AlpacaConfig | UnsetType = UNSET
+    """The facade for ASCOM Alpaca clients."""
     assembly: AssemblyConfig | UnsetType = UNSET
     """How the camera is put together, and to which tolerances."""
     bench: BenchConfig | UnsetType = UNSET
@@ -32,6 +34,19 @@ class Config(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The spherical shell."""
     water: WaterConfig | UnsetType = UNSET
     """The water."""
+
+
+class AlpacaConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[alpaca]`"""
+
+    discovery: bool | UnsetType = UNSET
+    """Whether clients that look for Alpaca devices by UDP on port 32227 are told of this one."""
+    lease_ttl_s: float | UnsetType = UNSET
+    """How long a client keeps the control lease without a request, s."""
+    listen: str | UnsetType = UNSET
+    """Address and port on which Alpaca is spoken; empty for not at all. Beyond loopback only with `--insecure`:
+    Alpaca knows no tokens and no TLS.
+    """
 
 
 class ArrayKind(str, Enum):

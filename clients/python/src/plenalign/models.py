@@ -57,6 +57,8 @@ class AuditList(Struct, frozen=True, kw_only=True, omit_defaults=True):
 class AxisFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What goes wrong with an axis."""
 
+    backlash_growth_mm: float | UnsetType = UNSET
+    """By how much the play grows at every reversal, mm."""
     backlash_mm: float | UnsetType = UNSET
     """Play on reversal, beside the configured one, mm."""
     limit_switch: bool | UnsetType = UNSET
@@ -65,6 +67,8 @@ class AxisFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Share of every way that the screw slips."""
     stalled: bool | UnsetType = UNSET
     """The motor stands still whatever steps it is given; the controller does not know."""
+    stops_late_ms: int | UnsetType = UNSET
+    """How long the carriage creeps after the motor, ms: the controller says "stopped" and it is not true."""
 
 
 class AxisName(str, Enum):
@@ -357,6 +361,15 @@ class DirectView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Half the width of board seen at the object distance in water, mm; null as for `fov_water_deg`."""
 
 
+class DiskFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What goes wrong with the disk that the history is written to."""
+
+    delay_ms: int | UnsetType = UNSET
+    """How much longer than it should everything takes that is written, ms of real time."""
+    full: bool | UnsetType = UNSET
+    """Nothing more can be written."""
+
+
 class DraftBase(str, Enum):
     """What a draft's keys are laid over."""
 
@@ -448,6 +461,28 @@ class DraftView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The camera's states: air design, shell added directly, clarity, joint."""
 
 
+class FaultEvent(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Something that goes wrong for a while."""
+
+    at_s: float
+    """When it begins, s after the plan was put in force."""
+    faults: Faults
+    """What goes wrong; what is not named is left as it is."""
+    lasts_s: float | None = None
+    """How long it lasts, s; without, to the end."""
+
+
+class FaultPlan(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What is to go wrong with a simulated bench, and when. Counted from the moment at which the plan is put in
+    force, in the bench's own time.
+    """
+
+    events: list[FaultEvent]
+    """What happens, in any order. Where events overlap, everything that any of them names goes wrong; of two that
+    name the same, the later one counts.
+    """
+
+
 class Faults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Everything that goes wrong with a simulated bench at a time. By default nothing; what is not named goes
     right.
@@ -455,6 +490,8 @@ class Faults(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     camera: CameraFaults | UnsetType = UNSET
     """The camera."""
+    disk: DiskFaults | UnsetType = UNSET
+    """The disk that the history is written to."""
     e: AxisFaults | UnsetType = UNSET
     """The e axis."""
     focus: AxisFaults | UnsetType = UNSET
@@ -1129,6 +1166,15 @@ class PictureFault(str, Enum):
     TORN = "torn"
 
 
+class PlanInForce(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The plan of faults in force."""
+
+    elapsed_s: float | None
+    """For how long it has been in force, s."""
+    plan: FaultPlan | None
+    """The plan; `null` where none is."""
+
+
 class PortFound(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A serial port that is there."""
 
@@ -1309,8 +1355,14 @@ class SceneFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     board_displaced_mm: float | UnsetType = UNSET
     """How much farther away the boards are than where they should be, mm."""
+    board_turned_mrad: float | UnsetType = UNSET
+    """By how much the boards are turned about their upright, mrad."""
     bubbles: int | UnsetType = UNSET
     """Bubbles in the field, instead of as many as are configured."""
+    no_shell: bool | UnsetType = UNSET
+    """There is no shell: a flat window stands in the place of its vertex."""
+    shell_radius_mm: float | UnsetType = UNSET
+    """By how much the shell's radii are larger than they should be, mm; its vertex is in its place."""
     tank_empty: bool | UnsetType = UNSET
     """The tank has no water in it: there is air beyond the shell."""
 
@@ -1334,6 +1386,8 @@ class SerialFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One byte in this many that the controller says is lost; 0 for none."""
     unplugged: bool | UnsetType = UNSET
     """The adapter is unplugged."""
+    unpowered: bool | UnsetType = UNSET
+    """The controller is without power, while its adapter stays. With the power back it knows no place any more."""
 
 
 class SnapshotMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="snapshot"):
