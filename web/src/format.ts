@@ -27,3 +27,8 @@ export function span(ms: number): string {
   if (seconds < 99.5) return `${fixed(seconds, 0)} s`;
   return seconds < 99.5 * 60 ? `${fixed(seconds / 60, 0)} min` : `${fixed(seconds / 3600, 0)} h`;
 }
+
+/** How long there is to wait, in words, rounded up. */
+export function wait(seconds: number): string {
+  return seconds < 90 ? `${Math.ceil(seconds)} s` : `${Math.ceil(seconds / 60)} min`;
+}

@@ -58,7 +58,7 @@ function receiveReport(report: Report): void {
   if (state.session === "stranger" && report.is !== "link") return;
   switch (report.is) {
     case "link":
-      set({ ...state, link: report.link });
+      set({ ...state, link: report.link, retryAt: report.nextAt });
       void identify();
       return;
     case "message": {

@@ -24,6 +24,8 @@ export interface State {
   /** Who one is to the daemon; "stranger" where it asks for a token; null before it has said. */
   session: Session | "stranger" | null;
   link: Link;
+  /** When a lost connection is tried again, this page's clock, ms; null while it is being tried. */
+  retryAt: number | null;
   bootId: string | null;
   seq: number;
   version: string | null;
@@ -56,6 +58,7 @@ export interface State {
 export const initial: State = {
   session: null,
   link: "connecting",
+  retryAt: null,
   bootId: null,
   seq: 0,
   version: null,
@@ -122,6 +125,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
           spacingPx: message.measurement.spacing.spacing_px,
           sigmaPx: message.measurement.spacing.spacing_sigma_px,
           targetPx: message.measurement.spacing_target_px,
+          eog: message.measurement.eog ?? null,
         }),
       };
     case "tick":

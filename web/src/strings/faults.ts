@@ -16,7 +16,7 @@ export const faults = {
   stalled: "Motor stands still",
   limitSwitch: "Limit switch closed",
   slip: "Slips by, %",
-  backlash: "More play, mm",
+  backlash: (unit: string) => `More play, ${unit}`,
   frozen: "Gives an old picture again",
   picture: "Pictures",
   pictures: {
@@ -28,5 +28,5 @@ export const faults = {
   },
   bubbles: "Bubbles",
   tankEmpty: "No water in the tank",
-  displaced: "Board farther away by, mm",
+  displaced: (unit: string) => `Board farther away by, ${unit}`,
 };

@@ -12,8 +12,10 @@ export const frame = {
   replayMore: "Frames of old are played from files: nothing of what is seen is now.",
   connecting: "Connecting…",
   lost: "CONNECTION LOST",
-  lostMore:
-    "What is shown below is old. STOP may not get through: use the switch on the bench. Trying again…",
+  lostMore: "What is shown below is old. STOP may not get through: use the switch on the bench.",
+  retryIn: (span: string) => `Trying again in ${span}`,
+  retrying: "Trying again…",
+  retryNow: "Try now",
   cameraGone: "The camera is gone",
   cameraGoneMore: "It sends nothing.",
   stageGone: (axes: string[]) => `Not connected: ${axes.join(", ").toLowerCase()}`,

@@ -52,10 +52,11 @@ export function Plot({ label, height, data, options }: Props) {
     make();
     const resize = new ResizeObserver(() => plot.current?.setSize({ width: element.clientWidth, height }));
     resize.observe(element);
-    const scheme = matchMedia("(prefers-color-scheme: dark)");
-    scheme.addEventListener("change", make);
+    // Other colours, and on paper another width besides.
+    const media = [matchMedia("(prefers-color-scheme: dark)"), matchMedia("print")];
+    for (const one of media) one.addEventListener("change", make);
     return () => {
-      scheme.removeEventListener("change", make);
+      for (const one of media) one.removeEventListener("change", make);
       resize.disconnect();
       plot.current?.destroy();
       plot.current = null;

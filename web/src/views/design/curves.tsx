@@ -1,7 +1,7 @@
 import { useMemo } from "preact/hooks";
 import uPlot from "uplot";
 import { strings } from "../../strings";
-import type { LengthUnit } from "../../units";
+import { inUnit, type LengthUnit } from "../../units";
 import type { Draft } from "../../wire";
 import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
@@ -27,28 +27,30 @@ interface Props {
 /** Δv and field of view over e, blur over the distance. */
 export function Curves({ draft, other, unit }: Props) {
   const words = strings.design;
-  const scale = unit === "mm" ? 1 : 1000;
-  const inUnit = (values: (number | null | undefined)[]): Points =>
-    values.map((value) => (typeof value === "number" ? value * scale : null));
+  const shown = (values: (number | null | undefined)[]): Points =>
+    values.map((value) => (typeof value === "number" ? inUnit(value, unit) : null));
   const drafts = other ? [draft, other.draft] : [draft];
   const marked = (from: Draft, of: "delta_v_mm" | "fov_deg"): [number[], Points] => {
     const states = from.states.filter(({ state }) => state === "clarity" || state === "joint");
     const sorted = [...states].sort((one, next) => (one.e_mm ?? 0) - (next.e_mm ?? 0));
     const values = sorted.map((state) => state[of] ?? null);
-    return [sorted.map((state) => (state.e_mm ?? 0) * scale), of === "delta_v_mm" ? inUnit(values) : values];
+    return [
+      sorted.map((state) => inUnit(state.e_mm ?? 0, unit)),
+      of === "delta_v_mm" ? shown(values) : values,
+    ];
   };
   const overE = (of: "delta_v_mm" | "fov_deg") =>
     joined(
       drafts.flatMap((from): [number[], Points][] => {
         const values = from.over_e[of].map((value) => value ?? null);
-        const curve = of === "delta_v_mm" ? inUnit(values) : values;
-        return [[from.over_e.e_mm.map((e) => e * scale), curve], marked(from, of)];
+        const curve = of === "delta_v_mm" ? shown(values) : values;
+        return [[from.over_e.e_mm.map((e) => inUnit(e, unit)), curve], marked(from, of)];
       }),
     );
   const [deltaV, fov, blur] = useMemo(() => {
     const limit = draft.design.blur_limit_px;
     const over = drafts.map(({ over_distance: curve }): [number[], ...Points[]] => [
-      curve.distance_mm.map((distance) => distance * scale),
+      curve.distance_mm.map((distance) => inUnit(distance, unit)),
       ...(["clarity_px", "joint_px"] as const).map((of) => curve[of].map((value) => value ?? null)),
     ]);
     const first = over[0]?.[0] ?? [];
@@ -59,7 +61,7 @@ export function Curves({ draft, other, unit }: Props) {
   // Round the object distance: what the curve has in its middle.
   const { distance_mm: places } = draft.over_distance;
   const about = [0, 0.25, 0.5, 0.75, 1].map((share) =>
-    Number(((places[Math.round(share * (places.length - 1))] ?? 0) * scale).toPrecision(4)),
+    Number(inUnit(places[Math.round(share * (places.length - 1))] ?? 0, unit).toPrecision(4)),
   );
   const key = `${unit} ${both} ${draft.design.blur_limit_px}`;
   const along = words.overE(unit);

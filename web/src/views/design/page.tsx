@@ -4,7 +4,7 @@ import type { JsonObject } from "../../config-schema";
 import { count, difference } from "../../draft";
 import { strings } from "../../strings";
 import { Newest } from "../../newest";
-import type { LengthUnit } from "../../units";
+import { UNITS } from "../../units";
 import type { ConfigFault, Draft, DraftBase } from "../../wire";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
@@ -17,7 +17,6 @@ import { Drawings } from "./train";
 
 /** Between the last key pressed and the question, ms: results are to follow at once. */
 const REST_MS = 120;
-const UNITS: readonly LengthUnit[] = ["mm", "µm"];
 const COMPARISONS = ["nothing", "in_force", "preset"] as const;
 const RESULTS = "design-results";
 type Comparison = (typeof COMPARISONS)[number];

@@ -4,6 +4,7 @@ import { comparison } from "../../comparison";
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
+import { differenceAxis, differenceScale } from "../difference";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Scene } from "../scene";
 
@@ -12,12 +13,12 @@ const HEIGHT = 300;
 function options(colours: Theme): Options {
   const dots = (colour: string) => ({ show: true, size: 7, fill: colour });
   return {
-    scales: { x: { time: false } },
+    scales: { x: { time: false }, y: differenceScale },
     legend: { show: false },
     cursor: { show: true },
     axes: [
       { ...scaleAxis(colours, strings.charts.iteration), size: 48, incrs: [1, 2, 5, 10, 20, 50, 100] },
-      scaleAxis(colours, strings.history.difference),
+      differenceAxis(colours, strings.history.difference),
     ],
     series: [
       {},

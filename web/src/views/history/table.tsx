@@ -1,6 +1,6 @@
-import { withSigma } from "../../format";
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
+import { reached, type LengthUnit } from "../../units";
 import type { JobItem } from "../../wire";
 import { Downloads } from "../job/downloads";
 import { Toggle } from "../toggle";
@@ -8,11 +8,12 @@ import { Toggle } from "../toggle";
 interface Props {
   jobs: JobItem[];
   chosen: string[];
+  unit: LengthUnit;
   choose: (id: string, on: boolean) => void;
 }
 
 /** Jobs, newest first. */
-export function JobTable({ jobs, chosen, choose }: Props) {
+export function JobTable({ jobs, chosen, unit, choose }: Props) {
   if (jobs.length === 0) return null;
   const words = strings.history;
   return (
@@ -40,6 +41,7 @@ export function JobTable({ jobs, chosen, choose }: Props) {
             <JobRow
               key={job.id}
               job={job}
+              unit={unit}
               chosen={chosen.includes(job.id)}
               choose={(on) => choose(job.id, on)}
             />
@@ -50,11 +52,17 @@ export function JobTable({ jobs, chosen, choose }: Props) {
   );
 }
 
-function JobRow({ job, chosen, choose }: { job: JobItem; chosen: boolean; choose: (on: boolean) => void }) {
+interface RowProps {
+  job: JobItem;
+  chosen: boolean;
+  unit: LengthUnit;
+  choose: (on: boolean) => void;
+}
+
+function JobRow({ job, chosen, unit, choose }: RowProps) {
   const when = new Date(job.created_at).toLocaleString();
   const what = strings.job.kinds[job.kind];
   const measure = job.progress.measure;
-  const unit = measure?.name === "delta_v_mm" ? "mm" : "px";
   return (
     <tr>
       <td class="words">
@@ -68,11 +76,7 @@ function JobRow({ job, chosen, choose }: { job: JobItem; chosen: boolean; choose
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
         {job.reason && <span class="quiet reason-of"> {job.reason}</span>}
       </td>
-      <td>
-        {measure
-          ? `${strings.job.of(measure.name)} ${withSigma(measure.value, measure.sigma, 4)} ${unit}`
-          : "—"}
-      </td>
+      <td>{measure ? `${strings.job.of(measure.name)} ${reached(measure, unit).value}` : "—"}</td>
       <td>{job.iterations}</td>
       <td class="words">
         <Downloads href={job.href} />

@@ -18,6 +18,7 @@ import { StartJob } from "./start";
 export function AlignmentPage(scene: Scene) {
   const { state } = scene;
   const asked = state.route.jobs[0];
+  const { unit } = state.preferences;
   const earlier = useEarlier(scene, asked);
   const present = currentJob(state);
   const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
@@ -40,10 +41,10 @@ export function AlignmentPage(scene: Scene) {
       </div>
       <div class="column">
         {!asked && <Meter {...scene} />}
-        {job?.report && <Result report={job.report} />}
-        {job?.outcome && <Outcome outcome={job.outcome} />}
+        {job?.report && <Result report={job.report} unit={unit} />}
+        {job?.outcome && <Outcome outcome={job.outcome} unit={unit} />}
       </div>
-      {job && <Iterations job={job} />}
+      {job && <Iterations job={job} unit={unit} />}
     </div>
   );
 }
@@ -76,7 +77,7 @@ function JobCard({ job, ...scene }: Scene & { job: Job }) {
         {strings.job.byWhom(job.owner ?? "", new Date(job.created_at).toLocaleString())}
         {job.request.note && ` · ${job.request.note}`}
       </p>
-      {!over && <Progress job={job} />}
+      {!over && <Progress job={job} unit={scene.state.preferences.unit} />}
       <OperatorStep job={job} act={act} />
       {over && job.reason && <p class="reason">{job.reason}</p>}
       {!over && (

@@ -3,7 +3,7 @@ import * as api from "../../api";
 import { check, draftOf, FIELDS, KINDS, unless, type Draft, type NumberField } from "../../job-kinds";
 import { may } from "../../state";
 import { strings } from "../../strings";
-import { length } from "../../units";
+import { length, pixels, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Scene } from "../scene";
 import { Choice, Toggle } from "../toggle";
@@ -15,8 +15,9 @@ const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
 /** Chooses a job, says what it will do, and starts it. */
 export function StartJob({ state, act }: Scene) {
   const [draft, setDraft] = useState<Draft>(draftOf("joint_alignment"));
+  const { unit } = state.preferences;
   const [tried, setTried] = useState(false);
-  const checked = check(draft, state.bench?.axes ?? []);
+  const checked = check(draft, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const ready =
@@ -53,7 +54,7 @@ export function StartJob({ state, act }: Scene) {
           <li key={step}>{step}</li>
         ))}
       </ol>
-      <Aim kind={draft.kind} design={state.design} />
+      <Aim kind={draft.kind} design={state.design} unit={unit} />
       {FIELDS[draft.kind].map((field) => {
         if (field.is === "number") {
           return (
@@ -61,7 +62,8 @@ export function StartJob({ state, act }: Scene) {
               key={field.name}
               field={field}
               text={draft.numbers[field.name] ?? ""}
-              standard={unless(field.name, state.design)}
+              standard={unless(field.name, state.design, unit)}
+              unit={unit}
               fault={faults[field.name]}
               set={(text) => change({ numbers: { ...draft.numbers, [field.name]: text } })}
             />
@@ -108,17 +110,17 @@ export function StartJob({ state, act }: Scene) {
 }
 
 /** Where the design will have it go. */
-function Aim({ kind, design }: { kind: JobKind; design: Design | null }) {
+function Aim({ kind, design, unit }: { kind: JobKind; design: Design | null; unit: LengthUnit }) {
   if (!design) return null;
   const { joint, clarity } = design;
   const text = JOINT.includes(kind)
     ? strings.job.aimOf(
-        length(joint.delta_v_mm, "mm", 4),
-        length(joint.e_mm, "mm", 3),
-        `${design.spacing_target_px.toFixed(4)} px`,
+        length(joint.delta_v_mm, unit, 4),
+        length(joint.e_mm, unit, 3),
+        pixels(design.spacing_target_px, 4),
       )
     : kind === "clarity_only"
-      ? strings.job.aimClarity(length(clarity.delta_v_mm, "mm", 4), length(clarity.e_mm, "mm", 2))
+      ? strings.job.aimClarity(length(clarity.delta_v_mm, unit, 4), length(clarity.e_mm, unit, 2))
       : null;
   return text === null ? null : (
     <p class="aim">
@@ -131,15 +133,17 @@ interface NumberProps {
   field: NumberField;
   text: string;
   standard: string;
+  unit: LengthUnit;
   fault: string | undefined;
   set: (text: string) => void;
 }
 
-function NumberInput({ field, text, standard, fault, set }: NumberProps) {
+function NumberInput({ field, text, standard, unit, fault, set }: NumberProps) {
   return (
     <label>
       <span>
-        {strings.job.fields[field.name]} <small class="quiet">{strings.job.fieldsMore[field.name]}</small>
+        {strings.job.fields[field.name]}{" "}
+        <small class="quiet">{strings.job.fieldsMore[field.name](unit)}</small>
       </span>
       <input
         name={field.name}

@@ -18,7 +18,7 @@ export function JobStrip({ state, act }: Scene) {
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
         <a href={addressOf("alignment")}>{strings.job.see}</a>
       </h2>
-      {!over && <Progress job={job} />}
+      {!over && <Progress job={job} unit={state.preferences.unit} />}
       <OperatorStep job={job} act={act} />
       {!over && (
         <button
