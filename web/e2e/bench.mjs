@@ -152,10 +152,16 @@ try {
   await ana.page.locator(".lease[data-lease=free]").waitFor();
 
   step("nothing on any page keeps out who cannot see or has no mouse");
-  for (const name of ["Live", "Alignment", "History", "Settings"]) {
+  for (const name of ["Live", "Alignment", "Design", "History", "Settings"]) {
     await open(ana.page, name);
-    await ana.page.waitForTimeout(500);
-    await accessible(ana.page);
+    for (const width of [360, 1280]) {
+      await ana.page.setViewportSize({ width, height: 900 });
+      for (const colorScheme of ["dark", "light"]) {
+        await ana.page.emulateMedia({ colorScheme });
+        await ana.page.waitForTimeout(400);
+        await accessible(ana.page);
+      }
+    }
   }
 
   for (const { own } of [ana, ben]) assert.deepEqual(own(), []);

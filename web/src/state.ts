@@ -111,7 +111,14 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
     case "bench":
-      return { ...heard, seq, bench: message.bench, axes: withAxes(state, message.bench, now) };
+      return {
+        ...heard,
+        seq,
+        bench: message.bench,
+        axes: withAxes(state, message.bench, now),
+        // With the shell on it is another camera: what was best without says nothing.
+        ...(state.bench && state.bench.shell !== message.bench.shell ? { best: null } : {}),
+      };
     case "job":
       return { ...heard, seq, jobs: withJob(state.jobs, message.job) };
     case "measurement":

@@ -135,3 +135,18 @@ export function reached(measure: Reached, unit: LengthUnit): { value: string; ta
   const aim = typeof target !== "number" ? null : isLength ? length(target, unit, 4) : pixels(target, 4);
   return { value: text ?? "", target: aim };
 }
+
+/** Lengths in the daemon's own words: a number, or several, and then "mm"; nothing that is divided by or squared. */
+const SAID = /(?<![\w.,/])([+−-]?\d+(?:\.\d+)?(?:(?:, | to | and |–|…)[+−-]?\d+(?:\.\d+)?)*) mm\b(?![²³/])/g;
+
+/** What the daemon says, with its lengths in the unit. */
+export function reworded(text: string, unit: LengthUnit): string {
+  if (unit === "mm") return text;
+  return text.replace(SAID, (_all, numbers: string) => {
+    const spelt = numbers.replace(/\d+(?:\.\d+)?/g, (number) => {
+      const digits = number.split(".")[1]?.length ?? 0;
+      return bare(Number(number), unit, digits);
+    });
+    return `${spelt} ${unit}`;
+  });
+}

@@ -33,6 +33,21 @@ describe("lengths", () => {
   });
 });
 
+describe("what the daemon says", () => {
+  it("has its lengths in the unit chosen, and nothing else changed", () => {
+    const said = "move the e axis to −4.425 mm; 8.7 px/mm, step 3, 2 mm² and 5 mm/s";
+    expect(units.reworded(said, "mm")).toBe(said);
+    expect(units.reworded(said, "µm")).toBe(
+      "move the e axis to −4425 µm; 8.7 px/mm, step 3, 2 mm² and 5 mm/s",
+    );
+    expect(units.reworded("levels at 159.2, 167.2, 175.2 mm from it", "µm")).toBe(
+      "levels at 159200, 167200, 175200 µm from it",
+    );
+    expect(units.reworded("within -2 to 0.0005 mm", "µm")).toBe("within -2000 to 0.5 µm");
+    expect(units.reworded("v1.2 mm", "µm")).toBe("v1.2 mm");
+  });
+});
+
 describe("what a job reaches for", () => {
   it("is a length where it is Δv, and pixels where it is the spacing", () => {
     const deltaV = { name: "delta_v_mm", value: 2.2073, sigma: 0.0004, target: 2.205 };

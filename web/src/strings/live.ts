@@ -48,7 +48,7 @@ export const picture = {
   legendBelow: "smaller",
   legendAbove: "larger",
   legendRange: (px: string) => `full colour at ${px} px from the target`,
-  legendLines: (px: string) => `lines every ${px} px, the white one on target`,
+  legendLines: (px: string) => `lines every ${px} px, white on target`,
   legendLevel: "no tilt or curvature beyond the scatter",
   legendFar: "far",
   legendNear: "near",

@@ -67,10 +67,16 @@ export function Plot({ label, height, data, options }: Props) {
   return <div ref={holder} class="chart" role="img" aria-label={label} />;
 }
 
+/** A tick's number as the page spells numbers: no separators, which are read as decimal points by half of the world. */
+export function tickText(tick: number | null): string {
+  return tick === null ? "" : String(Number(tick.toPrecision(10))).replace("-", "−");
+}
+
 /** An axis of a chart in the page's colours. */
 export function scaleAxis(colours: Theme, label?: string): uPlot.Axis {
   return {
     stroke: colours.ink,
+    values: (_plot, ticks) => ticks.map(tickText),
     grid: { stroke: colours.line, width: 1 },
     ticks: { stroke: colours.line, width: 1 },
     ...(label === undefined ? {} : { label, labelSize: 18, size: 62, labelFont: "12px system-ui" }),

@@ -4,10 +4,12 @@ import { strings } from "../../strings";
 import { inUnit, type LengthUnit } from "../../units";
 import type { Draft } from "../../wire";
 import { LineKey } from "../line-key";
-import { Plot, scaleAxis, type Options, type Theme } from "../plot";
+import { Plot, scaleAxis, tickText, type Options, type Theme } from "../plot";
 import type { Other } from "./figures";
 
 const HEIGHT = 210;
+/** What a number along the distance takes, and a place beside it. */
+const TICK_PX = 84;
 /** Of the blur still sharp: more need not be told apart. */
 const BLUR_SHOWN = 8;
 
@@ -167,9 +169,11 @@ function blurs(colours: Theme, along: string, both: boolean, limit: number, abou
     axes: [
       {
         ...x,
-        splits: () => about,
+        // On a narrow chart long numbers would run into one another.
+        splits: (plot) =>
+          plot.width < TICK_PX * about.length ? about.filter((_, at) => at % 2 === 0) : about,
         filter: (_plot, splits) => splits,
-        values: (_plot, splits) => splits.map(String),
+        values: (_plot, splits) => splits.map(tickText),
       },
       up,
     ],

@@ -45,9 +45,9 @@ export function Compare({ ids, act }: Scene & { ids: string[] }) {
   const data = useMemo(() => comparison(runs), [runs.map((run) => run.id).join()]);
   if (runs.length === 0) return null;
   return (
-    <section class="card compare" aria-label={strings.history.compareTitle}>
+    <section class="card compare" aria-label={strings.history.compareTitle(runs.length)}>
       <h2>
-        {strings.history.compareTitle}
+        {strings.history.compareTitle(runs.length)}
         <a href={addressOf("history")}>{strings.history.clear}</a>
       </h2>
       <ul class="key">

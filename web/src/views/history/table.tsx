@@ -1,6 +1,6 @@
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
-import { reached, type LengthUnit } from "../../units";
+import { reached, reworded, type LengthUnit } from "../../units";
 import type { JobItem } from "../../wire";
 import { Downloads } from "../job/downloads";
 import { Toggle } from "../toggle";
@@ -74,7 +74,7 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
       </td>
       <td class="words">
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
-        {job.reason && <span class="quiet reason-of"> {job.reason}</span>}
+        {job.reason && <span class="quiet reason-of"> {reworded(job.reason, unit)}</span>}
       </td>
       <td>{measure ? `${strings.job.of(measure.name)} ${reached(measure, unit).value}` : "—"}</td>
       <td>{job.iterations}</td>

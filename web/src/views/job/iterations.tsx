@@ -1,6 +1,6 @@
 import { fixed, withSigma } from "../../format";
 import { strings } from "../../strings";
-import { bare, bareMeasured, type LengthUnit } from "../../units";
+import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
 import type { Iteration, Job } from "../../wire";
 import { Convergence } from "./convergence";
 
@@ -25,7 +25,7 @@ export function Iterations({ job, unit }: Props) {
         <ol class="log">
           {job.log.map((line, index) => (
             <li key={index}>
-              <time>{new Date(line.at).toLocaleTimeString()}</time> {line.message}
+              <time>{new Date(line.at).toLocaleTimeString()}</time> {reworded(line.message, unit)}
             </li>
           ))}
         </ol>
@@ -76,7 +76,7 @@ function Row({ it, unit }: { it: Iteration; unit: LengthUnit }) {
       <td>{fixed(it.spacing_target_px, 4)}</td>
       <td>{readback(it.focus_mm)}</td>
       <td>{readback(it.e_mm)}</td>
-      <td class="words">{it.decision}</td>
+      <td class="words">{reworded(it.decision, unit)}</td>
     </tr>
   );
 }

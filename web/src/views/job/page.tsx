@@ -3,6 +3,7 @@ import * as api from "../../api";
 import { addressOf } from "../../route";
 import { currentJob, isFinal } from "../../state";
 import { strings } from "../../strings";
+import { reworded } from "../../units";
 import type { Job } from "../../wire";
 import { Meter } from "../live/meter";
 import type { Scene } from "../scene";
@@ -67,6 +68,7 @@ function useEarlier({ state, act }: Scene, id: string | undefined): Job | null {
 function JobCard({ job, ...scene }: Scene & { job: Job }) {
   const over = isFinal(job.state);
   const { act } = scene;
+  const { unit } = scene.state.preferences;
   return (
     <section class="card job" aria-label={strings.job.title} data-state={job.state}>
       <h2>
@@ -77,9 +79,9 @@ function JobCard({ job, ...scene }: Scene & { job: Job }) {
         {strings.job.byWhom(job.owner ?? "", new Date(job.created_at).toLocaleString())}
         {job.request.note && ` · ${job.request.note}`}
       </p>
-      {!over && <Progress job={job} unit={scene.state.preferences.unit} />}
-      <OperatorStep job={job} act={act} />
-      {over && job.reason && <p class="reason">{job.reason}</p>}
+      {!over && <Progress job={job} unit={unit} />}
+      <OperatorStep job={job} act={act} unit={unit} />
+      {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
       {!over && (
         <p class="actions">
           <button

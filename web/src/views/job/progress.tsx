@@ -1,6 +1,6 @@
 import { wait } from "../../format";
 import { strings } from "../../strings";
-import { reached, type LengthUnit } from "../../units";
+import { reached, reworded, type LengthUnit } from "../../units";
 import type { Job } from "../../wire";
 
 /** How far a job is, and how near its figure is to the target. */
@@ -14,7 +14,7 @@ export function Progress({ job, unit }: { job: Job; unit: LengthUnit }) {
         {typeof left === "number" && <span>{strings.job.left(wait(left))}</span>}
         {measure && <span>{figure(measure, unit)}</span>}
       </p>
-      <p>{doing}</p>
+      <p>{reworded(doing, unit)}</p>
     </div>
   );
 }

@@ -6,6 +6,7 @@ import {
   measuredLength,
   measuredPixels,
   pixels,
+  reworded,
   signedAngle,
   type LengthUnit,
 } from "../../units";
@@ -60,7 +61,7 @@ export function figures(report: Report, unit: LengthUnit): [string, string][] {
         spacing(report.spacing_targets.window_px),
       ),
     ],
-    [words.step, report.shell_step_done],
+    [words.step, reworded(report.shell_step_done, unit)],
     [words.design, report.design_origin],
   ];
   const [x, y] = report.tilt_deg ?? [];
@@ -81,7 +82,7 @@ export function Result({ report, unit }: { report: Report; unit: LengthUnit }) {
       <Rows of={figures(report, unit)} />
       {report.notes.map((note) => (
         <p key={note} class="quiet">
-          {note}
+          {reworded(note, unit)}
         </p>
       ))}
     </section>

@@ -19,7 +19,7 @@ export function JobStrip({ state, act }: Scene) {
         <a href={addressOf("alignment")}>{strings.job.see}</a>
       </h2>
       {!over && <Progress job={job} unit={state.preferences.unit} />}
-      <OperatorStep job={job} act={act} />
+      <OperatorStep job={job} act={act} unit={state.preferences.unit} />
       {!over && (
         <button
           type="button"
