@@ -56,6 +56,7 @@ try {
   await page.locator("#stop").click();
   await page.locator(".strip .outcome.cancelled").waitFor({ timeout: 15_000 });
   await moving.waitFor({ state: "detached", timeout: 15_000 });
+  await page.locator(".stopped", { hasText: "Focus axis: stopped; e axis: stopped." }).waitFor();
   await photograph(page, "stopped");
   await page.locator("#reset").click();
   await page.locator("#reset").waitFor({ state: "detached" });

@@ -61,6 +61,7 @@ export const picture = {
 export const meter = {
   title: "Focus",
   none: "Nothing measured yet",
+  noneBegin: "Begin one",
   noneMore: "The live picture is measured once a white frame has been taken: an alignment begins with one.",
   unit: "px",
   against: (sigma: string, target: string) => `± ${sigma} · target ${target} px`,

@@ -1,3 +1,4 @@
+import { moment } from "../../format";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import * as api from "../../api";
 import { comparison } from "../../comparison";
@@ -53,9 +54,8 @@ export function Compare({ ids, act }: Scene & { ids: string[] }) {
       <ul class="key">
         {runs.map((run, index) => (
           <li key={run.id} class="facts">
-            <span class={index === 0 ? "line accent" : "line second"} />{" "}
-            {new Date(run.created_at).toLocaleString()} · {strings.job.kinds[run.kind]} ·{" "}
-            {strings.job.state[run.state]} · {run.iterations.length}{" "}
+            <span class={index === 0 ? "line accent" : "line second"} /> {moment(run.created_at)} ·{" "}
+            {strings.job.kinds[run.kind]} · {strings.job.state[run.state]} · {run.iterations.length}{" "}
             {strings.history.iterations.toLowerCase()}
           </li>
         ))}

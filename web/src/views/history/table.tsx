@@ -1,3 +1,4 @@
+import { moment } from "../../format";
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
 import { reached, reworded, type LengthUnit } from "../../units";
@@ -60,7 +61,7 @@ interface RowProps {
 }
 
 function JobRow({ job, chosen, unit, choose }: RowProps) {
-  const when = new Date(job.created_at).toLocaleString();
+  const when = moment(job.created_at);
   const what = strings.job.kinds[job.kind];
   const measure = job.progress.measure;
   return (

@@ -1,4 +1,4 @@
-import { fixed, withSigma } from "../../format";
+import { clock, fixed, withSigma } from "../../format";
 import { strings } from "../../strings";
 import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
 import type { Iteration, Job } from "../../wire";
@@ -25,7 +25,7 @@ export function Iterations({ job, unit }: Props) {
         <ol class="log">
           {job.log.map((line, index) => (
             <li key={index}>
-              <time>{new Date(line.at).toLocaleTimeString()}</time> {reworded(line.message, unit)}
+              <time>{clock(line.at)}</time> {reworded(line.message, unit)}
             </li>
           ))}
         </ol>

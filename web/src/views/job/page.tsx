@@ -1,3 +1,4 @@
+import { moment } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { addressOf } from "../../route";
@@ -76,7 +77,7 @@ function JobCard({ job, ...scene }: Scene & { job: Job }) {
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
       </h2>
       <p class="quiet">
-        {strings.job.byWhom(job.owner ?? "", new Date(job.created_at).toLocaleString())}
+        {strings.job.byWhom(job.owner ?? "", moment(job.created_at))}
         {job.request.note && ` · ${job.request.note}`}
       </p>
       {!over && <Progress job={job} unit={unit} />}

@@ -5,6 +5,7 @@ import { fixed, signed, span } from "../../format";
 import { digits } from "../../meter";
 import { reading, type Reading } from "../../reading";
 import { isNews, type Said } from "../../speech";
+import { addressOf } from "../../route";
 import { currentJob, isFinal, measurementAge, OLD_MEASUREMENT_MS, type State } from "../../state";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
@@ -33,7 +34,10 @@ export function Meter(scene: Scene) {
       <section class="card meter" aria-label={strings.meter.title}>
         <h2>{strings.meter.title}</h2>
         <p>{strings.meter.none}</p>
-        <p class="quiet">{strings.meter.noneMore}</p>
+        <p class="quiet">
+          {strings.meter.noneMore}{" "}
+          {state.route.page !== "alignment" && <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>}
+        </p>
       </section>
     );
   }
