@@ -58,6 +58,13 @@ try {
   await ana.page.locator("#kind").selectOption("focus_sweep");
   await ana.page.locator("#start").click();
   assert.equal(await ana.page.locator(".start .fault").count(), 2, "a sweep without its ends is not refused");
+  await ana.page.locator('.start input[name="from_mm"]').fill("0");
+  await ana.page.locator('.start input[name="to_mm"]').fill("1");
+  await ana.page.locator(".start .aim", { hasText: "11 positions, 0.1000 mm apart" }).waitFor();
+  await ana.page.locator("#kind").selectOption("clarity_only");
+  await ana.page.locator(".start .aim", { hasText: "Δv 1.7448 mm at e 30.00 mm" }).waitFor();
+  await ana.page.locator('.start input[name="e_mm"]').fill("0");
+  await ana.page.locator(".start .aim", { hasText: "Δv 2.2050 mm at e 0.00 mm" }).waitFor();
   await ana.page.locator("#kind").selectOption("homing");
   await ana.page.locator("#start").click();
   await ana.page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });

@@ -55,6 +55,8 @@ export const KINDS = Object.keys(FIELDS) as JobKind[];
 /** Measurements of a spacing watch, at most. */
 const MOST_MEASUREMENTS = 500;
 const INTERVAL_S = 1;
+/** Positions of a sweep unless given. */
+const STEPS = 11;
 
 /** What stands in a form: text as it was typed, the axes chosen. */
 export interface Draft {
@@ -127,6 +129,26 @@ function outside({ measure }: NumberField, low: number, high: number, unit: Leng
   return strings.form.outside(spelt(low), spelt(high));
 }
 
+/** What the numbers of a form come to together, where that is more than they say one by one; null while one is missing. */
+export function implied(draft: Draft, axes: Axis[], unit: LengthUnit): string | null {
+  const checked = check(draft, axes, unit);
+  if (!checked.ok) return null;
+  const { request } = checked;
+  switch (request.kind) {
+    case "focus_sweep": {
+      const positions = request.steps ?? STEPS;
+      const apart = Math.abs(request.to_mm - request.from_mm) / (positions - 1);
+      return strings.job.sweepMeans(positions, length(apart, unit, 4));
+    }
+    case "spacing_watch": {
+      const interval = request.interval_s ?? INTERVAL_S;
+      return strings.job.watchMeans(Math.floor(request.duration_s / interval) + 1);
+    }
+    default:
+      return null;
+  }
+}
+
 /** Where a sweep may go is where its axis may go. */
 function reach(field: NumberField, draft: Draft, axes: Axis[]): [number, number] {
   const axis = axes.find((axis) => axis.axis === draft.axis);
@@ -143,7 +165,7 @@ export function unless(name: NumberField["name"], design: Design | null, unit: L
     case "distance_mm":
       return design ? tenths(design.joint.equivalent_distance_mm) : "";
     case "steps":
-      return "11";
+      return String(STEPS);
     case "interval_s":
       return String(INTERVAL_S);
     default:

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { check, draftOf, FIELDS, KINDS, numberOf, unless } from "../src/job-kinds";
+import { check, draftOf, FIELDS, implied, KINDS, numberOf, unless } from "../src/job-kinds";
 import { comparison } from "../src/comparison";
 import { everything, queryOf } from "../src/job-query";
 import { bench, design, job } from "./fixtures";
@@ -52,6 +52,18 @@ describe("the form of a job", () => {
       ok: false,
       faults: { duration_s: "It has to be within 1 s to 86400 s." },
     });
+  });
+
+  it("says what its numbers come to together", () => {
+    const sweep = { ...draftOf("focus_sweep"), numbers: { from_mm: "0", to_mm: "1" } };
+    expect(implied(sweep, bench.axes, "mm")).toBe("11 positions, 0.1000 mm apart");
+    expect(
+      implied({ ...sweep, numbers: { from_mm: "1000", to_mm: "0", steps: "5" } }, bench.axes, "µm"),
+    ).toBe("5 positions, 250.0 µm apart");
+    expect(implied({ ...sweep, numbers: { from_mm: "0" } }, bench.axes, "mm")).toBeNull();
+    const watch = { ...draftOf("spacing_watch"), numbers: { duration_s: "60", interval_s: "5" } };
+    expect(implied(watch, bench.axes, "mm")).toBe("About 13 measurements");
+    expect(implied(draftOf("joint_alignment"), bench.axes, "mm")).toBeNull();
   });
 
   it("measures no more than five hundred times", () => {

@@ -73,6 +73,8 @@ export const job = {
   } satisfies Record<JobKind, string[]>,
   aim: "It aims at",
   aimOf: (deltaV: string, e: string, spacing: string) => `Δv ${deltaV}, e ${e}, spacing ${spacing}`,
+  sweepMeans: (positions: number, apart: string) => `${positions} positions, ${apart} apart`,
+  watchMeans: (count: number) => `About ${count} measurements`,
   aimClarity: (deltaV: string, e: string) => `Δv ${deltaV} at e ${e} (another e has another Δv)`,
   fields: {
     e_mm: "e to hold",
