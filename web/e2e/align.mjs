@@ -73,6 +73,9 @@ try {
   await page.locator(".result").waitFor();
   assert.doesNotMatch(await page.locator("body").innerText(), /NaN|undefined|null\b|Infinity/);
   await page.locator(".meter .tag.good").waitFor({ timeout: 10_000 });
+  // It is measured on while this page alone is looked at.
+  await page.waitForTimeout(7000);
+  await page.locator(".meter[data-old=false]").waitFor({ timeout: 4000 });
   await photograph(page, "converged");
   await darken(page, "converged");
 

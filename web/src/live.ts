@@ -32,7 +32,6 @@ export interface Listener {
   map(map: FieldMap): void;
 }
 
-const MAX_RATE_HZ = 30;
 const QUALITY = 85;
 
 export class Live {
@@ -46,7 +45,7 @@ export class Live {
   private slow = false;
   /** Frames left out: of those asked for before, and of those asked for last, which the daemon counts anew. */
   private leftOut = { before: 0, since: 0 };
-  private wish: Wish = { pictures: false, overlay: false, reduce: 1, show: "raw" };
+  private wish: Wish = { pictures: false, rateHz: 1, overlay: false, reduce: 1, show: "raw" };
 
   constructor(
     private readonly url: string,
@@ -151,11 +150,11 @@ export class Live {
 
   private ask(): void {
     if (!this.socket) return;
-    const { pictures: on, overlay, reduce, show } = this.wish;
+    const { pictures: on, rateHz, overlay, reduce, show } = this.wish;
     this.send(this.socket, {
       type: "pictures",
       on,
-      max_rate_hz: MAX_RATE_HZ,
+      max_rate_hz: rateHz,
       reduce,
       show,
       quality: QUALITY,

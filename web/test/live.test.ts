@@ -58,7 +58,7 @@ describe("the live connection", () => {
         return draw();
       },
     });
-    live.want({ pictures: true, overlay: false, reduce: 1, show: "raw" });
+    live.want({ pictures: true, rateHz: 30, overlay: false, reduce: 1, show: "raw" });
     live.open();
     socket().onopen?.();
   });

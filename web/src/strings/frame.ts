@@ -5,7 +5,7 @@ import type { Scope } from "../wire";
 
 export const frame = {
   title: "Plenalign",
-  simulatedTitle: "SIMULATED · Plenalign",
+  windowTitle: (page: string, simulated: boolean) => `${simulated ? "SIMULATED · " : ""}${page} · Plenalign`,
   simulated: "SIMULATED BENCH",
   simulatedMore: "No hardware is attached: every picture and figure here is computed.",
   replay: "REPLAY",

@@ -6,7 +6,7 @@ import { digits } from "../../meter";
 import { reading, type Reading } from "../../reading";
 import { isNews, type Said } from "../../speech";
 import { addressOf } from "../../route";
-import { currentJob, isFinal, measurementAge, OLD_MEASUREMENT_MS, type State } from "../../state";
+import { currentJob, isFinal, may, measurementAge, OLD_MEASUREMENT_MS, type State } from "../../state";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
 import { BestHeld } from "./best";
@@ -36,7 +36,9 @@ export function Meter(scene: Scene) {
         <p>{strings.meter.none}</p>
         <p class="quiet">
           {strings.meter.noneMore}{" "}
-          {state.route.page !== "alignment" && <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>}
+          {state.route.page !== "alignment" && may(state, "control") && (
+            <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>
+          )}
         </p>
       </section>
     );
