@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 import { advice, type Moved } from "../../advice";
 import { correction, tilt } from "../../correction";
 import { fixed, signed, span } from "../../format";
-import { digits } from "../../meter";
+import { steadyDigits } from "../../meter";
 import { reading, type Reading } from "../../reading";
 import { isNews, type Said } from "../../speech";
 import { addressOf } from "../../route";
@@ -25,6 +25,7 @@ function moved(state: State): Moved {
 /** The spacing against its target, to be read from two metres. */
 export function Meter(scene: Scene) {
   const { state, now: clock } = scene;
+  const [held] = useState<{ places: number | null }>({ places: null });
   const now = reading(state.measurement);
   const age = measurementAge(state, clock);
   const old = age !== null && (age > OLD_MEASUREMENT_MS || state.link !== "open");
@@ -43,7 +44,8 @@ export function Meter(scene: Scene) {
       </section>
     );
   }
-  const places = digits(now.sigmaPx);
+  held.places = steadyDigits(now.sigmaPx, held.places);
+  const { places } = held;
   const wanted = advice(now, correction(state.design, state.measurement), moved(state), unit);
   const leaning = tilt(state.design, state.measurement, state.picture?.widthPx ?? 0);
   const words = (now.inFocus ? strings.meter.sharp : strings.meter.words)[now.direction];
