@@ -104,6 +104,16 @@ try {
     await page.locator(`svg.train[aria-label^="${part}"]`).waitFor();
   }
 
+  step("curves can be read off");
+  for (const [index, said] of [
+    /^e, mm [\d.−]+ · Δv in focus, mm [12]\.\d+$/,
+    /field of view/,
+    /Joint 0/,
+  ].entries()) {
+    await page.locator(".curves .u-over").nth(index).hover();
+    await page.locator(".curves .read-off").nth(index).filter({ hasText: said }).waitFor();
+  }
+
   step("no word of the drawing is over another, whatever is drawn and however wide it is");
   for (const width of [360, 900, 1280, 1920]) {
     await page.setViewportSize({ width, height: 1000 });

@@ -135,6 +135,7 @@ export const design = {
   raysLost: (lost: number) => `${lost} of 9 rays bring no light: past the shell’s rim.`,
   raysNone: "The object appears within the focal length: nothing is imaged.",
   curves: "Curves",
+  theOther: "the other",
   curveDeltaV: (unit: string) => `Δv in focus, ${unit}`,
   curveFov: "field of view in water, °",
   curveBlur: "blur, px",

@@ -23,6 +23,8 @@ export const history = {
   compareTitle: (runs: number) =>
     runs < 2 ? "One run: choose another to compare it with" : "Two runs on one chart",
   clear: "Clear",
+  first: "first run, px",
+  second: "second run, px",
   difference: "spacing less target, px",
   missing: "Jobs of earlier runs are missing",
 };

@@ -110,6 +110,7 @@ export const meter = {
 export const charts = {
   title: "Last two minutes",
   spacing: "spacing, px",
+  target: "target, px",
   targetAndBand: "target, ± 2 σ",
   eog: "EOG per pixel",
   eogMore: "Energy of gradient of the central view: the sharper, the larger",

@@ -68,7 +68,13 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
           </p>
         </div>
       )}
-      {state.problem && <ProblemLine problem={state.problem} dismiss={() => update({ problem: null })} />}
+      {state.problem && (
+        <ProblemLine
+          problem={state.problem}
+          unit={state.preferences.unit}
+          dismiss={() => update({ problem: null })}
+        />
+      )}
     </header>
   );
 }

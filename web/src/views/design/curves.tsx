@@ -132,7 +132,8 @@ function base(colours: Theme, along: string, up: string): Omit<Options, "series"
 }
 
 function lines(colours: Theme, along: string, up: string, both: boolean): Options {
-  const curve = (colour: string, dash?: number[]): uPlot.Series => ({
+  const curve = (label: string, colour: string, dash?: number[]): uPlot.Series => ({
+    label,
     stroke: colour,
     width: 2,
     points: { show: false },
@@ -146,22 +147,27 @@ function lines(colours: Theme, along: string, up: string, both: boolean): Option
     ...base(colours, along, up),
     scales: { x: { time: false } },
     series: [
-      {},
-      curve(colours.accent),
+      { label: along },
+      curve(up, colours.accent),
       dots(colours.accent),
-      ...(both ? [curve(colours.second, [10, 4]), dots(colours.second)] : []),
+      ...(both ? [curve(strings.design.theOther, colours.second, [10, 4]), dots(colours.second)] : []),
     ],
   };
 }
 
 function blurs(colours: Theme, along: string, both: boolean, limit: number, about: number[]): Options {
-  const curve = (colour: string, width: number, dash?: number[]): uPlot.Series => ({
+  const curve = (colour: string, width: number, dash?: number[], label?: string): uPlot.Series => ({
     stroke: colour,
     width,
+    ...(label === undefined ? {} : { label }),
     points: { show: false },
     ...(dash ? { dash } : {}),
   });
-  const pair = (width: number) => [curve(colours.second, width, [10, 4]), curve(colours.accent, width)];
+  const { clarity, joint } = strings.design.state;
+  const pair = (width: number, named: boolean) => [
+    curve(colours.second, width, [10, 4], named ? clarity : undefined),
+    curve(colours.accent, width, undefined, named ? joint : undefined),
+  ];
   const { axes, ...rest } = base(colours, along, strings.design.curveBlur);
   const [x = {}, up = {}] = axes ?? [];
   return {
@@ -181,6 +187,11 @@ function blurs(colours: Theme, along: string, both: boolean, limit: number, abou
       x: { time: false, distr: 3, log: 10, range: [about[0] ?? 1, about.at(-1) ?? 10] },
       y: { range: (_plot, _least, most) => [0, Math.min(Math.max(most, 2 * limit), BLUR_SHOWN * limit)] },
     },
-    series: [{}, ...pair(2), ...(both ? pair(1) : []), curve(colours.good, 2, [6, 4])],
+    series: [
+      { label: along },
+      ...pair(2, true),
+      ...(both ? pair(1, false) : []),
+      curve(colours.good, 2, [6, 4]),
+    ],
   };
 }

@@ -1,7 +1,7 @@
 import { degrees } from "../../draft";
 import { fixed } from "../../format";
 import { strings } from "../../strings";
-import { length, pixels, signedLength, type LengthUnit } from "../../units";
+import { length, pixels, reworded, signedLength, type LengthUnit } from "../../units";
 import type { Draft, DraftState } from "../../wire";
 
 /** Another camera, to be compared with. */
@@ -146,7 +146,7 @@ function Rest({ draft, unit }: Omit<Props, "other">) {
       </dl>
       {design.notices.map((notice) => (
         <p class="notice" key={notice}>
-          {notice}
+          {reworded(notice, unit)}
         </p>
       ))}
     </>

@@ -22,9 +22,22 @@ function options(colours: Theme): Options {
       differenceAxis(colours, strings.history.difference),
     ],
     series: [
-      {},
-      { stroke: colours.accent, width: 2, points: dots(colours.accent), spanGaps: true },
-      { stroke: colours.second, width: 2, dash: [10, 4], points: dots(colours.second), spanGaps: true },
+      { label: strings.charts.iteration },
+      {
+        label: strings.history.first,
+        stroke: colours.accent,
+        width: 2,
+        points: dots(colours.accent),
+        spanGaps: true,
+      },
+      {
+        label: strings.history.second,
+        stroke: colours.second,
+        width: 2,
+        dash: [10, 4],
+        points: dots(colours.second),
+        spanGaps: true,
+      },
     ],
   };
 }

@@ -18,11 +18,16 @@ function options(colours: Theme): Options {
       differenceAxis(colours, strings.iterations.chartDifference),
     ],
     series: [
-      {},
+      { label: strings.charts.iteration },
       { stroke: "transparent", points: { show: false } },
       { stroke: "transparent", points: { show: false } },
       { stroke: colours.good, width: 2, dash: [6, 4], points: { show: false } },
-      { stroke: colours.accent, width: 2, points: { show: true, size: 7, fill: colours.accent } },
+      {
+        label: strings.iterations.chartDifference,
+        stroke: colours.accent,
+        width: 2,
+        points: { show: true, size: 7, fill: colours.accent },
+      },
     ],
     bands: [{ series: [2, 1], fill: colours.band }],
   };

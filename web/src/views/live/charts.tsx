@@ -28,8 +28,13 @@ function spacing(colours: Theme): Options {
       {},
       { stroke: "transparent", points: { show: false } },
       { stroke: "transparent", points: { show: false } },
-      { stroke: colours.good, width: 2, dash: [6, 4], points: { show: false } },
-      { stroke: colours.accent, width: 2, points: { show: true, size: 5, fill: colours.accent } },
+      { label: strings.charts.target, stroke: colours.good, width: 2, dash: [6, 4], points: { show: false } },
+      {
+        label: strings.charts.spacing,
+        stroke: colours.accent,
+        width: 2,
+        points: { show: true, size: 5, fill: colours.accent },
+      },
     ],
     bands: [{ series: [2, 1], fill: colours.band }],
   };
@@ -40,7 +45,15 @@ function clarity(colours: Theme): Options {
   return {
     ...more,
     axes: [x, scaleAxis(colours, strings.charts.eog)],
-    series: [{}, { stroke: colours.accent, width: 2, points: { show: true, size: 5, fill: colours.accent } }],
+    series: [
+      {},
+      {
+        label: strings.charts.eog,
+        stroke: colours.accent,
+        width: 2,
+        points: { show: true, size: 5, fill: colours.accent },
+      },
+    ],
   };
 }
 
@@ -62,8 +75,21 @@ function axes(colours: Theme, unit: LengthUnit): Options {
     ],
     series: [
       {},
-      { scale: "focus", stroke: colours.accent, width: 2, points: { show: false } },
-      { scale: "e", stroke: colours.second, width: 2, dash: [10, 3], points: { show: false } },
+      {
+        label: strings.charts.focus(unit),
+        scale: "focus",
+        stroke: colours.accent,
+        width: 2,
+        points: { show: false },
+      },
+      {
+        label: strings.charts.e(unit),
+        scale: "e",
+        stroke: colours.second,
+        width: 2,
+        dash: [10, 3],
+        points: { show: false },
+      },
     ],
   };
 }
