@@ -1,6 +1,7 @@
 // End to end: an alignment by clicks, STOP in mid-run, a daemon that dies and comes back.
 
 import assert from "node:assert/strict";
+import { chooseUnit, lengthsIn, printed } from "./checks.mjs";
 import { browse, darken, faults, folder, open, photograph, shots, start, step } from "./harness.mjs";
 
 const ALIGNMENT_MS = 240_000;
@@ -55,6 +56,7 @@ try {
   await page.locator("#stop").click();
   await page.locator(".strip .outcome.cancelled").waitFor({ timeout: 15_000 });
   await moving.waitFor({ state: "detached", timeout: 15_000 });
+  await page.locator(".stopped", { hasText: "Focus axis: stopped; e axis: stopped." }).waitFor();
   await photograph(page, "stopped");
   await page.locator("#reset").click();
   await page.locator("#reset").waitFor({ state: "detached" });
@@ -71,8 +73,26 @@ try {
   await page.locator(".result").waitFor();
   assert.doesNotMatch(await page.locator("body").innerText(), /NaN|undefined|null\b|Infinity/);
   await page.locator(".meter .tag.good").waitFor({ timeout: 10_000 });
+  // It is measured on while this page alone is looked at.
+  await page.waitForTimeout(7000);
+  await page.locator(".meter[data-old=false]").waitFor({ timeout: 4000 });
   await photograph(page, "converged");
   await darken(page, "converged");
+
+  step("its lengths are in the unit chosen, on the screen and on paper");
+  await printed(page, "report");
+  await lengthsIn(page, "mm");
+  await chooseUnit(page, "µm");
+  for (const name of ["Live", "Alignment"]) {
+    await open(page, name);
+    await page.locator(".meter-scale").waitFor();
+    await lengthsIn(page, "µm");
+  }
+  await page.locator(".result", { hasText: /Δv\s*22\d\d\.\d ± \d\.\d µm, target 22\d\d\.\d µm/ }).waitFor();
+  await page.locator(".iterations th", { hasText: "Focus axis, µm" }).waitFor();
+  await photograph(page, "micrometres");
+  await chooseUnit(page, "mm");
+  await open(page, "Alignment");
 
   step("its report can be fetched");
   for (const link of await page.locator(".job .downloads a").all()) {
@@ -93,6 +113,7 @@ try {
   await page.locator(".compare li").nth(1).waitFor();
   await photograph(page, "history");
   await darken(page, "history");
+  await printed(page, "history");
   await page.locator("table.jobs a").first().click();
   await page.locator(".earlier").waitFor();
   assert.equal(await page.locator(".iterations tbody tr").count(), rows);
@@ -132,12 +153,21 @@ try {
   );
   assert(await grid.isEnabled());
 
+  step("the meter, the clarity and the axes are charted, and the live page can be printed");
+  assert.equal(await page.locator(".charts .chart canvas").count(), 3);
+  await until(
+    async () => (await page.locator(".charts .chart-none").count()) === 0,
+    "spacing or clarity is not charted",
+  );
+  await printed(page, "live");
+
   step("overlays are drawn over it, and it is seen down to single pixels");
   assert.equal(await painted(page), 0, "something is drawn over the picture unasked");
   for (const name of ["Grid", "Spacing error"]) {
     await page.getByRole("button", { name, exact: true }).click();
   }
   await until(async () => (await painted(page)) > 0, "nothing is drawn over the picture");
+  await page.locator(".legend", { hasText: /lines every [\d.]+ px|no tilt or curvature/ }).waitFor();
   await photograph(page, "overlays");
   await darken(page, "overlays");
   for (let i = 0; i < 6; i += 1) await page.getByRole("button", { name: "Zoom in" }).click();
@@ -153,6 +183,8 @@ try {
   await page.locator(".link[data-link=lost]").waitFor({ timeout: 10_000 });
   assert.equal(await page.locator(".picture").getAttribute("data-state"), "stale");
   await page.locator(".picture .over", { hasText: "STALE" }).waitFor();
+  await page.locator(".retry", { hasText: /Trying again in \d s|Trying again…/ }).waitFor();
+  await page.locator(".lease[data-lease=unclear]").waitFor();
   await photograph(page, "lost");
 
   step("a stop that is not delivered is told, large");
@@ -162,6 +194,11 @@ try {
   step("and is seen to be back, with nothing of the old run left");
   await daemon.ended;
   daemon = start(place, new URL(address).host);
+  await page
+    .locator("#retry")
+    .click({ timeout: 5000 })
+    // It has tried by itself meanwhile, and is connected.
+    .catch(() => {});
   await page.locator(".link").waitFor({ state: "detached", timeout: 20_000 });
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
   await open(page, "Alignment");

@@ -58,6 +58,13 @@ try {
   await ana.page.locator("#kind").selectOption("focus_sweep");
   await ana.page.locator("#start").click();
   assert.equal(await ana.page.locator(".start .fault").count(), 2, "a sweep without its ends is not refused");
+  await ana.page.locator('.start input[name="from_mm"]').fill("0");
+  await ana.page.locator('.start input[name="to_mm"]').fill("1");
+  await ana.page.locator(".start .aim", { hasText: "11 positions, 0.1000 mm apart" }).waitFor();
+  await ana.page.locator("#kind").selectOption("clarity_only");
+  await ana.page.locator(".start .aim", { hasText: "Δv 1.7448 mm at e 30.00 mm" }).waitFor();
+  await ana.page.locator('.start input[name="e_mm"]').fill("0");
+  await ana.page.locator(".start .aim", { hasText: "Δv 2.2050 mm at e 0.00 mm" }).waitFor();
   await ana.page.locator("#kind").selectOption("homing");
   await ana.page.locator("#start").click();
   await ana.page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
@@ -152,10 +159,16 @@ try {
   await ana.page.locator(".lease[data-lease=free]").waitFor();
 
   step("nothing on any page keeps out who cannot see or has no mouse");
-  for (const name of ["Live", "Alignment", "History", "Settings"]) {
+  for (const name of ["Live", "Alignment", "Design", "History", "Settings"]) {
     await open(ana.page, name);
-    await ana.page.waitForTimeout(500);
-    await accessible(ana.page);
+    for (const width of [360, 1280]) {
+      await ana.page.setViewportSize({ width, height: 900 });
+      for (const colorScheme of ["dark", "light"]) {
+        await ana.page.emulateMedia({ colorScheme });
+        await ana.page.waitForTimeout(400);
+        await accessible(ana.page);
+      }
+    }
   }
 
   for (const { own } of [ana, ben]) assert.deepEqual(own(), []);

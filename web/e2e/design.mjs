@@ -3,6 +3,7 @@
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
+import { labelled, lengthsIn, printed } from "./checks.mjs";
 import {
   accessible,
   browse,
@@ -54,9 +55,10 @@ try {
   const distance = page.getByLabel("Distance in water, from the shell");
   const asked = [];
   await page.route("**/api/v1/design", async (route) => {
-    asked.push(route.request().postDataJSON());
+    const body = route.request().postDataJSON();
+    asked.push(body);
     // The first answer comes after the second.
-    if (asked.length === 1) await new Promise((resolve) => setTimeout(resolve, 1500));
+    if (body.object?.distance_mm === 400) await new Promise((resolve) => setTimeout(resolve, 1500));
     await route.continue();
   });
   await distance.fill("400");
@@ -75,6 +77,7 @@ try {
   await page.locator(".draft").getByRole("button", { name: "µm", exact: true }).click();
   await holds(distance, "600000");
   assert.match(await deltaV.innerText(), /µm$/);
+  await lengthsIn(page, "µm", ".outcome-column");
   await distance.fill("800000");
   await page.waitForFunction(
     () => document.querySelector(".figures td[data-state=joint]")?.textContent === "+2205 µm",
@@ -101,13 +104,41 @@ try {
     await page.locator(`svg.train[aria-label^="${part}"]`).waitFor();
   }
 
+  step("curves can be read off");
+  for (const [index, said] of [
+    /^e, mm [\d.−]+ · Δv in focus, mm [12]\.\d+$/,
+    /field of view/,
+    /Joint 0/,
+  ].entries()) {
+    await page.locator(".curves .u-over").nth(index).hover();
+    await page.locator(".curves .read-off").nth(index).filter({ hasText: said }).waitFor();
+  }
+
+  step("no word of the drawing is over another, whatever is drawn and however wide it is");
+  for (const width of [360, 900, 1280, 1920]) {
+    await page.setViewportSize({ width, height: 1000 });
+    for (const state of ["Air design", "Shell added", "Clarity", "Joint"]) {
+      await page.getByRole("button", { name: state, exact: true }).click();
+      for (const part of ["Whole scene", "MLA and sensor", "Camera and shell"]) {
+        await page.getByRole("button", { name: part }).click();
+        const drawing = page.locator(`svg.train[aria-label^="${part} of ${state}"]`);
+        await drawing.waitFor();
+        await page.waitForTimeout(60);
+        await labelled(drawing, part === "Whole scene" ? 2 : 3);
+      }
+    }
+  }
+  await page.setViewportSize({ width: 1280, height: 1000 });
+
   step("another camera is set beside it");
   await page.getByLabel("Outer radius").fill("70");
   await page.getByRole("button", { name: "the paper’s preset" }).click();
   await page.locator(".figures .other[data-differs=true]").first().waitFor();
   assert.equal(await page.locator("svg.train").count(), 2);
   assert.match(await figure("Δv", "joint").first().locator(".other").innerText(), /^\+2\.205 mm$/);
+  for (const drawing of await page.locator("svg.train").all()) await labelled(drawing, 4);
   await photograph(page, "design");
+  await printed(page, "design");
   await darken(page, "design");
   await accessible(page);
 

@@ -1,10 +1,9 @@
 // A draft of a camera: which of its values can be edited, what is asked of the daemon for them, what is written.
 
 import { same, valueAt, withValue, type Json, type JsonObject } from "./config-schema";
-import { fixed } from "./format";
 import { numberOf } from "./job-kinds";
 import { keyed, type Sections } from "./water";
-import type { LengthUnit } from "./units";
+import { angle, plain, typedMm, type LengthUnit } from "./units";
 
 /** What a value is measured in: a length follows the unit chosen; the rest stays as it is. */
 export type Measure = "length" | "pixel" | "count" | "plain" | "celsius" | "permille" | "nanometre" | "blur";
@@ -65,19 +64,14 @@ export const GROUPS: FieldGroup[] = [
 /** A value as it is typed. */
 export function spelt(value: Json | undefined, measure: Measure, unit: LengthUnit): string {
   if (typeof value !== "number") return typeof value === "string" ? value : "";
-  return String(measure === "length" && unit === "µm" ? rounded(value * 1000) : value);
+  return measure === "length" ? plain(value, unit) : String(value);
 }
 
 /** What is typed, as the configuration has it; what is no number goes on as text, for the daemon to name it. */
 export function typed(text: string, measure: Measure, unit: LengthUnit): Json {
   const value = numberOf(text);
   if (!Number.isFinite(value)) return text;
-  return measure === "length" && unit === "µm" ? rounded(value / 1000) : value;
-}
-
-/** Without the last digits, which a change of units makes up. */
-function rounded(value: number): number {
-  return Number(value.toPrecision(12));
+  return measure === "length" ? typedMm(value, unit) : value;
 }
 
 /** The sections of `to` with the keys that differ from `from`; the water whole, its keys being alternatives. */
@@ -116,5 +110,5 @@ export function isChanged(from: JsonObject, to: JsonObject, path: string): boole
 
 /** An angle in degrees. */
 export function degrees(value: number | null | undefined): string | null {
-  return typeof value === "number" ? `${fixed(value, 2)}°` : null;
+  return typeof value === "number" ? angle(value, 2) : null;
 }

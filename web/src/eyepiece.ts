@@ -66,6 +66,11 @@ export class Eyepiece {
     this.post({ do: "close" });
   }
 
+  /** Has a lost connection tried again at once. */
+  retry(): void {
+    this.post({ do: "retry" });
+  }
+
   want(wish: Wish): void {
     if (this.wish && sameWish(wish, this.wish)) return;
     this.wish = wish;

@@ -27,3 +27,18 @@ export function span(ms: number): string {
   if (seconds < 99.5) return `${fixed(seconds, 0)} s`;
   return seconds < 99.5 * 60 ? `${fixed(seconds / 60, 0)} min` : `${fixed(seconds / 3600, 0)} h`;
 }
+
+/** How long there is to wait, in words, rounded up. */
+export function wait(seconds: number): string {
+  return seconds < 90 ? `${Math.ceil(seconds)} s` : `${Math.ceil(seconds / 60)} min`;
+}
+
+/** The time of day of a moment, RFC 3339. */
+export function clock(at: string): string {
+  return new Date(at).toLocaleTimeString();
+}
+
+/** Day and time of a moment, RFC 3339; the month in letters, which nobody takes for the day. */
+export function moment(at: string): string {
+  return new Date(at).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "medium" });
+}

@@ -1,13 +1,15 @@
 // What each kind of job takes: the same rules as the daemon's, which has the last word.
 
 import { strings } from "./strings";
+import { length, plain, typedMm, type LengthUnit } from "./units";
 import type { Axis, AxisName, Design, JobKind, JobRequest } from "./wire";
 
 /** A number that a kind takes. */
 export interface NumberField {
   is: "number";
   name: "e_mm" | "distance_mm" | "from_mm" | "to_mm" | "steps" | "duration_s" | "interval_s";
-  unit: "mm" | "s" | "";
+  /** A length is typed in the unit chosen, and bounded and asked for in mm. */
+  measure: "length" | "time" | "count";
   low: number;
   high: number;
   whole: boolean;
@@ -21,30 +23,30 @@ export type Field = NumberField | AxisField;
 
 const number = (
   name: NumberField["name"],
-  unit: NumberField["unit"],
+  measure: NumberField["measure"],
   low: number,
   high: number,
   more: Partial<Pick<NumberField, "whole" | "needed">> = {},
-): NumberField => ({ is: "number", name, unit, low, high, whole: false, needed: false, ...more });
+): NumberField => ({ is: "number", name, measure, low, high, whole: false, needed: false, ...more });
 
 export const FIELDS: Record<JobKind, Field[]> = {
   joint_alignment: [],
   air_only: [],
   shell_only: [],
-  clarity_only: [number("e_mm", "mm", -1000, 1000)],
+  clarity_only: [number("e_mm", "length", -1000, 1000)],
   l_bound_measurement: [],
   focus_sweep: [
     { is: "axis", name: "axis" },
-    number("from_mm", "mm", -1e4, 1e4, { needed: true }),
-    number("to_mm", "mm", -1e4, 1e4, { needed: true }),
-    number("steps", "", 2, 200, { whole: true }),
-    number("distance_mm", "mm", 1, 1e5),
+    number("from_mm", "length", -1e4, 1e4, { needed: true }),
+    number("to_mm", "length", -1e4, 1e4, { needed: true }),
+    number("steps", "count", 2, 200, { whole: true }),
+    number("distance_mm", "length", 1, 1e5),
   ],
   spacing_watch: [
-    number("duration_s", "s", 1, 86_400, { needed: true }),
-    number("interval_s", "s", 0.1, 3600),
+    number("duration_s", "time", 1, 86_400, { needed: true }),
+    number("interval_s", "time", 0.1, 3600),
   ],
-  calibration: [number("distance_mm", "mm", 1, 1e5)],
+  calibration: [number("distance_mm", "length", 1, 1e5)],
   homing: [{ is: "axes", name: "axes" }],
 };
 
@@ -53,6 +55,8 @@ export const KINDS = Object.keys(FIELDS) as JobKind[];
 /** Measurements of a spacing watch, at most. */
 const MOST_MEASUREMENTS = 500;
 const INTERVAL_S = 1;
+/** Positions of a sweep unless given. */
+const STEPS = 11;
 
 /** What stands in a form: text as it was typed, the axes chosen. */
 export interface Draft {
@@ -81,8 +85,8 @@ export function numberOf(text: string): number {
   return plain === "" ? NaN : Number(plain);
 }
 
-/** The request that a form makes, or what is wrong with it, field by field. */
-export function check(draft: Draft, axes: Axis[]): Checked {
+/** The request that a form filled in with lengths of `unit` makes, or what is wrong with it, field by field. */
+export function check(draft: Draft, axes: Axis[], unit: LengthUnit): Checked {
   const faults: Partial<Record<Field["name"] | "note", string>> = {};
   const request: Filled = { kind: draft.kind };
   if (draft.note.trim() !== "") request.note = draft.note.trim();
@@ -98,11 +102,12 @@ export function check(draft: Draft, axes: Axis[]): Checked {
         if (field.needed) faults[field.name] = strings.form.needed;
         continue;
       }
-      const value = numberOf(text);
+      const read = numberOf(text);
+      const value = field.measure === "length" && Number.isFinite(read) ? typedMm(read, unit) : read;
       const [low, high] = reach(field, draft, axes);
       if (!Number.isFinite(value)) faults[field.name] = strings.form.noNumber;
       else if (field.whole && !Number.isInteger(value)) faults[field.name] = strings.form.notWhole;
-      else if (value < low || value > high) faults[field.name] = strings.form.outside(low, high, field.unit);
+      else if (value < low || value > high) faults[field.name] = outside(field, low, high, unit);
       else request[field.name] = value;
     }
   }
@@ -118,6 +123,32 @@ export function check(draft: Draft, axes: Axis[]): Checked {
     : { ok: true, request: request as JobRequest };
 }
 
+function outside({ measure }: NumberField, low: number, high: number, unit: LengthUnit): string {
+  if (measure === "length") return strings.form.outside(length(low, unit), length(high, unit));
+  const spelt = (value: number) => (measure === "time" ? strings.form.seconds(value) : String(value));
+  return strings.form.outside(spelt(low), spelt(high));
+}
+
+/** What the numbers of a form come to together, where that is more than they say one by one; null while one is missing. */
+export function implied(draft: Draft, axes: Axis[], unit: LengthUnit): string | null {
+  const checked = check(draft, axes, unit);
+  if (!checked.ok) return null;
+  const { request } = checked;
+  switch (request.kind) {
+    case "focus_sweep": {
+      const positions = request.steps ?? STEPS;
+      const apart = Math.abs(request.to_mm - request.from_mm) / (positions - 1);
+      return strings.job.sweepMeans(positions, length(apart, unit, 4));
+    }
+    case "spacing_watch": {
+      const interval = request.interval_s ?? INTERVAL_S;
+      return strings.job.watchMeans(Math.floor(request.duration_s / interval) + 1);
+    }
+    default:
+      return null;
+  }
+}
+
 /** Where a sweep may go is where its axis may go. */
 function reach(field: NumberField, draft: Draft, axes: Axis[]): [number, number] {
   const axis = axes.find((axis) => axis.axis === draft.axis);
@@ -126,14 +157,15 @@ function reach(field: NumberField, draft: Draft, axes: Axis[]): [number, number]
 }
 
 /** What is taken where a field is left empty, as far as the page knows it. */
-export function unless(name: NumberField["name"], design: Design | null): string {
+export function unless(name: NumberField["name"], design: Design | null, unit: LengthUnit): string {
+  const tenths = (mm: number) => plain(Number(mm.toFixed(1)), unit);
   switch (name) {
     case "e_mm":
-      return design ? design.clarity.e_mm.toFixed(1) : "";
+      return design ? tenths(design.clarity.e_mm) : "";
     case "distance_mm":
-      return design ? design.joint.equivalent_distance_mm.toFixed(1) : "";
+      return design ? tenths(design.joint.equivalent_distance_mm) : "";
     case "steps":
-      return "11";
+      return String(STEPS);
     case "interval_s":
       return String(INTERVAL_S);
     default:

@@ -23,7 +23,8 @@ const QUICK_MS = 40;
 const NEWEST = 0.2;
 
 export interface Listener {
-  link(link: Link): void;
+  /** `nextAt` is when it is tried again, this page's clock, ms; null where nothing is to be tried. */
+  link(link: Link, nextAt: number | null): void;
   /** `cameAt` is this page's clock, ms. */
   message(message: ServerMessage, cameAt: number): void;
   /** Resolves when the picture has been drawn. */
@@ -31,11 +32,11 @@ export interface Listener {
   map(map: FieldMap): void;
 }
 
-const MAX_RATE_HZ = 30;
 const QUALITY = 85;
 
 export class Live {
   private socket: WebSocket | null = null;
+  private retry: ReturnType<typeof setTimeout> | null = null;
   private retryMs = FIRST_RETRY_MS;
   private heardAt = 0;
   private wanted = false;
@@ -44,7 +45,7 @@ export class Live {
   private slow = false;
   /** Frames left out: of those asked for before, and of those asked for last, which the daemon counts anew. */
   private leftOut = { before: 0, since: 0 };
-  private wish: Wish = { pictures: false, overlay: false, reduce: 1, show: "raw" };
+  private wish: Wish = { pictures: false, rateHz: 1, overlay: false, reduce: 1, show: "raw" };
 
   constructor(
     private readonly url: string,
@@ -70,12 +71,21 @@ export class Live {
     this.ask();
   }
 
+  /** Tries at once what would be tried later. */
+  now(): void {
+    if (!this.wanted || this.socket) return;
+    this.retryMs = FIRST_RETRY_MS;
+    this.connect();
+  }
+
   start(): void {
     setInterval(() => this.watch(), 1000);
   }
 
   private connect(): void {
     if (!this.wanted || this.socket) return;
+    if (this.retry !== null) clearTimeout(this.retry);
+    this.retry = null;
     const socket = new WebSocket(this.url);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
@@ -96,8 +106,8 @@ export class Live {
     socket.onclose = () => {
       if (this.socket !== socket) return;
       this.socket = null;
-      this.listener.link("lost");
-      setTimeout(() => this.connect(), this.retryMs);
+      this.listener.link("lost", this.wanted ? Date.now() + this.retryMs : null);
+      this.retry = setTimeout(() => this.connect(), this.retryMs);
       this.retryMs = Math.min(this.retryMs * 2, LONGEST_RETRY_MS);
     };
   }
@@ -140,11 +150,11 @@ export class Live {
 
   private ask(): void {
     if (!this.socket) return;
-    const { pictures: on, overlay, reduce, show } = this.wish;
+    const { pictures: on, rateHz, overlay, reduce, show } = this.wish;
     this.send(this.socket, {
       type: "pictures",
       on,
-      max_rate_hz: MAX_RATE_HZ,
+      max_rate_hz: rateHz,
       reduce,
       show,
       quality: QUALITY,

@@ -14,6 +14,7 @@ import { stop, watchStopKey } from "./stopping";
 import type { Report } from "./viewer";
 import { App } from "./views/app";
 import type { Problem } from "./wire";
+import { lookedAt, wishOf } from "./wish";
 
 const ASK_AGAIN_MS = 2000;
 
@@ -43,13 +44,14 @@ function heed(): void {
   eyepiece.showOverlays(overlays);
   if (state.link !== "open") jog.release();
   const small = window.innerWidth * window.devicePixelRatio < 700;
-  eyepiece.want({
-    pictures: route.page === "live" && document.visibilityState === "visible",
-    overlay: overlays.some((overlay) => overlay !== "saturation"),
-    // Where one looks closely, every pixel is wanted.
-    reduce: small && eyepiece.whole ? 2 : 1,
-    show: preferences.show,
-  });
+  eyepiece.want(
+    wishOf(lookedAt(route, document.visibilityState === "visible"), {
+      overlay: overlays.some((overlay) => overlay !== "saturation"),
+      // Where one looks closely, every pixel is wanted.
+      reduce: small && eyepiece.whole ? 2 : 1,
+      show: preferences.show,
+    }),
+  );
 }
 
 /** What the viewer reports. */
@@ -58,7 +60,7 @@ function receiveReport(report: Report): void {
   if (state.session === "stranger" && report.is !== "link") return;
   switch (report.is) {
     case "link":
-      set({ ...state, link: report.link });
+      set({ ...state, link: report.link, retryAt: report.nextAt });
       void identify();
       return;
     case "message": {

@@ -31,3 +31,14 @@ export function digits(sigma: number): number {
   if (!(sigma > 0) || !Number.isFinite(sigma)) return 4;
   return Math.min(4, Math.max(0, 1 - Math.floor(Math.log10(sigma))));
 }
+
+/** An uncertainty changes by so much, either way, before a figure is given another number of decimals. */
+const HOLD = 1.5;
+
+/** The same, but as before while an uncertainty only just calls for others: a figure is not to change its length with each
+ *  measurement. */
+export function steadyDigits(sigma: number, before: number | null): number {
+  const wanted = digits(sigma);
+  const still = [digits(sigma * HOLD), digits(sigma / HOLD)];
+  return before !== null && still.includes(before) ? before : wanted;
+}

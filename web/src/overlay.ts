@@ -1,6 +1,7 @@
 // What is laid over the picture, drawn in raw pixels.
 
 import { range, tint } from "./field-map";
+import type { Line } from "./field-surface";
 import type { FieldMap, Lens } from "./wire";
 
 export type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D;
@@ -8,6 +9,10 @@ export type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext
 const GRID = "#5ad2c0";
 const CROSS = "#ff4fd0";
 const PAIR = "#ffffff";
+const SHADE = "#000000b0";
+const TARGET = "#ffffff";
+const LINE_BELOW = "#8ab6ff";
+const LINE_ABOVE = "#ffc46b";
 
 function disc(context: Context, lens: Lens, radius: number): void {
   context.moveTo(lens.x + radius, lens.y);
@@ -24,6 +29,29 @@ export function drawError(context: Context, map: FieldMap): void {
     disc(context, lens, 0.48 * map.pitchPx);
     context.fill();
   }
+}
+
+/** Lines of equal spacing, that of the target stronger. */
+export function drawLines(context: Context, lines: Line[]): void {
+  const width = context.lineWidth;
+  for (const { errorPx, pieces } of lines) {
+    context.beginPath();
+    for (const [x1, y1, x2, y2] of pieces) {
+      context.moveTo(x1, y1);
+      context.lineTo(x2, y2);
+    }
+    const own = (errorPx === 0 ? 3 : 1.5) * width;
+    // Seen on what is bright, too.
+    for (const [colour, more] of [
+      [SHADE, 2 * width],
+      [errorPx === 0 ? TARGET : errorPx < 0 ? LINE_BELOW : LINE_ABOVE, 0],
+    ] as const) {
+      context.strokeStyle = colour;
+      context.lineWidth = own + more;
+      context.stroke();
+    }
+  }
+  context.lineWidth = width;
 }
 
 export function drawPairs(context: Context, links: [Lens, Lens][]): void {

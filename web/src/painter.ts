@@ -2,7 +2,8 @@
 // decided elsewhere.
 
 import { pairs } from "./field-map";
-import { drawError, drawGrid, drawPairs, type Context } from "./overlay";
+import { linesOf, surfaceOf, type Line } from "./field-surface";
+import { drawError, drawGrid, drawLines, drawPairs, type Context } from "./overlay";
 import type { Overlay } from "./preferences";
 import { SaturationWatch } from "./saturation-watch";
 import { onFrame } from "./screen-frame";
@@ -31,6 +32,7 @@ export class Painter {
   private facts: PictureFacts | null = null;
   private map: FieldMap | null = null;
   private links: [Lens, Lens][] = [];
+  private lines: Line[] = [];
   private overlays: Overlay[] = [];
   private look: Look | null = null;
   private readonly saturated: SaturationWatch;
@@ -95,13 +97,18 @@ export class Painter {
     this.bitmap = this.facts = this.map = null;
     this.saturated.forget();
     this.links = [];
+    this.lines = [];
     this.soon(true);
   }
 
-  showMap(map: FieldMap): void {
+  /** Shows it; how far its lines of equal spacing are apart, px, or null where it has none. */
+  showMap(map: FieldMap): number | null {
     this.map = map;
     this.links = pairs(map);
+    const surface = surfaceOf(map);
+    this.lines = surface ? linesOf(surface) : [];
     this.soon(true);
+    return surface?.stepPx ?? null;
   }
 
   showOverlays(overlays: Overlay[]): void {
@@ -168,7 +175,10 @@ export class Painter {
     if (this.overlays.includes("saturation")) this.drawSaturation(context, seen.frame);
     const map = this.map;
     if (!map) return;
-    if (this.overlays.includes("error")) drawError(context, map);
+    if (this.overlays.includes("error")) {
+      drawError(context, map);
+      drawLines(context, this.lines);
+    }
     if (this.overlays.includes("pairs")) drawPairs(context, this.links);
     if (this.overlays.includes("grid")) drawGrid(context, map);
   }

@@ -2,7 +2,7 @@
 
 import { SHOWS } from "./show";
 import { SPACE, type StopKey } from "./stop-key";
-import type { LengthUnit } from "./units";
+import { UNITS, type LengthUnit } from "./units";
 
 /** What can be drawn over the picture. */
 export const OVERLAYS = ["grid", "pairs", "error", "saturation"] as const;
@@ -51,7 +51,7 @@ export function recall(storage: Pick<Storage, "getItem">): Preferences {
     name: text(kept["name"]) ? kept["name"].slice(0, 64) : standard.name,
     stopKey:
       key && text(key.code) && key.code !== "" && text(key.name) ? { code: key.code, name: key.name } : SPACE,
-    unit: kept["unit"] === "µm" ? "µm" : "mm",
+    unit: UNITS.find((unit) => unit === kept["unit"]) ?? standard.unit,
     overlays: Array.isArray(overlays) ? OVERLAYS.filter((overlay) => overlays.includes(overlay)) : [],
     show: SHOWS.find((show) => show === kept["show"]) ?? standard.show,
     stepMm: STEPS_MM.find((step) => step === kept["stepMm"]) ?? standard.stepMm,

@@ -16,6 +16,7 @@ import type {
   Scope,
   ServerMessage,
   Session,
+  StopReport,
 } from "./wire";
 
 export type Link = "connecting" | "open" | "lost";
@@ -24,6 +25,8 @@ export interface State {
   /** Who one is to the daemon; "stranger" where it asks for a token; null before it has said. */
   session: Session | "stranger" | null;
   link: Link;
+  /** When a lost connection is tried again, this page's clock, ms; null while it is being tried. */
+  retryAt: number | null;
   bootId: string | null;
   seq: number;
   version: string | null;
@@ -43,6 +46,8 @@ export interface State {
   problem: Problem | null;
   /** A stop that could not be delivered: nothing else hides it. */
   stopFailed: Problem | null;
+  /** What became of a stop that this page sent, axis by axis, until it is reset. */
+  stopSent: Pick<StopReport, "focus" | "e"> | null;
   route: Route;
   preferences: Preferences;
   /** The design of the configured camera, where it has been asked for. */
@@ -56,6 +61,7 @@ export interface State {
 export const initial: State = {
   session: null,
   link: "connecting",
+  retryAt: null,
   bootId: null,
   seq: 0,
   version: null,
@@ -69,6 +75,7 @@ export const initial: State = {
   heardAt: null,
   problem: null,
   stopFailed: null,
+  stopSent: null,
   route: routeOf(""),
   preferences: standard,
   design: null,
@@ -99,6 +106,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         clock: unknown,
         version: message.version,
         bench: message.bench,
+        stopSent: withStop(state, message.bench),
         jobs: message.jobs,
         measurement: message.measurement ?? null,
         measurementAt: message.measurement
@@ -108,7 +116,15 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
     case "bench":
-      return { ...heard, seq, bench: message.bench, axes: withAxes(state, message.bench, now) };
+      return {
+        ...heard,
+        seq,
+        bench: message.bench,
+        stopSent: withStop(state, message.bench),
+        axes: withAxes(state, message.bench, now),
+        // With the shell on it is another camera: what was best without says nothing.
+        ...(state.bench && state.bench.shell !== message.bench.shell ? { best: null } : {}),
+      };
     case "job":
       return { ...heard, seq, jobs: withJob(state.jobs, message.job) };
     case "measurement":
@@ -122,6 +138,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
           spacingPx: message.measurement.spacing.spacing_px,
           sigmaPx: message.measurement.spacing.spacing_sigma_px,
           targetPx: message.measurement.spacing_target_px,
+          eog: message.measurement.eog ?? null,
         }),
       };
     case "tick":
@@ -139,6 +156,11 @@ function withAxes(state: State, bench: Bench, now: number): Trail<AxesPoint> {
     return axis?.homed ? (axis.position_mm ?? null) : null;
   };
   return follow(state.axes, now / 1000, { focusMm: of("focus"), eMm: of("e") });
+}
+
+/** A stop that has been reset is over. */
+function withStop(state: State, bench: Bench): State["stopSent"] {
+  return state.bench?.stop.latched && !bench.stop.latched ? null : state.stopSent;
 }
 
 /** The jobs with one replaced, if what came is newer, or added. */

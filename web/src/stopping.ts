@@ -4,7 +4,6 @@ import * as api from "./api";
 import { jog } from "./jogging";
 import type { State } from "./state";
 import { meaning, type StopKey } from "./stop-key";
-import { strings } from "./strings";
 
 const TRIES = 3;
 const REST_MS = 250;
@@ -20,9 +19,7 @@ export async function stop(update: (change: Partial<State>) => void): Promise<vo
   }
   if (!result.ok) return update({ stopFailed: result.problem });
   const { focus, e } = result.value;
-  const detail = strings.stop.sent(strings.stop.delivery[focus], strings.stop.delivery[e]);
-  const problem = { type: "about:blank", title: strings.stop.stopped, status: 200, detail };
-  return update({ stopFailed: null, problem });
+  return update({ stopFailed: null, stopSent: { focus, e } });
 }
 
 /** Has the stop key stop the bench, before anything else on the page sees it. */

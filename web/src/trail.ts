@@ -22,11 +22,13 @@ export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): T
   return { at: [...trail.at.slice(from), atS], points: [...trail.points.slice(from), point] };
 }
 
-/** A spacing with its uncertainty and target, px. */
+/** A spacing with its uncertainty and target, px, and how clear the picture was. */
 export interface SpacingPoint {
   spacingPx: number;
   sigmaPx: number;
   targetPx: number;
+  /** Energy of gradient of the central view, mean a pixel; null where no view could be made. */
+  eog: number | null;
 }
 
 /** Readbacks, mm; null while unknown. */

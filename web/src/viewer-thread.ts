@@ -67,7 +67,7 @@ export class ViewerThread {
     if (this.silent < CHECKS || !this.worker) return;
     this.silent = 0;
     this.worker.terminate();
-    this.report({ is: "link", link: "lost" });
+    this.report({ is: "link", link: "lost", nextAt: null });
     this.worker = this.start();
     for (const command of this.standing.values()) this.worker.postMessage(command);
     this.restarted();

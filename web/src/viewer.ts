@@ -15,6 +15,7 @@ import type { Wish } from "./wish";
 export type Command =
   | { do: "open" }
   | { do: "close" }
+  | { do: "retry" }
   | { do: "want"; wish: Wish }
   | { do: "attach"; canvas: Surface; over: Surface }
   | { do: "detach" }
@@ -27,13 +28,15 @@ export type Command =
 export interface MapFacts {
   frameSeq: number;
   rangePx: number;
+  /** Between two lines of equal spacing, px; null where it is level within the scatter. */
+  stepPx: number | null;
 }
 
 /** Times are the page's clock, ms. */
 export type Report =
   /** Now and then, whatever else there is to report. */
   | { is: "alive" }
-  | { is: "link"; link: Link }
+  | { is: "link"; link: Link; nextAt: number | null }
   | { is: "message"; message: ServerMessage; cameAt: number }
   /** A picture has been drawn. */
   | { is: "picture"; facts: PictureFacts; size: Size; sentAt: number }
@@ -52,7 +55,7 @@ export class Viewer {
     this.painter = new Painter((share) => report({ is: "saturation", share }));
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
-      link: (link) => report({ is: "link", link }),
+      link: (link, nextAt) => report({ is: "link", link, nextAt }),
       message: (message, cameAt) => {
         if (message.type === "snapshot") this.clock = unknown;
         if (message.type === "tick") this.clock = heard(this.clock, cameAt, message.now);
@@ -66,8 +69,8 @@ export class Viewer {
         await new Promise<void>((resolve) => onFrame(resolve));
       },
       map: (map) => {
-        this.painter.showMap(map);
-        report({ is: "map", map: { frameSeq: map.frameSeq, rangePx: range(map) } });
+        const stepPx = this.painter.showMap(map);
+        report({ is: "map", map: { frameSeq: map.frameSeq, rangePx: range(map), stepPx } });
       },
     });
     this.live.start();
@@ -80,6 +83,8 @@ export class Viewer {
         return this.live.open();
       case "close":
         return this.live.close();
+      case "retry":
+        return this.live.now();
       case "want":
         return this.live.want(command.wish);
       case "attach":

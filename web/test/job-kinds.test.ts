@@ -1,11 +1,11 @@
 import { describe, expect, it } from "vitest";
-import { check, draftOf, FIELDS, KINDS, numberOf, unless } from "../src/job-kinds";
+import { check, draftOf, FIELDS, implied, KINDS, numberOf, unless } from "../src/job-kinds";
 import { comparison } from "../src/comparison";
 import { everything, queryOf } from "../src/job-query";
 import { bench, design, job } from "./fixtures";
 
 const faults = (draft: ReturnType<typeof draftOf>) => {
-  const checked = check(draft, bench.axes);
+  const checked = check(draft, bench.axes, "mm");
   return checked.ok ? [] : Object.keys(checked.faults);
 };
 
@@ -14,7 +14,7 @@ describe("the form of a job", () => {
     expect(KINDS).toHaveLength(9);
     for (const kind of ["joint_alignment", "air_only", "shell_only", "l_bound_measurement"] as const) {
       expect(FIELDS[kind]).toEqual([]);
-      expect(check(draftOf(kind), bench.axes)).toEqual({ ok: true, request: { kind } });
+      expect(check(draftOf(kind), bench.axes, "mm")).toEqual({ ok: true, request: { kind } });
     }
   });
 
@@ -25,11 +25,45 @@ describe("the form of a job", () => {
     expect(faults({ ...sweep, numbers: { from_mm: "0", to_mm: "1", steps: "2.5" } })).toEqual(["steps"]);
     expect(faults({ ...sweep, axis: "e", numbers: { from_mm: "20", to_mm: "x" } })).toEqual(["to_mm"]);
     expect(
-      check({ ...sweep, note: " drift ", numbers: { from_mm: "0,5", to_mm: "1", steps: "5" } }, bench.axes),
+      check(
+        { ...sweep, note: " drift ", numbers: { from_mm: "0,5", to_mm: "1", steps: "5" } },
+        bench.axes,
+        "mm",
+      ),
     ).toEqual({
       ok: true,
       request: { kind: "focus_sweep", note: "drift", axis: "focus", from_mm: 0.5, to_mm: 1, steps: 5 },
     });
+  });
+
+  it("takes lengths in the unit chosen, and says its bounds in it", () => {
+    const sweep = {
+      ...draftOf("focus_sweep"),
+      numbers: { from_mm: "500", to_mm: "1234,5", duration_s: "9" },
+    };
+    expect(check(sweep, bench.axes, "µm")).toEqual({
+      ok: true,
+      request: { kind: "focus_sweep", axis: "focus", from_mm: 0.5, to_mm: 1.2345 },
+    });
+    const far = check({ ...sweep, numbers: { from_mm: "-2001", to_mm: "0" } }, bench.axes, "µm");
+    expect(far).toEqual({ ok: false, faults: { from_mm: "It has to be within −2000 µm to 5000 µm." } });
+    const watch = { ...draftOf("spacing_watch"), numbers: { duration_s: "0.5" } };
+    expect(check(watch, bench.axes, "µm")).toEqual({
+      ok: false,
+      faults: { duration_s: "It has to be within 1 s to 86400 s." },
+    });
+  });
+
+  it("says what its numbers come to together", () => {
+    const sweep = { ...draftOf("focus_sweep"), numbers: { from_mm: "0", to_mm: "1" } };
+    expect(implied(sweep, bench.axes, "mm")).toBe("11 positions, 0.1000 mm apart");
+    expect(
+      implied({ ...sweep, numbers: { from_mm: "1000", to_mm: "0", steps: "5" } }, bench.axes, "µm"),
+    ).toBe("5 positions, 250.0 µm apart");
+    expect(implied({ ...sweep, numbers: { from_mm: "0" } }, bench.axes, "mm")).toBeNull();
+    const watch = { ...draftOf("spacing_watch"), numbers: { duration_s: "60", interval_s: "5" } };
+    expect(implied(watch, bench.axes, "mm")).toBe("About 13 measurements");
+    expect(implied(draftOf("joint_alignment"), bench.axes, "mm")).toBeNull();
   });
 
   it("measures no more than five hundred times", () => {
@@ -40,7 +74,7 @@ describe("the form of a job", () => {
 
   it("homes at least one axis", () => {
     const homing = draftOf("homing");
-    expect(check(homing, bench.axes)).toEqual({
+    expect(check(homing, bench.axes, "mm")).toEqual({
       ok: true,
       request: { kind: "homing", axes: ["focus", "e"] },
     });
@@ -49,8 +83,9 @@ describe("the form of a job", () => {
 
   it("reads numbers as people type them and says what stands where none is typed", () => {
     expect([numberOf("1,5"), numberOf(" −2 "), numberOf("")]).toEqual([1.5, -2, NaN]);
-    expect(unless("e_mm", design)).toBe("30.0");
-    expect(unless("distance_mm", null)).toBe("");
+    expect(unless("e_mm", design, "mm")).toBe("30");
+    expect(unless("e_mm", design, "µm")).toBe("30000");
+    expect(unless("distance_mm", null, "mm")).toBe("");
   });
 });
 

@@ -11,12 +11,18 @@ class Socket {
   binaryType = "";
   sent: { type: string; seq?: number; window?: number }[] = [];
   onopen: (() => void) | null = null;
+  onclose: (() => void) | null = null;
+  static made = 0;
   onmessage: ((event: { data: ArrayBuffer }) => void) | null = null;
   constructor() {
     Socket.newest = this;
+    Socket.made += 1;
   }
   send(text: string): void {
     this.sent.push(JSON.parse(text) as Socket["sent"][number]);
+  }
+  close(): void {
+    // The browser says so later.
   }
   picture(seq: number, framesSkipped = 0): void {
     const value = create(FrameSchema, {
@@ -32,6 +38,8 @@ class Socket {
 describe("the live connection", () => {
   let drawn: PictureFacts[] = [];
   let draw: () => Promise<void>;
+  let live: Live;
+  let links: [string, number | null][] = [];
   const socket = () => Socket.newest;
   const sent = (type: string) => socket().sent.filter((message) => message.type === type);
 
@@ -40,8 +48,9 @@ describe("the live connection", () => {
     vi.stubGlobal("WebSocket", Socket);
     drawn = [];
     draw = () => Promise.resolve();
-    const live = new Live("ws://bench", {
-      link: () => undefined,
+    links = [];
+    live = new Live("ws://bench", {
+      link: (link, nextAt) => void links.push([link, nextAt === null ? null : nextAt - Date.now()]),
       message: () => undefined,
       map: () => undefined,
       picture: ({ facts }) => {
@@ -49,7 +58,7 @@ describe("the live connection", () => {
         return draw();
       },
     });
-    live.want({ pictures: true, overlay: false, reduce: 1, show: "raw" });
+    live.want({ pictures: true, rateHz: 30, overlay: false, reduce: 1, show: "raw" });
     live.open();
     socket().onopen?.();
   });
@@ -81,6 +90,37 @@ describe("the live connection", () => {
     // Between the two it stays as it is.
     expect(await after(50)).toEqual([2, 1]);
     expect(await after(10)).toEqual([2, 1, 2]);
+  });
+
+  it("says when it tries again, ever later, and tries at once when it is asked to", () => {
+    const made = Socket.made;
+    socket().onclose?.();
+    expect(links).toEqual([["lost", 500]]);
+    vi.advanceTimersByTime(499);
+    expect(Socket.made).toBe(made);
+    vi.advanceTimersByTime(1);
+    expect(Socket.made).toBe(made + 1);
+    socket().onclose?.();
+    expect(links[1]).toEqual(["lost", 1000]);
+    live.now();
+    expect(Socket.made).toBe(made + 2);
+    // What was to come later does not come besides, and nothing comes of asking twice.
+    live.now();
+    vi.advanceTimersByTime(3000);
+    expect(Socket.made).toBe(made + 2);
+    // Asked to, it begins anew.
+    socket().onclose?.();
+    expect(links[2]).toEqual(["lost", 500]);
+  });
+
+  it("tries nothing again when it was closed on purpose", () => {
+    live.close();
+    socket().onclose?.();
+    expect(links).toEqual([["lost", null]]);
+    const made = Socket.made;
+    live.now();
+    vi.advanceTimersByTime(60_000);
+    expect(Socket.made).toBe(made);
   });
 
   it("counts frames left out on, where the daemon begins anew", () => {

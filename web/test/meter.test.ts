@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { advice } from "../src/advice";
 import { correction, octant, tilt } from "../src/correction";
-import { band, beyond, digits, END_PX, place } from "../src/meter";
+import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter";
 import { best, reading } from "../src/reading";
 import { design, measurement } from "./fixtures";
 
@@ -31,6 +31,16 @@ describe("the meter's scale", () => {
 
   it("gives two digits of the uncertainty, and four decimals at most", () => {
     expect([0.0021, 0.013, 0.4, 3, 25, 0, Infinity].map(digits)).toEqual([4, 3, 2, 1, 0, 4, 4]);
+  });
+});
+
+describe("the meter's figure", () => {
+  it("keeps its length while the uncertainty only just calls for another", () => {
+    expect(steadyDigits(0.0099, null)).toBe(4);
+    expect(steadyDigits(0.0101, 4)).toBe(4);
+    expect(steadyDigits(0.0099, 3)).toBe(3);
+    expect(steadyDigits(0.02, 4)).toBe(3);
+    expect(steadyDigits(0.0099, 0)).toBe(4);
   });
 });
 

@@ -7,6 +7,7 @@ import { extent, overlaysOn } from "../src/show";
 import { initial, may } from "../src/state";
 import { SPACE } from "../src/stop-key";
 import { follow, noTrail, SPAN_S, type Trail } from "../src/trail";
+import { lookedAt, wishOf } from "../src/wish";
 import { length, signedLength } from "../src/units";
 
 const id = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
@@ -67,6 +68,26 @@ describe("the picture shown", () => {
     expect(overlaysOn("raw", ["grid"])).toEqual(["grid"]);
     expect(overlaysOn("depth", ["grid"])).toEqual([]);
     expect(overlaysOn("depth", ["grid"])).toBe(overlaysOn("central", ["error"]));
+  });
+});
+
+describe("what the page wishes for", () => {
+  const picture = { overlay: true, reduce: 1, show: "depth" } as const;
+  const wish = (hash: string, visible = true) => wishOf(lookedAt(routeOf(hash), visible), picture);
+  it("is every picture on the live page, and nothing where nobody looks", () => {
+    expect(wish("#/live")).toEqual({ ...picture, pictures: true, rateHz: 30 });
+    for (const wished of [wish("#/live", false), wish("#/design"), wish("#/alignment/" + id)])
+      expect(wished.pictures).toBe(false);
+  });
+
+  it("is enough for the meter to be measured where it stands alone", () => {
+    expect(wish("#/alignment")).toEqual({
+      pictures: true,
+      rateHz: 1,
+      overlay: false,
+      reduce: 4,
+      show: "raw",
+    });
   });
 });
 

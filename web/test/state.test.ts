@@ -142,3 +142,43 @@ describe("numbers", () => {
     expect(withSigma(null, 1, 2)).toBeNull();
   });
 });
+
+describe("the bench anew", () => {
+  const said = (change: Partial<typeof bench>): ServerMessage => ({
+    type: "bench",
+    seq: 9,
+    boot_id: boot,
+    bench: { ...bench, ...change },
+  });
+  const measured = (): State =>
+    receive(
+      open(),
+      {
+        type: "measurement",
+        seq: 6,
+        boot_id: boot,
+        measurement: { ...measurement(19.73, 0.002), eog: 1300 },
+      },
+      5000,
+    );
+
+  it("forgets the best measurement with the shell taken on or off, which makes it another camera", () => {
+    expect(receive(measured(), said({}), 6000).best).not.toBeNull();
+    expect(receive(measured(), said({ shell: "on" }), 6000).best).toBeNull();
+  });
+
+  it("forgets what became of a stop once it is reset, and not before it is known", () => {
+    const sent: State = { ...open(), stopSent: { focus: "confirmed", e: "undeliverable" } };
+    const before = receive(sent, said({}), 6000);
+    expect(before.stopSent).toEqual({ focus: "confirmed", e: "undeliverable" });
+    const latched = receive(before, said({ stop: { latched: true, since: "2026-01-01T00:00:00Z" } }), 6000);
+    expect(latched.stopSent).not.toBeNull();
+    expect(receive(latched, said({}), 7000).stopSent).toBeNull();
+  });
+
+  it("keeps clarity beside the spacing, for the charts", () => {
+    expect(measured().spacings.points).toEqual([
+      { spacingPx: 19.73, sigmaPx: 0.002, targetPx: 19.725, eog: 1300 },
+    ]);
+  });
+});

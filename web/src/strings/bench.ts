@@ -4,6 +4,7 @@ import type { AxisName, ShellState, Side } from "../wire";
 
 export const lease = {
   owner: "a browser",
+  unclear: "Who has control is not known.",
   free: "Nobody has control.",
   mine: "This page has control.",
   held: (owner: string, note?: string | null) => `${owner} has control${note ? ` (${note})` : ""}.`,

@@ -20,8 +20,11 @@ export const history = {
   compare: "Compare",
   compareThis: (what: string) => `Compare ${what}`,
   compareMore: "Choose up to two jobs to see them on one chart.",
-  compareTitle: "Two runs on one chart",
+  compareTitle: (runs: number) =>
+    runs < 2 ? "One run: choose another to compare it with" : "Two runs on one chart",
   clear: "Clear",
+  first: "first run, px",
+  second: "second run, px",
   difference: "spacing less target, px",
   missing: "Jobs of earlier runs are missing",
 };

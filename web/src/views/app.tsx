@@ -35,9 +35,10 @@ export function App({ state, now, update, enter, leave }: Props) {
     return result.ok;
   };
   const simulated = state.bench?.simulated ?? false;
+  const where = state.session === "stranger" ? strings.signIn.signIn : strings.pages[state.route.page];
   useEffect(() => {
-    document.title = simulated ? strings.simulatedTitle : strings.title;
-  }, [simulated]);
+    document.title = strings.windowTitle(where, simulated);
+  }, [simulated, where]);
   if (state.session === "stranger") {
     return (
       <>

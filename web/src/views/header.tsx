@@ -1,3 +1,5 @@
+import { eyepiece } from "../eyepiece";
+import { wait } from "../format";
 import { addressOf, PAGES } from "../route";
 import { strings } from "../strings";
 import { Absences } from "./absences";
@@ -44,14 +46,17 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
         <Stop {...scene} />
       </div>
       {state.link !== "open" && (
-        <div class="link" role="status" data-link={state.link}>
-          {state.link === "lost" ? (
-            <>
-              <b>{strings.lost}</b> <span>{strings.lostMore}</span>
-            </>
-          ) : (
-            strings.connecting
-          )}
+        <div class="link" data-link={state.link}>
+          <p role="status">
+            {state.link === "lost" ? (
+              <>
+                <b>{strings.lost}</b> <span>{strings.lostMore}</span>
+              </>
+            ) : (
+              strings.connecting
+            )}
+          </p>
+          {state.link === "lost" && <Retry {...scene} />}
         </div>
       )}
       <StopNotices {...scene} />
@@ -63,8 +68,28 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
           </p>
         </div>
       )}
-      {state.problem && <ProblemLine problem={state.problem} dismiss={() => update({ problem: null })} />}
+      {state.problem && (
+        <ProblemLine
+          problem={state.problem}
+          unit={state.preferences.unit}
+          dismiss={() => update({ problem: null })}
+        />
+      )}
     </header>
+  );
+}
+
+/** When it is tried again, and how to have it tried at once. */
+function Retry({ state, now }: Scene) {
+  const left = state.retryAt === null ? 0 : state.retryAt - now;
+  return (
+    <span class="retry">
+      {/* A count of seconds is not for the ear. */}
+      <span aria-hidden="true">{left > 0 ? strings.retryIn(wait(left / 1000)) : strings.retrying}</span>
+      <button type="button" id="retry" onClick={() => eyepiece.retry()}>
+        {strings.retryNow}
+      </button>
+    </span>
   );
 }
 

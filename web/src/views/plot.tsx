@@ -37,6 +37,7 @@ interface Props {
 /** A chart. Its options are those of its first showing; its data is kept up with. */
 export function Plot({ label, height, data, options }: Props) {
   const holder = useRef<HTMLDivElement>(null);
+  const read = useRef<HTMLParagraphElement>(null);
   const plot = useRef<uPlot | null>(null);
   const newest = useRef(data);
   newest.current = data;
@@ -47,15 +48,23 @@ export function Plot({ label, height, data, options }: Props) {
     const make = () => {
       plot.current?.destroy();
       const size = { width: element.clientWidth, height };
-      plot.current = new uPlot({ ...options(theme(element)), ...size }, newest.current, element);
+      const asked = options(theme(element));
+      const names = asked.series.map(({ label }) => label);
+      // Straight onto the page: the pointer moves faster than the page is drawn.
+      const say = (plot: uPlot) => {
+        if (read.current) read.current.textContent = readOff(plot, names);
+      };
+      const hooks = { ...asked.hooks, setCursor: [say] };
+      plot.current = new uPlot({ ...asked, ...size, hooks }, newest.current, element);
     };
     make();
     const resize = new ResizeObserver(() => plot.current?.setSize({ width: element.clientWidth, height }));
     resize.observe(element);
-    const scheme = matchMedia("(prefers-color-scheme: dark)");
-    scheme.addEventListener("change", make);
+    // Other colours, and on paper another width besides.
+    const media = [matchMedia("(prefers-color-scheme: dark)"), matchMedia("print")];
+    for (const one of media) one.addEventListener("change", make);
     return () => {
-      scheme.removeEventListener("change", make);
+      for (const one of media) one.removeEventListener("change", make);
       resize.disconnect();
       plot.current?.destroy();
       plot.current = null;
@@ -63,13 +72,47 @@ export function Plot({ label, height, data, options }: Props) {
   }, []);
 
   useEffect(() => plot.current?.setData(data), [data]);
-  return <div ref={holder} class="chart" role="img" aria-label={label} />;
+  return (
+    <div class="charted">
+      <div ref={holder} class="chart" role="img" aria-label={label} />
+      <p ref={read} class="read-off" aria-hidden="true" />
+    </div>
+  );
+}
+
+/** Significant digits of what is read off a curve. */
+const READ_DIGITS = 6;
+
+/** Nothing that is drawn is as small as this. */
+const READ_PLACES = 9;
+
+/** What the curves that have names are under the pointer; nothing where it is not over them. */
+export function readOff(
+  { cursor, data }: Pick<uPlot, "cursor" | "data">,
+  names: uPlot.Series["label"][],
+): string {
+  const at = cursor.idx;
+  if (typeof at !== "number") return "";
+  return names
+    .flatMap((name, index) => {
+      const value = data[index]?.[at];
+      if (typeof name !== "string" || typeof value !== "number") return [];
+      const rounded = Number(Number(value.toPrecision(READ_DIGITS)).toFixed(READ_PLACES));
+      return `${name} ${tickText(rounded)}`;
+    })
+    .join(" · ");
+}
+
+/** A tick's number as the page spells numbers: no separators, which are read as decimal points by half of the world. */
+export function tickText(tick: number | null): string {
+  return tick === null ? "" : String(Number(tick.toPrecision(10))).replace("-", "−");
 }
 
 /** An axis of a chart in the page's colours. */
 export function scaleAxis(colours: Theme, label?: string): uPlot.Axis {
   return {
     stroke: colours.ink,
+    values: (_plot, ticks) => ticks.map(tickText),
     grid: { stroke: colours.line, width: 1 },
     ticks: { stroke: colours.line, width: 1 },
     ...(label === undefined ? {} : { label, labelSize: 18, size: 62, labelFont: "12px system-ui" }),

@@ -1,12 +1,20 @@
 import { strings } from "../strings";
+import { reworded, type LengthUnit } from "../units";
 import type { Problem } from "../wire";
 
+interface Props {
+  problem: Problem;
+  /** The unit of the lengths in it. */
+  unit?: LengthUnit;
+  dismiss?: () => void;
+}
+
 /** What went wrong, in the server's words. */
-export function ProblemLine({ problem, dismiss }: { problem: Problem; dismiss?: () => void }) {
+export function ProblemLine({ problem, unit = "mm", dismiss }: Props) {
   return (
     <div class="problem" role="alert">
       <p>
-        <b>{problem.title}.</b> {problem.detail}
+        <b>{problem.title}.</b> {reworded(problem.detail, unit)}
       </p>
       {dismiss && (
         <button type="button" onClick={dismiss}>

@@ -1,6 +1,7 @@
 import * as api from "../api";
 import { stop } from "../stopping";
 import { may } from "../state";
+import { clock } from "../format";
 import { strings } from "../strings";
 import type { Scene } from "./scene";
 
@@ -16,6 +17,7 @@ export function Stop({ state, update }: Scene) {
 
 /** That the bench is stopped, or that it could not be. */
 export function StopNotices({ state, update, act }: Scene) {
+  const since = state.bench?.stop.since;
   return (
     <>
       {state.stopFailed && (
@@ -35,7 +37,13 @@ export function StopNotices({ state, update, act }: Scene) {
       {state.bench?.stop.latched && (
         <div class="stopped" role="alert">
           <p>
-            <b>{strings.stop.stopped}.</b> {strings.stop.stoppedMore}
+            <b>{since ? strings.stop.stoppedSince(clock(since)) : strings.stop.stopped}.</b>{" "}
+            {state.stopSent &&
+              strings.stop.sent(
+                strings.stop.delivery[state.stopSent.focus],
+                strings.stop.delivery[state.stopSent.e],
+              )}{" "}
+            {strings.stop.stoppedMore}
           </p>
           <button
             type="button"

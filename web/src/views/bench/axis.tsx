@@ -1,6 +1,6 @@
 import { strings } from "../../strings";
 import { along, axisScale } from "../../travel";
-import { length, type LengthUnit } from "../../units";
+import { length, reworded, type LengthUnit } from "../../units";
 import type { Axis, Bench } from "../../wire";
 
 interface Props {
@@ -51,7 +51,7 @@ export function AxisScale({ bench, axis, unit }: Props) {
         (text) =>
           text && (
             <p key={text} class="tag bad">
-              {text}
+              {reworded(text, unit)}
             </p>
           ),
       )}

@@ -3,7 +3,7 @@ import * as api from "../../api";
 import { numberOf } from "../../job-kinds";
 import { isLarge, type Pace } from "../../pace";
 import { strings } from "../../strings";
-import { length, signedLength } from "../../units";
+import { length, signedLength, toMm } from "../../units";
 import type { Axis } from "../../wire";
 import { Ask } from "../ask";
 import type { Scene } from "../scene";
@@ -22,7 +22,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
   const [asked, ask] = useState<number | null>(null);
   const position = axis.homed ? (axis.position_mm ?? null) : null;
   const name = strings.axis.short[axis.axis];
-  const target = unit === "mm" ? numberOf(text) : numberOf(text) / 1000;
+  const target = toMm(numberOf(text), unit);
   const outside = Number.isFinite(target) && (target < axis.low_limit_mm || target > axis.high_limit_mm);
   const still = disabled || position === null || axis.moving;
 

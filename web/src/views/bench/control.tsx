@@ -2,6 +2,7 @@ import { PACES, type Pace } from "../../pace";
 import { STEPS_MM } from "../../preferences";
 import { may } from "../../state";
 import { strings } from "../../strings";
+import { plain } from "../../units";
 import { useState } from "preact/hooks";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
@@ -28,7 +29,7 @@ export function Bench(scene: Scene) {
           label={strings.byHand.step}
           of={STEPS_MM}
           chosen={stepMm}
-          name={(step) => (unit === "mm" ? `${step} mm` : `${step * 1000} µm`)}
+          name={(step) => `${plain(step, unit)} ${unit}`}
           choose={(step) => update({ preferences: { ...state.preferences, stepMm: step } })}
         />
         <span class="quiet">{strings.byHand.pace}</span>
@@ -46,7 +47,7 @@ export function Bench(scene: Scene) {
           <ByHand {...scene} axis={axis} pace={pace} disabled={busy} />
         </div>
       ))}
-      <p class="quiet">{strings.byHand.hint}</p>
+      <p class="quiet hint">{strings.byHand.hint}</p>
       <Shell {...scene} shell={bench.shell} disabled={busy} />
     </section>
   );

@@ -17,35 +17,38 @@ export function Lease({ state, act, now }: Scene) {
     ? Math.max(0, Math.round((Date.parse(lease.expires_at) - now) / 1000))
     : null;
   const words =
-    lease === null
-      ? strings.lease.free
-      : mine
-        ? strings.lease.mine
-        : strings.lease.held(lease.owner, lease.note);
+    state.link !== "open"
+      ? strings.lease.unclear
+      : lease === null
+        ? strings.lease.free
+        : mine
+          ? strings.lease.mine
+          : strings.lease.held(lease.owner, lease.note);
   const more =
-    lease === null || mine
+    lease === null || mine || state.link !== "open"
       ? ""
       : lease.job
         ? strings.lease.byJob
         : left === null
           ? ""
           : strings.lease.left(left);
+  const holder = lease === null ? "free" : mine ? "mine" : "others";
   return (
-    <div class="lease" data-lease={lease === null ? "free" : mine ? "mine" : "others"}>
+    <div class="lease" data-lease={state.link === "open" ? holder : "unclear"}>
       <p role="status">
         {words} {more && <span class="quiet">{more}</span>}
       </p>
-      {lease === null && commanding && (
+      {lease === null && commanding && state.link === "open" && (
         <button type="button" onClick={() => void act(api.takeLease())}>
           {strings.lease.take}
         </button>
       )}
-      {mine && (
+      {mine && state.link === "open" && (
         <button type="button" onClick={() => void act(api.releaseLease())}>
           {strings.lease.release}
         </button>
       )}
-      {lease !== null && !mine && may(state, "admin") && !asking && (
+      {lease !== null && !mine && may(state, "admin") && state.link === "open" && !asking && (
         <button type="button" onClick={() => ask(true)}>
           {strings.lease.takeOver}
         </button>

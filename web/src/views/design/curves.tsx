@@ -1,13 +1,15 @@
 import { useMemo } from "preact/hooks";
 import uPlot from "uplot";
 import { strings } from "../../strings";
-import type { LengthUnit } from "../../units";
+import { inUnit, type LengthUnit } from "../../units";
 import type { Draft } from "../../wire";
 import { LineKey } from "../line-key";
-import { Plot, scaleAxis, type Options, type Theme } from "../plot";
+import { Plot, scaleAxis, tickText, type Options, type Theme } from "../plot";
 import type { Other } from "./figures";
 
 const HEIGHT = 210;
+/** What a number along the distance takes, and a place beside it. */
+const TICK_PX = 84;
 /** Of the blur still sharp: more need not be told apart. */
 const BLUR_SHOWN = 8;
 
@@ -27,28 +29,30 @@ interface Props {
 /** Δv and field of view over e, blur over the distance. */
 export function Curves({ draft, other, unit }: Props) {
   const words = strings.design;
-  const scale = unit === "mm" ? 1 : 1000;
-  const inUnit = (values: (number | null | undefined)[]): Points =>
-    values.map((value) => (typeof value === "number" ? value * scale : null));
+  const shown = (values: (number | null | undefined)[]): Points =>
+    values.map((value) => (typeof value === "number" ? inUnit(value, unit) : null));
   const drafts = other ? [draft, other.draft] : [draft];
   const marked = (from: Draft, of: "delta_v_mm" | "fov_deg"): [number[], Points] => {
     const states = from.states.filter(({ state }) => state === "clarity" || state === "joint");
     const sorted = [...states].sort((one, next) => (one.e_mm ?? 0) - (next.e_mm ?? 0));
     const values = sorted.map((state) => state[of] ?? null);
-    return [sorted.map((state) => (state.e_mm ?? 0) * scale), of === "delta_v_mm" ? inUnit(values) : values];
+    return [
+      sorted.map((state) => inUnit(state.e_mm ?? 0, unit)),
+      of === "delta_v_mm" ? shown(values) : values,
+    ];
   };
   const overE = (of: "delta_v_mm" | "fov_deg") =>
     joined(
       drafts.flatMap((from): [number[], Points][] => {
         const values = from.over_e[of].map((value) => value ?? null);
-        const curve = of === "delta_v_mm" ? inUnit(values) : values;
-        return [[from.over_e.e_mm.map((e) => e * scale), curve], marked(from, of)];
+        const curve = of === "delta_v_mm" ? shown(values) : values;
+        return [[from.over_e.e_mm.map((e) => inUnit(e, unit)), curve], marked(from, of)];
       }),
     );
   const [deltaV, fov, blur] = useMemo(() => {
     const limit = draft.design.blur_limit_px;
     const over = drafts.map(({ over_distance: curve }): [number[], ...Points[]] => [
-      curve.distance_mm.map((distance) => distance * scale),
+      curve.distance_mm.map((distance) => inUnit(distance, unit)),
       ...(["clarity_px", "joint_px"] as const).map((of) => curve[of].map((value) => value ?? null)),
     ]);
     const first = over[0]?.[0] ?? [];
@@ -59,7 +63,7 @@ export function Curves({ draft, other, unit }: Props) {
   // Round the object distance: what the curve has in its middle.
   const { distance_mm: places } = draft.over_distance;
   const about = [0, 0.25, 0.5, 0.75, 1].map((share) =>
-    Number(((places[Math.round(share * (places.length - 1))] ?? 0) * scale).toPrecision(4)),
+    Number(inUnit(places[Math.round(share * (places.length - 1))] ?? 0, unit).toPrecision(4)),
   );
   const key = `${unit} ${both} ${draft.design.blur_limit_px}`;
   const along = words.overE(unit);
@@ -128,7 +132,8 @@ function base(colours: Theme, along: string, up: string): Omit<Options, "series"
 }
 
 function lines(colours: Theme, along: string, up: string, both: boolean): Options {
-  const curve = (colour: string, dash?: number[]): uPlot.Series => ({
+  const curve = (label: string, colour: string, dash?: number[]): uPlot.Series => ({
+    label,
     stroke: colour,
     width: 2,
     points: { show: false },
@@ -142,22 +147,27 @@ function lines(colours: Theme, along: string, up: string, both: boolean): Option
     ...base(colours, along, up),
     scales: { x: { time: false } },
     series: [
-      {},
-      curve(colours.accent),
+      { label: along },
+      curve(up, colours.accent),
       dots(colours.accent),
-      ...(both ? [curve(colours.second, [10, 4]), dots(colours.second)] : []),
+      ...(both ? [curve(strings.design.theOther, colours.second, [10, 4]), dots(colours.second)] : []),
     ],
   };
 }
 
 function blurs(colours: Theme, along: string, both: boolean, limit: number, about: number[]): Options {
-  const curve = (colour: string, width: number, dash?: number[]): uPlot.Series => ({
+  const curve = (colour: string, width: number, dash?: number[], label?: string): uPlot.Series => ({
     stroke: colour,
     width,
+    ...(label === undefined ? {} : { label }),
     points: { show: false },
     ...(dash ? { dash } : {}),
   });
-  const pair = (width: number) => [curve(colours.second, width, [10, 4]), curve(colours.accent, width)];
+  const { clarity, joint } = strings.design.state;
+  const pair = (width: number, named: boolean) => [
+    curve(colours.second, width, [10, 4], named ? clarity : undefined),
+    curve(colours.accent, width, undefined, named ? joint : undefined),
+  ];
   const { axes, ...rest } = base(colours, along, strings.design.curveBlur);
   const [x = {}, up = {}] = axes ?? [];
   return {
@@ -165,9 +175,11 @@ function blurs(colours: Theme, along: string, both: boolean, limit: number, abou
     axes: [
       {
         ...x,
-        splits: () => about,
+        // On a narrow chart long numbers would run into one another.
+        splits: (plot) =>
+          plot.width < TICK_PX * about.length ? about.filter((_, at) => at % 2 === 0) : about,
         filter: (_plot, splits) => splits,
-        values: (_plot, splits) => splits.map(String),
+        values: (_plot, splits) => splits.map(tickText),
       },
       up,
     ],
@@ -175,6 +187,11 @@ function blurs(colours: Theme, along: string, both: boolean, limit: number, abou
       x: { time: false, distr: 3, log: 10, range: [about[0] ?? 1, about.at(-1) ?? 10] },
       y: { range: (_plot, _least, most) => [0, Math.min(Math.max(most, 2 * limit), BLUR_SHOWN * limit)] },
     },
-    series: [{}, ...pair(2), ...(both ? pair(1) : []), curve(colours.good, 2, [6, 4])],
+    series: [
+      { label: along },
+      ...pair(2, true),
+      ...(both ? pair(1, false) : []),
+      curve(colours.good, 2, [6, 4]),
+    ],
   };
 }

@@ -3,7 +3,7 @@ import { valueAt, withValue, type Json, type JsonObject } from "../../config-sch
 import { GROUPS, isChanged, spelt, typed, type DraftField, type Measure } from "../../draft";
 import { fixed } from "../../format";
 import { strings } from "../../strings";
-import type { LengthUnit } from "../../units";
+import { reworded, type LengthUnit } from "../../units";
 import { waterBy, waterSaid } from "../../water";
 import type { ConfigFault } from "../../wire";
 import { Choice } from "../toggle";
@@ -95,7 +95,7 @@ function Field({ field, base, edited, faults, unit, set }: Props & { field: Draf
       </span>
       {wrong.map((fault) => (
         <p class="fault" role="alert" id={`${id}-fault`} key={fault.message}>
-          {fault.message}
+          {reworded(fault.message, unit)}
         </p>
       ))}
     </div>

@@ -1,7 +1,7 @@
 import { degrees } from "../../draft";
 import { fixed } from "../../format";
 import { strings } from "../../strings";
-import { length, signedLength, type LengthUnit } from "../../units";
+import { length, pixels, reworded, signedLength, type LengthUnit } from "../../units";
 import type { Draft, DraftState } from "../../wire";
 
 /** Another camera, to be compared with. */
@@ -34,7 +34,7 @@ function rows(unit: LengthUnit): Row[] {
       (state) =>
         typeof state.board_width_mm === "number" ? length(state.board_width_mm, unit, 1) : words.cut,
     ],
-    [figure.blur, (state) => `${fixed(state.blur_px, 2)} px`],
+    [figure.blur, (state) => pixels(state.blur_px, 2)],
     [
       figure.depth,
       ({ depth_of_field: depth }) =>
@@ -120,7 +120,7 @@ function Rest({ draft, unit }: Omit<Props, "other">) {
   const depth = ([one, three]: number[]) =>
     words.depthOf(length(one ?? NaN, unit, 1), length(three ?? NaN, unit, 1));
   const rows: [string, string][] = [
-    [words.target, `${fixed(design.spacing_target_px, 3)} px`],
+    [words.target, pixels(design.spacing_target_px, 3)],
     [words.eBest, length(design.fov_optimal_e_mm, unit, 2)],
     [words.eMax, length(design.e_max_mm, unit, 1)],
     [
@@ -146,7 +146,7 @@ function Rest({ draft, unit }: Omit<Props, "other">) {
       </dl>
       {design.notices.map((notice) => (
         <p class="notice" key={notice}>
-          {notice}
+          {reworded(notice, unit)}
         </p>
       ))}
     </>

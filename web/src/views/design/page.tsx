@@ -4,7 +4,7 @@ import type { JsonObject } from "../../config-schema";
 import { count, difference } from "../../draft";
 import { strings } from "../../strings";
 import { Newest } from "../../newest";
-import type { LengthUnit } from "../../units";
+import { reworded, UNITS, type LengthUnit } from "../../units";
 import type { ConfigFault, Draft, DraftBase } from "../../wire";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
@@ -17,7 +17,6 @@ import { Drawings } from "./train";
 
 /** Between the last key pressed and the question, ms: results are to follow at once. */
 const REST_MS = 120;
-const UNITS: readonly LengthUnit[] = ["mm", "µm"];
 const COMPARISONS = ["nothing", "in_force", "preset"] as const;
 const RESULTS = "design-results";
 type Comparison = (typeof COMPARISONS)[number];
@@ -118,7 +117,7 @@ export function DesignPage(scene: Scene) {
         {stale && (
           <div class="notice wrong" role="alert">
             <p>{strings.design.impossible}</p>
-            <Strays faults={faults} />
+            <Strays faults={faults} unit={unit} />
           </div>
         )}
         <section class="card" id={RESULTS} tabIndex={-1} aria-label={strings.design.figures}>
@@ -148,14 +147,14 @@ export function DesignPage(scene: Scene) {
 }
 
 /** What is wrong and has no field to be said at. */
-function Strays({ faults }: { faults: ConfigFault[] }) {
+function Strays({ faults, unit }: { faults: ConfigFault[]; unit: LengthUnit }) {
   const strays = faults.filter((fault) => !(fault.key in strings.design.field));
   return (
     <>
       {faults.length > strays.length && <p>{strings.design.wrong(faults.length - strays.length)}</p>}
       {strays.map((fault) => (
         <p key={fault.key}>
-          <b>{fault.key}</b> {fault.message}
+          <b>{fault.key}</b> {reworded(fault.message, unit)}
         </p>
       ))}
     </>

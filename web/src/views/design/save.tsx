@@ -4,6 +4,7 @@ import type { JsonObject } from "../../config-schema";
 import { count, laidOver } from "../../draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
+import { reworded } from "../../units";
 import type { Sections } from "../../water";
 import type { ConfigFault, ConfigWritten } from "../../wire";
 import type { Scene } from "../scene";
@@ -81,7 +82,7 @@ export function Save({ state, act, changes, wrong, working, obstacles }: Props) 
       {because === words.blocked.obstacles &&
         obstacles.map((obstacle) => (
           <p class="fault" key={obstacle.key + obstacle.message}>
-            <b>{obstacle.key}</b> {obstacle.message}
+            <b>{obstacle.key}</b> {reworded(obstacle.message, state.preferences.unit)}
           </p>
         ))}
       {written && (

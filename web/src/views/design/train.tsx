@@ -12,6 +12,7 @@ import {
   type Train,
 } from "../../optical-train";
 import { strings } from "../../strings";
+import { trainLabels } from "../../train-labels";
 import { length, signedLength, type LengthUnit } from "../../units";
 import type { Draft, DraftState, DraftStateName } from "../../wire";
 import { Choice } from "../toggle";
@@ -146,7 +147,12 @@ function Picture({ train, wanted, part, unit, label }: PictureProps) {
         .map(({ field, points }, index) => (
           <polyline key={index} class="ray" data-field={field} points={points} />
         ))}
-      <Camera train={train} letter={letter} part={part} top={box.y} />
+      <Camera train={train} part={part} />
+      {trainLabels(train, part, box, letter, bar + letter).map(({ text, x, y, anchor }) => (
+        <text key={text} class="label" x={x} y={y} text-anchor={anchor}>
+          {text}
+        </text>
+      ))}
       <g class="bar">
         <line x1={box.x + letter} y1={bottom - letter} x2={box.x + letter + bar} y2={bottom - letter} />
         <text x={box.x + letter} y={bottom - 1.5 * letter}>
@@ -160,7 +166,6 @@ function Picture({ train, wanted, part, unit, label }: PictureProps) {
 /** Water, shell and the air within, where there is a shell. */
 function Shell({ train, box, letter, part }: { train: Train; box: Box; letter: number; part: Part }) {
   const { centre, outerRadius, innerRadius } = train;
-  const words = strings.design.parts;
   if (centre === null || part === "mla") return null;
   return (
     <>
@@ -169,24 +174,15 @@ function Shell({ train, box, letter, part }: { train: Train; box: Box; letter: n
       <path class="within" d={`${hemisphere(centre, innerRadius)}Z`} />
       <path class="edge" d={hemisphere(centre, outerRadius)} />
       <path class="edge" d={hemisphere(centre, innerRadius)} />
-      <text x={box.x + letter} y={box.y + 1.6 * letter}>
-        {words.water}
-      </text>
       {part === "camera" && (
-        <>
-          <path class="mark" d={`M${centre - letter / 2} 0h${letter}M${centre} ${-letter / 2}v${letter}`} />
-          <text x={centre - 0.4 * letter} y={1.8 * letter} text-anchor="end">
-            {words.centre}
-          </text>
-        </>
+        <path class="mark" d={`M${centre - letter / 2} 0h${letter}M${centre} ${-letter / 2}v${letter}`} />
       )}
     </>
   );
 }
 
 /** Board, main lens, MLA and sensor. */
-function Camera({ train, letter, part, top }: { train: Train; letter: number; part: Part; top: number }) {
-  const words = strings.design.parts;
+function Camera({ train, part }: { train: Train; part: Part }) {
   const { aperture, mla, sensor, sensorWidth, boardWidth, object, pitch } = train;
   const half = sensorWidth / 2;
   if (part === "mla") {
@@ -194,12 +190,6 @@ function Camera({ train, letter, part, top }: { train: Train; letter: number; pa
       <>
         <Microlenses at={mla} pitch={pitch} half={half} />
         <line class="sensor" x1={sensor} y1={-half} x2={sensor} y2={half} />
-        <text x={mla} y={top + 1.6 * letter} text-anchor="middle">
-          {words.mla}
-        </text>
-        <text x={sensor + 0.6 * letter} y={top + 1.6 * letter}>
-          {words.sensor}
-        </text>
       </>
     );
   }
@@ -213,20 +203,6 @@ function Camera({ train, letter, part, top }: { train: Train; letter: number; pa
       <path class="lens" d={lens(aperture)} />
       <line class="mla" x1={mla} y1={-half} x2={mla} y2={half} />
       <line class="sensor" x1={sensor} y1={-half} x2={sensor} y2={half} />
-      {part === "camera" ? (
-        <>
-          <text x={0} y={-stop - 0.5 * letter} text-anchor="middle">
-            {words.lens}
-          </text>
-          <text x={sensor + 2} y={half + 1.5 * letter} text-anchor="end">
-            {words.mla}, {words.sensor}
-          </text>
-        </>
-      ) : (
-        <text x={object + letter / 2} y={-(boardWidth ?? 0) / 2 + letter}>
-          {words.board}
-        </text>
-      )}
     </>
   );
 }

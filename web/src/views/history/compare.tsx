@@ -1,9 +1,11 @@
+import { moment } from "../../format";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import * as api from "../../api";
 import { comparison } from "../../comparison";
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
+import { differenceAxis, differenceScale } from "../difference";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Scene } from "../scene";
 
@@ -12,17 +14,30 @@ const HEIGHT = 300;
 function options(colours: Theme): Options {
   const dots = (colour: string) => ({ show: true, size: 7, fill: colour });
   return {
-    scales: { x: { time: false } },
+    scales: { x: { time: false }, y: differenceScale },
     legend: { show: false },
     cursor: { show: true },
     axes: [
       { ...scaleAxis(colours, strings.charts.iteration), size: 48, incrs: [1, 2, 5, 10, 20, 50, 100] },
-      scaleAxis(colours, strings.history.difference),
+      differenceAxis(colours, strings.history.difference),
     ],
     series: [
-      {},
-      { stroke: colours.accent, width: 2, points: dots(colours.accent), spanGaps: true },
-      { stroke: colours.second, width: 2, dash: [10, 4], points: dots(colours.second), spanGaps: true },
+      { label: strings.charts.iteration },
+      {
+        label: strings.history.first,
+        stroke: colours.accent,
+        width: 2,
+        points: dots(colours.accent),
+        spanGaps: true,
+      },
+      {
+        label: strings.history.second,
+        stroke: colours.second,
+        width: 2,
+        dash: [10, 4],
+        points: dots(colours.second),
+        spanGaps: true,
+      },
     ],
   };
 }
@@ -44,17 +59,16 @@ export function Compare({ ids, act }: Scene & { ids: string[] }) {
   const data = useMemo(() => comparison(runs), [runs.map((run) => run.id).join()]);
   if (runs.length === 0) return null;
   return (
-    <section class="card compare" aria-label={strings.history.compareTitle}>
+    <section class="card compare" aria-label={strings.history.compareTitle(runs.length)}>
       <h2>
-        {strings.history.compareTitle}
+        {strings.history.compareTitle(runs.length)}
         <a href={addressOf("history")}>{strings.history.clear}</a>
       </h2>
       <ul class="key">
         {runs.map((run, index) => (
           <li key={run.id} class="facts">
-            <span class={index === 0 ? "line accent" : "line second"} />{" "}
-            {new Date(run.created_at).toLocaleString()} · {strings.job.kinds[run.kind]} ·{" "}
-            {strings.job.state[run.state]} · {run.iterations.length}{" "}
+            <span class={index === 0 ? "line accent" : "line second"} /> {moment(run.created_at)} ·{" "}
+            {strings.job.kinds[run.kind]} · {strings.job.state[run.state]} · {run.iterations.length}{" "}
             {strings.history.iterations.toLowerCase()}
           </li>
         ))}

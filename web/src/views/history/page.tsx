@@ -61,7 +61,7 @@ export function HistoryPage(scene: Scene) {
             {strings.history.missing}: {fault}
           </p>
         )}
-        {jobs && <JobTable jobs={jobs} chosen={chosen} choose={choose} />}
+        {jobs && <JobTable jobs={jobs} chosen={chosen} unit={state.preferences.unit} choose={choose} />}
         {jobs?.length === 0 && <p>{strings.history.none}</p>}
         {next && (
           <p class="actions">

@@ -1,6 +1,7 @@
-import { withSigma } from "../../format";
+import { moment } from "../../format";
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
+import { reached, reworded, type LengthUnit } from "../../units";
 import type { JobItem } from "../../wire";
 import { Downloads } from "../job/downloads";
 import { Toggle } from "../toggle";
@@ -8,11 +9,12 @@ import { Toggle } from "../toggle";
 interface Props {
   jobs: JobItem[];
   chosen: string[];
+  unit: LengthUnit;
   choose: (id: string, on: boolean) => void;
 }
 
 /** Jobs, newest first. */
-export function JobTable({ jobs, chosen, choose }: Props) {
+export function JobTable({ jobs, chosen, unit, choose }: Props) {
   if (jobs.length === 0) return null;
   const words = strings.history;
   return (
@@ -40,6 +42,7 @@ export function JobTable({ jobs, chosen, choose }: Props) {
             <JobRow
               key={job.id}
               job={job}
+              unit={unit}
               chosen={chosen.includes(job.id)}
               choose={(on) => choose(job.id, on)}
             />
@@ -50,11 +53,17 @@ export function JobTable({ jobs, chosen, choose }: Props) {
   );
 }
 
-function JobRow({ job, chosen, choose }: { job: JobItem; chosen: boolean; choose: (on: boolean) => void }) {
-  const when = new Date(job.created_at).toLocaleString();
+interface RowProps {
+  job: JobItem;
+  chosen: boolean;
+  unit: LengthUnit;
+  choose: (on: boolean) => void;
+}
+
+function JobRow({ job, chosen, unit, choose }: RowProps) {
+  const when = moment(job.created_at);
   const what = strings.job.kinds[job.kind];
   const measure = job.progress.measure;
-  const unit = measure?.name === "delta_v_mm" ? "mm" : "px";
   return (
     <tr>
       <td class="words">
@@ -66,13 +75,9 @@ function JobRow({ job, chosen, choose }: { job: JobItem; chosen: boolean; choose
       </td>
       <td class="words">
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
-        {job.reason && <span class="quiet reason-of"> {job.reason}</span>}
+        {job.reason && <span class="quiet reason-of"> {reworded(job.reason, unit)}</span>}
       </td>
-      <td>
-        {measure
-          ? `${strings.job.of(measure.name)} ${withSigma(measure.value, measure.sigma, 4)} ${unit}`
-          : "—"}
-      </td>
+      <td>{measure ? `${strings.job.of(measure.name)} ${reached(measure, unit).value}` : "—"}</td>
       <td>{job.iterations}</td>
       <td class="words">
         <Downloads href={job.href} />

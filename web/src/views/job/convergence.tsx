@@ -2,6 +2,7 @@ import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
+import { differenceAxis, differenceScale } from "../difference";
 import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 
@@ -9,45 +10,47 @@ const HEIGHT = 240;
 
 function options(colours: Theme): Options {
   return {
-    scales: { x: { time: false } },
+    scales: { x: { time: false }, y: differenceScale },
     legend: { show: false },
     cursor: { show: true },
     axes: [
-      { ...scaleAxis(colours), incrs: [1, 2, 5, 10, 20, 50, 100] },
-      scaleAxis(colours, strings.iterations.chartSpacing),
+      { ...scaleAxis(colours, strings.charts.iteration), size: 48, incrs: [1, 2, 5, 10, 20, 50, 100] },
+      differenceAxis(colours, strings.iterations.chartDifference),
     ],
     series: [
-      {},
+      { label: strings.charts.iteration },
       { stroke: "transparent", points: { show: false } },
       { stroke: "transparent", points: { show: false } },
       { stroke: colours.good, width: 2, dash: [6, 4], points: { show: false } },
-      { stroke: colours.accent, width: 2, points: { show: true, size: 7, fill: colours.accent } },
+      {
+        label: strings.iterations.chartDifference,
+        stroke: colours.accent,
+        width: 2,
+        points: { show: true, size: 7, fill: colours.accent },
+      },
     ],
     bands: [{ series: [2, 1], fill: colours.band }],
   };
 }
 
-/** Spacing and target, iteration by iteration. */
+/** The spacing less its target, iteration by iteration. */
 export function Convergence({ job }: { job: Job }) {
   const data = useMemo((): uPlot.AlignedData => {
     const all = job.iterations;
-    const twice = (sign: number) =>
-      all.map((it) => it.spacing.spacing_px + sign * 2 * it.spacing.spacing_sigma_px);
-    return [
-      all.map((it) => it.number),
-      twice(-1),
-      twice(1),
-      all.map((it) => it.spacing_target_px),
-      all.map((it) => it.spacing.spacing_px),
-    ];
+    const apart = (sigmas: number) =>
+      all.map(
+        ({ spacing, spacing_target_px: target }) =>
+          spacing.spacing_px - target + sigmas * spacing.spacing_sigma_px,
+      );
+    return [all.map((it) => it.number), apart(-2), apart(2), all.map(() => 0), apart(0)];
   }, [job.iterations]);
   return (
     <>
       <p class="facts key">
-        <LineKey of="accent">{strings.iterations.chartSpacing}</LineKey>
+        <LineKey of="accent">{strings.iterations.chartBand}</LineKey>
         <LineKey of="good">{strings.iterations.chartTarget}</LineKey>
       </p>
-      <Plot label={strings.iterations.chartSpacing} height={HEIGHT} data={data} options={options} />
+      <Plot label={strings.iterations.chartDifference} height={HEIGHT} data={data} options={options} />
     </>
   );
 }

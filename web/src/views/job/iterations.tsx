@@ -1,21 +1,31 @@
-import { fixed, withSigma } from "../../format";
+import { clock, fixed, withSigma } from "../../format";
 import { strings } from "../../strings";
+import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
 import type { Iteration, Job } from "../../wire";
 import { Convergence } from "./convergence";
 
+interface Props {
+  job: Job;
+  unit: LengthUnit;
+}
+
 /** What a job measured and decided, on a chart and in a table, and its log. */
-export function Iterations({ job }: { job: Job }) {
+export function Iterations({ job, unit }: Props) {
   if (job.iterations.length === 0 && job.log.length === 0) return null;
   return (
     <section class="card iterations" aria-label={strings.iterations.title}>
       <h2>{strings.iterations.title}</h2>
-      {job.iterations.length > 0 ? <Table job={job} /> : <p class="quiet">{strings.iterations.none}</p>}
+      {job.iterations.length > 0 ? (
+        <Table job={job} unit={unit} />
+      ) : (
+        <p class="quiet">{strings.iterations.none}</p>
+      )}
       <details>
         <summary>{strings.iterations.log}</summary>
         <ol class="log">
           {job.log.map((line, index) => (
             <li key={index}>
-              <time>{new Date(line.at).toLocaleTimeString()}</time> {line.message}
+              <time>{clock(line.at)}</time> {reworded(line.message, unit)}
             </li>
           ))}
         </ol>
@@ -24,22 +34,27 @@ export function Iterations({ job }: { job: Job }) {
   );
 }
 
-function Table({ job }: { job: Job }) {
+function Table({ job, unit }: Props) {
   return (
     <>
       <Convergence key={job.id} job={job} />
-      <div class="table">
+      <div class="table" tabIndex={0} role="region" aria-label={strings.iterations.title}>
         <table>
           <thead>
             <tr>
-              {Object.values(strings.iterations.columns).map((name) => (
-                <th key={name}>{name}</th>
-              ))}
+              {Object.values(strings.iterations.columns).map((name) => {
+                const text = typeof name === "string" ? name : name(unit);
+                return (
+                  <th key={text} scope="col">
+                    {text}
+                  </th>
+                );
+              })}
             </tr>
           </thead>
           <tbody>
             {job.iterations.map((it) => (
-              <Row key={it.number} it={it} />
+              <Row key={it.number} it={it} unit={unit} />
             ))}
           </tbody>
         </table>
@@ -48,24 +63,20 @@ function Table({ job }: { job: Job }) {
   );
 }
 
-/** A readback in mm. */
-function readback(position: number | null | undefined): string {
-  return position === null || position === undefined ? "—" : fixed(position, 3);
-}
-
-function Row({ it }: { it: Iteration }) {
+function Row({ it, unit }: { it: Iteration; unit: LengthUnit }) {
+  const readback = (mm: number | null | undefined) => (typeof mm === "number" ? bare(mm, unit) : "—");
   return (
     <tr>
       <td>{it.number}</td>
       <td>{strings.iterations.stages[it.stage]}</td>
       <td>{strings.iterations.kinds[it.kind]}</td>
-      <td>{withSigma(it.delta_v_mm, it.delta_v_sigma_mm, 4) ?? "—"}</td>
-      <td>{withSigma(it.e_estimate_mm, it.e_estimate_sigma_mm, 3) ?? "—"}</td>
+      <td>{bareMeasured(it.delta_v_mm, it.delta_v_sigma_mm, unit, 4) ?? "—"}</td>
+      <td>{bareMeasured(it.e_estimate_mm, it.e_estimate_sigma_mm, unit, 3) ?? "—"}</td>
       <td>{withSigma(it.spacing.spacing_px, it.spacing.spacing_sigma_px, 4)}</td>
       <td>{fixed(it.spacing_target_px, 4)}</td>
       <td>{readback(it.focus_mm)}</td>
       <td>{readback(it.e_mm)}</td>
-      <td class="words">{it.decision}</td>
+      <td class="words">{reworded(it.decision, unit)}</td>
     </tr>
   );
 }

@@ -1,30 +1,40 @@
-import { fixed, withSigma } from "../../format";
 import { strings } from "../../strings";
+import {
+  length,
+  lengths,
+  measuredLength,
+  pixels,
+  pixelsAnHour,
+  pixelsPer,
+  type LengthUnit,
+} from "../../units";
 import type { Outcome as Found } from "../../wire";
+import { Rows } from "./rows";
 
-const mm = (value: number | null | undefined, digits = 3) =>
-  typeof value === "number" ? `${fixed(value, digits)} mm` : strings.report.unknown;
-
-function rows(found: Found): [string, string][] {
+function rows(found: Found, unit: LengthUnit): [string, string][] {
   const words = strings.outcome;
+  const at = (mm: number | null | undefined, digits = 3) =>
+    typeof mm === "number" ? length(mm, unit, digits) : strings.report.unknown;
+  const measured = (mm: number | null | undefined, sigmaMm: number | null | undefined, digits: number) =>
+    measuredLength(mm, sigmaMm, unit, digits) ?? strings.report.unknown;
   switch (found.type) {
     case "homing":
       return [
-        [words.focus, mm(found.focus_mm)],
-        [words.e, mm(found.e_mm)],
+        [words.focus, at(found.focus_mm)],
+        [words.e, at(found.e_mm)],
       ];
     case "calibration":
       return [
-        [words.imageDistance, `${withSigma(found.image_distance_mm, found.image_distance_sigma_mm, 4)} mm`],
-        [words.lensToMla, mm(found.lens_to_mla_mm, 4)],
-        [words.b, mm(found.mla_to_sensor_mm, 4)],
-        [words.deltaV, mm(found.delta_v_mm, 4)],
-        [words.distances, found.distances_mm.map((distance) => fixed(distance, 1)).join(", ") + " mm"],
+        [words.imageDistance, measured(found.image_distance_mm, found.image_distance_sigma_mm, 4)],
+        [words.lensToMla, at(found.lens_to_mla_mm, 4)],
+        [words.b, at(found.mla_to_sensor_mm, 4)],
+        [words.deltaV, at(found.delta_v_mm, 4)],
+        [words.distances, lengths(found.distances_mm, unit, 1)],
       ];
     case "l_bound":
       return [
-        [words.lBound, `${withSigma(found.l_bound_mm, found.sigma_mm, 3)} mm`],
-        [words.wall, mm(found.e_wall_mm)],
+        [words.lBound, measured(found.l_bound_mm, found.sigma_mm, 3)],
+        [words.wall, at(found.e_wall_mm)],
       ];
     case "focus_sweep":
       return [
@@ -32,41 +42,34 @@ function rows(found: Found): [string, string][] {
         [
           words.crossing,
           typeof found.crossing_mm === "number"
-            ? `${withSigma(found.crossing_mm, found.crossing_sigma_mm, 4)} mm`
+            ? measured(found.crossing_mm, found.crossing_sigma_mm, 4)
             : words.noCrossing,
         ],
         [
           words.slope,
           typeof found.slope_px_per_mm === "number"
-            ? `${fixed(found.slope_px_per_mm, 4)} px/mm`
+            ? pixelsPer(found.slope_px_per_mm, unit, 4)
             : strings.report.notMeasured,
         ],
         [words.measured, words.measuredOf(found.measured, found.positions)],
       ];
     case "spacing_watch":
       return [
-        [words.mean, `${fixed(found.mean_px, 4)} px`],
-        [words.scatter, `${fixed(found.scatter_px, 4)} px`],
-        [words.between, strings.report.fromTo(fixed(found.least_px, 4), `${fixed(found.greatest_px, 4)} px`)],
-        [words.drift, `${fixed(found.drift_px_per_h, 4)} px/h`],
+        [words.mean, pixels(found.mean_px, 4)],
+        [words.scatter, pixels(found.scatter_px, 4)],
+        [words.between, strings.report.fromTo(pixels(found.least_px, 4), pixels(found.greatest_px, 4))],
+        [words.drift, pixelsAnHour(found.drift_px_per_h, 4)],
         [words.measured, String(found.measured)],
       ];
   }
 }
 
 /** What a job that is no alignment came to. */
-export function Outcome({ outcome }: { outcome: Found }) {
+export function Outcome({ outcome, unit }: { outcome: Found; unit: LengthUnit }) {
   return (
     <section class="card result" aria-label={strings.report.title}>
       <h2>{strings.report.title}</h2>
-      <dl>
-        {rows(outcome).map(([name, value]) => (
-          <div key={name}>
-            <dt>{name}</dt>
-            <dd>{value}</dd>
-          </div>
-        ))}
-      </dl>
+      <Rows of={rows(outcome, unit)} />
     </section>
   );
 }

@@ -1,8 +1,10 @@
+import { moment } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { addressOf } from "../../route";
 import { currentJob, isFinal } from "../../state";
 import { strings } from "../../strings";
+import { reworded } from "../../units";
 import type { Job } from "../../wire";
 import { Meter } from "../live/meter";
 import type { Scene } from "../scene";
@@ -18,6 +20,7 @@ import { StartJob } from "./start";
 export function AlignmentPage(scene: Scene) {
   const { state } = scene;
   const asked = state.route.jobs[0];
+  const { unit } = state.preferences;
   const earlier = useEarlier(scene, asked);
   const present = currentJob(state);
   const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
@@ -40,10 +43,10 @@ export function AlignmentPage(scene: Scene) {
       </div>
       <div class="column">
         {!asked && <Meter {...scene} />}
-        {job?.report && <Result report={job.report} />}
-        {job?.outcome && <Outcome outcome={job.outcome} />}
+        {job?.report && <Result report={job.report} unit={unit} />}
+        {job?.outcome && <Outcome outcome={job.outcome} unit={unit} />}
       </div>
-      {job && <Iterations job={job} />}
+      {job && <Iterations job={job} unit={unit} />}
     </div>
   );
 }
@@ -66,6 +69,7 @@ function useEarlier({ state, act }: Scene, id: string | undefined): Job | null {
 function JobCard({ job, ...scene }: Scene & { job: Job }) {
   const over = isFinal(job.state);
   const { act } = scene;
+  const { unit } = scene.state.preferences;
   return (
     <section class="card job" aria-label={strings.job.title} data-state={job.state}>
       <h2>
@@ -73,12 +77,12 @@ function JobCard({ job, ...scene }: Scene & { job: Job }) {
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
       </h2>
       <p class="quiet">
-        {strings.job.byWhom(job.owner ?? "", new Date(job.created_at).toLocaleString())}
+        {strings.job.byWhom(job.owner ?? "", moment(job.created_at))}
         {job.request.note && ` · ${job.request.note}`}
       </p>
-      {!over && <Progress job={job} />}
-      <OperatorStep job={job} act={act} />
-      {over && job.reason && <p class="reason">{job.reason}</p>}
+      {!over && <Progress job={job} unit={unit} />}
+      <OperatorStep job={job} act={act} unit={unit} />
+      {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
       {!over && (
         <p class="actions">
           <button

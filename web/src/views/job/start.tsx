@@ -1,13 +1,25 @@
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
-import { check, draftOf, FIELDS, KINDS, unless, type Draft, type NumberField } from "../../job-kinds";
+import {
+  check,
+  draftOf,
+  FIELDS,
+  implied,
+  KINDS,
+  numberOf,
+  unless,
+  type Draft,
+  type NumberField,
+} from "../../job-kinds";
 import { may } from "../../state";
 import { strings } from "../../strings";
-import { length } from "../../units";
+import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Scene } from "../scene";
 import { Choice, Toggle } from "../toggle";
 
+/** Before what is typed is worked out, ms. */
+const REST_MS = 200;
 const AXES = ["focus", "e"] as const;
 /** Kinds that go where the joint solution says. */
 const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
@@ -15,9 +27,11 @@ const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
 /** Chooses a job, says what it will do, and starts it. */
 export function StartJob({ state, act }: Scene) {
   const [draft, setDraft] = useState<Draft>(draftOf("joint_alignment"));
+  const { unit } = state.preferences;
   const [tried, setTried] = useState(false);
-  const checked = check(draft, state.bench?.axes ?? []);
+  const checked = check(draft, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
+  const means = implied(draft, state.bench?.axes ?? [], unit);
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const ready =
     Boolean(state.bench) && !state.bench?.stop.latched && state.link === "open" && may(state, "control");
@@ -53,7 +67,7 @@ export function StartJob({ state, act }: Scene) {
           <li key={step}>{step}</li>
         ))}
       </ol>
-      <Aim kind={draft.kind} design={state.design} />
+      <Aim kind={draft.kind} design={state.design} eMm={eOf(draft, unit)} unit={unit} />
       {FIELDS[draft.kind].map((field) => {
         if (field.is === "number") {
           return (
@@ -61,7 +75,8 @@ export function StartJob({ state, act }: Scene) {
               key={field.name}
               field={field}
               text={draft.numbers[field.name] ?? ""}
-              standard={unless(field.name, state.design)}
+              standard={unless(field.name, state.design, unit)}
+              unit={unit}
               fault={faults[field.name]}
               set={(text) => change({ numbers: { ...draft.numbers, [field.name]: text } })}
             />
@@ -87,6 +102,7 @@ export function StartJob({ state, act }: Scene) {
           />
         );
       })}
+      {means && <p class="aim">{means}</p>}
       <label>
         <span>{strings.job.note}</span>
         <input
@@ -107,18 +123,34 @@ export function StartJob({ state, act }: Scene) {
   );
 }
 
+/** The e that a form asks to be held, mm; null where it asks for none, or none that could be. */
+function eOf(draft: Draft, unit: LengthUnit): number | null {
+  const e = numberOf(draft.numbers.e_mm ?? "");
+  return draft.kind === "clarity_only" && Number.isFinite(e) ? typedMm(e, unit) : null;
+}
+
+interface AimProps {
+  kind: JobKind;
+  design: Design | null;
+  /** Another e to hold than the design's. */
+  eMm: number | null;
+  unit: LengthUnit;
+}
+
 /** Where the design will have it go. */
-function Aim({ kind, design }: { kind: JobKind; design: Design | null }) {
+function Aim({ kind, design, eMm, unit }: AimProps) {
+  const held = useClarity(eMm);
   if (!design) return null;
-  const { joint, clarity } = design;
+  const { joint } = design;
+  const clarity = eMm === null ? design.clarity : held;
   const text = JOINT.includes(kind)
     ? strings.job.aimOf(
-        length(joint.delta_v_mm, "mm", 4),
-        length(joint.e_mm, "mm", 3),
-        `${design.spacing_target_px.toFixed(4)} px`,
+        length(joint.delta_v_mm, unit, 4),
+        length(joint.e_mm, unit, 3),
+        pixels(design.spacing_target_px, 4),
       )
-    : kind === "clarity_only"
-      ? strings.job.aimClarity(length(clarity.delta_v_mm, "mm", 4), length(clarity.e_mm, "mm", 2))
+    : kind === "clarity_only" && clarity
+      ? strings.job.aimClarity(length(clarity.delta_v_mm, unit, 4), length(clarity.e_mm, unit, 2))
       : null;
   return text === null ? null : (
     <p class="aim">
@@ -127,19 +159,41 @@ function Aim({ kind, design }: { kind: JobKind; design: Design | null }) {
   );
 }
 
+/** Δv in focus at another e than the design's: the daemon works it out; null until it has, and where it cannot. */
+function useClarity(eMm: number | null): { delta_v_mm: number; e_mm: number } | null {
+  const [found, setFound] = useState<{ delta_v_mm: number; e_mm: number } | null>(null);
+  useEffect(() => {
+    if (eMm === null) return undefined;
+    let wanted = true;
+    const timer = setTimeout(() => {
+      void api.draftDesign("in_force", { assembly: { initial_e_mm: eMm } }).then((result) => {
+        const clarity = result.ok && result.value.states.find(({ state }) => state === "clarity");
+        if (wanted) setFound(clarity ? { delta_v_mm: clarity.delta_v_mm, e_mm: eMm } : null);
+      });
+    }, REST_MS);
+    return () => {
+      wanted = false;
+      clearTimeout(timer);
+    };
+  }, [eMm]);
+  return found?.e_mm === eMm ? found : null;
+}
+
 interface NumberProps {
   field: NumberField;
   text: string;
   standard: string;
+  unit: LengthUnit;
   fault: string | undefined;
   set: (text: string) => void;
 }
 
-function NumberInput({ field, text, standard, fault, set }: NumberProps) {
+function NumberInput({ field, text, standard, unit, fault, set }: NumberProps) {
   return (
     <label>
       <span>
-        {strings.job.fields[field.name]} <small class="quiet">{strings.job.fieldsMore[field.name]}</small>
+        {strings.job.fields[field.name]}{" "}
+        <small class="quiet">{strings.job.fieldsMore[field.name](unit)}</small>
       </span>
       <input
         name={field.name}

@@ -18,8 +18,8 @@ export function JobStrip({ state, act }: Scene) {
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
         <a href={addressOf("alignment")}>{strings.job.see}</a>
       </h2>
-      {!over && <Progress job={job} />}
-      <OperatorStep job={job} act={act} />
+      {!over && <Progress job={job} unit={state.preferences.unit} />}
+      <OperatorStep job={job} act={act} unit={state.preferences.unit} />
       {!over && (
         <button
           type="button"

@@ -14,9 +14,7 @@ export function BestHeld({ state, update }: Scene) {
   return (
     <div class="best-held">
       <p>
-        <b>
-          {strings.meter.best} {signed(held.differencePx, digits(held.sigmaPx))} px
-        </b>
+        <b>{strings.meter.best(signed(held.differencePx, digits(held.sigmaPx)))}</b>
         <br />
         <span class="quiet">{strings.meter.bestMore(at(held.focusMm), at(held.eMm))}</span>
       </p>

@@ -51,7 +51,9 @@ export function Overlays({ state, update }: Scene) {
         <button type="button" aria-label={strings.picture.zoomIn} onClick={() => eyepiece.zoom(ZOOM)}>
           +
         </button>
-        <output class="facts">{scale === null ? "" : `× ${fixed(scale, scale < 10 ? 1 : 0)}`}</output>
+        <output class="facts">
+          {scale === null ? "" : strings.picture.scale(fixed(scale, scale < 10 ? 1 : 0))}
+        </output>
       </span>
     </div>
   );

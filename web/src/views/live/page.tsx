@@ -18,7 +18,10 @@ export function LivePage(scene: Scene) {
   const strip = useMemo(() => <JobStrip {...scene} />, about);
   const meter = useMemo(() => <Meter {...scene} />, about);
   const bench = useMemo(() => <Bench {...scene} />, about);
-  const charts = useMemo(() => <Charts {...scene} />, [state.spacings, state.axes, beat]);
+  const charts = useMemo(
+    () => <Charts {...scene} />,
+    [state.spacings, state.axes, state.preferences.unit, beat],
+  );
   return (
     <div class="live-page">
       <div class="column">

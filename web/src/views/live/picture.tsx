@@ -100,7 +100,10 @@ function Legend({ state }: Scene) {
       {overlays.includes("error") && map && (
         <span class="legend">
           <i class="below" /> {strings.picture.legendBelow} <i class="above" /> {strings.picture.legendAbove}{" "}
-          · {strings.picture.legendRange(fixed(map.rangePx, 2))}
+          · {strings.picture.legendRange(fixed(map.rangePx, 2))} ·{" "}
+          {map.stepPx === null
+            ? strings.picture.legendLevel
+            : strings.picture.legendLines(String(Number(map.stepPx.toPrecision(1))))}
         </span>
       )}
       {wanted && !map && <span>{strings.picture.mapNone}</span>}

@@ -1,6 +1,6 @@
 import { octant, type Tilt } from "../../correction";
-import { fixed } from "../../format";
 import { strings } from "../../strings";
+import { angle } from "../../units";
 
 /** Where the spacing grows over the field, and the angle that would be. */
 export function TiltArrow({ tilt }: { tilt: Tilt }) {
@@ -14,9 +14,7 @@ export function TiltArrow({ tilt }: { tilt: Tilt }) {
         </g>
       </svg>
       <p>
-        <b>
-          {strings.meter.tilt} {fixed(tilt.degrees, 2)}°
-        </b>
+        <b>{strings.meter.tilt(angle(tilt.degrees, 2))}</b>
         <br />
         <span class="quiet">{where}</span>
       </p>

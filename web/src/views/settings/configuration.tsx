@@ -113,8 +113,8 @@ export function Configuration({ state, act }: Scene) {
       </label>
       <ConfigTable table={table} {...editing} />
       {draft !== null && admin && (
-        <div class="apply" role="status">
-          <p>
+        <div class="apply" data-changed={changed.length > 0}>
+          <p role="status">
             {changed.length === 0 ? strings.settings.unchanged : strings.settings.changed(changed.length)}{" "}
             {changed.length > 0 &&
               (check === null

@@ -2,6 +2,7 @@ import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { may } from "../../state";
 import { strings } from "../../strings";
+import { inUnit, typedMm } from "../../units";
 import type { AxisName, Faults as Wrong } from "../../wire";
 import type { Scene } from "../scene";
 import { Choice, Toggle } from "../toggle";
@@ -23,6 +24,8 @@ export function Faults({ state, act }: Scene) {
   useEffect(() => void show(api.faults()), [state.bootId]);
   if (!wrong) return null;
   const words = strings.faults;
+  const { unit } = state.preferences;
+  const shown = (mm: number) => inUnit(mm, unit);
   const allowed = may(state, "control");
   const set = (change: Partial<Wrong>) => void show(api.setFaults(change));
   const { serial, camera, scene, disk } = wrong;
@@ -84,10 +87,11 @@ export function Faults({ state, act }: Scene) {
           set={(bubbles) => set({ ...wrong, scene: { ...scene, bubbles } })}
         />
         <Figure
-          label={words.displaced}
-          value={scene.board_displaced_mm}
-          range={[-300, 1000, "any"]}
-          set={(board_displaced_mm) => set({ ...wrong, scene: { ...scene, board_displaced_mm } })}
+          key={unit}
+          label={words.displaced(unit)}
+          value={shown(scene.board_displaced_mm)}
+          range={[shown(-300), shown(1000), "any"]}
+          set={(length) => set({ ...wrong, scene: { ...scene, board_displaced_mm: typedMm(length, unit) } })}
         />
         <Figure
           label={words.turned}
@@ -96,10 +100,11 @@ export function Faults({ state, act }: Scene) {
           set={(board_turned_mrad) => set({ ...wrong, scene: { ...scene, board_turned_mrad } })}
         />
         <Figure
-          label={words.otherShell}
-          value={scene.shell_radius_mm}
-          range={[-20, 200, "any"]}
-          set={(shell_radius_mm) => set({ ...wrong, scene: { ...scene, shell_radius_mm } })}
+          key={unit}
+          label={words.otherShell(unit)}
+          value={shown(scene.shell_radius_mm)}
+          range={[shown(-20), shown(200), "any"]}
+          set={(length) => set({ ...wrong, scene: { ...scene, shell_radius_mm: typedMm(length, unit) } })}
         />
       </fieldset>
       {AXES.map((axis) => {
@@ -123,16 +128,18 @@ export function Faults({ state, act }: Scene) {
               set={(percent) => change({ slip_share: percent / PERCENT })}
             />
             <Figure
-              label={words.backlash}
-              value={of.backlash_mm}
-              range={[0, 5, "any"]}
-              set={(backlash_mm) => change({ backlash_mm })}
+              key={unit}
+              label={words.backlash(unit)}
+              value={shown(of.backlash_mm)}
+              range={[0, shown(5), "any"]}
+              set={(length) => change({ backlash_mm: typedMm(length, unit) })}
             />
             <Figure
-              label={words.growth}
-              value={of.backlash_growth_mm}
-              range={[0, 1, "any"]}
-              set={(backlash_growth_mm) => change({ backlash_growth_mm })}
+              key={unit}
+              label={words.growth(unit)}
+              value={shown(of.backlash_growth_mm)}
+              range={[0, shown(1), "any"]}
+              set={(length) => change({ backlash_growth_mm: typedMm(length, unit) })}
             />
             <Figure
               label={words.stopsLate}

@@ -1,11 +1,9 @@
 import { useLayoutEffect, useState } from "preact/hooks";
 import { choosable, SPACE } from "../../stop-key";
 import { strings } from "../../strings";
-import type { LengthUnit } from "../../units";
+import { UNITS } from "../../units";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
-
-const UNITS: readonly LengthUnit[] = ["mm", "µm"];
 
 /** What this browser remembers. */
 export function Preferences({ state, update }: Scene) {

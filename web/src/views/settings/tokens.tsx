@@ -1,3 +1,4 @@
+import { moment } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { strings } from "../../strings";
@@ -90,7 +91,7 @@ export function Tokens({ act, state }: Scene) {
 }
 
 function when(at: string | null | undefined, none: string): string {
-  return at ? new Date(at).toLocaleString() : none;
+  return at ? moment(at) : none;
 }
 
 function MakeToken({ make }: { make: (name: string, scope: Scope) => Promise<boolean> }) {

@@ -1,0 +1,29 @@
+// When a reading of the meter is worth being said aloud again: a screen reader is to be listened to, not to be drowned in
+// figures that differ in their last digit.
+
+import type { Reading } from "./reading";
+
+/** Between two things said, ms at least. */
+export const SPEAK_MS = 5000;
+/** A difference from the target that has changed by less than this share of what was said is no news. */
+const SHARE = 0.1;
+/** Nor is one that has changed by less than this many of its standard uncertainties. */
+const SIGMAS = 3;
+
+/** What was said last, and when, ms. */
+export interface Said {
+  differencePx: number;
+  direction: Reading["direction"];
+  at: number;
+}
+
+/** Whether a reading is to be said after what was said last. */
+export function isNews(said: Said | null, reading: Reading, now: number): boolean {
+  if (said === null) return true;
+  if (now - said.at < SPEAK_MS) return false;
+  if (reading.direction !== said.direction) return true;
+  // On the target it stays on the target.
+  if (reading.direction === "there") return false;
+  const changed = Math.abs(reading.differencePx - said.differencePx);
+  return changed > Math.max(SIGMAS * reading.sigmaPx, SHARE * Math.abs(said.differencePx));
+}

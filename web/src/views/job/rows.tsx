@@ -1,0 +1,13 @@
+/** Figures by their names. */
+export function Rows({ of }: { of: [name: string, value: string][] }) {
+  return (
+    <dl>
+      {of.map(([name, value]) => (
+        <div key={name}>
+          <dt>{name}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
+    </dl>
+  );
+}

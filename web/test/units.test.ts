@@ -1,0 +1,100 @@
+import { describe, expect, it } from "vitest";
+import * as units from "../src/units";
+import { figures } from "../src/views/job/result";
+import type { Report } from "../src/wire";
+
+describe("lengths", () => {
+  it("are the same in both units, with as many digits", () => {
+    expect(units.length(1.2345, "mm")).toBe("1.234 mm");
+    expect(units.length(1.2345, "µm")).toBe("1235 µm");
+    expect(units.bare(-0.0005, "µm", 4)).toBe("−0.5");
+    expect(units.signedLength(0.0012, "µm", 4)).toBe("+1.2 µm");
+    expect(units.lengths([159.23, 167.2], "µm", 1)).toBe("159230, 167200 µm");
+    for (const unit of units.UNITS) expect(units.toMm(units.inUnit(0.42, unit), unit)).toBeCloseTo(0.42, 12);
+  });
+
+  it("carry their uncertainty along, and are nothing where they are not known", () => {
+    expect(units.measuredLength(2.2074, 0.0003, "mm", 4)).toBe("2.2074 ± 0.0003 mm");
+    expect(units.measuredLength(2.2074, 0.0003, "µm", 4)).toBe("2207.4 ± 0.3 µm");
+    expect(units.measuredLength(2.2074, null, "µm", 4)).toBe("2207.4 µm");
+    expect(units.measuredLength(null, 0.1, "mm", 4)).toBeNull();
+    expect(units.bareMeasured(0.5, 0.01, "µm", 3)).toBe("500 ± 10");
+  });
+
+  it("are typed and spelt without digits that the unit makes up", () => {
+    expect(units.typedMm(0.1 + 0.2, "µm")).toBe(0.0003);
+    expect(units.plain(0.07, "µm")).toBe("70");
+    expect(units.plain(0.1, "mm")).toBe("0.1");
+  });
+
+  it("are divided by, too", () => {
+    expect(units.pixelsPer(8.6953, "mm", 4)).toBe("8.6953 px/mm");
+    expect(units.pixelsPer(8.6953, "µm", 4)).toBe("0.0086953 px/µm");
+  });
+});
+
+describe("what the daemon says", () => {
+  it("has its lengths in the unit chosen, and nothing else changed", () => {
+    const said = "move the e axis to −4.425 mm; 8.7 px/mm, step 3, 2 mm² and 5 mm/s";
+    expect(units.reworded(said, "mm")).toBe(said);
+    expect(units.reworded(said, "µm")).toBe(
+      "move the e axis to −4425 µm; 8.7 px/mm, step 3, 2 mm² and 5 mm/s",
+    );
+    expect(units.reworded("levels at 159.2, 167.2, 175.2 mm from it", "µm")).toBe(
+      "levels at 159200, 167200, 175200 µm from it",
+    );
+    expect(units.reworded("within -2 to 0.0005 mm", "µm")).toBe("within -2000 to 0.5 µm");
+    expect(units.reworded("v1.2 mm", "µm")).toBe("v1.2 mm");
+  });
+});
+
+describe("what a job reaches for", () => {
+  it("is a length where it is Δv, and pixels where it is the spacing", () => {
+    const deltaV = { name: "delta_v_mm", value: 2.2073, sigma: 0.0004, target: 2.205 };
+    expect(units.reached(deltaV, "µm")).toEqual({ value: "2207.3 ± 0.4 µm", target: "2205.0 µm" });
+    const spacing = { name: "spacing_px", value: 19.7113, sigma: 0.0025, target: null };
+    expect(units.reached(spacing, "µm")).toEqual({ value: "19.7113 ± 0.0025 px", target: null });
+  });
+});
+
+describe("the report", () => {
+  const report: Report = {
+    aperture_mm: 6.364,
+    aperture_ring_f_number: 3.14,
+    delta_v_air_target_mm: 2.205,
+    delta_v_mm: 2.2074,
+    delta_v_sigma_mm: 0.0003,
+    delta_v_target_mm: 2.2046,
+    depth_of_field: { low_mm: 607, high_mm: null },
+    design_origin: "reference preset",
+    e_mm: 0.024,
+    e_sigma_mm: 0.016,
+    e_target_mm: 0,
+    e_tolerance: { low_mm: -6.78, high_mm: 5.71 },
+    e_readback_mm: null,
+    focus_readback_mm: 2.103,
+    e_wall_mm: -0.1,
+    l_bound_mm: 0,
+    moves_air: 2,
+    moves_shell: 2,
+    notes: [],
+    shell_step_done: "e translated",
+    spacing_px: 19.7113,
+    spacing_sigma_px: 0.0025,
+    spacing_target_px: 19.725,
+    spacing_targets: { paraxial_px: 19.725 },
+  } as unknown as Report;
+
+  it("has every length in the unit chosen, and none in the other", () => {
+    const text = (unit: units.LengthUnit) =>
+      figures(report, unit)
+        .map(([name, value]) => `${name}: ${value}`)
+        .join("\n");
+    expect(text("mm")).toContain("Δv: 2.2074 ± 0.0003 mm, target 2.2046 mm");
+    expect(text("mm")).not.toContain("µm");
+    expect(text("µm")).toContain("Δv: 2207.4 ± 0.3 µm, target 2204.6 µm");
+    expect(text("µm")).toContain("Depth of field: 607000 µm to ∞");
+    expect(text("µm")).toContain("focus 2103 µm, e unknown");
+    expect(text("µm")).not.toMatch(/\bmm\b/);
+  });
+});
