@@ -87,7 +87,7 @@ export function Faults({ state, act }: Scene) {
           set={(bubbles) => set({ ...wrong, scene: { ...scene, bubbles } })}
         />
         <Figure
-          key={unit}
+          key={`displaced-${unit}`}
           label={words.displaced(unit)}
           value={shown(scene.board_displaced_mm)}
           range={[shown(-300), shown(1000), "any"]}
@@ -100,7 +100,7 @@ export function Faults({ state, act }: Scene) {
           set={(board_turned_mrad) => set({ ...wrong, scene: { ...scene, board_turned_mrad } })}
         />
         <Figure
-          key={unit}
+          key={`otherShell-${unit}`}
           label={words.otherShell(unit)}
           value={shown(scene.shell_radius_mm)}
           range={[shown(-20), shown(200), "any"]}
@@ -128,14 +128,14 @@ export function Faults({ state, act }: Scene) {
               set={(percent) => change({ slip_share: percent / PERCENT })}
             />
             <Figure
-              key={unit}
+              key={`backlash-${unit}`}
               label={words.backlash(unit)}
               value={shown(of.backlash_mm)}
               range={[0, shown(5), "any"]}
               set={(length) => change({ backlash_mm: typedMm(length, unit) })}
             />
             <Figure
-              key={unit}
+              key={`growth-${unit}`}
               label={words.growth(unit)}
               value={shown(of.backlash_growth_mm)}
               range={[0, shown(1), "any"]}
