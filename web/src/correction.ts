@@ -27,6 +27,8 @@ export interface Correction {
 export interface Tilt {
   /** Angle between lens and MLA if nothing else were tilted, degrees. */
   degrees: number;
+  /** Its standard uncertainty, degrees. */
+  sigmaDegrees: number;
   /** Where the spacing grows, radians from the picture's right, clockwise as seen. */
   towards: number;
 }
@@ -82,8 +84,10 @@ export function tilt(design: Design | null, measurement: Measurement | null, wid
   const { tilt_x_px: x, tilt_y_px: y } = measurement.spacing;
   const slopePxPerMm = (array.pitchPx * array.bMm) / (array.aMm * array.aMm);
   const halfWidthMm = (widthPx / 2) * array.pixelMm;
-  const angle = Math.atan(Math.hypot(x, y) / slopePxPerMm / halfWidthMm);
-  return { degrees: (angle * 180) / Math.PI, towards: Math.atan2(y, x) };
+  const degrees = (px: number) => (Math.atan(px / slopePxPerMm / halfWidthMm) * 180) / Math.PI;
+  // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
+  const sigmaPx = Math.sqrt(3) * measurement.spacing.spacing_sigma_px;
+  return { degrees: degrees(Math.hypot(x, y)), sigmaDegrees: degrees(sigmaPx), towards: Math.atan2(y, x) };
 }
 
 const OCTANTS = [

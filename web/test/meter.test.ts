@@ -104,6 +104,10 @@ describe("the tilt", () => {
     const found = tilt(design, leaning, 1160);
     // dl/dΔv = D b / a² = 8.695 px/mm; half the frame is 2.001 mm wide.
     expect(found?.degrees).toBeCloseTo((Math.atan(0.4 / 8.695 / 2.001) * 180) / Math.PI, 2);
+    expect(found?.sigmaDegrees).toBeCloseTo(
+      (Math.atan((Math.sqrt(3) * 0.002) / 8.695 / 2.001) * 180) / Math.PI,
+      4,
+    );
     expect(octant(found?.towards ?? 0)).toBe("bottom");
     expect(tilt(design, leaning, 0)).toBeNull();
   });

@@ -93,6 +93,8 @@ export const meter = {
   bestReset: "Hold anew",
   tilt: (angle: string) => `Tilt ${angle}`,
   tiltMore: (where: string) => `the spacing grows towards the ${where}`,
+  tiltNone: "none that can be told",
+  below: (angle: string) => `below ${angle}`,
   tiltCaution: "between lens and MLA, if board and shell are square",
   octant: {
     right: "right",
