@@ -33,6 +33,8 @@ part "tests" cargo test --quiet
 part "docs" docs
 part "vendors' clients" tests/vendor-clients/run.sh
 part "websocket clients" tests/ws-clients/run.sh
+part "recordings" tests/mcap-client/run.sh
+part "foxglove" tests/foxglove/run.sh
 # The same examples in every run; `make test-long` takes new ones.
 part "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
 part "promtool" tests/promtool.sh

@@ -18,6 +18,7 @@ use super::remote::RemoteArgs;
 use super::{Context, supervised};
 use crate::access::{Gate, TokenStore};
 use crate::api::Api;
+use crate::api::foxglove::Bridge;
 use crate::api::jpeg::Encoder;
 use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
@@ -49,7 +50,7 @@ pub(super) struct Args {
     /// Use the simulated bench, whatever the configuration says.
     #[arg(long)]
     simulated: bool,
-    /// Print one JSON object instead of text once it serves: `address`, `simulated`.
+    /// Print one JSON object instead of text once it serves: `address`, `simulated`, `foxglove`.
     #[arg(long)]
     json: bool,
 }
@@ -120,6 +121,8 @@ pub(super) struct Server {
     exposure: Exposure,
     task: JoinHandle<()>,
     announcement: Option<Announcement>,
+    /// The bridge for Foxglove, where one is configured.
+    bridge: Option<Bridge>,
     _lock: BenchLock,
 }
 
@@ -149,9 +152,10 @@ impl Server {
         let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);
         let serving = serve_connections(listener, api.router(), exposure.server.clone(), api.closing());
         let task = tokio::spawn(serving);
+        let bridge = Bridge::start(Arc::clone(&service)).await.map_err(|why| anyhow!(why))?;
         let announcement =
             if config.server.mdns { announce(address, exposure.server.tls.is_some(), simulated) } else { None };
-        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, _lock: lock })
+        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, bridge, _lock: lock })
     }
 
     /// Where it is reached, without a slash at the end.
@@ -188,6 +192,11 @@ impl Server {
                     let _ = (&mut self.task).await;
                 },
                 async {
+                    if let Some(bridge) = &self.bridge {
+                        bridge.close().await;
+                    }
+                },
+                async {
                     let _ = tokio::task::spawn_blocking(move || drop(announcement)).await;
                 },
             );
@@ -218,11 +227,19 @@ fn announce(address: SocketAddr, tls: bool, simulated: bool) -> Option<Announcem
 
 fn say_address(server: &Server, json: bool) {
     let (url, simulated) = (format!("{}/", server.url()), server.simulated);
+    let bridge = server.bridge.as_ref().map(|bridge| format!("ws://{}", bridge.address()));
     if json {
-        println!("{}", serde_json::json!({ "address": url, "simulated": simulated }));
+        let mut said = serde_json::json!({ "address": url, "simulated": simulated });
+        if let Some(bridge) = bridge {
+            said["foxglove"] = bridge.into();
+        }
+        println!("{said}");
     } else {
         let bench = if simulated { "SIMULATED bench" } else { "bench" };
         println!("plenalign: {bench} at {url}");
+        if let Some(bridge) = bridge {
+            println!("plenalign: for Foxglove and Lichtblick at {bridge}");
+        }
     }
     let _ = std::io::stdout().flush();
     tracing::info!(address = %server.address, simulated, "serving");

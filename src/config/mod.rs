@@ -19,6 +19,7 @@ mod flaws;
 mod load;
 mod origin;
 mod overrides;
+mod record;
 mod schema;
 mod server;
 mod simulation;
@@ -34,6 +35,7 @@ pub use edit::{Change, EditError, Forbidden, LOCKED};
 pub use error::{ConfigError, Position, Violation};
 pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
 pub use origin::ConfigOrigin;
+pub use record::{FoxgloveConfig, RecordConfig, RecordJobs};
 pub use server::{Auth, ServerConfig, TlsConfig};
 pub use simulation::{SimulationConfig, Texture};
 
@@ -66,6 +68,10 @@ pub struct Config {
     pub bench: BenchConfig,
     /// Who may ask the daemon, and how many at once.
     pub server: ServerConfig,
+    /// What is recorded of jobs, and where.
+    pub record: RecordConfig,
+    /// The live bridge for Foxglove and Lichtblick.
+    pub foxglove: FoxgloveConfig,
 }
 
 impl Config {

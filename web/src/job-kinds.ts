@@ -58,17 +58,19 @@ const INTERVAL_S = 1;
 export interface Draft {
   kind: JobKind;
   note: string;
+  /** Whether it is recorded; otherwise as the configuration has it. */
+  record: boolean;
   numbers: Partial<Record<NumberField["name"], string>>;
   axis: AxisName;
   axes: AxisName[];
 }
 
-export function draftOf(kind: JobKind, note = ""): Draft {
-  return { kind, note, numbers: {}, axis: "focus", axes: ["focus", "e"] };
+export function draftOf(kind: JobKind, note = "", record = false): Draft {
+  return { kind, note, record, numbers: {}, axis: "focus", axes: ["focus", "e"] };
 }
 
 /** A request while its fields are being filled in. */
-type Filled = { kind: JobKind; note?: string; axis?: AxisName; axes?: AxisName[] } & Partial<
+type Filled = { kind: JobKind; note?: string; record?: boolean; axis?: AxisName; axes?: AxisName[] } & Partial<
   Record<NumberField["name"], number>
 >;
 
@@ -86,6 +88,7 @@ export function check(draft: Draft, axes: Axis[]): Checked {
   const faults: Partial<Record<Field["name"] | "note", string>> = {};
   const request: Filled = { kind: draft.kind };
   if (draft.note.trim() !== "") request.note = draft.note.trim();
+  if (draft.record) request.record = true;
   if (draft.note.length > 200) faults.note = strings.form.tooLong(200);
   for (const field of FIELDS[draft.kind]) {
     if (field.is === "axis") request.axis = draft.axis;

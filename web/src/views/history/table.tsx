@@ -75,7 +75,7 @@ function JobRow({ job, chosen, choose }: { job: JobItem; chosen: boolean; choose
       </td>
       <td>{job.iterations}</td>
       <td class="words">
-        <Downloads href={job.href} />
+        <Downloads href={job.href} recording={job.recording} />
       </td>
       <td>
         <Toggle on={chosen} set={choose} title={strings.history.compareThis(`${what}, ${when}`)}>

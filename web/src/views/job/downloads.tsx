@@ -1,7 +1,8 @@
 import { strings } from "../../strings";
+import type { Recording } from "../../wire";
 
 /** A job's report and files. */
-export function Downloads({ href }: { href: string }) {
+export function Downloads({ href, recording }: { href: string; recording?: Recording | null }) {
   return (
     <p class="downloads">
       <a href={`${href}/report.html`} target="_blank" rel="noopener">
@@ -13,6 +14,11 @@ export function Downloads({ href }: { href: string }) {
       <a href={`${href}/export.json`} download>
         {strings.job.json}
       </a>
+      {recording && recording.state !== "recording" && (
+        <a href={`${href}/recording`} title={recording.fault ?? recording.file} download>
+          {recording.state === "complete" ? strings.job.recording : strings.job.recordingCut}
+        </a>
+      )}
     </p>
   );
 }
