@@ -70,9 +70,13 @@ export function draftOf(kind: JobKind, note = "", record = false): Draft {
 }
 
 /** A request while its fields are being filled in. */
-type Filled = { kind: JobKind; note?: string; record?: boolean; axis?: AxisName; axes?: AxisName[] } & Partial<
-  Record<NumberField["name"], number>
->;
+type Filled = {
+  kind: JobKind;
+  note?: string;
+  record?: boolean;
+  axis?: AxisName;
+  axes?: AxisName[];
+} & Partial<Record<NumberField["name"], number>>;
 
 export type Checked =
   { ok: true; request: JobRequest } | { ok: false; faults: Partial<Record<Field["name"] | "note", string>> };

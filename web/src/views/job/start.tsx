@@ -38,7 +38,9 @@ export function StartJob({ state, act }: Scene) {
         <select
           id="kind"
           value={draft.kind}
-          onChange={(event) => setDraft(draftOf(event.currentTarget.value as JobKind, draft.note, draft.record))}
+          onChange={(event) =>
+            setDraft(draftOf(event.currentTarget.value as JobKind, draft.note, draft.record))
+          }
         >
           {KINDS.map((kind) => (
             <option key={kind} value={kind}>
