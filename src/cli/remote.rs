@@ -77,11 +77,8 @@ pub(super) async fn align(server: &str, remote: &RemoteArgs, record: Option<&Pat
     progress.finish();
     let job = job?;
     if let Some(file) = record {
-        match &job.recording {
-            Some(Recording { state: RecordingState::Failed, fault: Some(why), .. }) => {
-                eprintln!("plenalign: not all of the job is recorded: {why}");
-            }
-            _ => {}
+        if let Some(Recording { state: RecordingState::Failed, fault: Some(why), .. }) = &job.recording {
+            eprintln!("plenalign: not all of the job is recorded: {why}");
         }
         let path = format!("{}/recording", created.href);
         let saved = daemon.save(&path, file).await;

@@ -2,9 +2,10 @@
 import assert from "node:assert/strict";
 import { createFileRegistry, fromBinary } from "@bufbuild/protobuf";
 import { FileDescriptorSetSchema } from "@bufbuild/protobuf/wkt";
-import { FoxgloveClient } from "@foxglove/ws-protocol";
+import protocol from "@foxglove/ws-protocol";
 import WebSocket from "ws";
 
+const { FoxgloveClient } = protocol;
 const [bridge, daemon] = process.argv.slice(2);
 const PATIENCE_MS = 120_000;
 const WANTED = [

@@ -137,12 +137,14 @@ async fn what_makes_no_sense_is_named_key_by_key_and_not_written() {
 async fn what_is_run_read_or_opened_cannot_be_chosen_over_the_api() {
     let filed = Filed::start().await;
     let (view, tag) = filed.get().await;
-    assert_eq!(view["locked"], json!(["server", "bench.camera.files"]));
-    let changes: [fn(&mut Value); 4] = [
+    assert_eq!(view["locked"], json!(["server", "foxglove", "record.folder", "bench.camera.files"]));
+    let changes: [fn(&mut Value); 6] = [
         |config| config["server"]["auth"] = json!("required"),
         |config| config["server"]["tls"] = json!({ "certificate": "/etc/shadow", "key": "/etc/shadow" }),
         |config| config["server"]["trusted_proxies"] = json!(["0.0.0.0/0"]),
         |config| config["bench"]["camera"]["files"] = json!("/etc/*"),
+        |config| config["record"]["folder"] = json!("/etc"),
+        |config| config["foxglove"]["listen"] = json!("127.0.0.1:8765"),
     ];
     for change in changes {
         let mut config = view["stored"].clone();

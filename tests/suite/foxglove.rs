@@ -21,9 +21,8 @@ use super::program::{Program, plenalign, serve};
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn daemon(state: &Path, bridge: &str) -> Program {
-    let text = format!(
-        "[foxglove]\n{bridge}\n[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\n"
-    );
+    let text =
+        format!("[foxglove]\n{bridge}\n[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\n");
     std::fs::write(state.join("bench.toml"), text).unwrap();
     Program::start(serve(state, &[]))
 }
@@ -234,7 +233,10 @@ fn the_layout_shows_what_there_is() {
                     let mut of = Some(topic.schema.to_owned());
                     for field in fields.split('.') {
                         let message = of.unwrap_or_else(|| panic!("{path} goes too far"));
-                        of = described[&message].get(field).unwrap_or_else(|| panic!("{message} has no {field}")).clone();
+                        of = described[&message]
+                            .get(field)
+                            .unwrap_or_else(|| panic!("{message} has no {field}"))
+                            .clone();
                     }
                     assert!(of.is_none(), "{path} ends at a message");
                     shown.insert(topic.name);

@@ -3,14 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use plenalign::config::Config;
+use plenalign::config::{CameraConfig, Config};
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState, RecordingState};
 use plenalign::control::replay::{Replay, What, replay};
 use plenalign::control::{Service, open_bench};
+use plenalign::device::camera::files::FilesCamera;
+use plenalign::device::{CameraState, FrameSource as _};
 use plenalign::record::foxglove::RawImage;
 use plenalign::record::messages::{Decision, FrameInfo, JobStart};
-use plenalign::record::{Ending, Item, Limits, Reader, Topic, Writer};
+use plenalign::record::{Ending, Item, Limits, Reader, Topic, Writer, raw_image};
 use plenalign::store::Store;
 use prost::Message as _;
 use serde_json::{Value, json};
@@ -165,6 +167,9 @@ async fn an_alignment_is_recorded_and_replayed_to_the_last_bit() {
     let first = &differing.differences[0];
     assert!(first.at.starts_with("measurement"), "{first:?}");
 
+    // The `files` camera plays it, and says that it is a replay.
+    plays(&file, &frames).await;
+
     // Cut in the middle, as by a power cut: up to there all is the same, and it is said that it was cut.
     let bytes = std::fs::read(&file).unwrap();
     std::fs::write(&other, &bytes[..bytes.len() * 6 / 10]).unwrap();
@@ -172,6 +177,33 @@ async fn an_alignment_is_recorded_and_replayed_to_the_last_bit() {
     identical(&cut);
     assert!(cut.cut.is_some() && cut.recorded_end.is_none() && cut.notes[0].contains("cut"), "{:?}", cut.notes);
     assert!(!cut.steps.is_empty() && cut.steps.len() < replayed.steps.len());
+}
+
+/// The frames of a recording in a folder, played one after another.
+async fn plays(file: &Path, frames: &[RawImage]) {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(file, folder.path().join("run.mcap")).unwrap();
+    let files = folder.path().display().to_string();
+    let config = CameraConfig { files, repeat: false, frame_rate_hz: 1.0, ..CameraConfig::default() };
+    let camera = FilesCamera::start(&config, (560, 560));
+    let mut live = camera.live();
+    for recorded in frames {
+        live.changed().await.unwrap();
+        let frame = live.borrow_and_update().clone().expect("a frame");
+        assert_eq!(&*frame.image, &raw_image(recorded, Some(8)).unwrap());
+        assert!(frame.replayed && !frame.focus.settled && frame.focus.position.is_none());
+    }
+    let mut state = camera.state();
+    let ended = state.wait_for(|state| !state.online).await.unwrap().clone();
+    assert!(ended.fault.unwrap().contains("have been played"));
+
+    let other = FilesCamera::start(&CameraConfig { repeat: true, ..config }, (400, 400));
+    let mut state = other.state();
+    let has =
+        |word: &'static str| move |state: &CameraState| state.fault.as_ref().is_some_and(|why| why.contains(word));
+    state.wait_for(has("run.mcap has 560x560 pixels")).await.unwrap();
+    std::fs::write(folder.path().join("run.mcap"), b"nothing").unwrap();
+    state.wait_for(has("run.mcap is no MCAP file")).await.unwrap();
 }
 
 #[tokio::test(start_paused = true)]

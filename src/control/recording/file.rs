@@ -238,3 +238,52 @@ impl Scribe {
         self.writer.as_mut().map_or(Ok(()), Writer::flush)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+    use std::time::Duration;
+
+    use nix::sys::stat::Mode;
+    use nix::unistd::mkfifo;
+
+    use super::*;
+    use crate::device::AxisPose;
+    use crate::raw::RawImage;
+
+    /// A disk that takes nothing: a pipe that nobody reads.
+    #[test]
+    fn a_disk_that_hangs_ends_the_recording_and_holds_nobody_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe.mcap");
+        mkfifo(&pipe, Mode::S_IRWXU).unwrap();
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let hear = Arc::clone(&told);
+        let tell = move |why| hear.lock().unwrap().push(why);
+        let sink = FileSink::start(pipe, &Arc::new(Config::default()), Box::new(tell));
+        sink.take(Happening::Start(Box::default()));
+        let (now, unknown) = (Instant::now(), AxisPose { position: None, settled: false });
+        let frame = Arc::new(Frame {
+            image: Arc::new(RawImage::from_u8(8192, 8192, vec![0; 8192 * 8192])),
+            seq: 1,
+            exposed_from: now,
+            exposed_to: now,
+            exposure_assumed: true,
+            captured_at: Timestamp::now(),
+            focus: unknown,
+            e: unknown,
+            preview: false,
+            simulated: true,
+            replayed: false,
+        });
+        let begun = std::time::Instant::now();
+        for taken in 0..8 {
+            assert_eq!(told.lock().unwrap().len(), usize::from(taken > 4), "{taken} frames of 64 MB");
+            sink.take(Happening::Frame(Arc::clone(&frame)));
+        }
+        assert!(begun.elapsed() < Duration::from_secs(2), "{:?}", begun.elapsed());
+        let told = told.lock().unwrap().clone();
+        assert!(told.len() == 1 && told[0].contains("too slow"), "{told:?}");
+        assert!(sink.finish().recv().is_err(), "it has failed already");
+    }
+}

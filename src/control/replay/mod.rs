@@ -18,7 +18,7 @@ use super::lease::{DEFAULT_TTL_S, LeaseRequest};
 use super::recording::{Happening, Sink};
 use super::service::Service;
 use crate::config::Config;
-use crate::device::replayed::{self, RecordedFrames};
+use crate::device::replayed::{self, EXHAUSTED, RecordedFrames};
 use crate::record::ReadError;
 use crate::store::Store;
 
@@ -165,7 +165,11 @@ fn compared(file: String, recorded: &Recorded, figures: &[Figure], ended: &JobSn
     let recorded_end = recorded.end.clone();
     match (&recorded_end, &recorded.cut) {
         (Some(end), _) if end.state == JobState::Cancelled => {
-            notes.push(format!("the recorded job was cancelled ({}): it is compared up to there", end.reason))
+            notes.push(format!("the recorded job was cancelled ({}): it is compared up to there", end.reason));
+        }
+        // By what no device answered: a bench that did not come to rest, a computation that ended unexpectedly.
+        (Some(end), _) if end.state == JobState::Failed && replayed_end.reason.contains(EXHAUSTED) => {
+            notes.push(format!("the recorded job failed from outside ({}): it is compared up to there", end.reason));
         }
         (Some(end), _) => differences.extend(compare::ends(end, &replayed_end)),
         (None, Some(why)) => notes.push(format!("the recording was cut ({why}): it is compared up to there")),

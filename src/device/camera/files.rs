@@ -101,7 +101,9 @@ impl Player {
                 Ok(paths) => {
                     let played = self.play_once(&paths).await;
                     if played > 0 && !self.config.repeat {
-                        self.go_offline(format!("all {played} files have been played; repeat = true plays them again"));
+                        self.go_offline(format!(
+                            "all {played} frames have been played; repeat = true plays them again"
+                        ));
                         return std::future::pending().await;
                     }
                     if played > 0 {
@@ -348,7 +350,7 @@ mod tests {
         let camera = FilesCamera::start(&config(pattern.to_str().unwrap(), false), (4, 3));
         assert_eq!(levels(&camera, 2).await, [10, 20]);
         let state = until(&camera, |state| !state.online).await;
-        assert!(state.fault.unwrap().contains("all 2 files have been played"));
+        assert!(state.fault.unwrap().contains("all 2 frames have been played"));
         assert!(camera.newest().is_none() && state.replay);
     }
 

@@ -15,6 +15,8 @@ use crate::record::messages::{Answer, FrameInfo, JobStart};
 use crate::record::{Ending, Item, ReadError, Reader, Topic, raw_image, time};
 use crate::units::Millimetres;
 
+/// Why a recording gives no frame where the recorded job went on without one.
+pub const EXHAUSTED: &str = "it has no further frame";
 /// What the camera is called in recorded answers.
 pub(super) const CAMERA: &str = "camera";
 
@@ -84,7 +86,7 @@ impl RecordedFrames {
         let told = |why: String| format!("frame {} cannot be read: {why}", self.count);
         let message = RawImage::decode(data).map_err(|error| told(error.to_string()))?;
         let image = raw_image(&message, info.as_ref().map(|info| info.bits)).map_err(told)?;
-        let known = info.clone().unwrap_or_default();
+        let known = info.unwrap_or_default();
         let at = |ns: i64| {
             let offset = Duration::from_nanos(ns.unsigned_abs());
             if ns < 0 { self.begun.checked_sub(offset).unwrap_or(self.begun) } else { self.begun + offset }
@@ -157,10 +159,7 @@ impl FrameSource for ReplayedCamera {
         match next.await.map_err(|error| protocol(error.to_string()))? {
             Some(Shot::Frame(frame)) => frame.map(Arc::new).map_err(protocol),
             Some(Shot::None(error)) => Err(error),
-            None => Err(DeviceError::Disconnected {
-                device: super::NAME.to_owned(),
-                reason: "it has no further frame".to_owned(),
-            }),
+            None => Err(DeviceError::Disconnected { device: super::NAME.to_owned(), reason: EXHAUSTED.to_owned() }),
         }
     }
 }

@@ -8,7 +8,7 @@ mod stage;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub use camera::RecordedFrames;
+pub use camera::{EXHAUSTED, RecordedFrames};
 
 use self::camera::{CAMERA, ReplayedCamera};
 use self::operator::ReplayedOperator;
