@@ -19,6 +19,7 @@
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
 //!  access                who asks and what they may do; tokens, sessions, tickets
 //!  store                 the history on disk: plain records in and out, used by control
+//!  record                recordings on disk: MCAP files, written by control, played by device
 //!  config                read once, immutable afterwards
 //!  telemetry             what the program counts about itself, called from anywhere
 //! ```
@@ -33,6 +34,7 @@ pub mod cli;
 pub mod config;
 pub mod control;
 pub mod device;
+pub mod record;
 pub mod sim;
 pub mod state_folder;
 pub mod store;

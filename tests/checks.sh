@@ -36,6 +36,8 @@ part "websocket clients" tests/ws-clients/run.sh
 part "python client" tests/python-client/run.sh
 part "walk with curl" tests/curl-walk/run.sh
 part "Alpaca client" tests/alpaca-client/run.sh
+part "recordings" tests/mcap-client/run.sh
+part "foxglove" tests/foxglove/run.sh
 # The same examples in every run; `make test-long` takes new ones.
 part "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
 part "promtool" tests/promtool.sh

@@ -187,7 +187,7 @@ fn of_kind(all: &Object, kind: JobKind) -> Object {
         .required("kind")
         .additional_properties(Some(AdditionalProperties::FreeForm(false)))
         .build();
-    for field in JobRequest::takes(kind).iter().chain(&["note"]) {
+    for field in JobRequest::takes(kind).iter().chain(&["note", "record"]) {
         if let Some(schema) = all.properties.get(*field) {
             object.properties.insert((*field).to_owned(), schema.clone());
         }

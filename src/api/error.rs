@@ -64,6 +64,14 @@ impl Problem {
         Self::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
     }
 
+    /// A recording that is asked for is still being written.
+    #[must_use]
+    pub fn still_recording(job: uuid::Uuid) -> Self {
+        let detail = format!("job {job} is still being recorded; its recording can be had once the job has ended");
+        Self::new(StatusCode::CONFLICT, "still-recording", "The recording is not whole yet", detail)
+            .with(json!({ "job": job }))
+    }
+
     /// The path exists, the method on it does not.
     #[must_use]
     pub fn method_not_allowed(detail: impl Into<String>) -> Self {

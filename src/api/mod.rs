@@ -14,6 +14,7 @@ mod draft;
 pub mod error;
 pub mod export;
 mod extract;
+pub mod foxglove;
 mod frame;
 mod guard;
 pub mod history;
@@ -33,6 +34,7 @@ mod placeholder;
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
+mod recording;
 mod scene;
 mod scopes;
 mod security;
@@ -230,6 +232,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(export::as_json))
         .routes(routes!(export::as_csv))
         .routes(routes!(export::as_html))
+        .routes(routes!(recording::download))
         .routes(routes!(stop::stop, stop::get, stop::reset))
         .routes(routes!(frame::png))
         .routes(routes!(frame::snapshot))

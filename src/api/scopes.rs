@@ -74,6 +74,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/jobs/{id}/export.json", VIEW),
     ("GET", "/api/v1/jobs/{id}/export.csv", VIEW),
     ("GET", "/api/v1/jobs/{id}/report.html", VIEW),
+    ("GET", "/api/v1/jobs/{id}/recording", VIEW),
     ("GET", "/api/v1/audit", ADMIN),
     ("POST", "/api/v1/jobs/{id}/confirm", CONTROL),
     ("GET", "/api/v1/measurement", VIEW),

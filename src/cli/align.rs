@@ -1,5 +1,6 @@
 //! `plenalign align`: a joint alignment, in process on the configured bench or through a running daemon.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -33,6 +34,9 @@ pub(super) struct Args {
     seed: Option<u64>,
     #[command(flatten)]
     faults: FaultArgs,
+    /// Record it to this file, for Foxglove and `plenalign replay`.
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -50,7 +54,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
     let job = runtime.block_on(async {
         match &args.server {
-            Some(server) => remote::align(server, &args.remote).await,
+            Some(server) => remote::align(server, &args.remote, args.record.as_deref()).await,
             None => in_process(context, &args).await,
         }
     });
@@ -81,19 +85,24 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
     }
     let service = Service::start(Arc::clone(&config), context.origin.describe(&config), bench, store);
     faults::put_in_force(&service, plan)?;
-    let ended = follow(&service, &mut signals).await;
+    let ended = follow(&service, &mut signals, args.record.clone()).await;
     service.shut_down().await;
     ended
 }
 
 /// Runs the job to its end. The first signal cancels it, the second ends the program at once.
-async fn follow(service: &Arc<Service>, signals: &mut Signals) -> anyhow::Result<JobSnapshot> {
+async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<PathBuf>) -> anyhow::Result<JobSnapshot> {
     let mut events = service.subscribe();
     let request =
         LeaseRequest { owner: remote::lease_owner(), note: None, ttl: Duration::from_secs_f64(DEFAULT_TTL_S) };
     let grant = service.leases().acquire(request)?;
     let permit = service.leases().permit(Some(&grant.key))?;
-    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await?.id;
+    let request = JobRequest::of(JobKind::JointAlignment);
+    let created = match record {
+        Some(file) => service.create_job_recorded(&permit, request, file).await?,
+        None => service.create_job(&permit, request).await?,
+    };
+    let id = created.id;
     let mut progress = Progress::new("press Enter when it is done".to_owned());
     let mut lines = BufReader::new(tokio::io::stdin()).lines();
     let (mut interrupted, mut input_open) = (false, true);

@@ -41,7 +41,7 @@ async fn demonstrate(context: Context, args: &Args) -> anyhow::Result<ExitCode> 
     server.offer_key(true)?;
     let own = server.own_client();
     let aligned = tokio::select! {
-        job = remote::align(&url, &own) => Some(job),
+        job = remote::align(&url, &own, None) => Some(job),
         () = signals.next() => None,
     };
     let code = match &aligned {

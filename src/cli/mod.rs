@@ -20,6 +20,7 @@ mod pose;
 mod progress;
 mod remote;
 mod render;
+mod replay;
 mod report;
 mod serve;
 mod sim_stage;
@@ -79,6 +80,8 @@ enum Command {
     Camera(camera::Args),
     /// Run the paper's experiments again on the simulated camera, and write a report.
     Study(study::Args),
+    /// Measure a recording's frames again and compare what is decided.
+    Replay(replay::Args),
     /// List, show and export the jobs of the history.
     Jobs(jobs::Args),
     /// Serve the simulated bench and align it before your eyes.
@@ -151,6 +154,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Render(args) => render::run(context, args),
         Command::Camera(args) => camera::run(context, args),
         Command::Study(args) => study::run(context, args),
+        Command::Replay(args) => replay::run(&context, &args),
         Command::Jobs(args) => jobs::run(context, args),
         Command::Demo(args) => demo::run(context, args),
         Command::SimStage(args) => sim_stage::run(context, args),

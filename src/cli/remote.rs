@@ -1,24 +1,27 @@
 //! A running daemon's API, and `plenalign align --server`: the same alignment through it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::{Certificate, Client, StatusCode};
 use serde::de::DeserializeOwned;
+use tokio::io::AsyncWriteExt as _;
 
 use super::progress::Progress;
 use crate::api::error::{LEASE_HEADER, Problem};
 use crate::api::server::use_ring;
 use crate::api::types::{Health, JobResource, LeaseAsked};
-use crate::control::job::{JobKind, JobRequest, JobSnapshot};
+use crate::control::job::{JobKind, JobRequest, JobSnapshot, Recording, RecordingState};
 use crate::control::lease::LeaseGrant;
 
 /// Between two looks at the job.
 const POLL: Duration = Duration::from_millis(250);
 /// Longest wait for one answer.
 const ANSWER: Duration = Duration::from_secs(10);
+/// Longest wait for a recording.
+const DOWNLOAD: Duration = Duration::from_hours(1);
 /// Looks in a row that may fail before the daemon counts as lost.
 const FAILURES_ALLOWED: u32 = 8;
 
@@ -51,13 +54,16 @@ pub(super) struct RemoteArgs {
 ///
 /// # Errors
 /// When the daemon cannot be reached, refuses, or is lost on the way.
-pub(super) async fn align(server: &str, remote: &RemoteArgs) -> anyhow::Result<JobSnapshot> {
+pub(super) async fn align(server: &str, remote: &RemoteArgs, record: Option<&Path>) -> anyhow::Result<JobSnapshot> {
     let daemon = Daemon::new(server, remote)?;
     let health: Health = daemon.get("/healthz").await?;
     if health.simulated {
         eprintln!("plenalign: the bench at {server} is SIMULATED");
     }
-    let request = JobRequest::of(JobKind::JointAlignment);
+    if let Some(file) = record.filter(|file| file.exists()) {
+        bail!("{} is there already; a recording takes the place of no other file", file.display());
+    }
+    let request = JobRequest { record: record.map(|_| true), ..JobRequest::of(JobKind::JointAlignment) };
     let asked = LeaseAsked { owner: lease_owner(), note: Some("joint alignment".to_owned()), ttl_s: None };
     let lease: LeaseGrant = daemon.read(daemon.client.post(daemon.url("/api/v1/lease")).json(&asked)).await?;
     let start = daemon.client.post(daemon.url("/api/v1/jobs")).header(LEASE_HEADER, &lease.key).json(&request);
@@ -69,7 +75,16 @@ pub(super) async fn align(server: &str, remote: &RemoteArgs) -> anyhow::Result<J
     let mut progress = Progress::new(format!("confirm it on the page at {}/ when it is done", daemon.base));
     let job = wait_for_end(&daemon, &created, &mut progress).await;
     progress.finish();
-    job
+    let job = job?;
+    if let Some(file) = record {
+        if let Some(Recording { state: RecordingState::Failed, fault: Some(why), .. }) = &job.recording {
+            eprintln!("plenalign: not all of the job is recorded: {why}");
+        }
+        let path = format!("{}/recording", created.href);
+        let saved = daemon.save(&path, file).await;
+        saved.with_context(|| format!("the recording is not in {}", file.display()))?;
+    }
+    Ok(job)
 }
 
 /// Looks at the job until it is over. The first interrupt cancels the job and waits on; the second leaves at once.
@@ -173,6 +188,20 @@ impl Daemon {
         String::from_utf8(body).with_context(|| format!("what {} sends is no text", self.base))
     }
 
+    /// Saves what is at a path to a file.
+    async fn save(&self, path: &str, file: &Path) -> anyhow::Result<()> {
+        let request = self.client.get(self.url(path)).timeout(DOWNLOAD);
+        let mut response = request.send().await.with_context(|| format!("no daemon answers at {}", self.base))?;
+        if !response.status().is_success() {
+            return Err(refused(&self.base, response.status(), &response.bytes().await?));
+        }
+        let mut saved = tokio::fs::File::create_new(file).await?;
+        while let Some(piece) = response.chunk().await? {
+            saved.write_all(&piece).await?;
+        }
+        Ok(saved.sync_all().await?)
+    }
+
     async fn read<T: DeserializeOwned>(&self, request: reqwest::RequestBuilder) -> anyhow::Result<T> {
         let body = self.send(request).await?;
         serde_json::from_slice(&body)
@@ -187,10 +216,15 @@ impl Daemon {
         if status.is_success() {
             return Ok(body.to_vec());
         }
-        match serde_json::from_slice::<Problem>(&body) {
-            Ok(problem) => bail!("{}: {}", problem.title, problem.detail),
-            Err(_) => bail!("{} answers {}", self.base, reason(status)),
-        }
+        Err(refused(&self.base, status, &body))
+    }
+}
+
+/// A refusal in the daemon's own words.
+fn refused(base: &str, status: StatusCode, body: &[u8]) -> anyhow::Error {
+    match serde_json::from_slice::<Problem>(body) {
+        Ok(problem) => anyhow::anyhow!("{}: {}", problem.title, problem.detail),
+        Err(_) => anyhow::anyhow!("{base} answers {}", reason(status)),
     }
 }
 

@@ -175,6 +175,7 @@ mod tests {
             reason: Some("the focus axis did not move".into()),
             report: None,
             outcome: None,
+            recording: None,
         };
         assert_eq!(report_text(&job), "failed  (SIMULATED bench)\n  the focus axis did not move\n");
         let json = report_json(&job);

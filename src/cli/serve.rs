@@ -20,6 +20,7 @@ use super::remote::RemoteArgs;
 use super::{Context, supervised};
 use crate::access::{Gate, TokenStore};
 use crate::api::Api;
+use crate::api::foxglove::Bridge;
 use crate::api::jpeg::Encoder;
 use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
@@ -53,8 +54,8 @@ pub(super) struct Args {
     simulated: bool,
     #[command(flatten)]
     faults: FaultArgs,
-    /// Print one JSON object instead of text once it serves: `address`, `simulated`, and
-    /// `alpaca`, where Alpaca is spoken.
+    /// Print one JSON object instead of text once it serves: `address`, `simulated`, and `alpaca` and `foxglove`, where
+    /// these are spoken.
     #[arg(long)]
     json: bool,
 }
@@ -128,6 +129,8 @@ pub(super) struct Server {
     task: JoinHandle<()>,
     announcement: Option<Announcement>,
     alpaca: Option<Serving>,
+    /// The bridge for Foxglove, where one is configured.
+    bridge: Option<Bridge>,
     _lock: BenchLock,
 }
 
@@ -165,9 +168,10 @@ impl Server {
             }
             None => None,
         };
+        let bridge = Bridge::start(Arc::clone(&service)).await.map_err(|why| anyhow!(why))?;
         let announcement =
             if config.server.mdns { announce(address, exposure.server.tls.is_some(), simulated) } else { None };
-        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, alpaca, _lock: lock })
+        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, alpaca, bridge, _lock: lock })
     }
 
     /// Where it is reached, without a slash at the end.
@@ -207,6 +211,11 @@ impl Server {
                     }
                 },
                 async {
+                    if let Some(bridge) = &self.bridge {
+                        bridge.close().await;
+                    }
+                },
+                async {
                     let _ = tokio::task::spawn_blocking(move || drop(announcement)).await;
                 },
             );
@@ -237,10 +246,14 @@ fn announce(address: SocketAddr, tls: bool, simulated: bool) -> Option<Announcem
 
 fn say_address(server: &Server, json: bool) {
     let (url, simulated) = (format!("{}/", server.url()), server.simulated);
+    let bridge = server.bridge.as_ref().map(|bridge| format!("ws://{}", bridge.address()));
     if json {
         let mut said = serde_json::json!({ "address": url, "simulated": simulated });
         if let Some(alpaca) = &server.alpaca {
             said["alpaca"] = alpaca.address.to_string().into();
+        }
+        if let Some(bridge) = bridge {
+            said["foxglove"] = bridge.into();
         }
         println!("{said}");
     } else {
@@ -248,6 +261,9 @@ fn say_address(server: &Server, json: bool) {
         println!("plenalign: {bench} at {url}");
         if let Some(alpaca) = &server.alpaca {
             println!("plenalign: ASCOM Alpaca at {}", alpaca.address);
+        }
+        if let Some(bridge) = bridge {
+            println!("plenalign: for Foxglove and Lichtblick at {bridge}");
         }
     }
     let _ = std::io::stdout().flush();

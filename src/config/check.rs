@@ -80,6 +80,8 @@ impl Config {
             self.bench.check(faults);
             self.server.check(faults);
             self.alpaca.check(faults);
+            self.record.check(faults);
+            self.foxglove.check(faults);
             self.check_rotation(faults);
             self.check_mosaic(faults);
             // A design can be worked out only of parts that make sense each for itself.

@@ -11,7 +11,7 @@ use super::{Config, ConfigError, Violation};
 /// Named in errors as the origin of a configuration that came in a request.
 const ORIGIN: &str = "the request";
 /// Keys, with all below them, that are changed only on the machine itself: who may ask the daemon, and what it reads.
-pub const LOCKED: [&str; 3] = ["server", "alpaca", "bench.camera.files"];
+pub const LOCKED: [&str; 5] = ["server", "alpaca", "foxglove", "record.folder", "bench.camera.files"];
 /// Stands for a value that is not told.
 const REDACTED: &str = "(redacted)";
 /// Keys whose values are not told.

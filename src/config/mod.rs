@@ -20,6 +20,7 @@ mod flaws;
 mod load;
 mod origin;
 mod overrides;
+mod record;
 mod schema;
 mod server;
 mod simulation;
@@ -36,6 +37,7 @@ pub use edit::{Change, EditError, Forbidden, LOCKED};
 pub use error::{ConfigError, Position, Violation};
 pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
 pub use origin::ConfigOrigin;
+pub use record::{FoxgloveConfig, RecordConfig, RecordJobs};
 pub use server::{Auth, ServerConfig, TlsConfig};
 pub use simulation::{SimulationConfig, Texture};
 
@@ -70,6 +72,10 @@ pub struct Config {
     pub server: ServerConfig,
     /// The facade for ASCOM Alpaca clients.
     pub alpaca: AlpacaConfig,
+    /// What is recorded of jobs, and where.
+    pub record: RecordConfig,
+    /// The live bridge for Foxglove and Lichtblick.
+    pub foxglove: FoxgloveConfig,
 }
 
 impl Config {

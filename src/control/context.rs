@@ -2,6 +2,7 @@
 
 use std::future::Future;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
@@ -16,10 +17,13 @@ use super::job::{
 };
 use super::journal::{Chronicle, Journal, Written};
 use super::outcome::Outcome;
+use super::recording::{End, FileSink, Happening, Recording, RecordingState};
 use super::refusal::{Refusal, ServiceError};
 use crate::device::{DeviceError, Setup, SimulatedOperator};
 use crate::store::records::Picture;
 
+/// How long a job's end waits for its recording's.
+const RECORDING_END_ALLOWED: Duration = Duration::from_secs(1);
 /// Lines of log kept for a job; more would only repeat.
 const MAX_LOG_LINES: usize = 2000;
 
@@ -82,6 +86,8 @@ pub(super) struct Job {
     journal: Arc<Journal>,
     idempotency_key: Option<String>,
     kept: Mutex<Kept>,
+    /// The file that it is recorded to.
+    file: OnceLock<Arc<FileSink>>,
 }
 
 /// What the history has been given of a job.
@@ -137,6 +143,7 @@ impl Job {
             reason: None,
             report: None,
             outcome: None,
+            recording: None,
         };
         let job = Arc::new(Self {
             snapshot: Mutex::new(snapshot),
@@ -147,6 +154,7 @@ impl Job {
             journal,
             idempotency_key,
             kept: Mutex::default(),
+            file: OnceLock::new(),
         });
         let context = JobContext {
             job: Arc::clone(&job),
@@ -173,6 +181,27 @@ impl Job {
         self.keep(&snapshot);
         // Nobody listening is no error.
         let _ = self.events.send(Event::Job { job: Box::new(snapshot) });
+    }
+
+    /// Says how its recording fares.
+    pub(super) fn recording(&self, recording: Recording) {
+        self.change(|job| job.recording = Some(recording));
+    }
+
+    /// Has it recorded to a file from now on.
+    pub(super) fn record_to(&self, file: Arc<FileSink>) {
+        let _ = self.file.set(file);
+    }
+
+    /// Says that its recording has ended before it, and why: the job goes on.
+    pub(super) fn recording_failed(&self, why: String) {
+        let line = LogLine { at: jiff::Timestamp::now(), message: format!("not recorded any further: {why}") };
+        self.change(|job| {
+            if let Some(recording) = &mut job.recording {
+                (recording.state, recording.fault) = (RecordingState::Failed, Some(why));
+            }
+            job.log.push(line);
+        });
     }
 
     /// Gives the history what is new.
@@ -243,9 +272,11 @@ impl JobContext {
     pub(super) fn log(&self, message: impl Into<String>) {
         let message = message.into();
         tracing::info!(message = %message, "job");
+        let line = LogLine { at: jiff::Timestamp::now(), message };
+        self.job.journal.happened(|| Happening::Logged(line.clone()));
         self.job.change(|job| {
             if job.log.len() < MAX_LOG_LINES {
-                job.log.push(LogLine { at: jiff::Timestamp::now(), message });
+                job.log.push(line);
             }
         });
     }
@@ -288,8 +319,9 @@ impl JobContext {
     /// Records an iteration; its number is given here.
     pub(super) fn record(&self, mut iteration: Iteration) {
         let measure = measure(&iteration);
+        iteration.number = self.job.snapshot().iterations.len() as u32 + 1;
+        self.job.journal.happened(|| Happening::Decided(Box::new(iteration.clone())));
         self.job.change(|job| {
-            iteration.number = job.iterations.len() as u32 + 1;
             job.iterations.push(iteration);
             job.progress.measure = Some(measure);
         });
@@ -300,8 +332,12 @@ impl JobContext {
         self.job.change(|job| job.outcome = Some(outcome));
     }
 
-    /// Ends the job. The axes have been stopped.
-    pub(super) fn end(&self, state: JobState, reason: String, report: Option<Report>) {
+    /// Ends the job, its recording first. The axes have been stopped.
+    pub(super) async fn end(&self, state: JobState, reason: String, report: Option<Report>) {
+        let outcome = self.job.snapshot().outcome;
+        let end = End { state, reason: reason.clone(), report: report.clone(), outcome };
+        self.job.journal.happened(|| Happening::End(Box::new(end)));
+        self.end_recording().await;
         self.job.change(|job| {
             job.state = state;
             job.stage = Stage::Report;
@@ -313,6 +349,31 @@ impl JobContext {
             job.reason = Some(reason);
             job.report = report;
         });
+    }
+
+    /// Has the recording come to its end. A slow disk is waited for a moment only, by the real clock, which is the
+    /// disk's; the job's JSON says so later then.
+    async fn end_recording(&self) {
+        let Some(file) = self.job.file.get() else { return };
+        let (ended, job) = (file.finish(), Arc::clone(&self.job));
+        let complete = move |bytes: u64| {
+            job.change(|job| {
+                if let Some(recording) = &mut job.recording {
+                    (recording.state, recording.bytes) = (RecordingState::Complete, Some(bytes));
+                }
+            });
+        };
+        let waited = tokio::task::spawn_blocking(move || (ended.recv_timeout(RECORDING_END_ALLOWED), ended)).await;
+        match waited {
+            Ok((Ok(bytes), _)) => complete(bytes),
+            // On a thread of its own: it may take as long as the disk does.
+            Ok((Err(RecvTimeoutError::Timeout), ended)) => {
+                std::thread::spawn(move || ended.recv().map(complete));
+            }
+            // It has failed, and said so.
+            Ok((Err(RecvTimeoutError::Disconnected), _)) => {}
+            Err(error) => tracing::error!(%error, "the recording's end was not waited for"),
+        }
     }
 
     /// Why the job was asked to end, if it was.
@@ -387,6 +448,7 @@ impl JobContext {
 
     /// Keeps a picture with the job, in the place of one of the same name.
     pub(super) fn keep_picture(&self, name: &str, picture: &[u8]) {
+        self.job.journal.happened(|| Happening::Picture(Arc::new(picture.to_vec())));
         let picture = Picture {
             name: name.to_owned(),
             at: jiff::Timestamp::now(),

@@ -11,6 +11,7 @@ use super::events::{FieldMap, MeasurementView};
 use super::job::SpacingReading;
 use super::journal::Journal;
 use super::motion::Motion;
+use super::recording::{Answer, Happening};
 use super::sight::{self, HoldB, Sight, Triple};
 use super::tasks::AirStep;
 use crate::config::Config;
@@ -31,6 +32,8 @@ const LEAST_LIT: f64 = 0.01;
 /// A spacing seen, with the pose of its last frame.
 #[derive(Debug, Clone)]
 pub(super) struct Seen {
+    /// End of the last frame's exposure.
+    pub(super) taken: Instant,
     /// The spacing.
     pub(super) spacing: SpacingReading,
     /// Readback of the focus axis, mm; `None` while unknown.
@@ -62,6 +65,8 @@ pub(super) struct Eye {
     motion: Arc<Motion>,
     journal: Arc<Journal>,
     sight: Mutex<Option<Arc<Sight>>>,
+    /// The frame that it was learnt from.
+    white: Mutex<Option<Arc<Frame>>>,
     air_step: Mutex<Option<AirStep>>,
     /// The frame that was looked at last.
     looked_at: Mutex<Option<Arc<Frame>>>,
@@ -81,6 +86,7 @@ impl Eye {
             motion,
             journal,
             sight: Mutex::new(None),
+            white: Mutex::new(None),
             air_step: Mutex::new(None),
             looked_at: Mutex::new(None),
             measured: watch::Sender::new(None),
@@ -158,6 +164,23 @@ impl Eye {
         self.sight.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// The newest white frame.
+    pub(super) fn white_frame(&self) -> Option<Arc<Frame>> {
+        self.white.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Learns grid and vignetting from a white frame taken before.
+    ///
+    /// # Errors
+    /// Why it is none, in words.
+    pub(super) async fn learn(&self, frame: Arc<Frame>) -> Result<Arc<Sight>, JobEnd> {
+        let (white, config) = (Arc::clone(&frame), Arc::clone(&self.config));
+        let sight = Arc::new(blocking(move || Sight::from_white(&white.image, &config)).await?);
+        *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&sight));
+        *self.white.lock().unwrap_or_else(PoisonError::into_inner) = Some(frame);
+        Ok(sight)
+    }
+
     fn need_sight(&self) -> Result<Arc<Sight>, JobEnd> {
         self.sight().ok_or_else(|| JobEnd::failed("no white frame has been taken"))
     }
@@ -184,8 +207,15 @@ impl Eye {
             let Ok(from) = settled.await else {
                 return Err(JobEnd::failed(format!("the axes did not come to rest within {SETTLING_ALLOWED:?}")));
             };
-            let frame = self.bench.camera.frame(from.max(Instant::now())).await?;
+            let frame = match self.bench.camera.frame(from.max(Instant::now())).await {
+                Ok(frame) => frame,
+                Err(error) => {
+                    self.journal.happened(|| Happening::Answer(Answer::no_frame(error.clone())));
+                    return Err(error.into());
+                }
+            };
             if frame.focus.settled && frame.e.settled {
+                self.journal.happened(|| Happening::Frame(Arc::clone(&frame)));
                 self.check_size(&frame)?;
                 self.check_new(None, &frame)?;
                 return Ok(frame);
@@ -236,12 +266,7 @@ impl Eye {
 
     /// Takes a white frame and learns grid and vignetting from it. Returns what was found, in words.
     pub(super) async fn take_white(&self) -> Result<String, JobEnd> {
-        let frame = self.frame().await?;
-        let config = Arc::clone(&self.config);
-        let sight = blocking(move || Sight::from_white(&frame.image, &config)).await?;
-        let words = sight.describe();
-        *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(sight));
-        Ok(words)
+        Ok(self.learn(self.frame().await?).await?.describe())
     }
 
     /// Whether the white frame no longer fits the camera as it stands: why, in words.
@@ -292,11 +317,15 @@ impl Eye {
         if let Some(frame) = last {
             let view = self.view(frame, &seen);
             self.journal.measured(&view);
-            self.measured.send_replace(Some(view));
             self.publish_map(frame, &seen);
+            // Of three boards there is none.
+            let map = seen.map.as_ref().and_then(|_| self.map.borrow().clone());
+            self.journal.happened(|| Happening::Measured(Box::new(view.clone()), map));
+            self.measured.send_replace(Some(view));
         }
         let eog = seen.eog.map(|eog| eog.mean_per_pixel);
-        Seen { spacing: seen.spacing, focus_mm, e_mm, eog, window_px: seen.window_px, picture: seen.picture }
+        let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
+        Seen { taken, spacing: seen.spacing, focus_mm, e_mm, eog, window_px: seen.window_px, picture: seen.picture }
     }
 
     fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {

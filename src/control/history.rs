@@ -13,6 +13,7 @@ use super::events::MeasurementView;
 use super::job::{Iteration, JobKind, JobRequest, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Stage};
 use super::journal::word;
 use super::measurement::SingleMeasurement;
+use super::recording::Recording;
 use super::refusal::{Refusal, ServiceError};
 use super::service::Service;
 use crate::access::{AuditRecord, AuditSink, LogAudit};
@@ -49,6 +50,9 @@ pub struct JobSummary {
     pub iterations: u64,
     /// Why it ended as it did, in words, once it has.
     pub reason: Option<String>,
+    /// Its recording; `null` where it is not recorded.
+    #[serde(default)]
+    pub recording: Option<Recording>,
 }
 
 impl JobSummary {
@@ -65,6 +69,7 @@ impl JobSummary {
             progress: job.progress.clone(),
             iterations,
             reason: job.reason.clone(),
+            recording: job.recording.clone(),
         }
     }
 }

@@ -15,6 +15,7 @@ use uuid::Uuid;
 use super::outcome::Outcome;
 use crate::device::AxisName;
 
+pub use super::recording::{Recording, RecordingState};
 pub use super::request::{JobKind, JobRequest};
 
 /// Where a job is in its life.
@@ -251,6 +252,9 @@ pub struct JobSnapshot {
     pub report: Option<Report>,
     /// What a job that is no alignment came to, once it has.
     pub outcome: Option<Outcome>,
+    /// Its recording; `null` where it is not recorded.
+    #[serde(default)]
+    pub recording: Option<Recording>,
 }
 
 impl JobSnapshot {

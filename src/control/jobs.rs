@@ -1,5 +1,6 @@
 //! Jobs: accepted one at a time, run, confirmed and cancelled.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use tracing::Instrument as _;
@@ -9,12 +10,22 @@ use super::context::{Job, JobContext};
 use super::job::{JobRequest, JobSnapshot};
 use super::journal::word;
 use super::lease::Permit;
+use super::recording::{FileSink, Happening, Recording, RecordingState, Sink};
 use super::service::Service;
 use super::{Refusal, ServiceError, runner};
 use crate::device::AxisName;
 
 /// Jobs kept in memory.
 const MAX_JOBS: usize = 100;
+
+/// What takes the recording of a job, beside what the configuration and its request say.
+#[derive(Default)]
+struct Recorded {
+    /// A file of the caller's choice.
+    file: Option<PathBuf>,
+    /// A comparison.
+    sink: Option<Arc<dyn Sink>>,
+}
 
 /// Whether something begins with this request, or had begun before: a job under the same name, a jog that goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,7 +48,32 @@ impl Service {
         request: JobRequest,
     ) -> Result<JobSnapshot, ServiceError> {
         let _accepting = self.accepting.lock().await;
-        self.accept_job(permit, request, None).await
+        self.accept_job(permit, request, None, Recorded::default()).await
+    }
+
+    /// Starts a job that is recorded to a file of the caller's choice, whatever the configuration says.
+    ///
+    /// # Errors
+    /// As [`Service::create_job`]. A file that cannot be written is none: the job says so.
+    pub async fn create_job_recorded(
+        self: &Arc<Self>,
+        permit: &Permit,
+        request: JobRequest,
+        file: PathBuf,
+    ) -> Result<JobSnapshot, ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        self.accept_job(permit, request, None, Recorded { file: Some(file), sink: None }).await
+    }
+
+    /// Starts a job and hands what is recorded of it to `sink`.
+    pub(super) async fn create_job_watched(
+        self: &Arc<Self>,
+        permit: &Permit,
+        request: JobRequest,
+        sink: Arc<dyn Sink>,
+    ) -> Result<JobSnapshot, ServiceError> {
+        let _accepting = self.accepting.lock().await;
+        self.accept_job(permit, request, None, Recorded { file: None, sink: Some(sink) }).await
     }
 
     /// Starts a job under the caller's own name for it: asked again within a day, it is the same job, whoever has the
@@ -55,7 +91,7 @@ impl Service {
         if let Some(job) = self.job_of_key(&request, &key).await? {
             return Ok((job, Acceptance::Before));
         }
-        Ok((self.accept_job(&permit?, request, Some(key)).await?, Acceptance::Now))
+        Ok((self.accept_job(&permit?, request, Some(key), Recorded::default()).await?, Acceptance::Now))
     }
 
     async fn accept_job(
@@ -63,6 +99,7 @@ impl Service {
         permit: &Permit,
         request: JobRequest,
         key: Option<String>,
+        recorded: Recorded,
     ) -> Result<JobSnapshot, ServiceError> {
         request.check()?;
         self.history_ready().await?;
@@ -75,9 +112,42 @@ impl Service {
             return Err(error.into());
         }
         self.failures().clear();
+        self.begin_recording(&job, recorded);
         let service = Arc::clone(self);
         tokio::spawn(async move { service.run(context).await });
         Ok(job.snapshot())
+    }
+
+    /// Has a job that has been accepted recorded where that is wanted, beginning with all that it begins with.
+    fn begin_recording(&self, job: &Arc<Job>, recorded: Recorded) {
+        if let Some(sink) = recorded.sink {
+            self.journal.record_to(sink);
+        }
+        match self.place_of(job, recorded.file) {
+            None => {}
+            Some(Err(why)) => {
+                let file = String::new();
+                job.recording(Recording { file, state: RecordingState::Recording, bytes: None, fault: None });
+                job.recording_failed(why);
+            }
+            Some(Ok(place)) => {
+                let (file, state) = (place.name, RecordingState::Recording);
+                job.recording(Recording { file, state, bytes: None, fault: None });
+                let told = Arc::downgrade(job);
+                let tell = move |why| {
+                    if let Some(job) = told.upgrade() {
+                        job.recording_failed(why);
+                    }
+                };
+                let sink = Arc::new(FileSink::start(place.path, &self.config, Box::new(tell)));
+                job.record_to(Arc::clone(&sink));
+                self.journal.record_to(sink);
+            }
+        }
+        self.journal.happened(|| Happening::Start(Box::new(self.start_of(&job.snapshot()))));
+        if let Some(white) = self.eye.white_frame() {
+            self.journal.happened(|| Happening::Frame(white));
+        }
     }
 
     /// Gives the bench to a new job.

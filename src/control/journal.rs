@@ -12,6 +12,7 @@ use super::events::{MeasurementView, StopView};
 use super::job::{JobSnapshot, OperatorStep};
 use super::lease::KeptLease;
 use super::measurement::SingleMeasurement;
+use super::recording::{Happening, Sink};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::Config;
 use crate::device::AxisName;
@@ -33,6 +34,8 @@ pub(super) struct Journal {
     run: Run,
     /// The job that holds the bench: motion belongs to it.
     job: Mutex<Option<Uuid>>,
+    /// What takes the recording of that job.
+    recorded: Mutex<Vec<Arc<dyn Sink>>>,
     /// For which opening of the file this run has been begun in it.
     begun: tokio::sync::Mutex<Option<u64>>,
 }
@@ -62,7 +65,7 @@ impl Journal {
             configuration,
             started_at: Timestamp::now(),
         };
-        Self { store, run, job: Mutex::new(None), begun: tokio::sync::Mutex::new(None) }
+        Self { store, run, job: Mutex::new(None), recorded: Mutex::default(), begun: tokio::sync::Mutex::new(None) }
     }
 
     pub(super) const fn store(&self) -> &Store {
@@ -121,6 +124,26 @@ impl Journal {
     /// Motion belongs to a job no longer.
     pub(super) fn end_job(&self) {
         *self.current() = None;
+        self.sinks().clear();
+    }
+
+    fn sinks(&self) -> MutexGuard<'_, Vec<Arc<dyn Sink>>> {
+        self.recorded.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Has the job that holds the bench recorded from now on.
+    pub(super) fn record_to(&self, sink: Arc<dyn Sink>) {
+        self.sinks().push(sink);
+    }
+
+    /// Hands what a job does to its recording, where it has one.
+    pub(super) fn happened(&self, happening: impl FnOnce() -> Happening) {
+        let sinks = self.sinks();
+        if let Some((last, others)) = sinks.split_last() {
+            let happening = happening();
+            others.iter().for_each(|sink| sink.take(happening.clone()));
+            last.take(happening);
+        }
     }
 
     /// Takes back a job that was not written in time: it may have come to the disk late.

@@ -12,6 +12,7 @@ use utoipa::ToSchema;
 use super::events::{ShellState, StopView};
 use super::journal::{Journal, Underway};
 use super::pieces::{self, Pieces};
+use super::recording::{Answer, Happening};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
 use crate::device::jog::{Deadman, jog};
@@ -134,6 +135,41 @@ impl Motion {
             return Err(Refusal::Stopped);
         }
         Ok(Some(underway))
+    }
+
+    /// Hands what an axis answered to a job's recording, and with a homing or a release the state of the other one,
+    /// which its controller may have taken along.
+    fn answered(
+        &self,
+        axis: AxisName,
+        asked: &'static str,
+        target: Option<Millimetres>,
+        end: Result<Option<Millimetres>, &ServiceError>,
+    ) {
+        let Some(journal) = &self.journal else { return };
+        let state = |axis| Some(self.bench.stage(axis).state().borrow().clone());
+        let error = match end {
+            Err(ServiceError::Device(error)) => Some(error.clone()),
+            _ => None,
+        };
+        let readback = end.ok().flatten();
+        journal.happened(|| {
+            Happening::Answer(Answer { axis: Some(axis), asked, target, readback, state: state(axis), error })
+        });
+        if matches!(asked, "home" | "release") {
+            let other = if axis == AxisName::E { AxisName::Focus } else { AxisName::E };
+            journal.happened(|| {
+                let (target, readback, error) = (None, None, None);
+                Happening::Answer(Answer {
+                    axis: Some(other),
+                    asked: "beside",
+                    target,
+                    readback,
+                    state: state(other),
+                    error,
+                })
+            });
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -378,6 +414,7 @@ impl Motion {
         self.check(axis, target)?;
         let underway = self.record(axis, "move", Some(target)).await?;
         let ended = self.go_by_legs(claim, target).await;
+        self.answered(axis, "move", Some(target), ended.as_ref().map(|readback| Some(*readback)));
         note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
         ended
     }
@@ -529,6 +566,7 @@ impl Motion {
         }
         let ended = self.bench.stage(axis).home().await.map_err(ServiceError::from);
         let at = self.position_mm(axis).ok().map(Millimetres);
+        self.answered(axis, "home", None, ended.as_ref().map(|()| at));
         note_end(underway, ended.as_ref().map(|()| at));
         ended?;
         for axis in [Some(axis), self.bench.stage(axis).homes_also()].into_iter().flatten() {
@@ -550,6 +588,7 @@ impl Motion {
         let underway = self.record(axis, "release", None).await?;
         self.state().approached[index(axis)] = false;
         let ended = self.bench.stage(axis).release().await.map_err(ServiceError::from);
+        self.answered(axis, "release", None, ended.as_ref().map(|()| None));
         note_end(underway, ended.as_ref().map(|()| None));
         ended
     }
@@ -559,7 +598,10 @@ impl Motion {
     /// # Errors
     /// When the controller does not answer.
     pub async fn read_state(&self, axis: AxisName) -> Result<StageState, DeviceError> {
-        self.bench.stage(axis).read_state().await
+        let read = self.bench.stage(axis).read_state().await;
+        let end = read.as_ref().map(|_| None::<Millimetres>).map_err(|error| ServiceError::Device(error.clone()));
+        self.answered(axis, "read", None, end.as_ref().copied());
+        read
     }
 
     /// What the stage of an axis is.

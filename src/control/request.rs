@@ -57,6 +57,9 @@ pub struct JobRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200, pattern = "\\S")]
     pub note: Option<String>,
+    /// Whether it is recorded; as `record.jobs` of the configuration has it where it is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub record: Option<bool>,
     /// The e to hold, mm (clarity only); the configured initial e where it is not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = -1000, maximum = 1000)]
@@ -117,6 +120,7 @@ impl JobRequest {
         Self {
             kind,
             note: None,
+            record: None,
             e_mm: None,
             distance_mm: None,
             axis: None,
@@ -129,7 +133,7 @@ impl JobRequest {
         }
     }
 
-    /// What a kind takes beside a note.
+    /// What a kind takes beside a note and whether it is recorded.
     #[must_use]
     pub const fn takes(kind: JobKind) -> &'static [&'static str] {
         match kind {
@@ -170,7 +174,7 @@ impl JobRequest {
             ("axes", self.axes.is_some()),
         ] {
             if given && !takes.contains(&field) {
-                let taken = if takes.is_empty() { "nothing but a note".to_owned() } else { takes.join(", ") };
+                let taken = if takes.is_empty() { "nothing but note and record".to_owned() } else { takes.join(", ") };
                 return invalid(field, format!("this kind of job takes {taken}"));
             }
         }

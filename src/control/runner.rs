@@ -47,7 +47,7 @@ pub(super) async fn run(context: &JobContext, motion: &Motion, eye: &Eye, config
     let outcome = word(&state);
     context.log(format!("{outcome}: {reason}"));
     telemetry::job_ended(&word(&kind), &outcome);
-    context.end(state, reason, report);
+    context.end(state, reason, report).await;
 }
 
 /// Whether a kind of job is an alignment, or a step of one, with a criterion to meet.

@@ -72,15 +72,18 @@ impl Alignment<'_> {
         self.context.log(format!("measuring every {interval_s:.1} s for {duration_s:.0} s"));
         self.eye.check_camera()?;
         self.something_to_measure(None).await?;
-        let (begin, interval) = (Instant::now(), Duration::from_secs_f64(interval_s));
-        let end = begin + Duration::from_secs_f64(duration_s);
+        let (interval, duration) = (Duration::from_secs_f64(interval_s), Duration::from_secs_f64(duration_s));
         let mut samples = Vec::new();
+        // By the frames' own times and no other clock: replayed, the same frames make the same watch.
+        let mut schedule: Option<Schedule> = None;
         loop {
-            let due = Instant::now() + interval;
             self.context.doing("watching the spacing");
             let seen = self.context.unless_cancelled(self.eye.spacing(1)).await?;
-            samples.push(self.sample(&seen, None, begin.elapsed().as_secs_f64() / 3600.0));
-            if due >= end {
+            let schedule = schedule.get_or_insert(Schedule { begin: seen.taken, due: seen.taken });
+            samples.push(self.sample(&seen, None, schedule.elapsed(seen.taken).as_secs_f64() / 3600.0));
+            schedule.due = (schedule.due + interval).max(seen.taken);
+            let due = schedule.due;
+            if schedule.elapsed(due) >= duration {
                 break;
             }
             let rest = async {
@@ -124,6 +127,19 @@ impl Alignment<'_> {
         );
         let setup = Setup::WaterBoard { distance_mm };
         self.context.ask("board_in_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await
+    }
+}
+
+/// When a watch began, and when its next measurement is due.
+#[derive(Debug, Clone, Copy)]
+struct Schedule {
+    begin: Instant,
+    due: Instant,
+}
+
+impl Schedule {
+    fn elapsed(&self, at: Instant) -> Duration {
+        at.saturating_duration_since(self.begin)
     }
 }
 

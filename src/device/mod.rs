@@ -10,6 +10,7 @@ pub mod faults;
 pub mod jog;
 pub mod open;
 pub mod port;
+pub mod replayed;
 pub mod serial;
 pub mod stage;
 
@@ -56,7 +57,7 @@ impl std::fmt::Display for AxisName {
 }
 
 /// What went wrong with a device, by what its user can do next.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize, Deserialize)]
 pub enum DeviceError {
     /// The device is not there, or went away: wait for its return, or connect it.
     #[error("{device} is not connected: {reason}")]

@@ -86,7 +86,7 @@ impl Store {
         }
     }
 
-    /// A history that lasts as long as this: for tests.
+    /// A history that lasts as long as this: for replays and tests.
     #[must_use]
     pub fn in_memory() -> Self {
         Self::start(Place::Memory)

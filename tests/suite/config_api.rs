@@ -137,13 +137,15 @@ async fn what_makes_no_sense_is_named_key_by_key_and_not_written() {
 async fn what_is_run_read_or_opened_cannot_be_chosen_over_the_api() {
     let filed = Filed::start().await;
     let (view, tag) = filed.get().await;
-    assert_eq!(view["locked"], json!(["server", "alpaca", "bench.camera.files"]));
-    let changes: [fn(&mut Value); 5] = [
+    assert_eq!(view["locked"], json!(["server", "alpaca", "foxglove", "record.folder", "bench.camera.files"]));
+    let changes: [fn(&mut Value); 7] = [
         |config| config["server"]["auth"] = json!("required"),
         |config| config["alpaca"]["listen"] = json!("127.0.0.1:11111"),
         |config| config["server"]["tls"] = json!({ "certificate": "/etc/shadow", "key": "/etc/shadow" }),
         |config| config["server"]["trusted_proxies"] = json!(["0.0.0.0/0"]),
         |config| config["bench"]["camera"]["files"] = json!("/etc/*"),
+        |config| config["record"]["folder"] = json!("/etc"),
+        |config| config["foxglove"]["listen"] = json!("127.0.0.1:8765"),
     ];
     for change in changes {
         let mut config = view["stored"].clone();

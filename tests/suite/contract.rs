@@ -22,15 +22,42 @@ fn openapi_json_is_current() {
     assert_current("proto/openapi.json", plenalign::api::openapi_json());
 }
 
-#[test]
-fn rust_messages_are_current() {
+/// What `prost-build` makes of a file below `proto/`.
+fn rust_messages(file: &str, package: &str, bytes: &[&str]) -> String {
     let out = tempfile::tempdir().unwrap();
     let proto = root().join("proto");
     let mut config = prost_build::Config::new();
-    config.out_dir(out.path()).bytes([".plenalign.v1.Frame.jpeg"]);
-    let files = protox::compile([proto.join("plenalign/v1/frame.proto")], [proto]).unwrap();
+    config.out_dir(out.path()).bytes(bytes);
+    let files = protox::compile([proto.join(file)], [proto]).unwrap();
     config.compile_fds(files).unwrap();
-    assert_current("src/api/proto.rs", &std::fs::read_to_string(out.path().join("plenalign.v1.rs")).unwrap());
+    std::fs::read_to_string(out.path().join(format!("{package}.rs"))).unwrap()
+}
+
+#[test]
+fn rust_messages_are_current() {
+    let viewed = rust_messages("plenalign/v1/frame.proto", "plenalign.v1", &[".plenalign.v1.Frame.jpeg"]);
+    assert_current("src/api/proto.rs", &viewed);
+    let recorded = rust_messages("plenalign/v1/recording.proto", "plenalign.v1", &[]);
+    assert_current("src/record/messages.rs", &recorded);
+    let pictures = [".foxglove.RawImage.data", ".foxglove.CompressedImage.data"];
+    assert_current("src/record/foxglove.rs", &rust_messages("foxglove/foxglove.proto", "foxglove", &pictures));
+}
+
+/// What a recording says its messages by is made of the files below `proto/`, whole, with what they import.
+#[test]
+fn embedded_descriptions_are_current() {
+    use prost::Message as _;
+    let proto = root().join("proto");
+    let mut compiler = protox::Compiler::new([&proto]).unwrap();
+    compiler.include_imports(true).include_source_info(false);
+    compiler.open_files([proto.join("foxglove/foxglove.proto"), proto.join("plenalign/v1/recording.proto")]).unwrap();
+    let now = compiler.file_descriptor_set().encode_to_vec();
+    let file = root().join("src/record/descriptions.binpb");
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&file, &now).unwrap();
+    }
+    let committed = std::fs::read(&file).unwrap_or_default();
+    assert!(committed == now, "{} is not what proto/ says; run `UPDATE=1 cargo test contract`", file.display());
 }
 
 /// Values of `type` that the variants of a message have in the OpenAPI document.

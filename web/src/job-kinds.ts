@@ -62,19 +62,25 @@ const STEPS = 11;
 export interface Draft {
   kind: JobKind;
   note: string;
+  /** Whether it is recorded; otherwise as the configuration has it. */
+  record: boolean;
   numbers: Partial<Record<NumberField["name"], string>>;
   axis: AxisName;
   axes: AxisName[];
 }
 
-export function draftOf(kind: JobKind, note = ""): Draft {
-  return { kind, note, numbers: {}, axis: "focus", axes: ["focus", "e"] };
+export function draftOf(kind: JobKind, note = "", record = false): Draft {
+  return { kind, note, record, numbers: {}, axis: "focus", axes: ["focus", "e"] };
 }
 
 /** A request while its fields are being filled in. */
-type Filled = { kind: JobKind; note?: string; axis?: AxisName; axes?: AxisName[] } & Partial<
-  Record<NumberField["name"], number>
->;
+type Filled = {
+  kind: JobKind;
+  note?: string;
+  record?: boolean;
+  axis?: AxisName;
+  axes?: AxisName[];
+} & Partial<Record<NumberField["name"], number>>;
 
 export type Checked =
   { ok: true; request: JobRequest } | { ok: false; faults: Partial<Record<Field["name"] | "note", string>> };
@@ -90,6 +96,7 @@ export function check(draft: Draft, axes: Axis[], unit: LengthUnit): Checked {
   const faults: Partial<Record<Field["name"] | "note", string>> = {};
   const request: Filled = { kind: draft.kind };
   if (draft.note.trim() !== "") request.note = draft.note.trim();
+  if (draft.record) request.record = true;
   if (draft.note.length > 200) faults.note = strings.form.tooLong(200);
   for (const field of FIELDS[draft.kind]) {
     if (field.is === "axis") request.axis = draft.axis;

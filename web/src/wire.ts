@@ -36,6 +36,7 @@ export type DraftStateName = Schemas["DraftStateName"];
 export type JobKind = Schemas["JobKind"];
 export type JobRequest = Schemas["JobRequest"];
 export type JobItem = Schemas["JobItem"];
+export type Recording = Schemas["Recording"];
 export type JobList = Schemas["JobList"];
 export type Outcome = Schemas["Outcome"];
 export type ConfigView = Schemas["ConfigView"];

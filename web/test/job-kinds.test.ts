@@ -18,6 +18,15 @@ describe("the form of a job", () => {
     }
   });
 
+  it("asks to be recorded only where that is wanted", () => {
+    for (const kind of KINDS.filter((kind) => FIELDS[kind].length === 0)) {
+      expect(check(draftOf(kind, "", true), bench.axes)).toEqual({
+        ok: true,
+        request: { kind, record: true },
+      });
+    }
+  });
+
   it("wants what is needed, within what is allowed", () => {
     const sweep = draftOf("focus_sweep");
     expect(faults(sweep)).toEqual(["from_mm", "to_mm"]);

@@ -1,4 +1,4 @@
-//! Frames of old, played from files: for whoever has frames and no camera. Never taken for live: every frame and the
+//! Frames of old, played from files, or from recordings: for whoever has frames and no camera. Never taken for live: every frame and the
 //! state say that it is a replay, no frame has a pose, and none is given to a measurement that drives axes.
 
 use std::path::{Path, PathBuf};
@@ -7,15 +7,17 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use tokio::sync::watch;
-use tokio::time::{Instant, MissedTickBehavior};
+use tokio::time::{Instant, Interval, MissedTickBehavior};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use crate::config::CameraConfig;
+use crate::device::replayed::RecordedFrames;
 use crate::device::{AxisPose, CameraState, DeviceError, Frame, FrameSource};
 use crate::raw::{self, RawImage};
+use crate::record;
 
 /// Names of files that hold raw frames end like this.
-const ENDINGS: [&str; 5] = ["png", "tif", "tiff", "pgm", "pnm"];
+const ENDINGS: [&str; 6] = ["png", "tif", "tiff", "pgm", "pnm", record::ENDING];
 /// So many refused files are named; the others are counted.
 const NAMED: usize = 3;
 /// Why no job is given a frame.
@@ -60,6 +62,10 @@ impl FilesCamera {
     }
 }
 
+fn is_recording(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(record::ENDING))
+}
+
 /// The files that `files` means, a folder or a pattern, in the order of their names.
 ///
 /// # Errors
@@ -80,7 +86,7 @@ pub fn matching(files: &str) -> Result<Vec<PathBuf>, String> {
     found.sort();
     if found.is_empty() {
         return Err(format!(
-            "there is no frame at {files}: a folder with .png, .tif or .pgm files, or a pattern of names"
+            "there is no frame at {files}: a folder with .png, .tif, .pgm or .mcap files, or a pattern of names"
         ));
     }
     Ok(found)
@@ -95,7 +101,9 @@ impl Player {
                 Ok(paths) => {
                     let played = self.play_once(&paths).await;
                     if played > 0 && !self.config.repeat {
-                        self.go_offline(format!("all {played} files have been played; repeat = true plays them again"));
+                        self.go_offline(format!(
+                            "all {played} frames have been played; repeat = true plays them again"
+                        ));
                         return std::future::pending().await;
                     }
                     if played > 0 {
@@ -116,6 +124,13 @@ impl Player {
         let mut refused: Vec<String> = Vec::new();
         let mut played = 0;
         for path in paths {
+            if is_recording(path) {
+                match self.play_recording(path, &mut beat, paths.len(), &refused).await {
+                    Ok(frames) => played += frames,
+                    Err(why) => refused.push(why),
+                }
+                continue;
+            }
             beat.tick().await;
             match self.read(path.clone()).await {
                 Ok(image) => {
@@ -141,8 +156,50 @@ impl Player {
         played
     }
 
-    async fn read(&self, path: PathBuf) -> Result<RawImage, String> {
+    /// Plays the frames of a recording and returns how many; the error says why not all of it could be.
+    async fn play_recording(
+        &mut self,
+        path: &Path,
+        beat: &mut Interval,
+        files: usize,
+        refused: &[String],
+    ) -> Result<usize, String> {
+        let shown = path.display().to_string();
+        let mut frames = RecordedFrames::open(path, Duration::ZERO).map_err(|error| error.to_string())?;
+        let mut played = 0;
+        loop {
+            let (next, back) = tokio::task::spawn_blocking(move || (frames.next_frame(), frames))
+                .await
+                .map_err(|error| error.to_string())?;
+            frames = back;
+            let Some(frame) = next else { break };
+            let image = frame.map_err(|why| format!("{shown}: {why}"))?.image;
+            self.check_size(&shown, &image)?;
+            beat.tick().await;
+            self.show(image);
+            self.tell(files, refused);
+            played += 1;
+        }
+        match (played, frames.cut()) {
+            (0, Some(why)) => Err(format!("{shown} was cut before its first frame: {why}")),
+            (0, None) => Err(format!("{shown} holds no raw frame")),
+            _ => Ok(played),
+        }
+    }
+
+    fn check_size(&self, shown: &str, image: &RawImage) -> Result<(), String> {
         let (width, height) = self.size;
+        if (image.width(), image.height()) == (width, height) {
+            return Ok(());
+        }
+        Err(format!(
+            "{shown} has {}x{} pixels, and sensor.width_px and height_px say {width}x{height}",
+            image.width(),
+            image.height()
+        ))
+    }
+
+    async fn read(&self, path: PathBuf) -> Result<Arc<RawImage>, String> {
         let shown = path.display().to_string();
         let image = tokio::task::spawn_blocking(move || {
             raw::read(&path).map_err(|error| match std::error::Error::source(&error) {
@@ -152,22 +209,16 @@ impl Player {
         })
         .await
         .map_err(|error| error.to_string())??;
-        if (image.width(), image.height()) != (width, height) {
-            return Err(format!(
-                "{shown} has {}x{} pixels, and sensor.width_px and height_px say {width}x{height}",
-                image.width(),
-                image.height()
-            ));
-        }
-        Ok(image)
+        self.check_size(&shown, &image)?;
+        Ok(Arc::new(image))
     }
 
-    fn show(&mut self, image: RawImage) {
+    fn show(&mut self, image: Arc<RawImage>) {
         self.seq += 1;
         let now = Instant::now();
         let unknown = AxisPose { position: None, settled: false };
         self.live.send_replace(Some(Arc::new(Frame {
-            image: Arc::new(image),
+            image,
             seq: self.seq,
             exposed_from: now,
             exposed_to: now,
@@ -299,7 +350,7 @@ mod tests {
         let camera = FilesCamera::start(&config(pattern.to_str().unwrap(), false), (4, 3));
         assert_eq!(levels(&camera, 2).await, [10, 20]);
         let state = until(&camera, |state| !state.online).await;
-        assert!(state.fault.unwrap().contains("all 2 files have been played"));
+        assert!(state.fault.unwrap().contains("all 2 frames have been played"));
         assert!(camera.newest().is_none() && state.replay);
     }
 

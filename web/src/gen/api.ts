@@ -390,6 +390,26 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/jobs/{id}/recording": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * A job's recording, an MCAP file.
+     * @description Of one that ended before its job there is what it has; of one that is still being written, nothing yet.
+     */
+    get: operations["get_job_recording"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/jobs/{id}/report.html": {
     parameters: {
       query?: never;
@@ -1268,6 +1288,14 @@ export interface components {
        */
       bench: components["schemas"]["Config.BenchConfig"];
       /**
+       * @description The live bridge for Foxglove and Lichtblick.
+       * @default {
+       *       "listen": "",
+       *       "origins": []
+       *     }
+       */
+      foxglove: components["schemas"]["Config.FoxgloveConfig"];
+      /**
        * @description The main lens.
        * @default {
        *       "focal_length_mm": 20
@@ -1293,6 +1321,16 @@ export interface components {
        *     }
        */
       object: components["schemas"]["Config.ObjectConfig"];
+      /**
+       * @description What is recorded of jobs, and where.
+       * @default {
+       *       "folder": "",
+       *       "jobs": "asked",
+       *       "keep_free_mb": 1024,
+       *       "max_file_mb": 4096
+       *     }
+       */
+      record: components["schemas"]["Config.RecordConfig"];
       /**
        * @description The sensor.
        * @default {
@@ -1847,6 +1885,19 @@ export interface components {
        */
       specks: number;
     };
+    /** @description `[foxglove]` */
+    "Config.FoxgloveConfig": {
+      /**
+       * @description Where the bridge listens: an address of loopback with its port; empty for no bridge.
+       * @default
+       */
+      listen: string;
+      /**
+       * @description Origins of pages that may look on, as `https://app.foxglove.dev`, beside those served by this machine itself.
+       * @default []
+       */
+      origins: string[];
+    };
     /** @description Where l_bound comes from. */
     "Config.LBoundSource": "configured" | "measure";
     /** @description `[main_lens]` */
@@ -2003,6 +2054,33 @@ export interface components {
        */
       distance_mm: number;
     };
+    /** @description `[record]` */
+    "Config.RecordConfig": {
+      /**
+       * @description Folder of the recordings; empty for `recordings` in the state folder.
+       * @default
+       */
+      folder: string;
+      /**
+       * @description Which jobs are recorded.
+       * @default asked
+       */
+      jobs: components["schemas"]["Config.RecordJobs"];
+      /**
+       * Format: uint32
+       * @description Room on the disk that is left for others, MB.
+       * @default 1024
+       */
+      keep_free_mb: number;
+      /**
+       * Format: uint32
+       * @description Longest recording, MB.
+       * @default 4096
+       */
+      max_file_mb: number;
+    };
+    /** @description Which jobs are recorded. */
+    "Config.RecordJobs": "asked" | "all";
     /** @description `[sensor]` */
     "Config.SensorConfig": {
       /**
@@ -2987,18 +3065,24 @@ export interface components {
           kind: "joint_alignment";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         }
       | {
           /** @enum {string} */
           kind: "air_only";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         }
       | {
           /** @enum {string} */
           kind: "shell_only";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         }
       | {
           /**
@@ -3010,12 +3094,16 @@ export interface components {
           kind: "clarity_only";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         }
       | {
           /** @enum {string} */
           kind: "l_bound_measurement";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         }
       | {
           /** @description The axis to move (focus sweep). */
@@ -3035,6 +3123,8 @@ export interface components {
           kind: "focus_sweep";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
           /**
            * Format: int32
            * @description Positions measured, both ends included (focus sweep); 11 where it is not given.
@@ -3062,6 +3152,8 @@ export interface components {
           kind: "spacing_watch";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         }
       | {
           /**
@@ -3074,6 +3166,8 @@ export interface components {
           kind: "calibration";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         }
       | {
           /** @description The axes to home (homing); both where it is not given. */
@@ -3082,6 +3176,8 @@ export interface components {
           kind: "homing";
           /** @description What it is for, in the caller's words. */
           note?: string | null;
+          /** @description Whether it is recorded; as `record.jobs` of the configuration has it where it is not given. */
+          record?: boolean | null;
         };
     /** @description A job and where it is found. */
     JobResource: components["schemas"]["JobSnapshot"] & {
@@ -3130,6 +3226,7 @@ export interface components {
       progress: components["schemas"]["Progress"];
       /** @description Why it ended as it did, in words, once it has. */
       reason?: string | null;
+      recording?: components["schemas"]["Recording"] | null;
       report?: components["schemas"]["Report"] | null;
       /** @description As it was asked for. */
       request: components["schemas"]["JobRequest"];
@@ -3188,6 +3285,7 @@ export interface components {
       progress: components["schemas"]["Progress"];
       /** @description Why it ended as it did, in words, once it has. */
       reason?: string | null;
+      recording?: components["schemas"]["Recording"] | null;
       /** @description Whether the bench is simulated. */
       simulated: boolean;
       /** @description Part of the alignment it is in. */
@@ -3766,6 +3864,25 @@ export interface components {
       /** @description Always true: what is not ready answers 503. */
       ready: boolean;
     };
+    /** @description A job's recording. */
+    Recording: {
+      /**
+       * Format: int64
+       * @description How long the file is, bytes; `null` until it is whole.
+       */
+      bytes?: number | null;
+      /** @description Why it ended before its job, in words. */
+      fault?: string | null;
+      /** @description The file's name in the folder of recordings; its path where it was asked for elsewhere. */
+      file: string;
+      /** @description How it fares. */
+      state: components["schemas"]["RecordingState"];
+    };
+    /**
+     * @description How a recording fares.
+     * @enum {string}
+     */
+    RecordingState: "recording" | "complete" | "failed";
     /** @description When Δv has to be re-optimised, e held: once the object is beyond an end of the depth of field. */
     ReoptimiseView: {
       /**
@@ -6484,6 +6601,74 @@ export interface operations {
       };
       /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_job_recording: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The file */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/octet-stream": number[];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description There is nothing under this name */
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description It is still being written */
+      409: {
         headers: {
           [name: string]: unknown;
         };

@@ -11,6 +11,10 @@ export const job = {
   kindLabel: "What to do",
   note: "Note",
   noteMore: "what it is for; kept in the history",
+  record: "Record",
+  recordMore: "Keep every frame, measurement and decision in a file, to be replayed or looked at in Foxglove",
+  recording: "Recording",
+  recordingCut: "Recording, cut",
   kinds: {
     joint_alignment: "Joint alignment",
     air_only: "Air step only",

@@ -445,7 +445,10 @@ impl<'a> Field<'a> {
                 }
                 bins
             })
-            .reduce(fresh, |a, b| a.into_iter().zip(b).map(|(a, b)| a.merged(b)).collect())
+            // Merged in one order, whichever band was done first: the same frame has the same profile to the last digit.
+            .collect::<Vec<_>>()
+            .into_iter()
+            .fold(fresh(), |a, b| a.into_iter().zip(b).map(|(a, b)| a.merged(b)).collect())
     }
 }
 

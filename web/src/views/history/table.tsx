@@ -80,7 +80,7 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
       <td>{measure ? `${strings.job.of(measure.name)} ${reached(measure, unit).value}` : "—"}</td>
       <td>{job.iterations}</td>
       <td class="words">
-        <Downloads href={job.href} />
+        <Downloads href={job.href} recording={job.recording} />
       </td>
       <td>
         <Toggle on={chosen} set={choose} title={strings.history.compareThis(`${what}, ${when}`)}>

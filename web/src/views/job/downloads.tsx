@@ -1,7 +1,13 @@
 import { strings } from "../../strings";
+import type { Recording } from "../../wire";
 
-/** A job's report and files. */
-export function Downloads({ href }: { href: string }) {
+interface Props {
+  href: string;
+  recording: Recording | null | undefined;
+}
+
+/** The report and files of a job that is over. */
+export function Downloads({ href, recording }: Props) {
   return (
     <p class="downloads">
       <a href={`${href}/report.html`} target="_blank" rel="noopener">
@@ -13,6 +19,11 @@ export function Downloads({ href }: { href: string }) {
       <a href={`${href}/export.json`} download>
         {strings.job.json}
       </a>
+      {recording && (
+        <a href={`${href}/recording`} title={recording.fault ?? recording.file} download>
+          {recording.state === "complete" ? strings.job.recording : strings.job.recordingCut}
+        </a>
+      )}
     </p>
   );
 }

@@ -95,7 +95,7 @@ function JobCard({ job, ...scene }: Scene & { job: Job }) {
           </button>
         </p>
       )}
-      {over && <Downloads href={job.href} />}
+      {over && <Downloads href={job.href} recording={job.recording} />}
     </section>
   );
 }

@@ -52,7 +52,9 @@ export function StartJob({ state, act }: Scene) {
         <select
           id="kind"
           value={draft.kind}
-          onChange={(event) => setDraft(draftOf(event.currentTarget.value as JobKind, draft.note))}
+          onChange={(event) =>
+            setDraft(draftOf(event.currentTarget.value as JobKind, draft.note, draft.record))
+          }
         >
           {KINDS.map((kind) => (
             <option key={kind} value={kind}>
@@ -113,6 +115,11 @@ export function StartJob({ state, act }: Scene) {
           onInput={(event) => change({ note: event.currentTarget.value })}
         />
       </label>
+      <p class="row">
+        <Toggle on={draft.record} set={(record) => change({ record })} title={strings.job.recordMore}>
+          {strings.job.record}
+        </Toggle>
+      </p>
       <p class="actions">
         <button type="submit" id="start" class="primary" disabled={!ready}>
           {strings.job.start}: {strings.job.kinds[draft.kind]}

@@ -28,7 +28,10 @@ pub(super) fn labels(frame: &DepthFrame, volume: &Volume) -> Vec<usize> {
     let total = directions
         .par_iter()
         .map(|&direction| walk(&frame.lenses, &frame.places, volume, direction))
-        .reduce_with(|mut sum, costs| {
+        // Added up in one order, whichever direction was done first: the same frame has the same depths.
+        .collect::<Vec<_>>()
+        .into_iter()
+        .reduce(|mut sum, costs| {
             sum.iter_mut().zip(&costs).for_each(|(sum, cost)| *sum += cost);
             sum
         })

@@ -324,7 +324,9 @@ fn check_exposure(
             });
             totals
         })
-        .reduce(|| (0, 0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2));
+        .collect::<Vec<_>>()
+        .into_iter()
+        .fold((0, 0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2));
     let share = saturated as f64 / count.max(1) as f64;
     if share > SATURATED_SHARE {
         return Err(SpacingError::Saturated { share });

@@ -49,6 +49,9 @@ fn frame_noise_variance(frame: &SpacingFrame, model: &Model, along: &DVector<f64
             || (Patch::default(), Vec::new()),
             |(patch, weights), (a, others)| micro_image_noise(frame, model, a, others, patch, weights),
         )
+        // Added up in one order, whichever thread was first: the same frame has the same noise to the last digit.
+        .collect::<Vec<f64>>()
+        .into_iter()
         .sum()
 }
 

@@ -12,6 +12,9 @@ use super::model::Model;
 use super::score::{BLOCKS, block};
 use crate::optics::ArrayKind;
 
+/// Pairs that are added up by one thread at a time.
+const PART: usize = 256;
+
 /// By how much the spacing changed during the exposure, as far as the frame shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Smear {
@@ -48,10 +51,8 @@ impl Sums {
 /// of the spacing smears along all of them. `None` where there is too little texture to tell.
 pub(super) fn smear(frame: &SpacingFrame, model: &Model) -> Option<Smear> {
     let none = || [[Sums::default(); BLOCKS * BLOCKS]; 3];
-    let directions = frame
-        .pairs
-        .par_iter()
-        .fold(none, |mut directions, &pair| {
+    let part = |pairs: &[Pair]| {
+        pairs.iter().fold(none(), |mut directions, &pair| {
             let place = frame.place_of(pair);
             if let Some(region) = frame.region_of(pair) {
                 let spacing = model.spacing(region, &place)[0];
@@ -60,10 +61,13 @@ pub(super) fn smear(frame: &SpacingFrame, model: &Model) -> Option<Smear> {
             }
             directions
         })
-        .reduce(none, |mut a, b| {
-            a.iter_mut().flatten().zip(b.iter().flatten()).for_each(|(a, &b)| *a = a.plus(b));
-            a
-        });
+    };
+    // The parts do not depend on the machine, nor on which thread is first, so that neither do the sums' last digits.
+    let parts: Vec<_> = frame.pairs.par_chunks(PART).map(part).collect();
+    let directions = parts.iter().fold(none(), |mut a, b| {
+        a.iter_mut().flatten().zip(b.iter().flatten()).for_each(|(a, &b)| *a = a.plus(b));
+        a
+    });
     let used = if frame.array == ArrayKind::Square { 2 } else { 3 };
     let patch = (frame.pitch - model.spacings[0]).abs();
     let smears = directions[..used].iter().map(|blocks| along_direction(blocks, patch));
