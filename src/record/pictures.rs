@@ -43,7 +43,7 @@ pub fn raw_image(message: &foxglove::RawImage, bits: Option<u32>) -> Result<RawI
     let bytes = match message.encoding.as_str() {
         "mono8" | "8UC1" | "bayer_rggb8" | "bayer_bggr8" | "bayer_grbg8" | "bayer_gbrg8" => 1,
         "mono16" | "16UC1" => 2,
-        other => return Err(format!("its pixels are {other:?}; mono8, mono16 and bayer_….8 can be read")),
+        other => return Err(format!("its pixels are {other:?}; mono8, mono16 and bayer_…8 can be read")),
     };
     let row = width.checked_mul(bytes).filter(|&row| row > 0 && row <= step);
     let (Some(row), Some(whole)) = (row, step.checked_mul(height).filter(|&whole| whole > 0)) else {
