@@ -20,12 +20,16 @@ class Config(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How the camera is put together, and to which tolerances."""
     bench: BenchConfig | UnsetType = UNSET
     """Stages, camera and limits."""
+    foxglove: FoxgloveConfig | UnsetType = UNSET
+    """The live bridge for Foxglove and Lichtblick."""
     main_lens: MainLensConfig | UnsetType = UNSET
     """The main lens."""
     mla: MlaConfig | UnsetType = UNSET
     """The microlens array."""
     object: ObjectConfig | UnsetType = UNSET
     """The object distances."""
+    record: RecordConfig | UnsetType = UNSET
+    """What is recorded of jobs, and where."""
     sensor: SensorConfig | UnsetType = UNSET
     """The sensor."""
     server: ServerConfig | UnsetType = UNSET
@@ -266,6 +270,15 @@ class DustConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How many, over the whole frame."""
 
 
+class FoxgloveConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[foxglove]`"""
+
+    listen: str | UnsetType = UNSET
+    """Where the bridge listens: an address of loopback with its port; empty for no bridge."""
+    origins: list[str] | UnsetType = UNSET
+    """Origins of pages that may look on, as `https://app.foxglove.dev`, beside those served by this machine itself."""
+
+
 class LBoundSource(str, Enum):
     """Where l_bound comes from."""
 
@@ -366,6 +379,28 @@ class ObjectConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """d_OBJ of the air design, from the main lens's principal point, mm."""
     distance_mm: float | UnsetType = UNSET
     """d_OBJ in water, from the shell's outer vertex O, mm."""
+
+
+class RecordConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[record]`"""
+
+    folder: str | UnsetType = UNSET
+    """Folder of the recordings; empty for `recordings` in the state folder."""
+    jobs: RecordJobs | UnsetType = UNSET
+    """Which jobs are recorded."""
+    keep_free_mb: int | UnsetType = UNSET
+    """Room on the disk that is left for others, MB."""
+    max_file_mb: int | UnsetType = UNSET
+    """Longest recording, MB."""
+
+
+class RecordJobs(str, Enum):
+    """Which jobs are recorded."""
+
+    ASKED = "asked"
+    """Those whose request asks for it."""
+    ALL = "all"
+    """All but those whose request says no."""
 
 
 class SensorConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):

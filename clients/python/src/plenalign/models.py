@@ -656,6 +656,8 @@ class JointAlignmentJob(Struct, frozen=True, kw_only=True, omit_defaults=True, t
 
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class AirOnlyJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="air_only"):
@@ -663,6 +665,8 @@ class AirOnlyJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fiel
 
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class ShellOnlyJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="shell_only"):
@@ -670,6 +674,8 @@ class ShellOnlyJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fi
 
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class ClarityOnlyJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="clarity_only"):
@@ -679,6 +685,8 @@ class ClarityOnlyJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_
     """The e to hold, mm (clarity only); the configured initial e where it is not given."""
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class LBoundMeasurementJob(
@@ -688,6 +696,8 @@ class LBoundMeasurementJob(
 
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class FocusSweepJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="focus_sweep"):
@@ -703,6 +713,8 @@ class FocusSweepJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
     """Where the sweep begins, mm (focus sweep)."""
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
     steps: int | None = None
     """Positions measured, both ends included (focus sweep); 11 where it is not given."""
     to_mm: float
@@ -720,6 +732,8 @@ class SpacingWatchJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag
     """
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class CalibrationJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="calibration"):
@@ -731,6 +745,8 @@ class CalibrationJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_
     """
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class HomingJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="kind", tag="homing"):
@@ -740,6 +756,8 @@ class HomingJob(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field
     """The axes to home (homing); both where it is not given."""
     note: str | None = None
     """What it is for, in the caller's words."""
+    record: bool | None = None
+    """Whether it is recorded; as `record.jobs` of the configuration has it where it is not given."""
 
 
 class JobSnapshot(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -771,6 +789,8 @@ class JobSnapshot(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How far it is."""
     reason: str | None = None
     """Why it ended as it did, in words, once it has."""
+    recording: Recording | None = None
+    """Its recording; `null` where it is not recorded."""
     report: Report | None = None
     """The report of an alignment, once it has ended."""
     request: JobRequest
@@ -817,6 +837,8 @@ class JobSummary(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How far it is."""
     reason: str | None = None
     """Why it ended as it did, in words, once it has."""
+    recording: Recording | None = None
+    """Its recording; `null` where it is not recorded."""
     simulated: bool
     """Whether the bench is simulated."""
     stage: Stage
@@ -1245,6 +1267,27 @@ class Readiness(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     ready: bool
     """Always true: what is not ready answers 503."""
+
+
+class Recording(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A job's recording."""
+
+    bytes: int | None = None
+    """How long the file is, bytes; `null` until it is whole."""
+    fault: str | None = None
+    """Why it ended before its job, in words."""
+    file: str
+    """The file's name in the folder of recordings; its path where it was asked for elsewhere."""
+    state: RecordingState
+    """How it fares."""
+
+
+class RecordingState(str, Enum):
+    """How a recording fares."""
+
+    RECORDING = "recording"
+    COMPLETE = "complete"
+    FAILED = "failed"
 
 
 class ReoptimiseView(Struct, frozen=True, kw_only=True, omit_defaults=True):
