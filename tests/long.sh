@@ -33,7 +33,7 @@ for ((from = soak_first; from <= soak_last; from += 10)); do
     mv "$result.part" "$result"
   fi
 done
-grep -h ' jobs, ' "$results"/soak-*.log | awk '{ jobs += $1; converged += $3; faults += $5; during += $7 }
+grep -h '^[0-9]* jobs, ' "$results"/soak-*.log | awk '{ jobs += $1; converged += $3; faults += $5; during += $7 }
   END { print jobs " jobs among " faults " faults (" during " while a job ran), " converged " converged, nothing violated" }'
 EXAMPLES=${EXAMPLES:-200} tests/schemathesis/run.sh
 for seed in $(seq "$first" "$last"); do

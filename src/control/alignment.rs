@@ -2,6 +2,7 @@
 //! of each. Every decision of the loops is made in [`super::air`] and [`super::shell`].
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::air::{AirDecision, AirGoal, AirLoop, AirObservation, FREE_TRAVEL_MM, PROBE_MM};
 use super::axis_model::check_move;
@@ -31,6 +32,13 @@ const APERTURE_WITHIN_MM: f64 = 0.5;
 const B_RELATIVE_SIGMA: f64 = 0.002;
 /// So far (mm) e may be moved with the shell off: the boards, which stay where they are, can then still be measured.
 const FOLLOWED_IN_AIR_MM: f64 = 5.0;
+/// Between two looks at whether the picture stands still: longer than an axis rests between two pieces of its way, so
+/// that a carriage a second late is seen to move.
+const CREEP_LOOK: Duration = Duration::from_millis(600);
+/// How often it is looked again, and how many standard uncertainties of their difference two spacings of one place may be
+/// apart.
+const CREEP_LOOKS: u32 = 8;
+const CREEP_SIGMAS: f64 = 4.0;
 /// Frames combined in a verifying measurement.
 pub(super) const VERIFY_FRAMES: u32 = 2;
 /// Measurements of a loop before it is cut off, whatever its decisions.
@@ -425,7 +433,7 @@ impl Alignment<'_> {
             let e_reading_mm = self.motion.position_mm(AxisName::E)?;
             let focus_scale = self.findings.focus_scale.unwrap_or(1.0);
             let trim_mm = (self.motion.position_mm(AxisName::Focus)? - focus_at_air) * focus_scale;
-            let seen = self.context.unless_cancelled(self.eye.spacing(frames)).await;
+            let seen = self.spacing_at_rest(kind, frames).await;
             let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm };
             let seen = if std::mem::take(&mut first_look) { as_configured(&look, seen)? } else { seen? };
             if let Some(picture) = &seen.picture {
@@ -472,6 +480,30 @@ impl Alignment<'_> {
             }
         }
         Err(JobEnd::failed("the shell loop did not end; this is a defect of the program"))
+    }
+
+    /// The spacing over so many frames, after a move once the picture stands still: a controller may say that an axis
+    /// stands while its carriage creeps on, and what is decided near the shell would be of where it no longer is.
+    async fn spacing_at_rest(&self, kind: IterationKind, frames: u32) -> Result<Seen, JobEnd> {
+        let mut seen = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
+        if !matches!(kind, IterationKind::Probe | IterationKind::Move) {
+            return Ok(seen);
+        }
+        for _ in 0..CREEP_LOOKS {
+            self.context.unless_cancelled(async { Ok::<_, JobEnd>(tokio::time::sleep(CREEP_LOOK).await) }).await?;
+            let again = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
+            let (one, other) = (&seen.spacing, &again.spacing);
+            let sigma = one.spacing_sigma_px.hypot(other.spacing_sigma_px);
+            let changed = (one.spacing_px - other.spacing_px).abs() > CREEP_SIGMAS * sigma;
+            seen = again;
+            if !changed {
+                return Ok(seen);
+            }
+            self.context.log("the picture still changes after the move: the axis creeps on, though its controller says that it stands");
+        }
+        Err(JobEnd::failed(
+            "the picture does not come to rest after a move: the axis creeps on, though its controller says that it stands; check the coupling and the controller's settings",
+        ))
     }
 
     /// Notes where the spacing's tilt says that a board is turned.

@@ -151,7 +151,6 @@ impl Shared {
         let e = Self::axis_pose(&self.e, self.config.bench.e.settle_ms, exposed_from);
         tokio::time::sleep(EXPOSURE).await;
         let end = self.truth.pose();
-        let still = end == pose;
         let seq = self.seq.fetch_add(1, Ordering::SeqCst) + 1;
         let image = self.image(pose, end, rays, seq).await?;
         self.unplugged()?;
@@ -162,8 +161,9 @@ impl Shared {
             exposed_to: exposed_from + EXPOSURE,
             exposure_assumed: false,
             captured_at: jiff::Timestamp::now(),
-            focus: AxisPose { settled: focus.settled && still, ..focus },
-            e: AxisPose { settled: e.settled && still, ..e },
+            // What the controllers say: a camera does not know whether it is true.
+            focus,
+            e,
             preview,
             simulated: true,
             replayed: false,

@@ -152,6 +152,25 @@ async fn a_board_in_the_wrong_place_is_named_and_a_turned_one_noted() {
     assert!([" 12.", " 13.", " 14.", " 15.", " 16."].iter().any(|degrees| noted.contains(degrees)), "{noted}");
 }
 
+/// A controller that says "stopped" while the carriage creeps on: what is decided near the shell waits for the picture.
+#[tokio::test(start_paused = true)]
+async fn a_carriage_that_creeps_on_is_not_driven_into_the_shell() {
+    for late in [400, 700, 1000] {
+        // Homing would fail with it.
+        let job = with_the_board_in_water(move |faults| faults.e.stops_late_ms = late).await;
+        let truth = job.report.as_ref().unwrap().truth.clone().unwrap();
+        assert_eq!(truth["touched_shell"], false, "{late} ms: {:?}", job.reason);
+        if job.state == JobState::Converged {
+            assert!(truth["focus_error_mm"].as_f64().unwrap().abs() < 0.01, "{late} ms: {truth}");
+        }
+        assert!(
+            late < 700 || job.log.iter().any(|line| line.message.contains("creeps on")),
+            "{late} ms: {:#?}",
+            job.log
+        );
+    }
+}
+
 /// What an alignment leaves at the shell is no obstacle to the next.
 #[tokio::test(start_paused = true)]
 async fn an_aligned_camera_can_be_aligned_again() {

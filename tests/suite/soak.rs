@@ -37,9 +37,12 @@ struct Kind {
     words: &'static [&'static str],
 }
 
-const LINE: &[&str] = &["controller", "serial", "answer", "connect", "homed", "position", "alarm", "reset", "stop"];
+const LINE: &[&str] =
+    &["controller", "serial", "answer", "connect", "homed", "position", "alarm", "reset", "stop", "motion"];
 const MOTION: &[&str] = &[
     "does not move",
+    "motion",
+    "creeps",
     "wrong way",
     "picture shows",
     "moves",
@@ -140,14 +143,14 @@ const KINDS: &[Kind] = &[
         name: "focus creeps",
         weight: 3,
         longest_s: 10.0,
-        draw: |r, f| f.focus.stops_late_ms = r.random_range(20..1500),
+        draw: |r, f| f.focus.stops_late_ms = r.random_range(20..1000),
         words: MOTION,
     },
     Kind {
         name: "e creeps",
         weight: 3,
         longest_s: 10.0,
-        draw: |r, f| f.e.stops_late_ms = r.random_range(20..1500),
+        draw: |r, f| f.e.stops_late_ms = r.random_range(20..1000),
         words: MOTION,
     },
     Kind {
@@ -257,7 +260,7 @@ fn plan_of(seed: u64) -> (FaultPlan, Vec<&'static Kind>) {
     let mut random = Pcg64::seed_from_u64(seed ^ 0x50a4_0000_0000_f417);
     let weights: u32 = KINDS.iter().map(|kind| kind.weight).sum();
     let mut kinds = Vec::new();
-    let events = (0..random.random_range(18..34)).map(|_| {
+    let events = (0..random.random_range(20..38)).map(|_| {
         let mut left = random.random_range(0..weights);
         let kind = KINDS
             .iter()

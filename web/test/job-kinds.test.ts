@@ -20,7 +20,7 @@ describe("the form of a job", () => {
 
   it("asks to be recorded only where that is wanted", () => {
     for (const kind of KINDS.filter((kind) => FIELDS[kind].length === 0)) {
-      expect(check(draftOf(kind, "", true), bench.axes)).toEqual({
+      expect(check(draftOf(kind, "", true), bench.axes, "mm")).toEqual({
         ok: true,
         request: { kind, record: true },
       });

@@ -197,9 +197,15 @@ class Job:
         return self._transport.ask(op.EXPORT_JOB_JSON, path=self._path, timeout_s=LONG_S).as_(JobExport)
 
     def save(self, path: Path_) -> Path:
-        """Downloads the report to print (`.html`), the iterations (`.csv`), or everything (`.json`)."""
+        """Downloads the report to print (`.html`), the iterations (`.csv`), everything (`.json`), or the recording, where
+        one was made (`.mcap`)."""
         target = Path(path)
-        kinds = {".html": op.GET_JOB_REPORT, ".csv": op.EXPORT_JOB_CSV, ".json": op.EXPORT_JOB_JSON}
+        kinds = {
+            ".html": op.GET_JOB_REPORT,
+            ".csv": op.EXPORT_JOB_CSV,
+            ".json": op.EXPORT_JOB_JSON,
+            ".mcap": op.GET_JOB_RECORDING,
+        }
         operation = kinds.get(target.suffix.lower())
         if operation is None:
             raise ValueError(f"{target.name!r} ends in none of {', '.join(kinds)}")
