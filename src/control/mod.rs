@@ -5,6 +5,7 @@
 //! functions ([`air`], [`shell`]).
 
 pub mod air;
+mod air_step;
 mod alignment;
 pub mod axis_model;
 mod by_hand;
@@ -39,6 +40,7 @@ mod request;
 mod runner;
 mod service;
 pub mod shell;
+mod shell_step;
 mod sight;
 mod simulated;
 mod survey;
