@@ -122,7 +122,11 @@ impl Alignment<'_> {
             return Ok(seen);
         }
         for _ in 0..CREEP_LOOKS {
-            self.context.unless_cancelled(async { Ok::<_, JobEnd>(tokio::time::sleep(CREEP_LOOK).await) }).await?;
+            let pause = async {
+                tokio::time::sleep(CREEP_LOOK).await;
+                Ok::<(), JobEnd>(())
+            };
+            self.context.unless_cancelled(pause).await?;
             let again = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
             let (one, other) = (&seen.spacing, &again.spacing);
             let sigma = one.spacing_sigma_px.hypot(other.spacing_sigma_px);
