@@ -197,8 +197,10 @@ class Job:
         return self._transport.ask(op.EXPORT_JOB_JSON, path=self._path, timeout_s=LONG_S).as_(JobExport)
 
     def save(self, path: Path_) -> Path:
-        """Downloads the report to print (`.html`), the iterations (`.csv`), everything (`.json`), or the recording, where
-        one was made (`.mcap`)."""
+        """Downloads the report to print (`.html`), the iterations (`.csv`), everything (`.json`), or the recording.
+
+        A recording (`.mcap`) is there where one was made.
+        """
         target = Path(path)
         kinds = {
             ".html": op.GET_JOB_REPORT,
