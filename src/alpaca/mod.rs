@@ -2,7 +2,7 @@
 //!
 //! Everything goes the way of the REST API: moves through the motion rules and under the control lease, frames from the
 //! camera's own source, what is done into the audit log. A client is known by its ClientID and where it asks from; its
-//! `Connected = true` of a Focuser takes the lease ([`seat`]), and whatever it asks renews it. Alpaca knows no tokens:
+//! `Connected = true` of a Focuser takes the lease (`seat`), and whatever it asks renews it. Alpaca knows no tokens:
 //! who reaches the port may take the control, so that it is served on loopback alone unless the operator insists.
 //!
 //! The wire is that of the ASCOM Alpaca API reference, version 1: lowercase paths, the query of a GET in any case, the
