@@ -205,7 +205,10 @@ impl Eye {
                 }
             });
             let Ok(from) = settled.await else {
-                return Err(JobEnd::failed(format!("the axes did not come to rest within {SETTLING_ALLOWED:?}")));
+                let why = self.motion.unrest().join("; ");
+                return Err(JobEnd::failed(format!(
+                    "the axes did not come to rest within {SETTLING_ALLOWED:?}: {why}"
+                )));
             };
             let frame = match self.bench.camera.frame(from.max(Instant::now())).await {
                 Ok(frame) => frame,

@@ -629,6 +629,22 @@ impl Motion {
         Some(at_rest(AxisName::Focus)?.max(at_rest(AxisName::E)?))
     }
 
+    /// Why axes are not known to stand, in words.
+    pub(super) fn unrest(&self) -> Vec<String> {
+        let of = |axis: AxisName| {
+            let state = self.bench.stage(axis).state().borrow().clone();
+            let why = match (state.connected, state.fault) {
+                (false, fault) => {
+                    format!("its controller is not connected: {}", fault.as_deref().unwrap_or("it is gone"))
+                }
+                (true, Some(fault)) => fault,
+                (true, None) => "it moves, by what its controller says".to_owned(),
+            };
+            format!("the {axis} axis: {why}")
+        };
+        self.moving().into_iter().map(of).collect()
+    }
+
     /// The axes that move, or are not known to stand.
     pub(super) fn moving(&self) -> Vec<AxisName> {
         let stands = |axis: AxisName| self.bench.stage(axis).state().borrow().at_rest_since.is_some();
