@@ -125,8 +125,10 @@ def test_a_stop_ends_a_move_that_is_waited_for(homed: plenalign.Client) -> None:
         assert abs(position(homed, "e") - target) > 0.5
 
 
+# Started in the background, as a build server may start these tests, a program ignores interrupts.
 INTERRUPTED = """
-import sys, plenalign
+import signal, sys, plenalign
+signal.signal(signal.SIGINT, signal.default_int_handler)
 client = plenalign.Client(sys.argv[1])
 with client.lease("a program that is interrupted", ttl_s=5.0) as lease:
     print("begun", flush=True)
