@@ -35,16 +35,21 @@ pub(crate) fn permit(service: &Service) -> Permit {
     service.leases().permit(Some(&grant.key)).unwrap()
 }
 
-/// Runs a joint alignment to its end.
-pub(crate) async fn align(service: &Arc<Service>) -> JobSnapshot {
+/// Runs a job to its end.
+pub(crate) async fn run(service: &Arc<Service>, request: JobRequest) -> JobSnapshot {
     let mut events = service.subscribe();
-    let id = service.create_job(&permit(service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
+    let id = service.create_job(&permit(service), request).await.unwrap().id;
     loop {
         match events.recv().await {
-            Ok(Event::Job { job }) if job.state.is_final() => break,
+            Ok(Event::Job { job }) if job.id == id && job.state.is_final() => break,
             Ok(_) | Err(RecvError::Lagged(_)) => {}
             Err(RecvError::Closed) => panic!("the service ended before its job"),
         }
     }
     service.job(id).unwrap()
+}
+
+/// Runs a joint alignment to its end.
+pub(crate) async fn align(service: &Arc<Service>) -> JobSnapshot {
+    run(service, JobRequest::of(JobKind::JointAlignment)).await
 }

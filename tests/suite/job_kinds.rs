@@ -1,28 +1,10 @@
 //! Each kind of job from its start to its end on the simulated bench.
 
-use std::sync::Arc;
-
-use plenalign::control::Service;
-use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::outcome::Outcome;
 use plenalign::device::AxisName;
-use tokio::sync::broadcast::error::RecvError;
 
-use super::bench::{permit, service, small_config};
-
-async fn run(service: &Arc<Service>, request: JobRequest) -> JobSnapshot {
-    let mut events = service.subscribe();
-    let id = service.create_job(&permit(service), request).await.unwrap().id;
-    loop {
-        match events.recv().await {
-            Ok(Event::Job { job }) if job.id == id && job.state.is_final() => break,
-            Ok(_) | Err(RecvError::Lagged(_)) => {}
-            Err(RecvError::Closed) => panic!("the service ended before its job"),
-        }
-    }
-    service.job(id).unwrap()
-}
+use super::bench::{run, service, small_config};
 
 fn ended_as(job: &JobSnapshot, state: JobState) {
     assert_eq!(job.state, state, "{:?}\n{:#?}", job.reason, job.log);

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use plenalign::config::{CameraConfig, Config};
-use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState, RecordingState};
 use plenalign::control::replay::{Replay, What, replay};
 use plenalign::control::{Service, open_bench};
@@ -16,9 +15,8 @@ use plenalign::record::{Ending, Item, Limits, Reader, Topic, Writer, raw_image};
 use plenalign::store::Store;
 use prost::Message as _;
 use serde_json::{Value, json};
-use tokio::sync::broadcast::error::RecvError;
 
-use super::bench::{permit, small_config};
+use super::bench::{permit, run, small_config};
 use super::program::{Program, plenalign, serve};
 
 /// A service whose state, and with it its recordings, is in a folder.
@@ -26,19 +24,6 @@ async fn service(config: Config, state: &Path) -> Arc<Service> {
     let config = Arc::new(config);
     let bench = open_bench(&config).await.unwrap();
     Service::start(config, "a test's configuration".to_owned(), bench, Store::open(state))
-}
-
-async fn run(service: &Arc<Service>, request: JobRequest) -> JobSnapshot {
-    let mut events = service.subscribe();
-    let id = service.create_job(&permit(service), request).await.unwrap().id;
-    loop {
-        match events.recv().await {
-            Ok(Event::Job { job }) if job.id == id && job.state.is_final() => break,
-            Ok(_) | Err(RecvError::Lagged(_)) => {}
-            Err(RecvError::Closed) => panic!("the service ended before its job"),
-        }
-    }
-    service.job(id).unwrap()
 }
 
 fn recorded(kind: JobKind) -> JobRequest {
