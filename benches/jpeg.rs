@@ -29,6 +29,10 @@ fn jpeg(criterion: &mut Criterion) {
     };
     for (label, width, height) in [("1160x1160", 1160, 1160), ("4096x3072", 4096, 3072)] {
         let raw = samples(width, height);
+        // The limit of the machine: a plain sum over the same frame.
+        group.bench_function(format!("plain sum {label}"), |b| {
+            b.iter(|| black_box(&raw).iter().map(|&v| u64::from(v)).sum::<u64>());
+        });
         for encoder in &encoders {
             group.bench_function(format!("{} {label}", encoder.name()), |b| {
                 b.iter(|| encoder.grey(black_box(&raw), width, height, 80).expect("a picture"));

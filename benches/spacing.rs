@@ -6,7 +6,7 @@ use std::path::Path;
 use criterion::{Criterion, criterion_group, criterion_main};
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
 use plenalign::imaging::spacing::{SLOPE_SIGMA_PX, SpacingFrame, SpacingOptions, measure_spacing};
-use plenalign::raw;
+use plenalign::raw::{self, Samples};
 
 fn spacing(criterion: &mut Criterion) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/referee");
@@ -28,6 +28,11 @@ fn spacing(criterion: &mut Criterion) {
     let known = SpacingOptions { start_px: Some(19.9), ..options.spacing };
     group.bench_function("measure, start known", |b| b.iter(|| measure_spacing(black_box(&frames), &known)));
     group.bench_function("measure, search", |b| b.iter(|| measure_spacing(black_box(&frames), &options.spacing)));
+    // The limit of the machine: a plain sum over the same frame.
+    let Samples::U8(samples) = frame.samples() else { panic!("an 8-bit frame") };
+    group.bench_function("plain sum 900x900", |b| {
+        b.iter(|| black_box(samples).iter().map(|&v| u64::from(v)).sum::<u64>());
+    });
     group.finish();
 }
 

@@ -4,7 +4,8 @@ Grid: adaptive threshold and connected components of the white frame, intensity-
 Spacing: masked, normalised cross-correlation of every pair of neighbours over whole-pixel shifts, a parabola through the
 best and its neighbours, the median over all pairs. (Plain phase correlation of micro-images locks to their vignette.)
 
-Reads the frames and figures that the benchmark `compare` wrote into FOLDER, prints one table of both.
+Reads the frames and figures that the benchmark `compare` wrote into FOLDER, prints one table of both, and leaves both as
+comparison.json there, for the table of all benchmarks.
 """
 
 import json
@@ -17,6 +18,9 @@ import numpy as np
 
 # Best of so many runs, as on the other side.
 RUNS = 3
+FIGURES = ("grid_ms", "grid_error_px", "spacing_ms", "spacing_error_px")
+# And of the live measurement, which is of the spacing, too.
+LIVE = {"live_ms": "spacing_ms", "live_error_px": "spacing_error_px"}
 # Share of the micro-image's radius that is compared.
 MASK = 0.6
 
@@ -122,7 +126,7 @@ def correlation_spacing(raw, white, frame, centres, indices):
 def main(folder):
     figures = json.loads((folder / "frames.json").read_text())
     header = ["frame", "", "grid ms", "grid error px", "spacing ms", "spacing error px"]
-    lines, ratios = [], []
+    lines, ratios, compared = [], [], []
     for frame in figures["frames"]:
         white = cv2.imread(str(folder / frame["white"]), cv2.IMREAD_GRAYSCALE)
         raw = cv2.imread(str(folder / frame["raw"]), cv2.IMREAD_GRAYSCALE)
@@ -130,17 +134,25 @@ def main(folder):
         found, grid_ms = best_of(lambda: components(white, frame["pitch_px"]))
         spacing, spacing_ms = best_of(lambda: correlation_spacing(raw, white, frame, centres, indices))
         theirs = [grid_ms, grid_error(found, centres), spacing_ms, abs(spacing - frame["spacing_px"])]
-        ours = [frame[key] for key in ("grid_ms", "grid_error_px", "spacing_ms", "spacing_error_px")]
+        ours = [frame[key] for key in FIGURES]
         live = frame.get("live_ms")
         lines.append([frame["name"], "plenalign"] + [f"{v:.4g}" for v in ours])
         if live is not None:
             lines.append(["", "plenalign, live", "", "", f"{live:.4g}", f"{frame['live_error_px']:.4g}"])
         lines.append(["", "OpenCV, NumPy"] + [f"{v:.4g}" for v in theirs])
+        their_figures = dict(zip(FIGURES, theirs))
+        their_figures |= {key: their_figures[of] for key, of in LIVE.items() if key in frame}
+        compared.append(
+            {"name": frame["name"], "ours": {key: frame[key] for key in their_figures}, "theirs": their_figures}
+        )
         ratio = [t / max(o, 1e-9) for t, o in zip(theirs, ours)]
         if live is not None:
             ratio[2] = theirs[2] / live
         lines.append(["", "ratio"] + [f"{v:.3g}" for v in ratio])
         ratios.append(ratio)
+    versions = [f"OpenCV {cv2.__version__}", f"NumPy {np.__version__}"]
+    comparison = {"tools": "OpenCV, NumPy", "versions": versions, "frames": compared}
+    (folder / "comparison.json").write_text(json.dumps(comparison, indent=2))
     widths = [max(len(row[k]) for row in [header] + lines) for k in range(len(header))]
     for row in [header] + lines:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip())

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
-use super::frame::Frame;
+use super::frame::{Frame, Window};
 use super::{Grid, MicroImage, reciprocal};
 use crate::optics::ArrayKind;
 
@@ -26,6 +26,8 @@ pub(super) struct Demodulator {
     pub harmonics: Vec<[f64; 2]>,
     /// Places of the window's samples from the pixel nearest the centre, px, row by row.
     points: Vec<(isize, isize)>,
+    /// Pixels from one sample to the next.
+    step: usize,
     reach: [isize; 2],
     /// Real and imaginary weights, harmonic by harmonic.
     weights: Vec<[Vec<f32>; 2]>,
@@ -63,7 +65,7 @@ impl Demodulator {
         }
         let harmonics = harmonics(grid);
         let weights = harmonics.iter().map(|g| kernel(&triangle, *g)).collect();
-        Self { harmonics, points, reach: steps.map(|n| n * step), weights }
+        Self { harmonics, points, step: step as usize, reach: steps.map(|n| n * step), weights }
     }
 
     /// Those of `lenses` whose window lies within `part` of the frame (x, y, width, height).
@@ -71,26 +73,28 @@ impl Demodulator {
         let [x0, y0, w, h] = part.map(|n| n as isize);
         let reach = self.reach;
         let width = frame.width as isize;
-        let offsets: Vec<isize> = self.points.iter().map(|p| p.1 * width + p.0).collect();
+        let window = Window::new(&self.points, self.step, frame.width);
+        let arch = pulp::Arch::new();
         lenses
             .par_iter()
             .with_min_len(64)
             .map_init(
-                || vec![0.0f32; offsets.len()],
+                || vec![0.0f32; self.points.len()],
                 |values, at| {
                     let (cx, cy) = (at.x.round() as isize, at.y.round() as isize);
                     let inside =
                         cx - reach[0] >= x0 && cy - reach[1] >= y0 && cx + reach[0] < x0 + w && cy + reach[1] < y0 + h;
                     inside.then(|| {
-                        frame.logarithms(cy * width + cx, &offsets, values);
-                        Lens { at: *at, sums: self.sums(values, at, [cx, cy]) }
+                        let pixels = Pixels { frame, window: &window, middle: cy * width + cx };
+                        arch.dispatch(LensTask { demodulator: self, pixels, values, at, nearest: [cx, cy] })
                     })
                 },
             )
-            .flatten()
+            .flatten_iter()
             .collect()
     }
 
+    #[inline(always)]
     fn sums(&self, values: &[f32], at: &MicroImage, [cx, cy]: [isize; 2]) -> [Complex<f64>; 3] {
         let mut sums = [Complex::new(0.0, 0.0); 3];
         for ((sum, [re, im]), g) in sums.iter_mut().zip(&self.weights).zip(&self.harmonics) {
@@ -104,7 +108,37 @@ impl Demodulator {
     }
 }
 
+/// Where a window's pixels are.
+struct Pixels<'a> {
+    frame: &'a Frame<'a>,
+    window: &'a Window,
+    /// The pixel that the window is laid on.
+    middle: isize,
+}
+
+/// The harmonics of one micro-image, compiled for the instruction set in use.
+struct LensTask<'a> {
+    demodulator: &'a Demodulator,
+    pixels: Pixels<'a>,
+    values: &'a mut [f32],
+    at: &'a MicroImage,
+    /// Column and row of the pixel nearest the micro-image.
+    nearest: [isize; 2],
+}
+
+impl pulp::WithSimd for LensTask<'_> {
+    type Output = Lens;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _simd: S) -> Lens {
+        let Self { demodulator, pixels, values, at, nearest } = self;
+        pixels.frame.logarithms(pixels.middle, pixels.window, values);
+        Lens { at: *at, sums: demodulator.sums(values, at, nearest) }
+    }
+}
+
 /// Two dot products in one pass, in eight lanes that the compiler keeps in vector registers.
+#[inline(always)]
 fn dot2(values: &[f32], re: &[f32], im: &[f32]) -> (f32, f32) {
     let mut r = [0.0f32; 8];
     let mut i = [0.0f32; 8];

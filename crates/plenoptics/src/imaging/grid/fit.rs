@@ -4,9 +4,11 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::demodulate::Lens;
-use super::phases::{Phases, cycles, median};
+use super::phases::{Phases, median};
 use super::{Distortion, Grid};
 
+/// Greatest degree of the polynomial map.
+pub(super) const DEGREE_MAX: usize = 5;
 /// Rounds of reweighting; the weights settle within three or four.
 const ROUNDS: usize = 6;
 /// Parameters of a shift, scale and rotation.
@@ -26,8 +28,17 @@ pub(super) enum Model {
 }
 
 /// The monomials of s and t up to a degree: 1; s, t; s², st, t²; ...
+///
+/// # Panics
+/// For a degree above [`DEGREE_MAX`].
 pub(super) fn monomials(s: f64, t: f64, degree: usize) -> impl Iterator<Item = f64> {
-    (0..=degree).flat_map(move |d| (0..=d).map(move |k| s.powi((d - k) as i32) * t.powi(k as i32)))
+    let powers = |of: f64| {
+        let mut powers = [1.0; DEGREE_MAX + 1];
+        (1..=DEGREE_MAX).for_each(|k| powers[k] = powers[k - 1] * of);
+        powers
+    };
+    let (s, t) = (powers(s), powers(t));
+    (0..=degree).flat_map(move |d| (0..=d).map(move |k| s[d - k] * t[k]))
 }
 
 /// Number of monomials up to a degree.
@@ -54,20 +65,23 @@ impl Phases<'_> {
         };
         // The terms of every micro-image, one after the other.
         let size = if per_axis > 0 { per_axis } else { 2 };
-        let mut terms: Vec<f64> = Vec::with_capacity(self.lenses.len() * size);
-        for l in self.lenses {
-            match model {
-                Model::Polynomial(degree) => {
-                    terms.extend(monomials(f64::from(l.at.i) / scale, f64::from(l.at.j) / scale, degree));
-                }
-                Model::ScaleShift | Model::Similarity => {
+        let terms: Vec<f64> = self
+            .lenses
+            .par_iter()
+            .with_min_len(PART)
+            .flat_map_iter(|l| {
+                let mut terms = [0.0; monomial_count(DEGREE_MAX)];
+                if let Model::Polynomial(degree) = model {
+                    let (i, j) = (f64::from(l.at.i) / scale, f64::from(l.at.j) / scale);
+                    terms.iter_mut().zip(monomials(i, j, degree)).for_each(|(to, term)| *to = term);
+                } else {
                     let c = self.grid.centre;
                     let length = scale * self.grid.pitch_px();
-                    terms.extend([(l.at.x - c[0]) / length, (l.at.y - c[1]) / length]);
+                    terms[..2].copy_from_slice(&[(l.at.x - c[0]) / length, (l.at.y - c[1]) / length]);
                 }
-            }
-        }
-        let places = || terms.chunks_exact(size).enumerate();
+                terms.into_iter().take(size)
+            })
+            .collect();
         // Derivatives of a displacement along g by the parameters of a shift, scale and rotation.
         let rigid = |g: [f64; 2], p: &[f64]| [g[0], g[1], g[0] * p[0] + g[1] * p[1], g[1] * p[0] - g[0] * p[1]];
         let unknowns = match model {
@@ -79,14 +93,11 @@ impl Phases<'_> {
         if self.lenses.len() * 2 < unknowns * 2 {
             return None;
         }
-        let mut weights: Vec<f64> = Vec::with_capacity(self.lenses.len() * count);
-        let mut observed = Vec::with_capacity(weights.capacity());
-        for lens in self.lenses {
-            for h in 0..count {
-                weights.push((lens.sums[h].norm() / self.medians[h]).min(self.cap).powi(2));
-                observed.push(cycles(lens.sums[h]));
-            }
-        }
+        let observations = self.observations.iter().enumerate();
+        let (weights, observed): (Vec<f64>, Vec<f64>) = observations
+            .map(|(k, [modulus, cycles])| ((modulus / self.medians[k % count]).min(self.cap).powi(2), cycles))
+            .unzip();
+        let surest = if self.moduli_are_certainty { surest_weight(&weights) } else { 0.0 };
         let mut robust = vec![1.0; weights.len()];
         let mut parameters = DVector::<f64>::zeros(unknowns);
         let mut variance = 0.0;
@@ -110,17 +121,29 @@ impl Phases<'_> {
                         }
                     }
                 } else {
-                    let mut sums = [[0.0; RIGID]; RIGID + 1];
-                    for (n, place) in places() {
-                        let k = n * count + h;
-                        let w = weights[k] * robust[k];
-                        let row = rigid(*g, place);
-                        for r in 0..RIGID {
-                            sums[RIGID][r] += w * row[r] * observed[k];
-                            for c in 0..RIGID {
-                                sums[c][r] += w * row[r] * row[c];
+                    // The parts do not depend on the machine, so that neither do the sums' last digits.
+                    let parts: Vec<[[f64; RIGID]; RIGID + 1]> = terms
+                        .par_chunks(PART * size)
+                        .enumerate()
+                        .map(|(part, terms)| {
+                            let mut sums = [[0.0; RIGID]; RIGID + 1];
+                            for (n, place) in terms.chunks_exact(size).enumerate() {
+                                let k = (part * PART + n) * count + h;
+                                let w = weights[k] * robust[k];
+                                let row = rigid(*g, place);
+                                for r in 0..RIGID {
+                                    sums[RIGID][r] += w * row[r] * observed[k];
+                                    for c in 0..RIGID {
+                                        sums[c][r] += w * row[r] * row[c];
+                                    }
+                                }
                             }
-                        }
+                            sums
+                        })
+                        .collect();
+                    let mut sums = [[0.0; RIGID]; RIGID + 1];
+                    for part in &parts {
+                        sums.as_flattened_mut().iter_mut().zip(part.as_flattened()).for_each(|(s, p)| *s += p);
                     }
                     for r in 0..unknowns {
                         right[r] += sums[RIGID][r];
@@ -133,28 +156,33 @@ impl Phases<'_> {
             let normal = normal.cholesky()?;
             parameters = normal.solve(&right);
             // What is left, and new weights: Huber's first (one minimum), then Tukey's, which lets go of outliers.
-            let mut left: Vec<f64> = Vec::with_capacity(observed.len());
             let solution = parameters.as_slice();
-            for (n, place) in places() {
-                let mut moved = [0.0; 2];
-                if per_axis > 0 {
-                    for (t, (x, y)) in place.iter().zip(solution.iter().zip(&solution[per_axis..])) {
-                        moved[0] += t * x;
-                        moved[1] += t * y;
+            let left: Vec<f64> = terms
+                .par_chunks_exact(size)
+                .with_min_len(PART)
+                .enumerate()
+                .flat_map_iter(|(n, place)| {
+                    let mut moved = [0.0; 2];
+                    if per_axis > 0 {
+                        for (t, (x, y)) in place.iter().zip(solution.iter().zip(&solution[per_axis..])) {
+                            moved[0] += t * x;
+                            moved[1] += t * y;
+                        }
                     }
-                }
-                for (h, g) in self.harmonics.iter().enumerate() {
-                    let predicted: f64 = if per_axis > 0 {
-                        g[0] * moved[0] + g[1] * moved[1]
-                    } else {
-                        rigid(*g, place).iter().zip(solution).map(|(t, c)| t * c).sum()
-                    };
-                    let k = n * count + h;
-                    left.push((observed[k] - predicted) * weights[k].sqrt());
-                }
-            }
-            let spread = 1.4826 * median(&mut left.iter().map(|r| r.abs()).collect::<Vec<_>>()).max(1e-7);
-            let spread = if self.moduli_are_certainty { surest_spread(&left, &weights) } else { spread };
+                    let (weights, observed) = (&weights, &observed);
+                    self.harmonics.iter().enumerate().map(move |(h, g)| {
+                        let predicted: f64 = if per_axis > 0 {
+                            g[0] * moved[0] + g[1] * moved[1]
+                        } else {
+                            rigid(*g, place).iter().zip(solution).map(|(t, c)| t * c).sum()
+                        };
+                        let k = n * count + h;
+                        (observed[k] - predicted) * weights[k].sqrt()
+                    })
+                })
+                .collect();
+            let sure = left.iter().zip(&weights).filter(|(_, w)| **w >= surest);
+            let spread = 1.4826 * median(&mut sure.map(|(r, _)| r.abs()).collect::<Vec<_>>()).max(1e-7);
             for (w, r) in robust.iter_mut().zip(&left) {
                 let z = r.abs() / spread;
                 *w = if round < 2 {
@@ -255,14 +283,12 @@ fn balanced(mut grid: Grid, lenses: &[Lens]) -> Grid {
     grid
 }
 
-/// Robust standard deviation of what is left (weighted) of the surest tenth.
-fn surest_spread(left: &[f64], weights: &[f64]) -> f64 {
+/// Least weight of the surest tenth.
+fn surest_weight(weights: &[f64]) -> f64 {
     const SUREST: f64 = 0.1;
     let mut sorted = weights.to_vec();
     let rank = ((sorted.len() as f64 * (1.0 - SUREST)) as usize).min(sorted.len() - 1);
-    let least = *sorted.select_nth_unstable_by(rank, f64::total_cmp).1;
-    let mut surest: Vec<f64> = left.iter().zip(weights).filter(|(_, w)| **w >= least).map(|(r, _)| r.abs()).collect();
-    1.4826 * median(&mut surest).max(1e-7)
+    *sorted.select_nth_unstable_by(rank, f64::total_cmp).1
 }
 
 /// Sums of w f fᵀ and w f y for each of `count` harmonics, from weights, what is left of them and observations in the

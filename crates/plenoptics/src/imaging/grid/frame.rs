@@ -75,23 +75,25 @@ impl<'a> Frame<'a> {
         Ok(Self { width, height, samples: image.samples(), table, dropped_bits, dark: levels.dark as f32 })
     }
 
-    /// Logarithms of the pixels at `offsets` from pixel number `base`.
-    pub(super) fn logarithms(&self, base: isize, offsets: &[isize], into: &mut [f32]) {
+    /// Logarithms of a window's pixels about pixel number `middle`.
+    #[inline(always)]
+    pub(super) fn logarithms(&self, middle: isize, window: &Window, into: &mut [f32]) {
         let (top, dropped) = (self.table.len() - 1, self.dropped_bits);
         match self.samples {
-            Samples::U8(samples) => gather(samples, base, offsets, into, |s| self.table[usize::from(s).min(top)]),
+            Samples::U8(samples) => window.gather(samples, middle, into, |s| self.table[usize::from(s).min(top)]),
             Samples::U16(samples) => {
-                gather(samples, base, offsets, into, |s| self.table[usize::from(s >> dropped).min(top)]);
+                window.gather(samples, middle, into, |s| self.table[usize::from(s >> dropped).min(top)]);
             }
         }
     }
 
-    /// Levels above the dark one of the pixels at `offsets` from pixel number `base`.
-    pub(super) fn levels(&self, base: isize, offsets: &[isize], into: &mut [f32]) {
+    /// Levels above the dark one of a window's pixels about pixel number `middle`.
+    #[inline(always)]
+    pub(super) fn levels(&self, middle: isize, window: &Window, into: &mut [f32]) {
         let dark = self.dark;
         match self.samples {
-            Samples::U8(samples) => gather(samples, base, offsets, into, |s| f32::from(s) - dark),
-            Samples::U16(samples) => gather(samples, base, offsets, into, |s| f32::from(s) - dark),
+            Samples::U8(samples) => window.gather(samples, middle, into, |s| f32::from(s) - dark),
+            Samples::U16(samples) => window.gather(samples, middle, into, |s| f32::from(s) - dark),
         }
     }
 
@@ -111,10 +113,35 @@ impl<'a> Frame<'a> {
     }
 }
 
-#[inline]
-fn gather<T: Copy>(samples: &[T], base: isize, offsets: &[isize], into: &mut [f32], value: impl Fn(T) -> f32) {
-    for (v, offset) in into.iter_mut().zip(offsets) {
-        *v = value(samples[(base + offset) as usize]);
+/// Places about a pixel, row by row, as runs of pixels at even distances: what is read of a frame about each micro-image.
+pub(super) struct Window {
+    /// Pixels from one of a run to the next.
+    step: usize,
+    /// First pixel of each run from the middle one, as pixels of the frame, and how many the run has.
+    runs: Vec<(isize, usize)>,
+}
+
+impl Window {
+    /// Of `points` (columns and rows from the middle one) in the order of rows, `step` columns apart in each, in frames of
+    /// so many columns.
+    pub(super) fn new(points: &[(isize, isize)], step: usize, frame_width: usize) -> Self {
+        let runs = points.chunk_by(|a, b| a.1 == b.1 && b.0 - a.0 == step as isize);
+        let runs = runs.map(|run| (run[0].1 * frame_width as isize + run[0].0, run.len())).collect();
+        Self { step, runs }
+    }
+
+    #[inline(always)]
+    fn gather<T: Copy>(&self, samples: &[T], middle: isize, mut into: &mut [f32], value: impl Fn(T) -> f32) {
+        for &(first, count) in &self.runs {
+            let (run, rest) = into.split_at_mut(count);
+            let samples = &samples[(middle + first) as usize..][..(count - 1) * self.step + 1];
+            if self.step == 1 {
+                run.iter_mut().zip(samples).for_each(|(v, &s)| *v = value(s));
+            } else {
+                run.iter_mut().zip(samples.iter().step_by(self.step)).for_each(|(v, &s)| *v = value(s));
+            }
+            into = rest;
+        }
     }
 }
 
@@ -214,4 +241,29 @@ fn quantile(values: &mut [u16], q: f64) -> f64 {
     }
     let rank = ((values.len() - 1) as f64 * q) as usize;
     f64::from(*values.select_nth_unstable(rank).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_read_the_pixels_at_their_points() {
+        const WIDTH: usize = 31;
+        let samples: Vec<u16> = (0..WIDTH as u16 * 20).collect();
+        for step in 1..4isize {
+            // Rows of several lengths, as a disc has them, and one that is not there.
+            let points: Vec<(isize, isize)> = [(-2, 1), (-1, 3), (1, 2), (2, 0)]
+                .into_iter()
+                .flat_map(|(row, reach)| (-reach..=reach).map(move |n| (n * step, row * step)))
+                .collect();
+            let window = Window::new(&points, step as usize, WIDTH);
+            assert_eq!(window.runs.len(), 4);
+            let mut values = vec![0.0; points.len()];
+            window.gather(&samples, 10 * WIDTH as isize + 15, &mut values, f32::from);
+            for ((dx, dy), value) in points.into_iter().zip(values) {
+                assert_eq!(value, ((10 + dy) * WIDTH as isize + 15 + dx) as f32, "{dx}, {dy} by {step}");
+            }
+        }
+    }
 }

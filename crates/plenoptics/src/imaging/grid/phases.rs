@@ -1,7 +1,6 @@
 //! Phases of many micro-images: what they say together without a model, and of single ones.
 
-use std::collections::HashMap;
-
+use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
 use super::Grid;
@@ -12,6 +11,8 @@ const CONTRAST_CAP: f64 = 1.5;
 /// The same for certainty: micro-images that say ten times more of their place than the median are no surer.
 const CERTAINTY_CAP: f64 = 10.0;
 
+/// Micro-images that one thread looks at, at least.
+const PART: usize = 512;
 /// Contrast below which a micro-image says nothing of its place.
 const CONTRAST_LEAST: f64 = 0.3;
 /// Share of the greatest power of the brought-together harmonics that another change of the pitch needs to be as good.
@@ -22,6 +23,8 @@ pub(super) struct Phases<'a> {
     pub grid: &'a Grid,
     pub lenses: &'a [Lens],
     pub harmonics: &'a [[f64; 2]],
+    /// Modulus and cycles of each sum, micro-image by micro-image.
+    pub observations: Vec<[f64; 2]>,
     /// Median modulus of each harmonic's sum.
     pub medians: Vec<f64>,
     /// Greatest modulus that counts, medians.
@@ -31,10 +34,15 @@ pub(super) struct Phases<'a> {
 
 impl<'a> Phases<'a> {
     pub(super) fn new(grid: &'a Grid, lenses: &'a [Lens], harmonics: &'a [[f64; 2]]) -> Self {
-        let medians = (0..harmonics.len())
-            .map(|h| median(&mut lenses.iter().map(|l| l.sums[h].norm()).collect::<Vec<_>>()).max(1e-12))
+        let count = harmonics.len();
+        let observations: Vec<[f64; 2]> = lenses
+            .par_iter()
+            .with_min_len(PART)
+            .flat_map_iter(|l| l.sums[..count].iter().map(|&sum| [sum.norm(), cycles(sum)]))
             .collect();
-        Self { grid, lenses, harmonics, medians, cap: CONTRAST_CAP, moduli_are_certainty: false }
+        let moduli = |h: usize| observations.iter().skip(h).step_by(count).map(|[modulus, _]| *modulus);
+        let medians = (0..count).map(|h| median(&mut moduli(h).collect::<Vec<_>>()).max(1e-12)).collect();
+        Self { grid, lenses, harmonics, observations, medians, cap: CONTRAST_CAP, moduli_are_certainty: false }
     }
 
     /// The same where the moduli are the inverse of standard errors: they count up to a greater multiple of the median,
@@ -63,17 +71,18 @@ impl<'a> Phases<'a> {
     }
 
     /// Where the micro-images that have contrast are, less where a grid near the assumed one has them, px.
-    fn offsets_from(&self, grid: &Grid) -> HashMap<(i32, i32), [f64; 2]> {
+    fn offsets_from(&self, grid: &Grid) -> Offsets {
         let offset = |l: &Lens| {
             let ([x, y], to) = (self.displacement(l), grid.position(l.at.i, l.at.j));
-            ((l.at.i, l.at.j), [l.at.x + x - to[0], l.at.y + y - to[1]])
+            [l.at.x + x - to[0], l.at.y + y - to[1]]
         };
-        self.lenses.iter().filter(|l| self.contrast(l) > CONTRAST_LEAST).map(offset).collect()
+        let seen = |l: &&Lens| self.contrast(l) > CONTRAST_LEAST;
+        Offsets::new(self.lenses.iter().filter(seen).map(|l| ([l.at.i, l.at.j], offset(l))).collect())
     }
 
     /// Median distance of single micro-images from a grid near the assumed one, px.
     pub(super) fn scatter_about(&self, grid: &Grid) -> f64 {
-        scatter(&self.offsets_from(grid))
+        self.offsets_from(grid).scatter()
     }
 
     /// Median distance of neighbourhoods of five by five micro-images from a grid near the assumed one, px: of each the
@@ -83,12 +92,11 @@ impl<'a> Phases<'a> {
         /// Neighbourhoods that are looked at.
         const ENOUGH: usize = 2000;
         let offsets = self.offsets_from(grid);
-        let scatter = scatter(&offsets);
-        let every = offsets.len().div_ceil(ENOUGH).max(1);
+        let scatter = offsets.scatter();
+        let every = offsets.all.len().div_ceil(ENOUGH).max(1);
         let mut distances: Vec<f64> = Vec::new();
         for (i, j) in self.lenses.iter().step_by(every).map(|l| (l.at.i, l.at.j)) {
-            let about: Vec<[f64; 2]> =
-                (0..25).filter_map(|k| offsets.get(&(i - 2 + k % 5, j - 2 + k / 5))).copied().collect();
+            let about: Vec<[f64; 2]> = (0..25).filter_map(|k| offsets.at([i - 2 + k % 5, j - 2 + k / 5])).collect();
             if about.len() > 12 {
                 let [x, y] = [0, 1].map(|axis| median(&mut about.iter().map(|o| o[axis]).collect::<Vec<_>>()));
                 distances.push(x.hypot(y));
@@ -212,8 +220,41 @@ impl<'a> Phases<'a> {
     }
 }
 
-fn scatter(offsets: &HashMap<(i32, i32), [f64; 2]>) -> f64 {
-    median(&mut offsets.values().map(|o| o[0].hypot(o[1])).collect::<Vec<_>>())
+/// Offsets (px) of micro-images, found by their lattice indices.
+struct Offsets {
+    all: Vec<[f64; 2]>,
+    /// Number in `all` plus one, row by row of the lattice from `first` on; 0 where there is none.
+    numbers: Vec<u32>,
+    first: [i32; 2],
+    columns: usize,
+}
+
+impl Offsets {
+    fn new(offsets: Vec<([i32; 2], [f64; 2])>) -> Self {
+        let bound = |axis: usize| {
+            let indices = offsets.iter().map(|(at, _)| at[axis]);
+            indices.clone().min().zip(indices.max()).unwrap_or((0, 0))
+        };
+        let [(i0, i1), (j0, j1)] = [bound(0), bound(1)];
+        let [columns, rows] = [i1 - i0 + 1, j1 - j0 + 1].map(|n| n as usize);
+        let mut numbers = vec![0; columns * rows];
+        for (n, ([i, j], _)) in offsets.iter().enumerate() {
+            numbers[(j - j0) as usize * columns + (i - i0) as usize] = n as u32 + 1;
+        }
+        Self { all: offsets.into_iter().map(|(_, offset)| offset).collect(), numbers, first: [i0, j0], columns }
+    }
+
+    fn at(&self, [i, j]: [i32; 2]) -> Option<[f64; 2]> {
+        let [i, j] = [i - self.first[0], j - self.first[1]].map(|n| usize::try_from(n).ok());
+        let (i, j) = (i.filter(|&i| i < self.columns)?, j?);
+        let number = *self.numbers.get(j * self.columns + i)?;
+        self.all.get((number as usize).checked_sub(1)?).copied()
+    }
+
+    /// Their median length, px.
+    fn scatter(&self) -> f64 {
+        median(&mut self.all.iter().map(|o| o[0].hypot(o[1])).collect::<Vec<_>>())
+    }
 }
 
 /// A sum's phase in cycles, in (−½, ½].
@@ -228,4 +269,23 @@ pub(in crate::imaging) fn median(values: &mut [f64]) -> f64 {
     }
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offsets_are_found_by_their_indices() {
+        let places = [[-2, 5], [0, 5], [1, 7], [-2, 8]];
+        let offset = |[i, j]: [i32; 2]| [f64::from(i), f64::from(j) / 2.0];
+        let offsets = Offsets::new(places.map(|at| (at, offset(at))).to_vec());
+        for i in -4..4 {
+            for j in 3..11 {
+                let expected = places.contains(&[i, j]).then(|| offset([i, j]));
+                assert_eq!(offsets.at([i, j]), expected, "{i}, {j}");
+            }
+        }
+        assert_eq!(Offsets::new(Vec::new()).at([0, 0]), None);
+    }
 }

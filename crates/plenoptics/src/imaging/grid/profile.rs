@@ -15,7 +15,7 @@ use rustfft::num_complex::Complex;
 
 use super::demodulate::{Lens, harmonics};
 use super::fit::{Fit, Model};
-use super::frame::Frame;
+use super::frame::{Frame, Window};
 use super::phases::Phases;
 use super::{Grid, MicroImage, reciprocal};
 use crate::optics::ArrayKind;
@@ -29,12 +29,15 @@ const TERMS: usize = 6;
 const PLACES: usize = 4;
 const PLACES_SPARSE: usize = 2;
 
-/// Pixels that the mean profile is taken from: more add nothing.
+/// Pixels that the mean profile is taken from: more add nothing. They are added up in so many parts.
 const PROFILE_PIXELS: usize = 1_500_000;
+const PROFILE_PARTS: usize = 8;
 
 /// Micro-images that go before all others where there are many, and how little (px) they may still move when these follow.
 const FORERUNNERS: usize = 2500;
 const FORERUNNERS_AT_REST_PX: f64 = 0.02;
+/// Standard errors of the fit's shift below which a grid does not move.
+const AT_REST_SIGMAS: f64 = 0.5;
 
 /// A micro-image's profile that is known from elsewhere: relative transmission at fractional lattice indices.
 pub(super) type Known<'a> = &'a dyn Fn(f64, f64) -> f64;
@@ -110,14 +113,16 @@ fn matched(
         let moved = fit.grid.distance_to(&at);
         rounds += 1;
         let last = rounds == effort.rounds;
-        if all && (moved < effort.at_rest_px || last) {
+        // What is within the fit's own uncertainty is no motion.
+        let unsure = AT_REST_SIGMAS * fit.sigma[0].max(fit.sigma[1]);
+        if all && (moved < effort.at_rest_px.max(unsure) || last) {
             let (residual_px, scatter_px) = phases.residual_and_scatter_about(&fit.grid);
             let error_log = -places.iter().map(|l| l.sums[0].norm().ln()).sum::<f64>() / places.len() as f64;
             let fit = Fit { grid: Grid { residual_px, scatter_px, ..fit.grid }, ..fit };
             return Some(Matched { fit, error_log });
         }
         at = fit.grid;
-        if !all && (moved < FORERUNNERS_AT_REST_PX || last) {
+        if !all && (moved < FORERUNNERS_AT_REST_PX.max(unsure) || last) {
             (all, rounds) = (true, 0);
         }
     }
@@ -138,9 +143,9 @@ fn by_chance(lenses: &[MicroImage], wanted: usize) -> Vec<MicroImage> {
 
 /// Compares micro-images with the frame's mean profile.
 struct Matcher {
-    /// Pixels of a cell from the one nearest its centre, and the same as steps through the frame.
+    /// Pixels of a cell from the one nearest its centre, and the same as a window on the frame.
     cell: Vec<(isize, isize)>,
-    offsets: Vec<isize>,
+    window: Window,
     reach: [isize; 2],
     /// Shapes for `places` centres in both directions.
     shapes: Vec<Shape>,
@@ -175,10 +180,9 @@ impl Matcher {
             return None;
         }
         let reach = cell.iter().fold([0, 0], |r, c| [r[0].max(c.0.abs()), r[1].max(c.1.abs())]);
-        let width = frame.width as isize;
-        let offsets = cell.iter().map(|c| c.1 * width + c.0).collect();
+        let window = Window::new(&cell, step as usize, frame.width);
         let places = if step > 1 { PLACES_SPARSE } else { PLACES };
-        let mut matcher = Self { cell, offsets, reach, shapes: Vec::new(), places };
+        let mut matcher = Self { cell, window, reach, shapes: Vec::new(), places };
         let own = if known.is_none() { Some(matcher.mean_profile(frame, grid, lenses)?) } else { None };
         let profile = |u: f64, v: f64| match (&own, known) {
             (_, Some(known)) => known(u, v),
@@ -232,32 +236,20 @@ impl Matcher {
         let r = reciprocal(grid.basis);
         let size = [frame.width, frame.height];
         let side = ((grid.pitch_px() * BINS_PER_PX).round() as usize).clamp(8, 160);
-        let mut bins = vec![[0.0f32; 2]; side * side];
-        let mut complete = 0usize;
-        let mut values = vec![0.0f32; self.cell.len()];
         let every = (lenses.len() * self.cell.len()).div_ceil(PROFILE_PIXELS).max(1);
-        for m in lenses.iter().step_by(every) {
-            let Some((cx, cy)) = self.complete(size, m) else { continue };
-            complete += 1;
-            frame.levels(cy * size[0] as isize + cx, &self.offsets, &mut values);
-            let mean = values.iter().sum::<f32>() / values.len() as f32;
-            if mean <= 0.0 {
-                continue;
-            }
-            let (fx, fy) = (cx as f64 - m.x, cy as f64 - m.y);
-            for (&(dx, dy), &value) in self.cell.iter().zip(&values) {
-                let (x, y) = (fx + dx as f64, fy + dy as f64);
-                // Less than a cell from the centre: one more makes it positive, and truncation rounds it.
-                let bin = |g: [f64; 2]| {
-                    let bin = ((g[0] * x + g[1] * y + 1.0) * side as f64 + 0.5) as usize;
-                    // Comparisons: a division costs more than all the rest.
-                    let bin = if bin >= side { bin - side } else { bin };
-                    if bin >= side { bin - side } else { bin }
-                };
-                let to = &mut bins[bin(r[1]) * side + bin(r[0])];
-                // Least squares for I = mean V: the dark ones say little of it.
-                to[0] += mean * value;
-                to[1] += mean * mean;
+        let taken: Vec<(&MicroImage, [isize; 2])> =
+            lenses.iter().step_by(every).filter_map(|m| self.complete(size, m).map(|(cx, cy)| (m, [cx, cy]))).collect();
+        let complete = taken.len();
+        // The parts do not depend on the machine, so that neither do the sums' last digits.
+        let parts: Vec<Vec<[f32; 2]>> = taken
+            .par_chunks(complete.div_ceil(PROFILE_PARTS).max(1))
+            .map(|part| self.binned(frame, part, r, side))
+            .collect();
+        let mut bins = vec![[0.0f32; 2]; side * side];
+        for part in &parts {
+            for (bin, more) in bins.iter_mut().zip(part) {
+                bin[0] += more[0];
+                bin[1] += more[1];
             }
         }
         if complete < 9 {
@@ -295,13 +287,59 @@ impl Matcher {
         Some(Profile { side, values })
     }
 
+    /// Sums over micro-images, each with the pixel nearest its centre: of mean times level, and of the mean's square.
+    fn binned(
+        &self,
+        frame: &Frame,
+        lenses: &[(&MicroImage, [isize; 2])],
+        reciprocal: [[f64; 2]; 2],
+        side: usize,
+    ) -> Vec<[f32; 2]> {
+        let mut bins = vec![[0.0f32; 2]; side * side];
+        let mut values = vec![0.0f32; self.cell.len()];
+        // The cell's pixels in bins from its middle.
+        let places: Vec<[f32; 2]> = self
+            .cell
+            .iter()
+            .map(|&(dx, dy)| reciprocal.map(|[gx, gy]| ((gx * dx as f64 + gy * dy as f64) * side as f64) as f32))
+            .collect();
+        for &(m, [cx, cy]) in lenses {
+            frame.levels(cy * frame.width as isize + cx, &self.window, &mut values);
+            let mean = values.iter().sum::<f32>() / values.len() as f32;
+            if mean <= 0.0 {
+                continue;
+            }
+            // Less than a cell from the centre: one more makes it positive, and truncation rounds it.
+            let first = [0, 1].map(|k| {
+                let [gx, gy] = reciprocal[k];
+                ((gx * (cx as f64 - m.x) + gy * (cy as f64 - m.y) + 1.0) * side as f64 + 0.5) as f32
+            });
+            for (&[u, v], &value) in places.iter().zip(&values) {
+                let bin = |at: f32| {
+                    let bin = at as u32 as usize;
+                    // Comparisons: a division costs more than all the rest.
+                    let bin = if bin >= side { bin - side } else { bin };
+                    if bin >= side { bin - side } else { bin }
+                };
+                let to = &mut bins[bin(first[1] + v) * side + bin(first[0] + u)];
+                // Least squares for I = mean V: the dark ones say little of it.
+                to[0] += mean * value;
+                to[1] += mean * mean;
+            }
+        }
+        bins
+    }
+
     /// Those of `lenses` that are complete, each shift written as phases of the lattice's `harmonics` whose modulus is
     /// the inverse of its standard error.
     fn run(&self, frame: &Frame, grid: &Grid, lenses: &[MicroImage], harmonics: &[[f64; 2]]) -> Vec<Lens> {
         let size = [frame.width, frame.height];
         let scale = grid.pitch_px() / 2.0;
-        let polynomials: Vec<[f32; TERMS]> =
-            self.cell.iter().map(|&(dx, dy)| terms(dx, dy, scale).map(|t| t as f32)).collect();
+        let mut polynomials: [Vec<f32>; TERMS] = std::array::from_fn(|_| Vec::with_capacity(self.cell.len()));
+        for &(dx, dy) in &self.cell {
+            polynomials.iter_mut().zip(terms(dx, dy, scale)).for_each(|(all, term)| all.push(term as f32));
+        }
+        let arch = pulp::Arch::new();
         lenses
             .par_iter()
             .with_min_len(32)
@@ -313,8 +351,14 @@ impl Matcher {
                     let number = |f: f64| (((f + 0.5) * self.places as f64) as usize).min(self.places - 1);
                     let (px, py) = (number(fx), number(fy));
                     let shape = &self.shapes[py * self.places + px];
-                    frame.levels(cy * size[0] as isize + cx, &self.offsets, &mut buffers[0]);
-                    let (shift, sigma) = shape.shift(buffers, &polynomials)?;
+                    let (shift, sigma) = arch.dispatch(ShiftTask {
+                        frame,
+                        window: &self.window,
+                        middle: cy * size[0] as isize + cx,
+                        shape,
+                        buffers,
+                        polynomials: &polynomials,
+                    })?;
                     let shift = [shift[0] + self.place_between(px) - fx, shift[1] + self.place_between(py) - fy];
                     let mut sums = [Complex::new(0.0, 0.0); 3];
                     for (sum, g) in sums.iter_mut().zip(harmonics) {
@@ -324,37 +368,54 @@ impl Matcher {
                     Some(Lens { at: *at, sums })
                 },
             )
-            .flatten()
+            .flatten_iter()
             .collect()
+    }
+}
+
+/// A micro-image's shift from its shape's place, compiled for the instruction set in use.
+struct ShiftTask<'a> {
+    frame: &'a Frame<'a>,
+    window: &'a Window,
+    /// The pixel that the window is laid on.
+    middle: isize,
+    shape: &'a Shape,
+    /// Room for the micro-image and for its derivatives in x and y.
+    buffers: &'a mut [Vec<f32>; 3],
+    /// The scene's terms over the cell.
+    polynomials: &'a [Vec<f32>; TERMS],
+}
+
+impl pulp::WithSimd for ShiftTask<'_> {
+    type Output = Option<([f64; 2], f64)>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _simd: S) -> Self::Output {
+        let Self { frame, window, middle, shape, buffers, polynomials } = self;
+        frame.levels(middle, window, &mut buffers[0]);
+        shape.shift(buffers, polynomials)
     }
 }
 
 impl Shape {
     /// A micro-image's shift from the shape's place, px, and its standard error; `None` where it is dark.
-    fn shift(&self, buffers: &mut [Vec<f32>; 3], polynomials: &[[f32; TERMS]]) -> Option<([f64; 2], f64)> {
+    #[inline(always)]
+    fn shift(&self, buffers: &mut [Vec<f32>; 3], polynomials: &[Vec<f32>; TERMS]) -> Option<([f64; 2], f64)> {
         let [left, sx, sy] = buffers;
         let count = left.len();
-        let project = |v: &mut [f32]| {
-            let mut coefficients = [0.0f32; TERMS];
-            for (k, c) in coefficients.iter_mut().enumerate() {
-                let column = &self.span.as_slice()[k * count..][..count];
-                *c = dot(v, column);
-            }
-            for (k, c) in coefficients.iter().enumerate() {
-                let column = &self.span.as_slice()[k * count..][..count];
-                v.iter_mut().zip(column).for_each(|(v, q)| *v -= c * q);
-            }
-            coefficients
-        };
-        let coefficients = project(left);
-        let scene = self.terms * SVector::from(coefficients);
+        let scene = self.terms * SVector::from(self.project(left));
+        let [p0, p1, p2, p3, p4, p5] = polynomials.each_ref().map(|p| &p[..count]);
+        let [slopes_x, slopes_y] = self.slopes.each_ref().map(|s| &s[..count]);
+        let (sx, sy) = (&mut sx[..count], &mut sy[..count]);
         for n in 0..count {
-            let t: f32 = polynomials[n].iter().zip(scene.iter()).map(|(p, s)| p * s).sum();
-            sx[n] = t * self.slopes[0][n];
-            sy[n] = t * self.slopes[1][n];
+            let t = (p0[n] * scene[0] + p1[n] * scene[1])
+                + (p2[n] * scene[2] + p3[n] * scene[3])
+                + (p4[n] * scene[4] + p5[n] * scene[5]);
+            sx[n] = t * slopes_x[n];
+            sy[n] = t * slopes_y[n];
         }
-        project(sx);
-        project(sy);
+        self.project(sx);
+        self.project(sy);
         let (xx, xy, yy) = (f64::from(dot(sx, sx)), f64::from(dot(sx, sy)), f64::from(dot(sy, sy)));
         let (x, y) = (f64::from(dot(sx, left)), f64::from(dot(sy, left)));
         let determinant = xx * yy - xy * xy;
@@ -366,6 +427,28 @@ impl Shape {
         let variance = rest.max(1e-9) / count as f64;
         Some((shift, (variance * (xx + yy) / (2.0 * determinant)).sqrt()))
     }
+
+    /// Takes from values what the span has of them, and returns its coefficients.
+    #[inline(always)]
+    fn project(&self, values: &mut [f32]) -> [f32; TERMS] {
+        let count = values.len();
+        let span = &self.span.as_slice()[..TERMS * count];
+        let mut coefficients = [0.0f32; TERMS];
+        for (coefficient, column) in coefficients.iter_mut().zip(span.chunks_exact(count)) {
+            *coefficient = dot(values, column);
+        }
+        let (c0, rest) = span.split_at(count);
+        let (c1, rest) = rest.split_at(count);
+        let (c2, rest) = rest.split_at(count);
+        let (c3, rest) = rest.split_at(count);
+        let (c4, c5) = rest.split_at(count);
+        for n in 0..count {
+            values[n] -= (coefficients[0] * c0[n] + coefficients[1] * c1[n])
+                + (coefficients[2] * c2[n] + coefficients[3] * c3[n])
+                + (coefficients[4] * c4[n] + coefficients[5] * c5[n]);
+        }
+        coefficients
+    }
 }
 
 /// How many times an array turns into itself within a full turn.
@@ -376,6 +459,7 @@ const fn turns(array: ArrayKind) -> usize {
     }
 }
 
+#[inline(always)]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0f32; 8];
     let (a8, a_rest) = a.as_chunks::<8>();

@@ -1,7 +1,7 @@
 //! From a frame to its grid, with nothing known or with a grid that nearly fits.
 
 use super::demodulate::{Demodulator, Lens, harmonics};
-use super::fit::{Fit, Model, monomial_count};
+use super::fit::{DEGREE_MAX, Fit, Model, monomial_count};
 use super::frame::Frame;
 use super::phases::Phases;
 use super::profile::{Effort, Known, matched_best};
@@ -16,6 +16,9 @@ use crate::raw::RawImage;
 const COHERENCE_LEAST: f64 = 0.45;
 /// Least coherence for a known grid to be fitted: a chequered board under a hexagonal array comes down to 0.4.
 const COHERENCE_KNOWN_LEAST: f64 = 0.3;
+/// Coherence of the phases in the frame's middle below which a lattice is none. That of a true one, from its peaks in the
+/// spectrum alone, is several times as much.
+const HOPELESS: f64 = 0.15;
 /// Median distance of micro-images from the grid, in pitches, up to which a frame counts as clean (a white frame) and
 /// may ask for more than a lattice.
 pub(super) const CLEAN_SCATTER: f64 = 0.006;
@@ -27,8 +30,6 @@ const TEXTURED_DEGREE: usize = 3;
 const PITCH_SLACK: f64 = 1.02;
 /// Finest pitch at which micro-images can be told from each other, px.
 const FINEST_PX: f64 = 4.0;
-/// Greatest degree of the polynomial map.
-const DEGREE_MAX: usize = 5;
 /// Largest relative change of the pitch that [`refine_grid`] takes for the same grid.
 pub(super) const SCALE_CHANGE_MAX: f64 = 0.01;
 
@@ -58,7 +59,9 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
             });
             continue;
         }
-        let Some(grid) = settle(&frame, start, part) else { continue };
+        // Where there is a lattice already, one that the frame's middle speaks against is not worth the work.
+        let least = best.as_ref().map_or(-1.0, |best| if best.coherence > COHERENCE_LEAST { HOPELESS } else { -1.0 });
+        let Some(grid) = settle(&frame, start, part, least) else { continue };
         let good_enough = grid.coherence > 0.9;
         if best.as_ref().is_none_or(|b| grid.coherence > b.coherence) {
             best = Some(grid);
@@ -70,7 +73,7 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
     let Some(mut grid) = best else {
         return Err(scarce.unwrap_or_else(|| no_lattice("its phases determine no lattice".to_owned())));
     };
-    while let Some(finer) = finer(&frame, &grid).and_then(|start| settle(&frame, start, part)) {
+    while let Some(finer) = finer(&frame, &grid).and_then(|start| settle(&frame, start, part, -1.0)) {
         grid = finer;
     }
     if grid.coherence < COHERENCE_LEAST {
@@ -290,12 +293,15 @@ fn canonical(array: ArrayKind, basis: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
 }
 
 /// From a candidate to a lattice over the whole frame: the part it was found in first, where its pitch is good enough
-/// to count micro-images by.
-fn settle(frame: &Frame, start: Grid, part: [usize; 4]) -> Option<Grid> {
-    let mut grid = start;
-    let (demodulator, lenses) = demodulated(frame, &grid, part);
-    let shift = Phases::new(&grid, &lenses, &demodulator.harmonics).common_shift();
-    grid.centre = [grid.centre[0] + shift[0], grid.centre[1] + shift[1]];
+/// to count micro-images by. `None` where the phases there agree less than `least`, or determine nothing.
+fn settle(frame: &Frame, start: Grid, part: [usize; 4], least: f64) -> Option<Grid> {
+    let (demodulator, lenses) = demodulated(frame, &start, part);
+    let phases = Phases::new(&start, &lenses, &demodulator.harmonics);
+    let shift = phases.common_shift();
+    let mut grid = Grid { centre: [start.centre[0] + shift[0], start.centre[1] + shift[1]], ..start.clone() };
+    if phases.coherence_about(&grid) < least {
+        return None;
+    }
     let whole = [0, 0, frame.width, frame.height];
     let parts: &[[usize; 4]] = if part[2] + 64 < whole[2] || part[3] + 64 < whole[3] {
         &[part, part, whole, whole]

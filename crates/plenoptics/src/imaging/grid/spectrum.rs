@@ -1,5 +1,6 @@
 //! Lattices that a frame's Fourier spectrum could have.
 
+use rayon::prelude::*;
 use realfft::RealFftPlanner;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -155,26 +156,37 @@ fn power_spectrum(frame: &Frame, [x0, y0, w, h]: [usize; 4]) -> Vec<f32> {
     let forward = RealFftPlanner::<f32>::new().plan_fft_forward(w);
     let half = w / 2 + 1;
     let mut values = vec![0.0f32; w * h];
-    values.chunks_exact_mut(w).enumerate().for_each(|(y, row)| frame.row(y0 + y, x0, row));
+    values.par_chunks_exact_mut(w).enumerate().for_each(|(y, row)| frame.row(y0 + y, x0, row));
     let mean = (values.iter().map(|&v| f64::from(v)).sum::<f64>() / (w * h) as f64) as f32;
     let (wx, wy) = (hann(w), hann(h));
+    let mut rows = vec![Complex::new(0.0f32, 0.0); half * h];
+    let whole = values
+        .par_chunks_exact_mut(w)
+        .zip(rows.par_chunks_exact_mut(half))
+        .zip(&wy)
+        .map_init(
+            || forward.make_scratch_vec(),
+            |scratch, ((line, transformed), &b)| {
+                line.iter_mut().zip(&wx).for_each(|(v, &a)| *v = (*v - mean) * a * b);
+                forward.process_with_scratch(line, transformed, scratch)
+            },
+        )
+        .all(|done| done.is_ok());
+    // Buffers have the sizes that the plan asks for, so that it cannot fail.
+    if !whole {
+        return vec![0.0; half * h];
+    }
     let mut columns = vec![Complex::new(0.0f32, 0.0); half * h];
-    let mut line = vec![0.0f32; w];
-    let mut transformed = vec![Complex::new(0.0f32, 0.0); half];
-    for y in 0..h {
-        for ((v, &s), &a) in line.iter_mut().zip(&values[y * w..]).zip(&wx) {
-            *v = (s - mean) * a * wy[y];
-        }
-        // Buffers have the sizes that the plan asks for, so that it cannot fail.
-        if forward.process(&mut line, &mut transformed).is_err() {
-            return vec![0.0; half * h];
-        }
-        for (kx, &v) in transformed.iter().enumerate() {
+    for (y, row) in rows.chunks_exact(half).enumerate() {
+        for (kx, &v) in row.iter().enumerate() {
             columns[kx * h + y] = v;
         }
     }
     let vertical = FftPlanner::<f32>::new().plan_fft_forward(h);
-    vertical.process(&mut columns);
+    columns.par_chunks_exact_mut(h).for_each_init(
+        || vec![Complex::new(0.0f32, 0.0); vertical.get_inplace_scratch_len()],
+        |scratch, column| vertical.process_with_scratch(column, scratch),
+    );
     let mut power = vec![0.0; half * h];
     for kx in 0..half {
         for ky in 0..h {
@@ -195,7 +207,10 @@ fn peaks(power: &[f32], w: usize, h: usize, frequency_min: f64) -> Vec<Peak> {
     };
     // Mean power about a frequency, from the median of its ring: exponential statistics, median = ln 2 mean.
     let ring_scale = w.max(h) as f64;
-    let ring_of = |kx: usize, ky: usize| (ring_scale * (kx as f64 / w as f64).hypot(signed(ky) / h as f64)) as usize;
+    // No overflow to fear: hypot, which minds it, takes much longer.
+    let ring_of = |kx: usize, ky: usize| {
+        (ring_scale * ((kx as f64 / w as f64).powi(2) + (signed(ky) / h as f64).powi(2)).sqrt()) as usize
+    };
     let mut rings: Vec<Vec<f32>> = vec![Vec::new(); (FREQUENCY_MAX * ring_scale) as usize + 1];
     let (kx_max, frequency_max2) = (((FREQUENCY_MAX * w as f64) as usize).min(half - 2), FREQUENCY_MAX.powi(2));
     for ky in 0..h {

@@ -7,7 +7,7 @@ use super::plan::{Plan, spread};
 use crate::imaging::spacing::SpacingError;
 
 /// Micro-images looked at.
-const WANTED: usize = 192;
+const WANTED: usize = 128;
 /// Share of saturated pixels within the masks above which a frame is refused.
 const SATURATED_SHARE: f64 = 0.4;
 /// Part of the masks' radius within which noise is looked for.

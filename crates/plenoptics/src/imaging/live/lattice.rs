@@ -17,6 +17,8 @@ use crate::optics::ArrayKind;
 const WANTED: usize = 256;
 const SHARE: usize = 10;
 const LEAST: usize = 128;
+/// Rows of the window a pitch, at least: more say hardly more of the phases.
+const ROWS_PER_PITCH: f64 = 12.0;
 /// Samples that the grey levels are taken from.
 const SAMPLES: usize = 1 << 14;
 /// Most entries of the table of logarithms: deeper samples are rounded to as many levels.
@@ -77,7 +79,8 @@ impl Lattice {
         let [a, b] = grid.basis;
         let reach = [0, 1].map(|k| (a[k].abs() + b[k].abs()).floor() as i32);
         let (mut rows, mut points) = (Vec::new(), Vec::new());
-        for dy in -reach[1]..=reach[1] {
+        let step = ((grid.pitch_px() / ROWS_PER_PITCH) as i32).max(1);
+        for dy in (-reach[1] / step..=reach[1] / step).map(|n| n * step) {
             let begin = points.len();
             let mut first = 0;
             for dx in -reach[0]..=reach[0] {

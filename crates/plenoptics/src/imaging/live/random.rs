@@ -18,7 +18,7 @@ use super::tile::{Tile, Workspace};
 /// Micro-images of the sample.
 const WANTED: usize = 96;
 /// How many of them are looked at again in every frame: the ratio hardly changes from one to the next.
-const A_FRAME: usize = 8;
+const A_FRAME: usize = 4;
 
 /// A sample of micro-images and room for its work.
 #[derive(Debug, Clone)]
