@@ -331,6 +331,8 @@ impl Viewer {
                     map.mark_changed();
                     map
                 });
+                // What was sent before is on the way still: a viewer that asks for something else is not sent more for it.
+                let unseen = self.watching.take().map_or_else(Vec::new, |before| before.unseen);
                 self.watching = Some(Watching {
                     frames,
                     map,
@@ -341,7 +343,7 @@ impl Viewer {
                     interval: Duration::from_secs_f64(1.0 / max_rate_hz),
                     next_at: Instant::now(),
                     window,
-                    unseen: Vec::new(),
+                    unseen,
                     skipped: Skipped::default(),
                 });
             }

@@ -155,6 +155,13 @@ async fn a_slow_viewer_is_sent_the_newest_frame_and_holds_nobody_up() {
     say(&mut slow, json!({ "type": "seen", "seq": 0 })).await;
     let picture = next_picture(&mut slow).await;
     assert_eq!((picture.seq, picture.frames_skipped), (100, 99));
+
+    // Who asks anew is sent nothing more before it has seen what is on the way.
+    say(&mut slow, json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "window": 1, "quality": 50 })).await;
+    feed(&fakes.camera, 101..110).await;
+    tokio::time::timeout(Duration::from_millis(200), next_picture(&mut slow)).await.expect_err("nothing is sent");
+    say(&mut slow, json!({ "type": "seen", "seq": 100 })).await;
+    assert_eq!(next_picture(&mut slow).await.seq, 109);
 }
 
 #[tokio::test]

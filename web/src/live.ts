@@ -45,6 +45,8 @@ export class Live {
   private slow = false;
   /** Frames left out: of those asked for before, and of those asked for last, which the daemon counts anew. */
   private leftOut = { before: 0, since: 0 };
+  /** Ends when all pictures that came so far have been said to be seen. */
+  private said: Promise<void> = Promise.resolve();
   private wish: Wish = { pictures: false, rateHz: 1, overlay: false, reduce: 1, show: "raw" };
 
   constructor(
@@ -90,6 +92,7 @@ export class Live {
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     this.heardAt = Date.now();
+    this.said = Promise.resolve();
     socket.onopen = () => {
       this.retryMs = FIRST_RETRY_MS;
       this.ask();
@@ -119,13 +122,16 @@ export class Live {
     const { facts, jpeg } = seen.picture;
     const framesSkipped = this.count(facts.framesSkipped);
     const began = performance.now();
-    try {
-      await this.listener.picture({ jpeg, facts: { ...facts, framesSkipped } }, cameAt);
-    } finally {
+    const before = this.said;
+    const drawn = this.listener
+      .picture({ jpeg, facts: { ...facts, framesSkipped } }, cameAt)
       // One that could not be drawn is on the way no longer, either.
-      this.learn(performance.now() - began);
-      this.send(socket, { type: "seen", seq: facts.seq });
-    }
+      .finally(() => this.learn(performance.now() - began));
+    // In order: a later one that is drawn first would be taken for this one's sign, too.
+    this.said = Promise.allSettled([drawn, before]).then(() =>
+      this.send(socket, { type: "seen", seq: facts.seq }),
+    );
+    await drawn;
   }
 
   /** Every frame left out so far, where the daemon has counted so many since it was asked last. */

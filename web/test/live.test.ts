@@ -62,7 +62,9 @@ describe("the live connection", () => {
     live.open();
     socket().onopen?.();
   });
-  afterEach(() => {
+  afterEach(async () => {
+    // What is said of the last picture is said before the connection's class is gone.
+    await vi.advanceTimersByTimeAsync(0);
     vi.useRealTimers();
     vi.unstubAllGlobals();
   });
@@ -74,6 +76,17 @@ describe("the live connection", () => {
     expect(sent("seen")).toEqual([]);
     await vi.advanceTimersByTimeAsync(1);
     expect(sent("seen")).toEqual([{ type: "seen", seq: 7 }]);
+  });
+
+  it("says so in the order in which pictures came, whichever is drawn first", async () => {
+    const times = [30, 10];
+    draw = () => new Promise((resolve) => setTimeout(resolve, times.shift()));
+    socket().picture(7);
+    socket().picture(8);
+    await vi.advanceTimersByTimeAsync(29);
+    expect(sent("seen")).toEqual([]);
+    await vi.advanceTimersByTimeAsync(1);
+    expect(sent("seen").map(({ seq }) => seq)).toEqual([7, 8]);
   });
 
   it("has fewer pictures on the way where drawing is slow, until it is quick again", async () => {
