@@ -5,7 +5,10 @@ LISTEN ?= 127.0.0.1:8080
 # ONCE=1 ends `make run` after the report.
 ONCE ?=
 
-.PHONY: run test test-long test-hardware test-vendor-clients test-schemathesis bench web fmt clean
+# Of `make package` and `make test-package`: the architecture, where it is not the machine's own (arm64).
+ARCH ?=
+
+.PHONY: run test test-long test-hardware test-vendor-clients test-schemathesis package test-package bench web fmt clean
 
 run:
 	@deploy/setup.sh build
@@ -32,11 +35,18 @@ test-vendor-clients:
 test-schemathesis:
 	@tests/schemathesis/run.sh
 
+# The Debian package, into target/package/; ARCH=arm64 for that on an amd64 machine.
+package:
+	@$(if $(ARCH),ARCH=$(ARCH)) deploy/package.sh
+
+# Builds it (without the slow link; PROFILE=dist as `make package` does), checks it, and installs it in Debian systems of its own.
+test-package:
+	@$(if $(ARCH),ARCH=$(ARCH)) tests/package/run.sh
+
+# Every benchmark, and one table of ratios; BENCH_PAGE=docs/benchmarks.md puts it there, too.
 bench:
 	@deploy/setup.sh bench
-	cargo bench --bench grid --bench spacing --bench live --bench views --bench jpeg --bench render
-	cargo bench --bench accuracy
-	benches/compare/run.sh
+	@benches/run.sh
 
 # The page, embedded in the binary. Rebuilt only when its sources have changed.
 web: web/dist/index.html

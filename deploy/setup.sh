@@ -5,6 +5,7 @@
 #   deploy/setup.sh test    that, and what `make test` needs besides
 #   deploy/setup.sh bench   what `make run` needs, and what `make bench` needs besides
 #   deploy/setup.sh hardware  what `make run` needs, and what `make test-hardware` needs besides
+#   deploy/setup.sh package   what `make run` needs, and what `make package` and `make test-package` need besides
 #
 # Says what it is going to install before it does, and does nothing where everything is there.
 set -euo pipefail
@@ -16,12 +17,13 @@ set -euo pipefail
 # libturbojpeg0     encodes pictures for viewers in half the time; used where it is there, and not needed to build
 build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates curl libturbojpeg0)
 # chromium          the browser in which the page is tested
-# openssl           another's opinion of the certificates made
+# openssl           another's opinion of the certificates made, and the MQTT broker's
 # python3           the table of `make test-long`
-# jq                reads answers in the walk with curl
+# jq                reads answers in the documentation's commands
+# sqlite3           backs a history up, as the documentation says
 # python3-venv      where the stage vendors' clients, Schemathesis and other tools' clients are put
-# iproute2, util-linux   a network of its own for the announcement's test
-test_packages=(chromium openssl jq python3 python3-venv iproute2 util-linux)
+# iproute2, util-linux   a network of its own for the tests of announcement, Alpaca and MQTT
+test_packages=(chromium openssl jq sqlite3 python3 python3-venv iproute2 util-linux)
 # python3-venv      where the comparison's OpenCV and NumPy are put
 bench_packages=(python3 python3-venv)
 # qemu-system-x86   emulates the machine that the virtual cameras run on
@@ -29,6 +31,13 @@ bench_packages=(python3 python3-venv)
 # gcc-12, make, python3   build v4l2loopback and unpack the kernel
 # v4l-utils         the tests' own hand on a camera's controls
 hardware_packages=(qemu-system-x86 busybox-static cpio zstd kmod gcc-12 make python3 v4l-utils)
+# dpkg-dev          finds out which libraries' packages the program depends on
+# python3           gathers the notices of what the program contains; reads the container file in its test
+# lintian           checks the package as Debian checks its own
+# debootstrap, util-linux   a Debian system of its own, to build and to install in
+# iproute2, procps  a network of its own, and what runs in it
+# jq                reads answers of the daemon installed there
+package_packages=(dpkg-dev python3 lintian debootstrap util-linux iproute2 procps jq)
 
 what=${1:-test}
 case "$what" in
@@ -36,7 +45,8 @@ case "$what" in
   test) packages=("${build_packages[@]}" "${test_packages[@]}") ;;
   bench) packages=("${build_packages[@]}" "${bench_packages[@]}") ;;
   hardware) packages=("${build_packages[@]}" "${hardware_packages[@]}") ;;
-  *) echo "setup: '$what' is none of 'build', 'test', 'bench' and 'hardware'" >&2; exit 2 ;;
+  package) packages=("${build_packages[@]}" "${package_packages[@]}") ;;
+  *) echo "setup: '$what' is none of 'build', 'test', 'bench', 'hardware' and 'package'" >&2; exit 2 ;;
 esac
 
 for tool in cargo node npm; do

@@ -20,6 +20,7 @@
 //!  access                who asks and what they may do; tokens, sessions, tickets
 //!  store                 the history on disk: plain records in and out, used by control
 //!  record                recordings on disk: MCAP files, written by control, played by device
+//!  fleet                 what happens, published to an MQTT broker: follows control, takes no requests
 //!  config                read once, immutable afterwards
 //!  telemetry             what the program counts about itself, called from anywhere
 //! ```
@@ -34,6 +35,7 @@ pub mod cli;
 pub mod config;
 pub mod control;
 pub mod device;
+pub mod fleet;
 pub mod record;
 pub mod sim;
 pub mod state_folder;

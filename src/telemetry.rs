@@ -31,6 +31,15 @@ const VIEWERS: &str = "plenalign_viewers";
 const SIMULATED: &str = "plenalign_simulated";
 const BUILD: &str = "plenalign_build_info";
 const PICTURE_ENCODER: &str = "plenalign_picture_encoder_info";
+const READY: &str = "plenalign_ready";
+const HISTORY_WRITABLE: &str = "plenalign_history_writable";
+const DISK_FREE: &str = "plenalign_disk_free_bytes";
+const DISK_KEPT: &str = "plenalign_disk_kept_free_bytes";
+const MQTT_CONNECTED: &str = "plenalign_mqtt_connected";
+const MQTT_WAITING: &str = "plenalign_mqtt_waiting_events";
+const MQTT_PUBLISHED: &str = "plenalign_mqtt_published_total";
+const MQTT_DROPPED: &str = "plenalign_mqtt_dropped_total";
+const MQTT_FAILURES: &str = "plenalign_mqtt_failures_total";
 
 /// Upper ends of the histograms' buckets, s: from a serial byte to a measurement of twelve megapixels.
 const BUCKETS_S: [f64; 16] =
@@ -87,6 +96,15 @@ pub fn install() -> Result<PrometheusHandle, String> {
     describe_gauge!(JOB_RUNNING, "Whether a job is under way");
     describe_gauge!(VIEWERS, "Viewers of the live picture");
     describe_gauge!(SIMULATED, "Whether the bench is simulated");
+    describe_gauge!(READY, "Whether the bench can be worked with");
+    describe_gauge!(HISTORY_WRITABLE, "Whether the history can be written, without which nothing moves");
+    describe_gauge!(DISK_FREE, "Room left on the disk of the state folder");
+    describe_gauge!(DISK_KEPT, "Room on the disk that recordings leave for others");
+    describe_gauge!(MQTT_CONNECTED, "Whether the MQTT broker has taken the bench's birth");
+    describe_gauge!(MQTT_WAITING, "Events that wait for the MQTT broker");
+    describe_counter!(MQTT_PUBLISHED, "Messages that the MQTT broker has taken, by kind");
+    describe_counter!(MQTT_DROPPED, "Messages that were given up before the MQTT broker took them, by reason");
+    describe_counter!(MQTT_FAILURES, "Connections to the MQTT broker that failed or were lost, by reason");
     describe_gauge!(PICTURE_ENCODER, "What encodes pictures for viewers; always 1");
     describe_gauge!(BUILD, "Version of the program; always 1");
     gauge!(BUILD, "version" => env!("CARGO_PKG_VERSION")).set(1.0);
@@ -178,6 +196,14 @@ pub struct BenchGauges {
     pub job_running: bool,
     /// Whether the bench is simulated.
     pub simulated: bool,
+    /// Whether nothing keeps it from being worked with.
+    pub ready: bool,
+    /// Whether the history can be written.
+    pub history_writable: bool,
+    /// Room left on the disk of the state folder, bytes, where that can be told.
+    pub disk_free: Option<u64>,
+    /// Room that recordings leave for others, bytes.
+    pub disk_kept: u64,
 }
 
 /// Says how the bench is.
@@ -196,4 +222,60 @@ pub fn bench(now: &BenchGauges) {
     gauge!(LEASE_HELD).set(flag(now.lease_held));
     gauge!(JOB_RUNNING).set(flag(now.job_running));
     gauge!(SIMULATED).set(flag(now.simulated));
+    gauge!(READY).set(flag(now.ready));
+    gauge!(HISTORY_WRITABLE).set(flag(now.history_writable));
+    gauge!(DISK_FREE).set(now.disk_free.map_or(f64::NAN, |bytes| bytes as f64));
+    gauge!(DISK_KEPT).set(now.disk_kept as f64);
+}
+
+/// Why a message was given up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dropped {
+    /// Too many waited: the oldest went.
+    QueueFull,
+    /// It had waited for longer than it was worth.
+    Expired,
+    /// The broker did not take it.
+    Refused,
+    /// It was longer than the broker takes.
+    TooLong,
+    /// The program ended first.
+    ProgramEnded,
+}
+
+impl Dropped {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::QueueFull => "queue_full",
+            Self::Expired => "expired",
+            Self::Refused => "refused",
+            Self::TooLong => "too_long",
+            Self::ProgramEnded => "program_ended",
+        }
+    }
+}
+
+/// Whether the MQTT broker has taken the bench's birth.
+pub fn mqtt_connected(connected: bool) {
+    gauge!(MQTT_CONNECTED).set(f64::from(u8::from(connected)));
+}
+
+/// So many events wait for the MQTT broker.
+pub fn mqtt_waiting(events: usize) {
+    gauge!(MQTT_WAITING).set(events as f64);
+}
+
+/// The MQTT broker has taken a message of this kind.
+pub fn mqtt_published(kind: &'static str) {
+    counter!(MQTT_PUBLISHED, "kind" => kind).increment(1);
+}
+
+/// So many messages were given up.
+pub fn mqtt_dropped(reason: Dropped, count: u64) {
+    counter!(MQTT_DROPPED, "reason" => reason.name()).increment(count);
+}
+
+/// A connection to the MQTT broker failed or was lost.
+pub fn mqtt_failed(reason: &'static str) {
+    counter!(MQTT_FAILURES, "reason" => reason).increment(1);
 }

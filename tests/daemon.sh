@@ -11,6 +11,14 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 daemon_folder=
 daemon_pid=
 
+# Goes on as a command in a network of its own: as root of a user namespace where this user may not have one otherwise.
+# Whoever may needs none, and within a chroot nobody gets one.
+own_network() {
+  local as=()
+  unshare --net true 2>/dev/null || as=(--user --map-root-user)
+  exec unshare "${as[@]}" --net "$@"
+}
+
 # Installs what a folder's requirements.txt asks for into an environment of its own below target/.
 python_environment() {
   local name=$1 venv=$root/target/$1

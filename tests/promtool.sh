@@ -1,31 +1,19 @@
 #!/usr/bin/env bash
-# The metrics read and judged by Prometheus' own tool. It is taken out of Debian's package: installed, that would have a
-# Prometheus server running here.
+# The metrics read and judged by Prometheus' own tool, and with it the dashboards and the alerts: their expressions, and
+# that there is what they ask for. It is taken out of Debian's package: installed, that would have a Prometheus server
+# running here.
 set -euo pipefail
 cd "$(dirname "$0")"
 . ./daemon.sh
+. ./unpack.sh
 
 folder=$root/target/promtool
 promtool=$folder/usr/bin/promtool
-if [[ ! -x $promtool ]]; then
-  echo "promtool: unpacking Debian's package prometheus"
-  rm -rf "$folder"
-  mkdir -p "$folder"
-  cd "$folder"
-  if ! apt-get download prometheus >log 2>&1; then
-    as_root=()
-    [[ $(id -u) == 0 ]] || as_root=(sudo)
-    "${as_root[@]}" apt-get update >log 2>&1 && apt-get download prometheus >>log 2>&1 || {
-      tail -n 20 log >&2
-      exit 1
-    }
-  fi
-  dpkg-deb --fsys-tarfile prometheus_*.deb | tar --extract ./usr/bin/promtool
-  rm prometheus_*.deb
-fi
+unpack_debian promtool usr/bin/promtool prometheus
 
-build_daemon
-start_daemon
+[[ -n ${NO_BUILD:-} ]] || build_daemon
+# A broker that is not there: what is counted of it is there all the same.
+start_daemon '[mqtt]' 'broker = "mqtt://127.0.0.1:1"'
 ask() { curl --silent --show-error --fail --header "authorization: Bearer $PLENALIGN_TOKEN" "$@"; }
 # Something of everything that is counted only once it has happened.
 ask --output /dev/null "$ADDRESS/api/v1/snapshot.jpg"
@@ -40,10 +28,19 @@ for _ in $(seq 100); do
   sleep 0.2
 done
 for metric in stop_latency_seconds http_request_seconds picture_latency_seconds \
-  jobs_total frame_age_seconds viewers axis_position_metres picture_encoder_info; do
+  jobs_total frame_age_seconds viewers axis_position_metres picture_encoder_info ready history_writable \
+  disk_free_bytes disk_kept_free_bytes mqtt_connected mqtt_failures_total; do
   grep -q "^plenalign_$metric" "$folder/metrics" || {
     echo "promtool: there is no plenalign_$metric" >&2
     exit 1
   }
 done
 "$promtool" check metrics <"$folder/metrics"
+
+# An example names files that are not here.
+sed 's/^      ca_file: .*/      insecure_skip_verify: true/; s/^      credentials_file: .*/      credentials: x/' \
+  "$root/deploy/prometheus/prometheus.yml" >"$folder/prometheus.yml"
+cp "$root/deploy/prometheus/rules.yml" "$folder/"
+"$promtool" check config "$folder/prometheus.yml" | sed '/^ *$/d'
+"$promtool" test rules "$root/tests/monitoring/alerts.yml" | sed '/^ *$/d'
+python3 monitoring/dashboards.py "$promtool" "$folder/metrics" "$root"

@@ -190,6 +190,12 @@ impl Api {
         self.app.viewers.wait().await;
     }
 
+    /// Identity of this run of the program, as every message of the WebSocket has it.
+    #[must_use]
+    pub fn boot_id(&self) -> uuid::Uuid {
+        self.app.hub.boot_id()
+    }
+
     /// Cancelled by [`Api::close`].
     #[must_use]
     pub fn closing(&self) -> CancellationToken {

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use mdns_sd::{IfKind, ServiceDaemon, ServiceInfo};
 
 /// What is announced.
-const KIND: &str = "_plenalign._tcp.local.";
+pub(super) const KIND: &str = "_plenalign._tcp.local.";
 /// How long taking it back may take.
 const FAREWELL: Duration = Duration::from_millis(500);
 /// Longest label of a name, bytes.

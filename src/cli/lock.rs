@@ -2,6 +2,7 @@
 
 use std::fs::{self, File, TryLockError};
 use std::io::{Read, Seek, Write};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail};
@@ -25,6 +26,28 @@ impl BenchLock {
         Self::take_in(&[&state_folder()?, &std::env::temp_dir()], bench)
     }
 
+    /// The process that holds a bench, looked up without taking it.
+    pub(super) fn holder(bench: &BenchConfig) -> Option<u32> {
+        let state = state_folder().ok();
+        let folders = state.into_iter().chain([std::env::temp_dir()]);
+        folders.map(|folder| path_in(&folder, bench)).find_map(|path| Self::holder_of(&path))
+    }
+
+    /// The process that has written its number into a lock file and holds it still, as the kernel lists it.
+    fn holder_of(path: &Path) -> Option<u32> {
+        let pid: u32 = fs::read_to_string(path).ok()?.trim().parse().ok()?;
+        let inode = fs::metadata(path).ok()?.ino();
+        let locks = fs::read_to_string("/proc/locks").ok()?;
+        let holds = |line: &str| {
+            // Such as `1: FLOCK  ADVISORY  WRITE 1234 08:02:5678 0 EOF`; another namespace's process is 0 or below.
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let [_, "FLOCK", _, _, holder, file, ..] = words[..] else { return false };
+            let of_inode = file.rsplit_once(':').is_some_and(|(_, number)| number.parse() == Ok(inode));
+            of_inode && (holder.parse() == Ok(pid) || holder.parse::<i64>().is_ok_and(|holder| holder <= 0))
+        };
+        locks.lines().any(holds).then_some(pid)
+    }
+
     /// Takes it in the first of these folders that a lock file can be opened in.
     fn take_in(folders: &[&Path], bench: &BenchConfig) -> anyhow::Result<Self> {
         let mut why = None;
@@ -42,7 +65,7 @@ impl BenchLock {
 
     fn open_in(folder: &Path, bench: &BenchConfig) -> anyhow::Result<(File, PathBuf)> {
         fs::create_dir_all(folder).with_context(|| format!("cannot make the state folder {}", folder.display()))?;
-        let path = folder.join(format!("bench-{}.lock", bench.name()));
+        let path = path_in(folder, bench);
         let writing = File::options().read(true).write(true).create(true).truncate(false).open(&path);
         // What is there on a read-only disk can still be locked.
         let file = writing.or_else(|error| File::open(&path).map_err(|_| error));
@@ -75,6 +98,10 @@ impl BenchLock {
     }
 }
 
+fn path_in(folder: &Path, bench: &BenchConfig) -> PathBuf {
+    folder.join(format!("bench-{}.lock", bench.name()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -87,7 +114,10 @@ mod tests {
         let held = BenchLock::take_in(&[folder.path()], &bench).unwrap();
         let refused = BenchLock::take_in(&[folder.path()], &bench).unwrap_err().to_string();
         assert!(refused.contains(&format!("pid {}", std::process::id())), "{refused}");
+        let path = path_in(folder.path(), &bench);
+        assert_eq!(BenchLock::holder_of(&path), Some(std::process::id()));
         drop(held);
+        assert_eq!(BenchLock::holder_of(&path), None);
         BenchLock::take_in(&[folder.path()], &bench).unwrap();
     }
 

@@ -8,13 +8,17 @@ mod alpaca;
 mod announce;
 mod calibrate;
 mod camera;
+mod completions;
 mod demo;
 mod design;
+mod doctor;
 mod faults;
+mod fleet;
 mod jobs;
 mod listen;
 mod lock;
 mod logging;
+mod man;
 mod measure;
 mod pose;
 mod progress;
@@ -35,7 +39,7 @@ mod view;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use clap::{Parser, Subcommand};
 
 use crate::config::{Config, ConfigOrigin};
@@ -90,6 +94,14 @@ enum Command {
     SimStage(sim_stage::Args),
     /// Stop the configured axes straight over their ports, where no daemon runs.
     StopAxes(stop_axes::Args),
+    /// Say what is found on this machine, what is wrong, and what to type to mend it.
+    Doctor(doctor::Args),
+    /// Look at several daemons at once.
+    Fleet(fleet::Args),
+    /// Print a shell's completion script.
+    Completions(completions::Args),
+    /// Write the manual's pages, one for each command.
+    Man(man::Args),
 }
 
 /// What every subcommand gets.
@@ -129,35 +141,72 @@ fn one_line(error: &anyhow::Error) -> String {
 
 fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     let _logging = logging::start();
-    let (read, origin) = Config::open(cli.config.as_deref())?;
-    let mut assignments = Vec::new();
-    for assignment in &cli.set {
-        let (key, value) = assignment
-            .split_once('=')
-            .with_context(|| format!("--set {assignment}: expected KEY=VALUE, e.g. assembly.initial_e_mm=25"))?;
-        assignments.push((key.trim(), value.trim()));
-    }
-    let mut config = read.clone();
-    config.set_all(assignments)?;
-    let origin = origin.overridden(&read, &config);
-    let context = Context { config, origin, given: cli.config.is_some() || !cli.set.is_empty() };
+    let settings = Settings { file: cli.config, assignments: cli.set };
+    // Only what needs the configuration opens it: a stop is not kept waiting for a file that is wrong.
     match cli.command {
-        Command::Serve(args) => serve::run(context, args),
-        Command::Align(args) => align::run(context, args),
+        Command::Serve(args) => serve::run(settings.open()?, args),
+        Command::Align(args) => align::run(settings.open()?, args),
         Command::Stop(args) => stop::run(&args),
         Command::Token(args) => token::run(&args),
         Command::Tls(args) => tls::run(&args),
-        Command::Design(args) => design::run(context, args),
-        Command::Measure(args) => measure::run(context, args),
-        Command::View(args) => view::run(context, args),
-        Command::Calibrate(args) => calibrate::run(context, args),
-        Command::Render(args) => render::run(context, args),
-        Command::Camera(args) => camera::run(context, args),
-        Command::Study(args) => study::run(context, args),
-        Command::Replay(args) => replay::run(&context, &args),
-        Command::Jobs(args) => jobs::run(context, args),
-        Command::Demo(args) => demo::run(context, args),
-        Command::SimStage(args) => sim_stage::run(context, args),
-        Command::StopAxes(args) => stop_axes::run(context, args),
+        Command::Design(args) => design::run(settings.open()?, args),
+        Command::Measure(args) => measure::run(settings.open()?, args),
+        Command::View(args) => view::run(settings.open()?, args),
+        Command::Calibrate(args) => calibrate::run(settings.open()?, args),
+        Command::Render(args) => render::run(settings.open()?, args),
+        Command::Camera(args) => camera::run(settings.open()?, args),
+        Command::Study(args) => study::run(&settings.open()?, args),
+        Command::Replay(args) => {
+            settings.refuse("the recorded configuration is in force")?;
+            replay::run(&args)
+        }
+        Command::Jobs(args) => jobs::run(settings.open()?, args),
+        Command::Demo(args) => demo::run(settings.open()?, args),
+        Command::SimStage(args) => sim_stage::run(settings.open()?, args),
+        Command::StopAxes(args) => stop_axes::run(settings.open()?, args),
+        // It says itself what is wrong with the configuration.
+        Command::Doctor(args) => doctor::run(settings.file.as_deref(), &settings.assignments, &args),
+        Command::Fleet(args) => {
+            settings.refuse("the daemons' own configurations are in force")?;
+            fleet::run(args)
+        }
+        Command::Completions(args) => completions::run(&args),
+        Command::Man(args) => man::run(&args),
+    }
+}
+
+/// What the command line says of the configuration.
+struct Settings {
+    file: Option<PathBuf>,
+    /// `KEY=VALUE` each.
+    assignments: Vec<String>,
+}
+
+impl Settings {
+    /// Whether it names a file or sets a key.
+    fn given(&self) -> bool {
+        self.file.is_some() || !self.assignments.is_empty()
+    }
+
+    /// Refuses what a command would not heed, and says why it would not.
+    fn refuse(&self, why: &str) -> anyhow::Result<()> {
+        ensure!(!self.given(), "{why}: leave --config and --set away");
+        Ok(())
+    }
+
+    /// Reads the configuration.
+    fn open(&self) -> anyhow::Result<Context> {
+        let (read, origin) = Config::open(self.file.as_deref())?;
+        let mut assignments = Vec::new();
+        for assignment in &self.assignments {
+            let (key, value) = assignment
+                .split_once('=')
+                .with_context(|| format!("--set {assignment}: expected KEY=VALUE, e.g. assembly.initial_e_mm=25"))?;
+            assignments.push((key.trim(), value.trim()));
+        }
+        let mut config = read.clone();
+        config.set_all(assignments)?;
+        let origin = origin.overridden(&read, &config);
+        Ok(Context { config, origin, given: self.given() })
     }
 }

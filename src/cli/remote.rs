@@ -1,5 +1,6 @@
 //! A running daemon's API, and `plenalign align --server`: the same alignment through it.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use tokio::io::AsyncWriteExt as _;
 use super::progress::Progress;
 use crate::api::error::{LEASE_HEADER, Problem};
 use crate::api::server::use_ring;
-use crate::api::types::{Health, JobResource, LeaseAsked};
+use crate::api::types::{Health, JobResource, LeaseAsked, Readiness};
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, Recording, RecordingState};
 use crate::control::lease::LeaseGrant;
 
@@ -133,12 +134,27 @@ impl Daemon {
     /// # Errors
     /// When that is no address, or token or authority cannot be used.
     pub(super) fn new(server: &str, remote: &RemoteArgs) -> anyhow::Result<Self> {
+        Self::reached_at(server, remote, None)
+    }
+
+    /// The same, whose host's name means an address that is known already.
+    ///
+    /// # Errors
+    /// As [`Daemon::new`].
+    pub(super) fn reached_at(
+        server: &str,
+        remote: &RemoteArgs,
+        known: Option<(&str, SocketAddr)>,
+    ) -> anyhow::Result<Self> {
         let base = server.trim_end_matches('/').to_owned();
         if !base.starts_with("http://") && !base.starts_with("https://") {
             bail!("{server:?} is not an address such as http://127.0.0.1:8080");
         }
         use_ring();
         let mut client = Client::builder().timeout(ANSWER).no_proxy();
+        if let Some((host, address)) = known {
+            client = client.resolve(host, address);
+        }
         if let Some(token) = remote.token.as_deref().map(str::trim).filter(|token| !token.is_empty()) {
             let mut value =
                 HeaderValue::from_str(&format!("Bearer {token}")).context("the token holds what none does")?;
@@ -166,6 +182,20 @@ impl Daemon {
 
     pub(super) async fn get<T: DeserializeOwned>(&self, path: &str) -> anyhow::Result<T> {
         self.read(self.client.get(self.url(path))).await
+    }
+
+    /// What keeps the bench from working, one sentence each; empty where nothing does.
+    pub(super) async fn hindrances(&self) -> anyhow::Result<Vec<String>> {
+        let Err(error) = self.get::<Readiness>("/readyz").await else { return Ok(Vec::new()) };
+        match error.downcast_ref::<Refusal>() {
+            Some(Refusal { status: StatusCode::SERVICE_UNAVAILABLE, problem: Some(problem), .. }) => {
+                let listed = problem.members.get("hindrances").and_then(serde_json::Value::as_array);
+                let listed = listed.into_iter().flatten().filter_map(|one| one.as_str().map(str::to_owned));
+                let listed: Vec<String> = listed.collect();
+                Ok(if listed.is_empty() { vec![problem.detail.clone()] } else { listed })
+            }
+            _ => Err(error),
+        }
     }
 
     /// Posts without a body.
@@ -220,12 +250,30 @@ impl Daemon {
     }
 }
 
+/// A request that a daemon has answered, and not granted.
+#[derive(Debug)]
+pub(super) struct Refusal {
+    /// The answer's status.
+    pub(super) status: StatusCode,
+    /// What the daemon says of it; absent where something else than a daemon has answered.
+    pub(super) problem: Option<Problem>,
+    base: String,
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match &self.problem {
+            Some(problem) => write!(f, "{}: {}", problem.title, problem.detail),
+            None => write!(f, "{} answers {}", self.base, reason(self.status)),
+        }
+    }
+}
+
+impl std::error::Error for Refusal {}
+
 /// A refusal in the daemon's own words.
 fn refused(base: &str, status: StatusCode, body: &[u8]) -> anyhow::Error {
-    match serde_json::from_slice::<Problem>(body) {
-        Ok(problem) => anyhow::anyhow!("{}: {}", problem.title, problem.detail),
-        Err(_) => anyhow::anyhow!("{base} answers {}", reason(status)),
-    }
+    Refusal { status, problem: serde_json::from_slice(body).ok(), base: base.to_owned() }.into()
 }
 
 fn reason(status: StatusCode) -> String {

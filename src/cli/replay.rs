@@ -25,10 +25,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(context: &super::Context, args: &Args) -> anyhow::Result<ExitCode> {
-    if context.given {
-        anyhow::bail!("the recorded configuration is in force: leave --config and --set away");
-    }
+pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
     let replayed = match runtime.block_on(replay(&args.file)) {
         Ok(replayed) => replayed,

@@ -16,7 +16,7 @@ use super::announce::Announcement;
 use super::faults::{self, FaultArgs};
 use super::listen::{Exposure, bind};
 use super::lock::BenchLock;
-use super::remote::RemoteArgs;
+use super::remote::{RemoteArgs, host_name};
 use super::{Context, supervised};
 use crate::access::{Gate, TokenStore};
 use crate::api::Api;
@@ -26,6 +26,7 @@ use crate::api::server::serve as serve_connections;
 use crate::config::BenchDriver;
 use crate::control::history::HistoryAudit;
 use crate::control::{Service, open_bench};
+use crate::fleet::{Fleet, Prepared as FleetPrepared};
 use crate::state_folder::state_folder;
 use crate::store::Store;
 use crate::telemetry;
@@ -131,6 +132,8 @@ pub(super) struct Server {
     alpaca: Option<Serving>,
     /// The bridge for Foxglove, where one is configured.
     bridge: Option<Bridge>,
+    /// What is published over MQTT, where a broker is configured.
+    fleet: Option<Fleet>,
     _lock: BenchLock,
 }
 
@@ -144,6 +147,7 @@ impl Server {
         let state = state_folder()?;
         let exposure = Exposure::decide(&config.server, address, &state, insecure)?;
         let alpaca = Prepared::take(&config.alpaca, &state, insecure).await?;
+        let fleet = FleetPrepared::read(&config.mqtt, host_name().as_deref(), insecure).map_err(|why| anyhow!(why))?;
         let lock = BenchLock::take(&config.bench)?;
         let tokens = TokenStore::open(&state).context("the tokens cannot be read")?;
         let store = Store::open(&state);
@@ -168,10 +172,24 @@ impl Server {
             }
             None => None,
         };
+        let fleet = fleet.map(|fleet| fleet.start(&service, api.boot_id()));
         let bridge = Bridge::start(Arc::clone(&service)).await.map_err(|why| anyhow!(why))?;
         let announcement =
             if config.server.mdns { announce(address, exposure.server.tls.is_some(), simulated) } else { None };
-        Ok(Self { address, simulated, service, api, gate, exposure, task, announcement, alpaca, bridge, _lock: lock })
+        Ok(Self {
+            address,
+            simulated,
+            service,
+            api,
+            gate,
+            exposure,
+            task,
+            announcement,
+            alpaca,
+            bridge,
+            fleet,
+            _lock: lock,
+        })
     }
 
     /// Where it is reached, without a slash at the end.
@@ -199,7 +217,7 @@ impl Server {
         tracing::info!("stopping: axes first, then the streams");
         let orderly = async {
             self.service.come_to_rest().await;
-            let (announcement, alpaca) = (self.announcement.take(), self.alpaca.take());
+            let (announcement, alpaca, fleet) = (self.announcement.take(), self.alpaca.take(), self.fleet.take());
             tokio::join!(
                 self.service.end(),
                 async {
@@ -208,6 +226,11 @@ impl Server {
                     let _ = (&mut self.task).await;
                     if let Some(alpaca) = alpaca {
                         alpaca.end().await;
+                    }
+                },
+                async {
+                    if let Some(fleet) = fleet {
+                        fleet.close("the program ended").await;
                     }
                 },
                 async {

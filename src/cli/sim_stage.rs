@@ -39,19 +39,11 @@ pub(super) struct Args {
 /// another protocol's.
 fn axes(context: &Context, protocol: ControllerDriver) -> [AxisConfig; 2] {
     let mut axes = [context.config.bench.focus.clone(), context.config.bench.e.clone()];
-    let names = match protocol {
-        ControllerDriver::Grbl => ["X", "Y"],
-        ControllerDriver::Zaber | ControllerDriver::Pi => ["1", "2"],
-        ControllerDriver::Tmcl => ["0", "1"],
-    };
-    for (axis, name) in axes.iter_mut().zip(names) {
+    for (axis, name) in axes.iter_mut().zip(protocol.first_axes()) {
         let controller = context.config.bench.controllers.get(&axis.controller);
         if controller.is_none_or(|controller| controller.driver != protocol) {
             name.clone_into(&mut axis.axis);
-            if protocol == ControllerDriver::Pi {
-                // It counts in mm.
-                axis.steps_per_mm = 1.0;
-            }
+            axis.steps_per_mm = protocol.units_per_mm().unwrap_or(axis.steps_per_mm);
         }
     }
     axes

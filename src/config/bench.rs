@@ -98,16 +98,65 @@ pub enum ControllerDriver {
     Tmcl,
 }
 
+/// What is known of a protocol before anything is connected: all that the configuration has to be told of a driver.
+struct Traits {
+    /// The word used in configuration and on the command line.
+    name: &'static str,
+    /// The baud rate that its controllers leave the factory with.
+    usual_baud: u32,
+    /// Whether a controller can have an axis of this name.
+    has_axis: fn(&str) -> bool,
+    /// Which it can have, in words.
+    axes: &'static str,
+    /// The first two of them.
+    first_axes: [&'static str; 2],
+    /// Its units a millimetre, where it counts in a unit of length.
+    units_per_mm: Option<f64>,
+}
+
 impl ControllerDriver {
+    /// The row of a protocol.
+    const fn traits(self) -> Traits {
+        match self {
+            Self::Grbl => Traits {
+                name: "grbl",
+                usual_baud: 115_200,
+                has_axis: |name| ["X", "Y", "Z"].contains(&name),
+                axes: "X, Y or Z on a Grbl controller",
+                first_axes: ["X", "Y"],
+                units_per_mm: None,
+            },
+            Self::Zaber => Traits {
+                name: "zaber",
+                usual_baud: 115_200,
+                has_axis: |name| is_number(name, 1, 9),
+                axes: "1 to 9 on a Zaber device",
+                first_axes: ["1", "2"],
+                units_per_mm: None,
+            },
+            Self::Pi => Traits {
+                name: "pi",
+                usual_baud: 115_200,
+                has_axis: |name| (1..=8).contains(&name.len()) && name.bytes().all(|byte| byte.is_ascii_alphanumeric()),
+                axes: "letters and digits on a PI controller, 1 as a rule",
+                first_axes: ["1", "2"],
+                units_per_mm: Some(1.0),
+            },
+            Self::Tmcl => Traits {
+                name: "tmcl",
+                usual_baud: 9600,
+                has_axis: |name| is_number(name, 0, 5),
+                axes: "0 to 5 on a Trinamic module",
+                first_axes: ["0", "1"],
+                units_per_mm: None,
+            },
+        }
+    }
+
     /// The word used in configuration and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Grbl => "grbl",
-            Self::Zaber => "zaber",
-            Self::Pi => "pi",
-            Self::Tmcl => "tmcl",
-        }
+        self.traits().name
     }
 
     /// Whether an axis of this name can be on such a controller, and if not, which can.
@@ -115,27 +164,31 @@ impl ControllerDriver {
     /// # Errors
     /// The names that can, in words.
     pub fn check_axis(self, name: &str) -> Result<(), &'static str> {
-        let number = |least: u8, most: u8| name.parse::<u8>().is_ok_and(|number| (least..=most).contains(&number));
-        let (possible, names) = match self {
-            Self::Grbl => (["X", "Y", "Z"].contains(&name), "X, Y or Z on a Grbl controller"),
-            Self::Zaber => (number(1, 9), "1 to 9 on a Zaber device"),
-            Self::Pi => (
-                !name.is_empty() && name.len() <= 8 && name.bytes().all(|byte| byte.is_ascii_alphanumeric()),
-                "letters and digits on a PI controller, 1 as a rule",
-            ),
-            Self::Tmcl => (number(0, 5), "0 to 5 on a Trinamic module"),
-        };
-        if possible { Ok(()) } else { Err(names) }
+        let Traits { has_axis, axes, .. } = self.traits();
+        if has_axis(name) { Ok(()) } else { Err(axes) }
+    }
+
+    /// The names of such a controller's first two axes.
+    #[must_use]
+    pub const fn first_axes(self) -> [&'static str; 2] {
+        self.traits().first_axes
+    }
+
+    /// The controller's units a millimetre, where it counts in a unit of length and not in steps.
+    #[must_use]
+    pub const fn units_per_mm(self) -> Option<f64> {
+        self.traits().units_per_mm
     }
 
     /// The baud rate that the protocol's controllers leave the factory with.
     #[must_use]
     pub const fn usual_baud(self) -> u32 {
-        match self {
-            Self::Grbl | Self::Zaber | Self::Pi => 115_200,
-            Self::Tmcl => 9600,
-        }
+        self.traits().usual_baud
     }
+}
+
+fn is_number(name: &str, least: u8, most: u8) -> bool {
+    name.parse::<u8>().is_ok_and(|number| (least..=most).contains(&number))
 }
 
 /// `[bench.controllers.NAME]`

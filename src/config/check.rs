@@ -82,6 +82,7 @@ impl Config {
             self.alpaca.check(faults);
             self.record.check(faults);
             self.foxglove.check(faults);
+            self.mqtt.check(faults);
             self.check_rotation(faults);
             self.check_mosaic(faults);
             // A design can be worked out only of parts that make sense each for itself.

@@ -10,12 +10,13 @@ use super::{Config, ConfigError, Violation};
 
 /// Named in errors as the origin of a configuration that came in a request.
 const ORIGIN: &str = "the request";
-/// Keys, with all below them, that are changed only on the machine itself: who may ask the daemon, and what it reads.
-pub const LOCKED: [&str; 5] = ["server", "alpaca", "foxglove", "record.folder", "bench.camera.files"];
+/// Keys, with all below them, that are changed only on the machine itself: who may ask the daemon, whom it
+/// tells, and what it reads.
+pub const LOCKED: [&str; 6] = ["server", "alpaca", "foxglove", "mqtt", "record.folder", "bench.camera.files"];
 /// Stands for a value that is not told.
 const REDACTED: &str = "(redacted)";
 /// Keys whose values are not told.
-const SECRET: [&str; 1] = ["server.tls.key"];
+const SECRET: [&str; 3] = ["server.tls.key", "mqtt.password_file", "mqtt.tls.key"];
 
 /// A key with another value.
 #[derive(Debug, Clone, PartialEq)]
@@ -381,10 +382,12 @@ mod tests {
 
     #[test]
     fn a_secret_is_not_told_and_comes_back_unharmed() {
-        let text = "[server.tls]\ncertificate = \"a.pem\"\nkey = \"b.key\"\n";
+        let text = "[server.tls]\ncertificate = \"a.pem\"\nkey = \"b.key\"\n\
+                    [mqtt]\nbroker = \"mqtts://b\"\nuser = \"u\"\npassword_file = \"c.key\"\n\
+                    [mqtt.tls]\ncertificate = \"d.pem\"\nkey = \"e.key\"\n";
         let known = config(text);
         let json = known.redacted().unwrap();
-        assert!(!json.to_string().contains("b.key"));
+        assert!(!json.to_string().contains(".key\""), "{json}");
         assert_eq!(Config::from_json(&json, &known).unwrap(), known);
     }
 
@@ -393,7 +396,7 @@ mod tests {
         let check = |key: &str, to: &str| {
             Change { key: key.to_owned(), from: None, to: Some(Value::String(to.to_owned())) }.check_from_afar()
         };
-        for key in ["server.auth", "server.tls.certificate", "alpaca.listen", "bench.camera.files"] {
+        for key in ["server.auth", "server.tls.certificate", "alpaca.listen", "mqtt.broker", "bench.camera.files"] {
             assert_eq!(check(key, "x"), Err(Forbidden::Locked), "{key}");
         }
         for path in ["/etc/passwd", "/dev/../etc/passwd", "ttyUSB0", "http://x", ""] {

@@ -18,6 +18,7 @@ mod edit;
 mod error;
 mod flaws;
 mod load;
+mod mqtt;
 mod origin;
 mod overrides;
 mod record;
@@ -36,6 +37,7 @@ pub use capture::{CameraConfig, CameraDriver, ControlValue};
 pub use edit::{Change, EditError, Forbidden, LOCKED};
 pub use error::{ConfigError, Position, Violation};
 pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
+pub use mqtt::{Broker, MqttConfig, MqttTlsConfig};
 pub use origin::ConfigOrigin;
 pub use record::{FoxgloveConfig, RecordConfig, RecordJobs};
 pub use server::{Auth, ServerConfig, TlsConfig};
@@ -76,6 +78,8 @@ pub struct Config {
     pub record: RecordConfig,
     /// The live bridge for Foxglove and Lichtblick.
     pub foxglove: FoxgloveConfig,
+    /// The broker that events and measurements are published to.
+    pub mqtt: MqttConfig,
 }
 
 impl Config {

@@ -25,7 +25,17 @@ impl Service {
             lease_held: view.lease.is_some(),
             job_running: view.job.is_some(),
             simulated: view.simulated,
+            ready: self.hindrances().is_empty(),
+            history_writable: view.history_fault.is_none(),
+            disk_free: self.disk_free_bytes(),
+            disk_kept: u64::from(self.config.record.keep_free_mb) << 20,
         }
+    }
+
+    /// Room left on the disk of the state folder, bytes; `None` where that cannot be told.
+    #[must_use]
+    pub fn disk_free_bytes(&self) -> Option<u64> {
+        self.journal.store().disk_free_bytes()
     }
 
     /// What keeps the bench from working now, one sentence each; nothing where all is well.

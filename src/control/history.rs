@@ -13,7 +13,7 @@ use super::events::MeasurementView;
 use super::job::{Iteration, JobKind, JobRequest, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Stage};
 use super::journal::word;
 use super::measurement::SingleMeasurement;
-use super::recording::Recording;
+use super::recording::{Recording, RecordingState};
 use super::refusal::{Refusal, ServiceError};
 use super::service::Service;
 use crate::access::{AuditRecord, AuditSink, LogAudit};
@@ -190,8 +190,17 @@ fn snapshot(job: records::Job, iterations: Vec<Value>, log: Vec<LogLine>) -> Res
     say("reason", json!(job.reason));
     say("iterations", json!(iterations));
     say("log", json!(log));
-    serde_json::from_value(document)
-        .map_err(|error| StoreError::Unusable(format!("job {id} was written by another version of plenalign: {error}")))
+    let mut job: JobSnapshot = serde_json::from_value(document).map_err(|error| {
+        StoreError::Unusable(format!("job {id} was written by another version of plenalign: {error}"))
+    })?;
+    // Nobody was left to close the file.
+    if let (JobState::Interrupted, Some(recording)) = (job.state, &mut job.recording)
+        && recording.state == RecordingState::Recording
+    {
+        recording.state = RecordingState::Failed;
+        recording.fault = Some("the program ended before the recording did; what it has can be read".to_owned());
+    }
+    Ok(job)
 }
 
 fn lines(log: Vec<records::Line>) -> Vec<LogLine> {

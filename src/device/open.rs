@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use super::camera::files::FilesCamera;
 use super::camera::v4l2::{V4l2Camera, poses_of_stages};
-use super::serial::SerialDial;
+use super::serial::{Dial as _, SerialDial};
 use super::stage::axis::AxisSetup;
 use super::stage::grbl_controller::GrblDriver;
 use super::stage::pi_controller::PiDriver;
@@ -46,6 +46,25 @@ pub fn driver(config: &ControllerConfig) -> Box<dyn Driver> {
         ControllerDriver::Zaber => Box::new(ZaberDriver { address: config.address }),
         ControllerDriver::Pi => Box::new(PiDriver),
         ControllerDriver::Tmcl => Box::new(TmclDriver { address: config.address }),
+    }
+}
+
+/// Opens a controller's port and asks what is there, and nothing else: nothing is stopped, set or moved. Opening a port
+/// may still reset a board that is wired so, as an Arduino is. `name` is the controller's in the configuration.
+///
+/// # Errors
+/// [`DeviceError::Busy`] when another program holds the port, [`DeviceError::Disconnected`] when it cannot be opened,
+/// [`DeviceError::Timeout`] when nothing answers, [`DeviceError::WrongDevice`] when another controller does than the
+/// configured one.
+pub async fn identify(name: &str, config: &ControllerConfig) -> Result<String, DeviceError> {
+    let device = controller_name(name);
+    let dial = SerialDial { device: device.clone(), port: config.port.clone(), baud: config.baud() };
+    let identity = driver(config).identify(dial.open().await?, &device).await?;
+    match &config.identity {
+        Some(expected) if !identity.contains(expected.as_str()) => {
+            Err(DeviceError::WrongDevice { device, expected: format!("one that says `{expected}`"), found: identity })
+        }
+        _ => Ok(identity),
     }
 }
 

@@ -5,12 +5,12 @@ use std::fs;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
-use nix::sys::statvfs::{FsFlags, statvfs};
+use nix::sys::statvfs::{FsFlags, Statvfs, statvfs};
 
 use super::health::StoreError;
 
 /// Room that has to be left before motion may begin, bytes: a job's records and pictures need a tenth of it.
-const ROOM_BYTES: u64 = 4 << 20;
+pub const ROOM_BYTES: u64 = 4 << 20;
 
 /// Which file a path led to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,9 +34,7 @@ pub(super) fn check(file: &Path) -> Result<(), StoreError> {
     if said.flags().contains(FsFlags::ST_RDONLY) {
         return Err(StoreError::Unusable(format!("the disk of {} is mounted read-only", folder.display())));
     }
-    // The C library's widths differ between machines.
-    #[allow(clippy::unnecessary_cast)]
-    let free = said.blocks_available() as u64 * said.fragment_size() as u64;
+    let free = free(&said);
     if free < ROOM_BYTES {
         return Err(StoreError::Unusable(format!(
             "the disk of {} is full: {} kB are free, {} kB are needed",
@@ -46,4 +44,15 @@ pub(super) fn check(file: &Path) -> Result<(), StoreError> {
         )));
     }
     Ok(())
+}
+
+/// Room left on the disk of a file, bytes; `None` where the system does not say.
+pub(super) fn free_bytes(file: &Path) -> Option<u64> {
+    statvfs(file.parent().unwrap_or(file)).ok().map(|said| free(&said))
+}
+
+// The C library's widths differ between machines.
+#[allow(clippy::unnecessary_cast)]
+fn free(said: &Statvfs) -> u64 {
+    said.blocks_available() as u64 * said.fragment_size() as u64
 }

@@ -9,6 +9,7 @@
 
 mod disk;
 mod health;
+mod inspection;
 pub mod read;
 pub mod records;
 mod schema;
@@ -23,7 +24,9 @@ use std::time::Duration;
 use rusqlite::Connection;
 use tokio::sync::watch;
 
+pub use disk::ROOM_BYTES;
 pub use health::{Health, StoreError};
+pub use inspection::{Inspection, inspect};
 pub use read::{JobFilter, Page};
 pub use worker::Place;
 pub use write::Writer;
@@ -116,6 +119,12 @@ impl Store {
     #[must_use]
     pub fn path(&self) -> Option<&PathBuf> {
         self.shared.place.file()
+    }
+
+    /// Room left on the disk of the file, bytes; `None` where there is no file, or the system does not say.
+    #[must_use]
+    pub fn disk_free_bytes(&self) -> Option<u64> {
+        self.path().and_then(|file| disk::free_bytes(file))
     }
 
     /// Whether the history can be written, and why not.

@@ -7,7 +7,8 @@ use super::health::StoreError;
 /// One step each; never changed once released, only added to. `user_version` counts those that a file has had.
 ///
 /// Times are nanoseconds since 1970-01-01T00:00:00Z; documents are JSON.
-const STEPS: &[&str] = &["
+const STEPS: &[&str] = &[
+    "
     CREATE TABLE configurations (
         hash TEXT PRIMARY KEY,
         text TEXT NOT NULL
@@ -104,7 +105,12 @@ const STEPS: &[&str] = &["
         at INTEGER NOT NULL,
         PRIMARY KEY (bench, key)
     ) STRICT, WITHOUT ROWID;
-"];
+",
+    "
+    CREATE INDEX jobs_by_kind ON jobs (kind, id);
+    CREATE INDEX jobs_by_state ON jobs (state, id);
+",
+];
 
 /// Brings a file up to date.
 ///
@@ -126,18 +132,27 @@ pub(super) fn bring_up_to_date(connection: &mut Connection) -> Result<(), StoreE
     Ok(transaction.commit()?)
 }
 
+/// How many steps this program knows: the version of an up-to-date file.
+pub(super) const fn newest() -> usize {
+    STEPS.len()
+}
+
 /// Whether a file can be read as it is.
 ///
 /// # Errors
 /// When it was made by another version of the program.
 pub(super) fn check(connection: &Connection) -> Result<(), StoreError> {
-    let had: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
-    let had = usize::try_from(had).unwrap_or(usize::MAX);
-    match had {
+    match version(connection)? {
         0 => Err(StoreError::Unusable("there is no history in it yet".to_owned())),
         had if had > STEPS.len() => Err(newer(had)),
         _ => Ok(()),
     }
+}
+
+/// How many steps a file has had.
+pub(super) fn version(connection: &Connection) -> Result<usize, StoreError> {
+    let had: i64 = connection.query_row("PRAGMA user_version", [], |row| row.get(0))?;
+    Ok(usize::try_from(had).unwrap_or(usize::MAX))
 }
 
 fn newer(had: usize) -> StoreError {
@@ -145,4 +160,43 @@ fn newer(had: usize) -> StoreError {
         "it was written by a newer version of plenalign (its tables are version {had}, this program knows {})",
         STEPS.len()
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every table and index with the words that made it.
+    fn made(connection: &Connection) -> Vec<(String, Option<String>)> {
+        let mut statement = connection.prepare("SELECT name, sql FROM sqlite_schema ORDER BY name").unwrap();
+        let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+        rows.map(Result::unwrap).collect()
+    }
+
+    #[test]
+    fn older_files_come_to_the_tables_of_a_new_one() {
+        let mut new = Connection::open_in_memory().unwrap();
+        bring_up_to_date(&mut new).unwrap();
+        assert!(made(&new).len() > 10);
+        for had in 1..=newest() {
+            let mut older = Connection::open_in_memory().unwrap();
+            STEPS[..had].iter().for_each(|step| older.execute_batch(step).unwrap());
+            older.pragma_update(None, "user_version", had as i64).unwrap();
+            assert_eq!(made(&older) == made(&new), had == newest(), "after step {had}");
+            bring_up_to_date(&mut older).unwrap();
+            assert_eq!(made(&older), made(&new), "from step {had}");
+            assert_eq!(version(&older).unwrap(), newest());
+        }
+    }
+
+    #[test]
+    fn jobs_of_a_kind_or_in_a_state_are_found_without_reading_all() {
+        let mut connection = Connection::open_in_memory().unwrap();
+        bring_up_to_date(&mut connection).unwrap();
+        for (column, index) in [("kind", "jobs_by_kind"), ("state", "jobs_by_state")] {
+            let sql = format!("EXPLAIN QUERY PLAN SELECT * FROM jobs WHERE {column} IN ('x') ORDER BY id DESC LIMIT 5");
+            let plan: String = connection.query_row(&sql, [], |row| row.get(3)).unwrap();
+            assert!(plan.contains(index), "{plan}");
+        }
+    }
 }

@@ -5,15 +5,16 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Chapter, StudyError, StudyOptions};
+use super::{Chapter, Counts, StudyError, StudyOptions};
 use crate::config::Config;
 
 /// A folder in which finished chapters are kept, each with what it was made from: chapters of another version, seed,
-/// thoroughness or configuration are not taken for this study's.
+/// thoroughness or configuration, or of another number of items, are not taken for this study's.
 #[derive(Debug, Clone)]
 pub struct Archive {
     folder: PathBuf,
     origin: Origin,
+    counts: Counts,
 }
 
 /// What a chapter was made from.
@@ -28,6 +29,9 @@ struct Origin {
 #[derive(Serialize, Deserialize)]
 struct Kept {
     origin: Origin,
+    /// How many items a Monte Carlo was made of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    items: Option<u64>,
     chapter: Chapter,
 }
 
@@ -45,6 +49,7 @@ impl Archive {
                 seed: options.seed,
                 config: serde_json::to_value(config).unwrap_or_default(),
             },
+            counts: options.counts,
         };
         for folder in [archive.chapters(), archive.pictures()] {
             fs::create_dir_all(&folder).map_err(|source| failed(&folder, source))?;
@@ -77,7 +82,7 @@ impl Archive {
         };
         let kept: Kept = serde_json::from_str(&text)
             .map_err(|error| StudyError::Chapter { path: path.display().to_string(), why: error.to_string() })?;
-        if kept.origin != self.origin {
+        if kept.origin != self.origin || kept.items != self.counts.of(name) {
             return Ok(None);
         }
         let mut chapter = kept.chapter;
@@ -99,7 +104,8 @@ impl Archive {
         for picture in &chapter.pictures {
             write(&self.picture(&chapter.name, &picture.name), &picture.png)?;
         }
-        let kept = Kept { origin: self.origin.clone(), chapter: chapter.clone() };
+        let items = self.counts.of(&chapter.name);
+        let kept = Kept { origin: self.origin.clone(), items, chapter: chapter.clone() };
         let path = self.chapters().join(format!("{}.json", chapter.name));
         let text = serde_json::to_vec_pretty(&kept).map_err(|error| failed(&path, error.into()))?;
         write(&path, &text)
@@ -134,7 +140,7 @@ mod tests {
     use super::*;
     use crate::study::Picture;
 
-    const OPTIONS: StudyOptions = StudyOptions { quick: true, seed: 4 };
+    const OPTIONS: StudyOptions = StudyOptions::new(true, 4);
 
     fn chapter() -> Chapter {
         let picture =
@@ -160,6 +166,19 @@ mod tests {
         // Without one of its pictures it is not whole.
         fs::remove_file(archive.picture("clarity", "view")).unwrap();
         assert_eq!(archive.chapter("clarity").unwrap(), None);
+    }
+
+    #[test]
+    fn a_monte_carlo_comes_back_for_the_same_number_of_items_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config::default();
+        let archive = Archive::open(folder.path(), &config, OPTIONS).unwrap();
+        for name in ["assembly", "clarity"] {
+            archive.keep(&Chapter { name: name.to_owned(), ..Chapter::default() }).unwrap();
+        }
+        let more = Counts { assemblies: 5000, ..OPTIONS.counts };
+        let archive = Archive::open(folder.path(), &config, StudyOptions { counts: more, ..OPTIONS }).unwrap();
+        assert!(archive.chapter("assembly").unwrap().is_none() && archive.chapter("clarity").unwrap().is_some());
     }
 
     #[test]

@@ -15,10 +15,11 @@
 //!   field_of_view.rs  Figure 3 and the field of view of each case
 //!   blur.rs           Figure 6 and Section 2.3: blur, depth of field, re-optimising
 //!   two_fish.rs       Section 3.3: depth and refocusing
-//!   loops.rs          the plain strategy of Section 2.2 against this program's loops
+//!   loops/            the plain strategy of Section 2.2 against this program's loops
 //!   sensitivity.rs    temperature, salinity, the shell's parts; curvature of field; decentre
-//!   assembly.rs       tolerances of parts: how many assemblies are sharp, before and after alignment
+//!   assembly/         tolerances of parts: how many assemblies are sharp, before and after alignment
 //!   second_camera.rs  Section 3.2: the chain from calibration to joint optimisation
+//!   monte_carlo/      the chapters of many items, split among machines and put together
 //!   report/           the report as one page
 //! ```
 
@@ -30,6 +31,7 @@ mod chapter;
 mod clarity;
 mod field_of_view;
 mod loops;
+mod monte_carlo;
 mod on_board;
 mod report;
 mod second_camera;
@@ -42,6 +44,7 @@ use std::time::Instant;
 
 pub use archive::Archive;
 pub use chapter::{Chapter, Chart, Curve, Finding, Picture, Table, Verdict};
+pub use monte_carlo::{Counts, Merged, Part, Shard, merge};
 pub use report::{csv, html};
 
 use crate::config::Config;
@@ -53,6 +56,16 @@ pub struct StudyOptions {
     pub quick: bool,
     /// Seed of everything drawn: textures, noise, parts, benches.
     pub seed: u64,
+    /// How many items the Monte Carlos have.
+    pub counts: Counts,
+}
+
+impl StudyOptions {
+    /// A study with as many items as usual.
+    #[must_use]
+    pub const fn new(quick: bool, seed: u64) -> Self {
+        Self { quick, seed, counts: Counts::usual(quick) }
+    }
 }
 
 /// Why a study could not go on.
@@ -82,6 +95,17 @@ pub enum StudyError {
         /// What is wrong with it.
         why: String,
     },
+    /// A part of the Monte Carlos cannot be used.
+    #[error("{path}: {why}")]
+    Part {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Parts that are not the whole.
+    #[error("the parts cannot be merged: {0}")]
+    Merge(String),
 }
 
 impl StudyError {
@@ -91,10 +115,21 @@ impl StudyError {
     }
 }
 
+/// Where a chapter comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// It is made now.
+    Made,
+    /// It is there from an earlier run.
+    Kept,
+    /// It is made of merged parts.
+    Merged,
+}
+
 /// What is told while a study runs: how much of a chapter is done.
 pub trait Watch: Sync {
-    /// A chapter begins, of so many; `kept` when it is there from an earlier run.
-    fn chapter(&self, number: usize, of: usize, title: &str, kept: bool);
+    /// A chapter begins, of so many.
+    fn chapter(&self, number: usize, of: usize, title: &str, source: Source);
     /// So much of the chapter's work is done.
     fn done(&self, steps: u64, of: u64);
 }
@@ -104,6 +139,8 @@ struct Desk<'a> {
     config: &'a Config,
     options: StudyOptions,
     watch: &'a dyn Watch,
+    /// What the Monte Carlos came to, where others have worked it out.
+    merged: Option<&'a Merged>,
 }
 
 type Write = fn(&Desk<'_>) -> Result<Chapter, StudyError>;
@@ -131,18 +168,58 @@ pub fn run(
     archive: &Archive,
     watch: &dyn Watch,
 ) -> Result<Vec<Chapter>, StudyError> {
+    chapters(&Desk { config, options, watch, merged: None }, archive)
+}
+
+/// Runs the study that parts were made of: the Monte Carlos' chapters are made of these, the others as by [`run`].
+///
+/// # Errors
+/// [`StudyError`]; the chapters finished until then are in the archive.
+pub fn run_merged(
+    config: &Config,
+    merged: &Merged,
+    archive: &Archive,
+    watch: &dyn Watch,
+) -> Result<Vec<Chapter>, StudyError> {
+    chapters(&Desk { config, options: merged.options(), watch, merged: Some(merged) }, archive)
+}
+
+/// Works out one part of the Monte Carlos, and nothing else.
+///
+/// # Errors
+/// [`StudyError`].
+pub fn run_part(config: &Config, options: StudyOptions, shard: Shard, watch: &dyn Watch) -> Result<Part, StudyError> {
+    let desk = Desk { config, options, watch, merged: None };
+    let begin = |number: usize, name: &str| {
+        let title = CHAPTERS.iter().find(|chapter| chapter.0 == name).map_or(name, |chapter| chapter.1);
+        watch.chapter(number, 2, title, Source::Made);
+    };
+    begin(1, "loops");
+    let benches = loops::judge(&desk, shard.range(options.counts.benches))?;
+    begin(2, "assembly");
+    let assemblies = assembly::judge(&desk, shard.range(options.counts.assemblies))?;
+    Ok(Part::new(config, options, shard, benches, assemblies))
+}
+
+fn chapters(desk: &Desk<'_>, archive: &Archive) -> Result<Vec<Chapter>, StudyError> {
     let mut chapters = Vec::new();
     for (number, (name, title, write)) in CHAPTERS.into_iter().enumerate() {
-        let kept = archive.chapter(name)?;
-        watch.chapter(number + 1, CHAPTERS.len(), title, kept.is_some());
+        let merged = desk.merged.and_then(|merged| merged.seconds(name));
+        let kept = if merged.is_some() { None } else { archive.chapter(name)? };
+        let source = match (&merged, &kept) {
+            (Some(_), _) => Source::Merged,
+            (None, Some(_)) => Source::Kept,
+            (None, None) => Source::Made,
+        };
+        desk.watch.chapter(number + 1, CHAPTERS.len(), title, source);
         let chapter = match kept {
             Some(chapter) => chapter,
             None => {
                 let start = Instant::now();
-                let mut chapter = write(&Desk { config, options, watch })?;
+                let mut chapter = write(desk)?;
                 chapter.name = name.to_owned();
                 chapter.title = title.to_owned();
-                chapter.seconds = start.elapsed().as_secs_f64();
+                chapter.seconds = merged.unwrap_or_else(|| start.elapsed().as_secs_f64());
                 archive.keep(&chapter)?;
                 chapter
             }

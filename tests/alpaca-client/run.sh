@@ -8,7 +8,7 @@ cd "$(dirname "$0")"
 if [[ ${1:-} != inside ]]; then
   python_environment alpaca-client
   build_daemon
-  exec unshare --user --map-root-user --net ./run.sh inside
+  own_network ./run.sh inside
 fi
 
 ip link set lo up

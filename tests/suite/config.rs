@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use clap::ValueEnum as _;
 use plenalign::config::{
     BenchDriver, CameraDriver, Config, ConfigError, ConfigOrigin, ControlValue, ControllerDriver, Position, Side,
 };
@@ -104,6 +105,25 @@ fn the_hardware_example_loads() {
     assert_eq!(config.design().shell.n_water, config.water.index());
 }
 
+#[test]
+fn the_package_s_configuration_loads_as_it_is_and_with_its_hardware() {
+    let file = shipped("debian/plenalign.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    // A bench is simulated because somebody says so, not because nobody says anything.
+    assert!(text.contains("\ndriver = \"simulated\"\n"), "{text}");
+    assert_eq!(Config::load(&file).unwrap().bench.driver, BenchDriver::Simulated);
+    let is_key =
+        |line: &str| line.starts_with('[') || line.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '));
+    let uncommented: Vec<&str> =
+        text.lines().map(|line| line.strip_prefix("# ").filter(|key| is_key(key)).unwrap_or(line)).collect();
+    let config =
+        Config::from_toml(&uncommented.join("\n").replace("\"simulated\"", "\"hardware\""), "hardware").unwrap();
+    assert_eq!(config.bench.driver, BenchDriver::Hardware);
+    assert!(config.bench.controllers["main"].port.starts_with("/dev/plenalign"), "{:?}", config.bench.controllers);
+    assert!(config.bench.camera.device.starts_with("/dev/plenalign/camera-"), "{}", config.bench.camera.device);
+    assert_eq!(config.notices(), Vec::<String>::new());
+}
+
 /// A hardware bench whose camera has these keys.
 fn hardware(camera: &str) -> String {
     format!(
@@ -155,12 +175,8 @@ fn format_and_sensor_agree_on_the_mosaic() {
 
 #[test]
 fn every_kind_of_stage_has_an_example_that_loads() {
-    for (name, driver) in [
-        ("grbl", ControllerDriver::Grbl),
-        ("zaber", ControllerDriver::Zaber),
-        ("pi", ControllerDriver::Pi),
-        ("tmcl", ControllerDriver::Tmcl),
-    ] {
+    for &driver in ControllerDriver::value_variants() {
+        let name = driver.name();
         let config = Config::load(&shipped(&format!("examples/{name}.toml"))).unwrap();
         assert_eq!(config.bench.driver, BenchDriver::Hardware, "{name}");
         for axis in [&config.bench.focus, &config.bench.e] {

@@ -137,8 +137,8 @@ async fn what_makes_no_sense_is_named_key_by_key_and_not_written() {
 async fn what_is_run_read_or_opened_cannot_be_chosen_over_the_api() {
     let filed = Filed::start().await;
     let (view, tag) = filed.get().await;
-    assert_eq!(view["locked"], json!(["server", "alpaca", "foxglove", "record.folder", "bench.camera.files"]));
-    let changes: [fn(&mut Value); 7] = [
+    assert_eq!(view["locked"], json!(["server", "alpaca", "foxglove", "mqtt", "record.folder", "bench.camera.files"]));
+    let changes: [fn(&mut Value); 9] = [
         |config| config["server"]["auth"] = json!("required"),
         |config| config["alpaca"]["listen"] = json!("127.0.0.1:11111"),
         |config| config["server"]["tls"] = json!({ "certificate": "/etc/shadow", "key": "/etc/shadow" }),
@@ -146,6 +146,8 @@ async fn what_is_run_read_or_opened_cannot_be_chosen_over_the_api() {
         |config| config["bench"]["camera"]["files"] = json!("/etc/*"),
         |config| config["record"]["folder"] = json!("/etc"),
         |config| config["foxglove"]["listen"] = json!("127.0.0.1:8765"),
+        |config| config["mqtt"]["broker"] = json!("mqtt://evil.example"),
+        |config| config["mqtt"]["tls"]["ca"] = json!("/etc/shadow"),
     ];
     for change in changes {
         let mut config = view["stored"].clone();

@@ -175,3 +175,28 @@ fn a_job_is_not_promised_what_it_needs_as_null() {
     }
     assert!(needed > kinds.len(), "no kind needs anything but its name");
 }
+
+/// Every topic and every event of a job that code publishes is in the contract of what goes over MQTT, and no other;
+/// `tests/mqtt` holds the messages themselves against it.
+#[test]
+fn asyncapi_of_mqtt_names_every_topic_event_and_alert_and_no_other() {
+    let text = std::fs::read_to_string(root().join("proto/asyncapi-mqtt.yaml")).unwrap();
+    let after = |mark: &str, end: char| -> BTreeSet<String> {
+        text.split(mark)
+            .skip(1)
+            .filter_map(|rest| rest.split(end).next())
+            .map(|found| found.trim().to_owned())
+            .collect()
+    };
+    assert_eq!(after("address: '", '\''), plenalign::fleet::forms().into_iter().collect());
+    assert_eq!(after("event: { const: ", '}'), plenalign::fleet::EVENTS.map(str::to_owned).into());
+    let listed = text.split("alert:\n                enum: [").nth(1).and_then(|rest| rest.split(']').next()).unwrap();
+    let alerts: Vec<&str> = listed.split(',').map(str::trim).collect();
+    assert_eq!(alerts, plenalign::fleet::ALERTS);
+    let contract: serde_json::Value = serde_json::from_str(plenalign::api::openapi_json()).unwrap();
+    let references = after("openapi.json#", '\'');
+    for pointer in &references {
+        assert!(contract.pointer(pointer).is_some(), "openapi.json has no {pointer}");
+    }
+    assert!(references.len() >= 12, "{references:?}");
+}

@@ -20,6 +20,7 @@ pub(crate) struct Daemon {
     pub(crate) api: Api,
     pub(crate) service: Arc<Service>,
     pub(crate) client: Client,
+    store: Store,
     /// Key of the control lease, once taken.
     lease: OnceCell<String>,
 }
@@ -59,11 +60,17 @@ impl Daemon {
     ) -> Self {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench, store);
+        let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench, store.clone());
         let gate = Arc::new(gate(&service));
         let api = Api::new(Arc::clone(&service), gate, address, ConfigOrigin::Preset);
         tokio::spawn(serve(listener, api.router(), settings, api.closing()));
-        Self { address, api, service, client: client(), lease: OnceCell::new() }
+        Self { address, api, service, client: client(), store, lease: OnceCell::new() }
+    }
+
+    /// Waits until the history has what happened so far: what is queued when another daemon opens the same history
+    /// would come after what that one writes, as it cannot after a kill.
+    pub(crate) async fn written(&self) {
+        self.store.flush().await;
     }
 
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {

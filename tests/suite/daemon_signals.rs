@@ -8,7 +8,7 @@ use reqwest::{Method, Response};
 use serde_json::{Value, json};
 use tokio_tungstenite::tungstenite::Message;
 
-use super::program::{Program, serve};
+use super::program::{Program, plenalign, serve};
 
 async fn ask(program: &Program, method: Method, path: &str, body: Option<Value>) -> Response {
     let mut request = super::daemon::client().request(method, format!("{}{path}", program.url()));
@@ -93,4 +93,21 @@ fn a_taken_port_gets_one_line_naming_it() {
     assert_eq!(refused.status.code(), Some(1), "{said}");
     assert!(said.contains(&address) && said.contains("taken"), "{said}");
     assert_eq!(said.lines().count(), 1, "{said}");
+}
+
+#[test]
+fn a_stop_on_the_command_line_is_not_kept_by_a_broken_configuration() {
+    let state = tempfile::tempdir().unwrap();
+    let program = Program::start(serve(state.path(), &[]));
+    let broken = state.path().join("broken.toml");
+    std::fs::write(&broken, "[bench\n").unwrap();
+    let mut command = plenalign(state.path());
+    command.arg("--config").arg(&broken).args(["stop", "--json", "--server", program.url()]);
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["focus"], &report["e"]), (&json!("confirmed"), &json!("confirmed")));
+    // What needs it says what is wrong.
+    let output = plenalign(state.path()).arg("--config").arg(&broken).arg("design").output().unwrap();
+    assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("broken.toml"));
 }

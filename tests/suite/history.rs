@@ -28,7 +28,11 @@ async fn daemon(folder: &Path) -> (Daemon, Fakes) {
 }
 
 async fn create(daemon: &Daemon) -> Value {
-    let response = daemon.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await;
+    ask_for(daemon, &json!({ "kind": "joint_alignment" })).await
+}
+
+async fn ask_for(daemon: &Daemon, job: &Value) -> Value {
+    let response = daemon.command(Method::POST, JOBS, job).await;
     assert_eq!(response.status(), 201);
     response.json().await.unwrap()
 }
@@ -72,15 +76,21 @@ async fn cancelled(daemon: &Daemon) -> Value {
 async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() {
     let folder = tempfile::tempdir().unwrap();
     let (first, _fakes) = daemon(folder.path()).await;
-    let created = create(&first).await;
+    let created = ask_for(&first, &json!({ "kind": "joint_alignment", "record": true })).await;
     let job = waiting(&first, &created).await;
+    assert_eq!(job["recording"]["state"], "recording");
     let href = job["href"].as_str().unwrap().to_owned();
     // What the history has now is what a program killed now would leave: the first is simply left alone.
+    first.written().await;
     let (second, _fakes) = daemon(folder.path()).await;
     let found = until(&second, &href, "interrupted", |job| job["state"] == "interrupted").await;
     assert!(found["reason"].as_str().unwrap().contains("before the job did"), "{found}");
     assert_eq!((&found["log"], &found["operator_step"]), (&job["log"], &Value::Null));
     assert!(found["log"].as_array().unwrap().len() >= 3);
+    // Nor is it recorded any more, and what there is of the recording can be had.
+    assert_eq!(found["recording"]["state"], "failed");
+    assert!(found["recording"]["fault"].as_str().unwrap().contains("program ended"), "{found}");
+    assert_eq!(second.get(&format!("{href}/recording")).await.status(), 200);
     assert!(found["ended_at"].is_string() && found["generation"].as_u64() > job["generation"].as_u64());
     let list = get(&second, "/api/v1/jobs?state=interrupted,failed").await;
     assert_eq!(list["jobs"][0]["id"], job["id"]);
@@ -102,7 +112,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     until(&first, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
     json_of(first.request(Method::POST, "/api/v1/stop").send().await.unwrap()).await;
     let stopped = get(&first, "/api/v1/stop").await;
-    tokio::time::sleep(Duration::from_millis(100)).await;
+    first.written().await;
 
     let (second, _fakes) = daemon(folder.path()).await;
     let found = until(&second, "/api/v1/stop", "latched", |stop| stop["latched"] == true).await;
@@ -115,7 +125,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     .await;
     problem(second.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await, 409, "stopped").await;
     json_of(second.request(Method::DELETE, "/api/v1/stop").send().await.unwrap()).await;
-    tokio::time::sleep(Duration::from_millis(100)).await;
+    second.written().await;
 
     let (third, _fakes) = daemon(folder.path()).await;
     let moved = third.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
@@ -154,6 +164,7 @@ async fn jobs_of_all_runs_are_listed_a_page_at_a_time() {
         for _ in 0..3 {
             all.insert(0, cancelled(&daemon).await["id"].clone());
         }
+        daemon.written().await;
     }
     let (daemon, _fakes) = daemon(folder.path()).await;
     let running = waiting(&daemon, &create(&daemon).await).await;
@@ -232,6 +243,7 @@ async fn the_same_request_under_the_same_name_is_the_same_job() {
     problem(send(&first, "k 2", body()).await, 409, "busy").await;
 
     // Over a restart.
+    first.written().await;
     let (second, _fakes) = daemon(folder.path()).await;
     let again = send(&second, "k 1", body()).await;
     assert_eq!(again.status(), 200);
@@ -256,6 +268,7 @@ async fn a_name_that_stands_for_another_request_is_refused() {
         request.header(LEASE_HEADER, daemon.lease().await).json(&body).send().await.unwrap()
     };
     let job = json_of(send(&first).await).await;
+    first.written().await;
     let database = rusqlite::Connection::open(folder.path().join("history.db")).unwrap();
     database.execute("UPDATE jobs SET request = '{\"kind\":\"other\"}'", []).unwrap();
     let (second, _fakes) = daemon(folder.path()).await;
@@ -313,6 +326,7 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
     std::fs::remove_file(&state).unwrap();
     until(&daemon, "/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
     assert_eq!(go().await.status(), 202);
+    daemon.written().await;
     let (second, _fakes) = self::daemon(&state).await;
     let kept = until(&second, href, "there", |_| true).await;
     assert_eq!((&kept["state"], &kept["log"]), (&json!("cancelled"), &ended["log"]));
@@ -347,7 +361,7 @@ async fn the_control_lease_outlives_a_restart() {
     let (first, _fakes) = daemon(folder.path()).await;
     until(&first, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
     let key = first.lease().await.to_owned();
-    tokio::time::sleep(Duration::from_millis(300)).await;
+    first.written().await;
     let (second, _fakes) = daemon(folder.path()).await;
     until(&second, "/api/v1/bench", "held", |bench| bench["lease"]["owner"] == "a test").await;
     let heartbeat = second.request(reqwest::Method::POST, "/api/v1/lease/heartbeat");

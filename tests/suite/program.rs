@@ -18,6 +18,15 @@ pub(crate) fn plenalign(state: &Path) -> Command {
     command
 }
 
+/// `unshare`, for a command with mounts of its own: as root of a user namespace where this user may not have them
+/// otherwise. Whoever may needs none, and within a chroot nobody gets one.
+pub(crate) fn own_mounts() -> Command {
+    let may = Command::new("unshare").args(["--mount", "true"]).output().unwrap().status.success();
+    let mut command = Command::new("unshare");
+    command.args(if may { &["--mount", "--"][..] } else { &["--map-root-user", "--mount", "--"] });
+    command
+}
+
 /// `plenalign serve` on a simulated bench and a free port of loopback, whose configuration is in the state folder: what
 /// the test has put there, or else the reference bench, roughly rendered.
 pub(crate) fn serve(state: &Path, arguments: &[&str]) -> Command {

@@ -10,6 +10,8 @@ use plenalign::store::{FILE_NAME, Health, JobFilter, Store, StoreError, read};
 use serde_json::json;
 use uuid::Uuid;
 
+use super::program::own_mounts;
+
 fn run(bench: &str) -> Run {
     Run {
         id: Uuid::now_v7(),
@@ -280,8 +282,7 @@ fn own_disk<'a>(test: &str, at: &'a Path, options: &str) -> Option<Mounted<'a>> 
     }
     let why = String::from_utf8_lossy(&mounted.stderr).into_owned();
     assert!(std::env::var_os(AGAIN).is_none(), "no disk may be mounted even in a namespace of one's own: {why}");
-    let again = Command::new("unshare")
-        .args(["--map-root-user", "--mount", "--"])
+    let again = own_mounts()
         .arg(std::env::current_exe().unwrap())
         .args(["--exact", &format!("suite::store::{test}"), "--nocapture"])
         .env(AGAIN, "1")

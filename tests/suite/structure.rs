@@ -83,10 +83,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
         ],
     ),
     ("alpaca", &["units", "raw", "config", "device", "control", "access", "api"]),
+    ("fleet", &["config", "control", "device", "telemetry"]),
     (
         "cli",
         &[
             "alpaca",
+            "fleet",
             "study",
             "optics",
             "units",

@@ -1,8 +1,72 @@
-//! `plenalign study --quick`: what its report must say, and that an interrupted study goes on.
+//! `plenalign study --quick`: what its report must say, that an interrupted study goes on, and that its Monte Carlos in
+//! parts are those of one run.
+
+// Helpers of tests may panic as tests do.
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::time::Duration;
 
 use serde_json::Value;
 
-use super::measure_cli::{json, plenalign};
+/// What the shards make, and merge takes from them.
+const MONTE_CARLOS: [&str; 2] = ["loops", "assembly"];
+
+/// `plenalign study`, run in a folder, where its own folder is `study`.
+pub(super) fn study(folder: &Path, arguments: &[&str]) -> Output {
+    command(folder, arguments).output().unwrap()
+}
+
+fn command(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_plenalign"));
+    command.arg("study").args(arguments).current_dir(folder);
+    command
+}
+
+/// What it says on standard error, after it ended well.
+fn told(output: &Output) -> String {
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{told}");
+    told
+}
+
+/// A folder with a quick study that was run whole: once for all tests that look at it.
+pub(super) fn whole() -> &'static Path {
+    static WHOLE: OnceLock<PathBuf> = OnceLock::new();
+    WHOLE.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("quick-study");
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).unwrap();
+        told(&study(&folder, &["--quick"]));
+        folder
+    })
+}
+
+/// A folder that has the chapters of the whole study that are not left out.
+pub(super) fn with_chapters(left_out: &[&str]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for kind in ["chapters", "pictures"] {
+        let to = folder.path().join("study").join(kind);
+        fs::create_dir_all(&to).unwrap();
+        for entry in fs::read_dir(whole().join("study").join(kind)).unwrap() {
+            let from = entry.unwrap().path();
+            if kind == "pictures" || !left_out.iter().any(|name| from.file_stem().unwrap() == *name) {
+                fs::copy(&from, to.join(from.file_name().unwrap())).unwrap();
+            }
+        }
+    }
+    folder
+}
+
+/// The results, as they stand in the file, without the lines that tell times.
+pub(super) fn results(folder: &Path) -> String {
+    let text = fs::read_to_string(folder.join("study/results.json")).unwrap();
+    let lines = text.lines().filter(|line| !line.trim_start().starts_with("\"seconds\": "));
+    lines.collect::<Vec<_>>().join("\n")
+}
 
 /// The findings of a chapter, by what they are about.
 fn finding<'a>(results: &'a Value, chapter: &str, about: &str) -> &'a Value {
@@ -20,10 +84,12 @@ fn cells(results: &Value, chapter: &str, table: &str, column: &str) -> Vec<f64> 
 
 #[test]
 fn the_quick_study_holds_what_the_paper_claims() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("study");
-    let run = || json(&["study", "--quick", "--json", "--out", out.to_str().unwrap()]);
-    let results = run();
+    let folder = with_chapters(&["table_2"]);
+    // A chapter that was not finished is made again, and only that one.
+    let again = study(folder.path(), &["--quick", "--json"]);
+    assert_eq!(told(&again).matches("kept from an earlier run").count(), 8);
+    assert_eq!(self::results(folder.path()), self::results(whole()));
+    let results: Value = serde_json::from_slice(&again.stdout).unwrap();
 
     // Table 2, to its last digit, and the f that follows from it.
     for optimisation in ["Δv, clarity", "Δv, joint"] {
@@ -53,15 +119,110 @@ fn the_quick_study_holds_what_the_paper_claims() {
     assert_eq!(finding(&results, "second_camera", "l_bound")["verdict"], "agrees");
 
     // The report stands alone; the tables and pictures are there.
-    let report = std::fs::read_to_string(out.join("report.html")).unwrap();
+    let out = folder.path().join("study");
+    let report = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(report.contains("<svg") && report.contains("data:image/png;base64,") && report.contains("SIMULATED"));
     assert!(!report.contains("src=\"http") && !report.contains("href=\"http"));
     assert!(out.join("tables/table_2-cases.csv").exists() && out.join("pictures/two_fish-depth.png").exists());
+}
 
-    // A chapter that was not finished is made again, and only that one.
-    std::fs::remove_file(out.join("chapters/table_2.json")).unwrap();
-    let again = plenalign(&["study", "--quick", "--out", out.to_str().unwrap()]);
-    let told = String::from_utf8_lossy(&again.stderr).into_owned();
-    assert!(again.status.success(), "{told}");
-    assert_eq!(told.matches("kept from an earlier run").count(), 8, "{told}");
+#[test]
+fn merged_parts_are_the_whole_study() {
+    for (of, order) in [(1, &[1][..]), (3, &[2, 3, 1]), (4, &[4, 2, 1, 3])] {
+        let folder = with_chapters(&MONTE_CARLOS);
+        let part = |number: usize| format!("study/parts/part-{number}-of-{of}.json");
+        for number in order {
+            if *number == order[order.len() - 1] && of > 1 {
+                // Before the last of them is there, they are not the whole.
+                let short = study(folder.path(), &["merge"]);
+                let error = String::from_utf8_lossy(&short.stderr).into_owned();
+                assert!(
+                    !short.status.success() && error.contains("the parts cannot be merged: no part has "),
+                    "{error}"
+                );
+                assert!(
+                    error.contains("assemblies ") && error.ends_with(&format!("; not there: {number}/{of}\n")),
+                    "{error}"
+                );
+            }
+            told(&study(folder.path(), &["--quick", "--shard", &format!("{number}/{of}")]));
+            assert!(folder.path().join(part(*number)).exists());
+        }
+        let parts: Vec<String> = order.iter().map(|number| part(*number)).collect();
+        let arguments: Vec<&str> = match of {
+            // All in the study's folder, in a folder, and one by one.
+            1 => vec!["merge"],
+            3 => vec!["merge", "study/parts"],
+            _ => std::iter::once("merge").chain(parts.iter().map(String::as_str)).collect(),
+        };
+        let told = told(&study(folder.path(), &arguments));
+        assert_eq!(told.matches("of the merged parts").count(), 2, "{told}");
+        assert_eq!(told.matches("kept from an earlier run").count(), 7, "{told}");
+        // Line by line, so that a difference can be read.
+        for (merged, single) in results(folder.path()).lines().zip(results(whole()).lines()) {
+            assert_eq!(merged, single, "of {of}");
+        }
+        assert_eq!(results(folder.path()), results(whole()), "of {of}");
+        for table in fs::read_dir(whole().join("study/tables")).unwrap() {
+            let table = table.unwrap();
+            let merged = fs::read(folder.path().join("study/tables").join(table.file_name())).unwrap();
+            assert!(merged == fs::read(table.path()).unwrap(), "{:?} of {of}", table.file_name());
+        }
+        // The merged chapters are kept, and are this study's.
+        let again = self::told(&study(folder.path(), &["--quick"]));
+        assert_eq!(again.matches("kept from an earlier run").count(), 9, "{again}");
+    }
+}
+
+#[test]
+fn an_interrupted_part_is_begun_again_and_a_finished_one_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = ["--quick", "--benches", "2", "--assemblies", "9000", "--shard", "2/2", "--json"];
+    let mut interrupted =
+        command(folder.path(), &arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    interrupted.kill().unwrap();
+    assert!(!interrupted.wait().unwrap().success());
+    let path = folder.path().join("study/parts/part-2-of-2.json");
+    assert!(!path.exists());
+
+    let said = |kept: bool| {
+        let output = study(folder.path(), &arguments);
+        told(&output);
+        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(said["kept"], kept, "{said}");
+        assert_eq!(said["part"], "study/parts/part-2-of-2.json");
+        assert_eq!(said["benches"], serde_json::json!({ "first": 1, "end": 2 }));
+        assert_eq!(said["assemblies"], serde_json::json!({ "first": 4500, "end": 9000 }));
+        fs::read(&path).unwrap()
+    };
+    let first = said(false);
+    assert!(said(true) == first);
+    let part: Value = serde_json::from_slice(&first).unwrap();
+    assert_eq!(part["format"], "plenalign-study-part");
+    assert_eq!(part["assemblies"]["outcomes"].as_array().unwrap().len(), 4500);
+
+    // Neither does the part of another configuration pass for this one's.
+    let other = study(folder.path(), &["merge", "study/parts/part-2-of-2.json", "--set", "assembly.initial_e_mm=25"]);
+    let error = String::from_utf8_lossy(&other.stderr).into_owned();
+    assert!(!other.status.success() && error.contains("made with another configuration than this one"), "{error}");
+}
+
+#[test]
+fn what_is_asked_wrongly_is_refused_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    for (arguments, says) in [
+        (&["--shard", "5/4"][..], "there is no part 5 of 4"),
+        (&["--shard", "0/4"], "counted from 1"),
+        (&["--assemblies", "0"], "1..=10000000"),
+        (&["--benches", "100001"], "1..=100000"),
+        (&["--quick", "merge"], "cannot be used with"),
+        (&["merge"], "study/parts: No such file"),
+        (&["merge", "."], "there is no part-K-of-N.json"),
+    ] {
+        let output = study(folder.path(), arguments);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && error.contains(says), "{arguments:?}: {error}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }

@@ -6,12 +6,13 @@ use std::io::{BufRead as _, BufReader};
 use std::os::unix::fs::MetadataExt as _;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
 
 use super::daemon::client;
+use super::program::own_mounts;
 
 /// A daemon in a namespace of its own.
 struct Secluded {
@@ -25,8 +26,8 @@ impl Secluded {
     fn start(mounts: &str, argument: &Path, state: &Path, log: &Path) -> Self {
         let log = File::create(log).unwrap();
         let stream = log.metadata().map(|file| format!("{}:{}", file.dev(), file.ino())).unwrap();
-        let mut child = Command::new("unshare")
-            .args(["--map-root-user", "--mount", "--", "sh", "-ec", &format!("{mounts}; exec \"$@\"")])
+        let mut child = own_mounts()
+            .args(["sh", "-ec", &format!("{mounts}; exec \"$@\"")])
             .args([argument, Path::new(env!("CARGO_BIN_EXE_plenalign"))])
             .args(["serve", "--simulated", "--json", "--listen", "127.0.0.1:0", "--set", "bench.simulation.rays=4"])
             .env("PLENALIGN_STATE_DIR", state)

@@ -39,7 +39,7 @@ pub enum RecordingState {
     Recording,
     /// It is whole.
     Complete,
-    /// It ended before its job did; what it has can be read.
+    /// It ended before its job did, or with the program; what it has can be read.
     Failed,
 }
 
@@ -53,7 +53,7 @@ pub struct Recording {
     /// How long the file is, bytes; `null` until it is whole.
     #[serde(default)]
     pub bytes: Option<u64>,
-    /// Why it ended before its job, in words.
+    /// Why it is not whole, in words.
     #[serde(default)]
     pub fault: Option<String>,
 }

@@ -15,7 +15,7 @@ use crate::record::stamp;
 /// The configuration as a recording has it: without what says who may ask the daemon, and where.
 fn configuration(config: &Config) -> String {
     let written = toml::Table::try_from(config).map(|mut table| {
-        ["server", "alpaca", "foxglove", "record"].into_iter().for_each(|section| drop(table.remove(section)));
+        ["server", "alpaca", "foxglove", "mqtt", "record"].into_iter().for_each(|section| drop(table.remove(section)));
         table
     });
     written.and_then(|table| toml::to_string(&table)).unwrap_or_else(|error| {

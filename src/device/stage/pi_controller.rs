@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use async_trait::async_trait;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
 use super::axis::AxisSetup;
 use super::exchange::Exchange;
@@ -11,7 +11,7 @@ use super::pi::{self, Line, Pi};
 use super::polled::{AxisReading, Dialogue, Homing, Polled};
 use super::session::{AxisFacts, Driver, Session, Wanted};
 use crate::device::DeviceError;
-use crate::device::port::{Answer, Port, PortError};
+use crate::device::port::{Answer, Notice, Port, PortError};
 use crate::device::serial::Wire;
 
 /// Drives PI controllers that speak GCS 2 and have limit switches and a servo, e.g. C-863.
@@ -46,22 +46,11 @@ impl Driver for PiDriver {
 
     async fn connect(&self, wire: Wire, wanted: Wanted) -> Result<Arc<dyn Session>, DeviceError> {
         let name = wanted.name.clone();
-        let (port, mut notices) = Port::start(wire, Pi::default(), wanted.orders.shared());
-        let resync = Some(pi::IDENTITY.to_vec());
-        let exchange = Exchange { name, port, resync, meaning: str::to_owned };
+        let (port, notices) = Port::start(wire, Pi::default(), wanted.orders.shared());
+        let exchange = exchange(name, port);
         // The first bytes of all stop what an earlier program left moving, and end what it left unfinished.
         exchange.port.urgent(&[pi::STOP, b'\n'], false).map_err(|error| exchange.error("stop", error))?;
-        let what = "a PI controller that speaks GCS 2";
-        let answer = exchange.identify(what, pi::IDENTITY, &mut notices, |line| line.text.clone()).await?;
-        Exchange::drain(notices);
-        let identity = last(&exchange, answer)?;
-        if !identity.contains("Physik Instrumente") && !identity.contains("PI") {
-            return Err(DeviceError::WrongDevice {
-                device: exchange.name.clone(),
-                expected: what.to_owned(),
-                found: identity,
-            });
-        }
+        let identity = identity(&exchange, notices).await?;
         let mut dialogue = PiDialogue { exchange, identity, axes: Vec::new(), fault: Mutex::new(None) };
         // What the stop made, and what was there before, is no error of ours.
         dialogue.error().await?;
@@ -73,6 +62,27 @@ impl Driver for PiDriver {
         }
         Polled::start(dialogue, wanted).await
     }
+
+    async fn identify(&self, wire: Wire, name: &str) -> Result<String, DeviceError> {
+        let (port, notices) = Port::start(wire, Pi::default(), Arc::default());
+        identity(&exchange(name.to_owned(), port), notices).await
+    }
+}
+
+fn exchange(name: String, port: Port<Line>) -> Exchange<Line> {
+    Exchange { name, port, resync: Some(pi::IDENTITY.to_vec()), meaning: str::to_owned }
+}
+
+/// Asks the controller what it is.
+async fn identity(exchange: &Exchange<Line>, mut notices: mpsc::Receiver<Notice<Line>>) -> Result<String, DeviceError> {
+    let what = "a PI controller that speaks GCS 2";
+    let answer = exchange.identify(what, pi::IDENTITY, &mut notices, |line| line.text.clone()).await?;
+    Exchange::drain(notices);
+    let identity = last(exchange, answer)?;
+    if identity.contains("Physik Instrumente") || identity.contains("PI") {
+        return Ok(identity);
+    }
+    Err(DeviceError::WrongDevice { device: exchange.name.clone(), expected: what.to_owned(), found: identity })
 }
 
 fn last(exchange: &Exchange<Line>, answer: Answer<Line>) -> Result<String, DeviceError> {

@@ -35,6 +35,14 @@ pub trait Driver: Send + Sync {
     /// [`DeviceError::Disconnected`] when the stream ends, [`DeviceError::Refused`] when the controller's settings
     /// cannot be worked with.
     async fn connect(&self, wire: Wire, wanted: Wanted) -> Result<Arc<dyn Session>, DeviceError>;
+
+    /// Asks what is at the other end, and nothing else: it sends questions only, none that stops, resets, sets or moves
+    /// anything. `name` is the controller's, for errors.
+    ///
+    /// # Errors
+    /// [`DeviceError::WrongDevice`] when something else answers, [`DeviceError::Timeout`] when nothing does,
+    /// [`DeviceError::Disconnected`] when the stream ends.
+    async fn identify(&self, wire: Wire, name: &str) -> Result<String, DeviceError>;
 }
 
 /// What is known of an axis from connecting.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 
 use async_trait::async_trait;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
 use super::axis::AxisSetup;
 use super::exchange::Exchange;
@@ -12,7 +12,7 @@ use super::polled::{AxisReading, Dialogue, Homing, Polled};
 use super::session::{AxisFacts, Driver, Session, Wanted};
 use super::tmcl::{self, Frame, Reply, Request, Tmcl, command, parameter};
 use crate::device::DeviceError;
-use crate::device::port::{Answer, Port, PortError};
+use crate::device::port::{Answer, Notice, Port, PortError};
 use crate::device::serial::Wire;
 
 /// The user's global parameter that tells a module that was switched off and on: it is lost then.
@@ -55,19 +55,11 @@ impl Driver for TmclDriver {
 
     async fn connect(&self, wire: Wire, wanted: Wanted) -> Result<Arc<dyn Session>, DeviceError> {
         let name = wanted.name.clone();
-        let (port, mut notices) = Port::start(wire, Tmcl::default(), wanted.orders.shared());
-        let version = Request { address: self.address, command: command::VERSION, kind: 1, motor: 0, value: 0 };
-        let resync = Some(version.frame().to_vec());
-        let exchange = Exchange { name, port, resync, meaning: refusal };
-        let what = format!("a Trinamic module with the address {}", self.address);
-        let text = |frame: &Frame| format!("{frame:02x?}");
-        let answer = exchange.identify(&what, &version.frame(), &mut notices, text).await?;
-        Exchange::drain(notices);
-        let value = reply(&exchange, &answer)?.value as u32;
-        let (model, major, minor) = ((value >> 16) as u16, (value >> 8) & 0xFF, value & 0xFF);
+        let (port, notices) = Port::start(wire, Tmcl::default(), wanted.orders.shared());
+        let (exchange, model, identity) = self.introduced(name, port, notices).await?;
         if tmcl::INTERNAL_UNITS.contains(&model) {
             return Err(DeviceError::WrongDevice {
-                device: exchange.name.clone(),
+                device: exchange.name,
                 expected: "a module whose speeds are microsteps a second, e.g. TMCM-6214".to_owned(),
                 found: format!("TMCM-{model}, whose speeds are numbers of its own"),
             });
@@ -76,7 +68,7 @@ impl Driver for TmclDriver {
             exchange,
             address: self.address,
             model,
-            identity: format!("TMCM-{model}, firmware {major}.{minor:02}"),
+            identity,
             // Another one at every connection, and never 0.
             mark: i32::from(rand::random::<u16>()) + 1,
             axes: Vec::new(),
@@ -93,6 +85,32 @@ impl Driver for TmclDriver {
         let request = dialogue.request(command::SGP, MARK, tmcl::USER_BANK, dialogue.mark);
         dialogue.exchange.ask("take a mark", request).await?;
         Polled::start(dialogue, wanted).await
+    }
+
+    async fn identify(&self, wire: Wire, name: &str) -> Result<String, DeviceError> {
+        let (port, notices) = Port::start(wire, Tmcl::default(), Arc::default());
+        Ok(self.introduced(name.to_owned(), port, notices).await?.2)
+    }
+}
+
+impl TmclDriver {
+    /// Asks the module what it is; returns its model, and that with its firmware in words.
+    async fn introduced(
+        self,
+        name: String,
+        port: Port<Frame>,
+        mut notices: mpsc::Receiver<Notice<Frame>>,
+    ) -> Result<(Exchange<Frame>, u16, String), DeviceError> {
+        let version = Request { address: self.address, command: command::VERSION, kind: 1, motor: 0, value: 0 };
+        let resync = Some(version.frame().to_vec());
+        let exchange = Exchange { name, port, resync, meaning: refusal };
+        let what = format!("a Trinamic module with the address {}", self.address);
+        let text = |frame: &Frame| format!("{frame:02x?}");
+        let answer = exchange.identify(&what, &version.frame(), &mut notices, text).await?;
+        Exchange::drain(notices);
+        let value = reply(&exchange, &answer)?.value as u32;
+        let (model, major, minor) = ((value >> 16) as u16, (value >> 8) & 0xFF, value & 0xFF);
+        Ok((exchange, model, format!("TMCM-{model}, firmware {major}.{minor:02}")))
     }
 }
 

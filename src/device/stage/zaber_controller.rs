@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 use async_trait::async_trait;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
 use super::axis::AxisSetup;
 use super::exchange::{ANSWER, Exchange};
@@ -12,7 +12,7 @@ use super::polled::{AxisReading, Dialogue, Homing, Polled};
 use super::session::{AxisFacts, Driver, Session, Wanted};
 use super::zaber::{self, ACCELERATION_UNIT, Item, Message, SPEED_UNIT, Zaber};
 use crate::device::DeviceError;
-use crate::device::port::{Answer, Port, PortError};
+use crate::device::port::{Answer, Notice, Port, PortError};
 use crate::device::serial::Wire;
 
 /// Drives Zaber devices that speak the ASCII protocol (firmware 6 and 7).
@@ -49,38 +49,24 @@ impl Driver for ZaberDriver {
 
     async fn connect(&self, wire: Wire, wanted: Wanted) -> Result<Arc<dyn Session>, DeviceError> {
         let name = wanted.name.clone();
-        let (port, mut notices) = Port::start(wire, Zaber::default(), wanted.orders.shared());
+        let (port, notices) = Port::start(wire, Zaber::default(), wanted.orders.shared());
         let exchange = Exchange { name, port, resync: None, meaning: zaber::rejection };
         // The first bytes of all end what an earlier program left unfinished, and stop what it left moving.
         let mut stop = b"\n".to_vec();
         stop.extend(zaber::unnumbered(self.address, 0, "stop"));
         exchange.port.urgent(&stop, false).map_err(|error| exchange.error("stop", error))?;
-        let mut dialogue = ZaberDialogue {
-            exchange,
-            address: self.address,
-            next: AtomicU8::new(0),
-            identity: String::new(),
-            speed_in_move: false,
-            axes: Vec::new(),
-        };
-        let question = dialogue.numbered(0, "get device.id");
-        let text = |item: &Item| match item {
-            Item::Message(message) => message.data.clone(),
-            Item::Other(line) => line.clone(),
-        };
-        let what = format!("a Zaber device with the address {}", self.address);
-        let answer = dialogue.exchange.identify(&what, &question, &mut notices, text).await?;
-        Exchange::drain(notices);
-        let id = message(&dialogue.exchange, answer)?.data;
-        let version = dialogue.setting(0, "version").await?;
-        let serial = dialogue.setting(0, "system.serial").await?;
-        dialogue.identity = format!("Zaber device {id}, serial number {serial}, firmware {version}");
-        dialogue.speed_in_move = version.parse::<f64>().is_ok_and(|version| version >= 7.25);
+        let mut dialogue = ZaberDialogue::introduced(exchange, self.address, notices).await?;
         for link in &wanted.axes {
             let axis = dialogue.learn(link.setup()).await?;
             dialogue.axes.push(axis);
         }
         Polled::start(dialogue, wanted).await
+    }
+
+    async fn identify(&self, wire: Wire, name: &str) -> Result<String, DeviceError> {
+        let (port, notices) = Port::start(wire, Zaber::default(), Arc::default());
+        let exchange = Exchange { name: name.to_owned(), port, resync: None, meaning: zaber::rejection };
+        Ok(ZaberDialogue::introduced(exchange, self.address, notices).await?.identity)
     }
 }
 
@@ -92,6 +78,36 @@ fn message(exchange: &Exchange<Item>, answer: Answer<Item>) -> Result<Message, D
 }
 
 impl ZaberDialogue {
+    /// Asks the device what it is.
+    async fn introduced(
+        exchange: Exchange<Item>,
+        address: u8,
+        mut notices: mpsc::Receiver<Notice<Item>>,
+    ) -> Result<Self, DeviceError> {
+        let mut dialogue = Self {
+            exchange,
+            address,
+            next: AtomicU8::new(0),
+            identity: String::new(),
+            speed_in_move: false,
+            axes: Vec::new(),
+        };
+        let question = dialogue.numbered(0, "get device.id");
+        let text = |item: &Item| match item {
+            Item::Message(message) => message.data.clone(),
+            Item::Other(line) => line.clone(),
+        };
+        let what = format!("a Zaber device with the address {address}");
+        let answer = dialogue.exchange.identify(&what, &question, &mut notices, text).await?;
+        Exchange::drain(notices);
+        let id = message(&dialogue.exchange, answer)?.data;
+        let version = dialogue.setting(0, "version").await?;
+        let serial = dialogue.setting(0, "system.serial").await?;
+        dialogue.identity = format!("Zaber device {id}, serial number {serial}, firmware {version}");
+        dialogue.speed_in_move = version.parse::<f64>().is_ok_and(|version| version >= 7.25);
+        Ok(dialogue)
+    }
+
     fn numbered(&self, axis: u8, words: &str) -> Vec<u8> {
         let id = self.next.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |id| Some((id + 1) % 100)).unwrap_or(0);
         zaber::command(self.address, axis, id, words)

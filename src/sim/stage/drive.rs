@@ -55,7 +55,7 @@ impl DriveConfig {
 
 /// What came of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Event {
+pub enum Event {
     /// It stands at its target.
     Arrived,
     /// It was stopped.
@@ -90,18 +90,21 @@ enum Phase {
 }
 
 /// One motor.
-pub(super) struct Drive {
+pub struct Drive {
+    /// What it is set up for.
     pub config: DriveConfig,
     plant: Arc<dyn Plant>,
     axis: usize,
-    /// Greatest speed and acceleration now.
+    /// Greatest speed now, mm/s.
     pub speed: f64,
+    /// Acceleration now, mm/s².
     pub acceleration: f64,
     /// Travel of the motor since power-up, mm.
     motor: f64,
     /// What of it a stalled motor did not follow.
     lost: f64,
     told: f64,
+    /// Whether the motor stands still whatever steps it is given.
     pub stalled: bool,
     /// Position less travel.
     origin: f64,
@@ -113,7 +116,9 @@ pub(super) struct Drive {
 }
 
 impl Drive {
-    pub(super) fn new(config: DriveConfig, axis: usize, plant: Arc<dyn Plant>) -> Self {
+    /// A motor at rest, whose position is 0 until it is set.
+    #[must_use]
+    pub fn new(config: DriveConfig, axis: usize, plant: Arc<dyn Plant>) -> Self {
         let limit_closed = plant.limit_switch_closed(axis);
         Self {
             speed: config.speed_mm_per_s,
@@ -134,66 +139,78 @@ impl Drive {
     }
 
     /// Position, mm, in whole motor steps.
-    pub(super) fn position(&self) -> f64 {
+    #[must_use]
+    pub fn position(&self) -> f64 {
         let step = self.config.step_mm;
         ((self.motor + self.origin) / step).round() * step
     }
 
     /// Makes the place where it stands this position, mm.
-    pub(super) fn set_position(&mut self, position: f64) {
+    pub fn set_position(&mut self, position: f64) {
         self.origin = position - self.motor;
     }
 
     /// Speed, mm/s, with its sign.
-    pub(super) fn velocity(&self) -> f64 {
+    #[must_use]
+    pub fn velocity(&self) -> f64 {
         self.velocity
     }
 
-    pub(super) fn is_moving(&self) -> bool {
+    /// Whether it moves, or is about to.
+    #[must_use]
+    pub fn is_moving(&self) -> bool {
         self.task != Task::Rest
     }
 
-    pub(super) fn is_homing(&self) -> bool {
+    /// Whether it is on its way home.
+    #[must_use]
+    pub fn is_homing(&self) -> bool {
         matches!(self.task, Task::Home(_))
     }
 
     /// Whether a limit switch is closed now.
-    pub(super) fn at_limit(&self) -> bool {
+    #[must_use]
+    pub fn at_limit(&self) -> bool {
         self.plant.limit_switch_closed(self.axis)
     }
 
-    pub(super) fn home_switch_closed(&self) -> bool {
+    /// Whether the home switch is closed now.
+    #[must_use]
+    pub fn home_switch_closed(&self) -> bool {
         self.plant.home_switch_closed(self.axis)
     }
 
-    pub(super) fn move_to(&mut self, position: f64) {
+    /// Starts towards a position, mm.
+    pub fn move_to(&mut self, position: f64) {
         self.task = Task::To(position);
     }
 
-    pub(super) fn run(&mut self, velocity: f64) {
+    /// Starts at a speed, mm/s, whose sign is the direction.
+    pub fn run(&mut self, velocity: f64) {
         self.task = Task::At(velocity);
     }
 
-    pub(super) fn home(&mut self) {
+    /// Starts homing: fast to the switch, off it, slowly to it, off it; its end is [`Event::Homed`].
+    pub fn home(&mut self) {
         self.velocity = 0.0;
         self.task = Task::Home(Phase::Seek(self.motor));
     }
 
     /// Comes to rest along its ramp.
-    pub(super) fn stop(&mut self) {
+    pub fn stop(&mut self) {
         if self.is_moving() {
             self.task = Task::Stop;
         }
     }
 
     /// Stands still at once.
-    pub(super) fn halt(&mut self) {
+    pub fn halt(&mut self) {
         self.velocity = 0.0;
         self.task = Task::Rest;
     }
 
     /// As after switching it off and on: standing still, where it stands is 0.
-    pub(super) fn power_cycle(&mut self) {
+    pub fn power_cycle(&mut self) {
         self.halt();
         self.origin = -self.motor;
         self.speed = self.config.speed_mm_per_s;
@@ -201,7 +218,7 @@ impl Drive {
     }
 
     /// Lets time pass, seconds, and tells what came to an end.
-    pub(super) fn advance(&mut self, seconds: f64) -> Option<Event> {
+    pub fn advance(&mut self, seconds: f64) -> Option<Event> {
         let mut left = seconds;
         while left > 0.0 && self.is_moving() {
             // The slow approach decides where home is.

@@ -306,20 +306,16 @@ pub async fn simulated_stages(
 
 #[cfg(test)]
 mod tests {
+    use clap::ValueEnum as _;
     use proptest::prelude::*;
 
     use super::*;
     use crate::sim::plant::Slides;
 
-    fn any_driver() -> impl Strategy<Value = ControllerDriver> {
-        use ControllerDriver::{Grbl, Pi, Tmcl, Zaber};
-        prop::sample::select(vec![Grbl, Zaber, Pi, Tmcl])
-    }
-
     proptest! {
         #[test]
         fn no_bytes_break_a_firmware(
-            driver in any_driver(),
+            driver in prop::sample::select(ControllerDriver::value_variants()),
             words in proptest::collection::vec(
                 prop_oneof![
                     proptest::collection::vec(any::<u8>(), 0..40),
@@ -332,9 +328,8 @@ mod tests {
             ),
         ) {
             let mut bench = BenchConfig::default();
-            if driver != ControllerDriver::Grbl {
-                "1".clone_into(&mut bench.focus.axis);
-                "2".clone_into(&mut bench.e.axis);
+            for (axis, name) in [&mut bench.focus, &mut bench.e].into_iter().zip(driver.first_axes()) {
+                name.clone_into(&mut axis.axis);
             }
             let slides = Slides::new(&[(&bench.focus, 1.0), (&bench.e, 20.0)]);
             let twin = firmware(driver, &[&bench.focus, &bench.e], slides.clone());

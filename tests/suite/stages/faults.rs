@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use clap::ValueEnum as _;
 use plenalign::config::ControllerDriver;
 use plenalign::device::serial::Dial;
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
@@ -178,7 +179,7 @@ async fn a_busy_port_is_tried_again(driver: ControllerDriver) {
 }
 
 async fn another_kind_of_device_is_refused(driver: ControllerDriver) {
-    for other in [ControllerDriver::Grbl, ControllerDriver::Zaber, ControllerDriver::Pi, ControllerDriver::Tmcl] {
+    for &other in ControllerDriver::value_variants() {
         if other == driver {
             continue;
         }

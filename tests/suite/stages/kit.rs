@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use clap::ValueEnum as _;
 use plenalign::config::{AxisConfig, BenchConfig, ControllerConfig, ControllerDriver};
 use plenalign::device::serial::Dial;
 use plenalign::device::stage::axis::AxisSetup;
@@ -26,15 +27,16 @@ macro_rules! every_protocol {
 }
 pub(super) use every_protocol;
 
+#[test]
+fn every_protocol_is_in_the_list() {
+    use ControllerDriver::{Grbl, Pi, Tmcl, Zaber};
+    assert_eq!(ControllerDriver::value_variants(), [Grbl, Zaber, Pi, Tmcl], "every_protocol! has to have it, too");
+}
+
 /// A bench whose axes a controller of this kind can have.
 pub(super) fn bench(driver: ControllerDriver) -> BenchConfig {
     let mut bench = BenchConfig::default();
-    let names = match driver {
-        ControllerDriver::Grbl => ["X", "Y"],
-        ControllerDriver::Zaber | ControllerDriver::Pi => ["1", "2"],
-        ControllerDriver::Tmcl => ["0", "1"],
-    };
-    for (axis, name) in [&mut bench.focus, &mut bench.e].into_iter().zip(names) {
+    for (axis, name) in [&mut bench.focus, &mut bench.e].into_iter().zip(driver.first_axes()) {
         name.clone_into(&mut axis.axis);
     }
     match driver {

@@ -2,6 +2,7 @@
 
 mod conformance;
 mod faults;
+mod identify;
 mod kit;
 mod lines;
 mod program;

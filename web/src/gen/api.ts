@@ -1314,6 +1314,27 @@ export interface components {
        */
       mla: components["schemas"]["Config.MlaConfig"];
       /**
+       * @description The broker that events and measurements are published to.
+       * @default {
+       *       "bench": "",
+       *       "broker": "",
+       *       "client_id": "",
+       *       "group": "benches",
+       *       "keep_alive_s": 30,
+       *       "measurements_per_s": 1,
+       *       "password_file": "",
+       *       "positions_per_s": 1,
+       *       "tls": {
+       *         "ca": "",
+       *         "certificate": "",
+       *         "key": ""
+       *       },
+       *       "topic_prefix": "plenalign",
+       *       "user": ""
+       *     }
+       */
+      mqtt: components["schemas"]["Config.MqttConfig"];
+      /**
        * @description The object distances.
        * @default {
        *       "air_distance_mm": 800,
@@ -2038,6 +2059,89 @@ export interface components {
        * @default 1
        */
       steps: number;
+    };
+    /** @description `[mqtt]` */
+    "Config.MqttConfig": {
+      /**
+       * @description This bench's name in topics; empty for the machine's name.
+       * @default
+       */
+      bench: string;
+      /**
+       * @description The broker, as `mqtts://broker.lab:8883`, or `mqtt://127.0.0.1:1883` without TLS; empty for none.
+       * @default
+       */
+      broker: string;
+      /**
+       * @description How this daemon names itself to the broker; empty for `plenalign-GROUP-BENCH`.
+       * @default
+       */
+      client_id: string;
+      /**
+       * @description The benches that belong together: the second part of every topic.
+       * @default benches
+       */
+      group: string;
+      /**
+       * Format: double
+       * @description A connection on which nothing was heard for half as long again is given up, s.
+       * @default 30
+       */
+      keep_alive_s: number;
+      /**
+       * Format: double
+       * @description Measurements published a second, at most; 0 for none.
+       * @default 1
+       */
+      measurements_per_s: number;
+      /**
+       * @description File with the password, and nothing else, of that user; empty for none.
+       * @default
+       */
+      password_file: string;
+      /**
+       * Format: double
+       * @description Positions of each axis published a second, at most; 0 for none.
+       * @default 1
+       */
+      positions_per_s: number;
+      /**
+       * @description By what the broker is known, and this daemon to it.
+       * @default {
+       *       "ca": "",
+       *       "certificate": "",
+       *       "key": ""
+       *     }
+       */
+      tls: components["schemas"]["Config.MqttTlsConfig"];
+      /**
+       * @description What every topic begins with.
+       * @default plenalign
+       */
+      topic_prefix: string;
+      /**
+       * @description User name at the broker; empty for none.
+       * @default
+       */
+      user: string;
+    };
+    /** @description `[mqtt.tls]` */
+    "Config.MqttTlsConfig": {
+      /**
+       * @description PEM file with the authorities that may vouch for the broker; empty for those that the system trusts.
+       * @default
+       */
+      ca: string;
+      /**
+       * @description PEM file with this daemon's certificate and those that lead to its root; empty for none.
+       * @default
+       */
+      certificate: string;
+      /**
+       * @description PEM file with its key; empty for none.
+       * @default
+       */
+      key: string;
     };
     /** @description `[object]` */
     "Config.ObjectConfig": {
@@ -3871,7 +3975,7 @@ export interface components {
        * @description How long the file is, bytes; `null` until it is whole.
        */
       bytes?: number | null;
-      /** @description Why it ended before its job, in words. */
+      /** @description Why it is not whole, in words. */
       fault?: string | null;
       /** @description The file's name in the folder of recordings; its path where it was asked for elsewhere. */
       file: string;

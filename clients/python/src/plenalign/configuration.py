@@ -26,6 +26,8 @@ class Config(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The main lens."""
     mla: MlaConfig | UnsetType = UNSET
     """The microlens array."""
+    mqtt: MqttConfig | UnsetType = UNSET
+    """The broker that events and measurements are published to."""
     object: ObjectConfig | UnsetType = UNSET
     """The object distances."""
     record: RecordConfig | UnsetType = UNSET
@@ -370,6 +372,44 @@ class MotionConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Moments at which the exposure is sampled; 1 takes the picture at one moment, and nothing blurs. With more,
     the travel of the bench's axes during a frame blurs it too. A frame takes so many times longer to render.
     """
+
+
+class MqttConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[mqtt]`"""
+
+    bench: str | UnsetType = UNSET
+    """This bench's name in topics; empty for the machine's name."""
+    broker: str | UnsetType = UNSET
+    """The broker, as `mqtts://broker.lab:8883`, or `mqtt://127.0.0.1:1883` without TLS; empty for none."""
+    client_id: str | UnsetType = UNSET
+    """How this daemon names itself to the broker; empty for `plenalign-GROUP-BENCH`."""
+    group: str | UnsetType = UNSET
+    """The benches that belong together: the second part of every topic."""
+    keep_alive_s: float | UnsetType = UNSET
+    """A connection on which nothing was heard for half as long again is given up, s."""
+    measurements_per_s: float | UnsetType = UNSET
+    """Measurements published a second, at most; 0 for none."""
+    password_file: str | UnsetType = UNSET
+    """File with the password, and nothing else, of that user; empty for none."""
+    positions_per_s: float | UnsetType = UNSET
+    """Positions of each axis published a second, at most; 0 for none."""
+    tls: MqttTlsConfig | UnsetType = UNSET
+    """By what the broker is known, and this daemon to it."""
+    topic_prefix: str | UnsetType = UNSET
+    """What every topic begins with."""
+    user: str | UnsetType = UNSET
+    """User name at the broker; empty for none."""
+
+
+class MqttTlsConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[mqtt.tls]`"""
+
+    ca: str | UnsetType = UNSET
+    """PEM file with the authorities that may vouch for the broker; empty for those that the system trusts."""
+    certificate: str | UnsetType = UNSET
+    """PEM file with this daemon's certificate and those that lead to its root; empty for none."""
+    key: str | UnsetType = UNSET
+    """PEM file with its key; empty for none."""
 
 
 class ObjectConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):

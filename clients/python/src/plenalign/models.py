@@ -1275,7 +1275,7 @@ class Recording(Struct, frozen=True, kw_only=True, omit_defaults=True):
     bytes: int | None = None
     """How long the file is, bytes; `null` until it is whole."""
     fault: str | None = None
-    """Why it ended before its job, in words."""
+    """Why it is not whole, in words."""
     file: str
     """The file's name in the folder of recordings; its path where it was asked for elsewhere."""
     state: RecordingState

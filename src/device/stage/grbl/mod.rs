@@ -130,6 +130,17 @@ pub fn banner(line: &str) -> Option<&str> {
     (digits.starts_with(|c: char| c.is_ascii_digit()) && digits.len() <= 12).then_some(version)
 }
 
+/// The version in the answer to [`BUILD_INFO`], in the words of a start-up line.
+#[must_use]
+pub fn version(lines: &[String]) -> Option<String> {
+    let told = lines.iter().find_map(|line| without_echo(line).strip_prefix("[VER:"))?;
+    // Such as 1.1h.20190825: the version, the day it was built on, a name.
+    let (number, rest) = told.split_once('.')?;
+    let minor = rest.split(['.', ':', ']']).next().filter(|minor| !minor.is_empty())?;
+    let hal = lines.iter().any(|line| line.to_ascii_lowercase().contains("grblhal"));
+    Some(format!("{} {number}.{minor}", if hal { "GrblHAL" } else { "Grbl" }))
+}
+
 /// What the controller is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
@@ -340,6 +351,10 @@ mod tests {
         assert_eq!(settings.of_axis(100, Letter::X), Some(400.0));
         assert_eq!(settings.of_axis(110, Letter::X), Some(120.0));
         assert_eq!(settings.of_axis(100, Letter::Y), None);
+        let told = |lines: &[&str]| version(&lines.iter().map(|&line| line.to_owned()).collect::<Vec<_>>());
+        assert_eq!(told(&["[VER:1.1h.20190825:]", "[OPT:V,15,128]"]).as_deref(), Some("Grbl 1.1h"));
+        assert_eq!(told(&["[VER:1.1f.20230825:a bench]", "[FIRMWARE:grblHAL]"]).as_deref(), Some("GrblHAL 1.1f"));
+        assert_eq!((told(&["[OPT:V]"]), told(&["[VER:1]"])), (None, None));
         assert!(homes_single_axes(&["[VER:1.1h.20190825:]".to_owned(), "[OPT:VH,15,128]".to_owned()]));
         assert!(!homes_single_axes(&["[VER:1.1H:]".to_owned(), "[OPT:V,15,128]".to_owned()]));
     }

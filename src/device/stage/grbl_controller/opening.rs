@@ -77,6 +77,28 @@ impl Driver for GrblDriver {
         controller.fresh_reading(0).await?;
         Ok(controller)
     }
+
+    /// What a board says by itself when its port is opened is enough; where it says nothing, it is asked for its
+    /// version.
+    async fn identify(&self, wire: Wire, name: &str) -> Result<String, DeviceError> {
+        let (port, mut notices) = Port::start(wire, Lines::new(Grbl), Arc::default());
+        match started(&port, &mut notices, name, Instant::now() + START_UP).await? {
+            Start::Version(version) => known(name, version),
+            Start::Silence(heard) => match port.ask(grbl::BUILD_INFO, ANSWER).await {
+                Ok(answer) => match grbl::version(&answer.lines) {
+                    Some(version) => known(name, version),
+                    None => Err(wrong_device(name, &unreadable(&answer.lines.join(" ")))),
+                },
+                // A board that takes its time to start has done so now.
+                Err(PortError::Restarted) => match started(&port, &mut notices, name, Instant::now() + ANSWER).await? {
+                    Start::Version(version) => known(name, version),
+                    Start::Silence(heard) => Err(no_answer(name, "say what it is", heard, ANSWER)),
+                },
+                Err(PortError::Timeout(_)) => Err(no_answer(name, "say what it is", heard, ANSWER)),
+                Err(error) => Err(device_error(name, "say what it is", error)),
+            },
+        }
+    }
 }
 
 fn letter(name: &str, setup: &AxisSetup) -> Result<Letter, DeviceError> {
@@ -97,36 +119,61 @@ async fn start_up(port: &Port, notices: &mut mpsc::Receiver<Notice>, name: &str)
         // What was said before the reset, a start at power-up among it, is no answer to it.
         while notices.try_recv().is_ok() {}
         port.urgent(&[grbl::RESET], true).map_err(closed)?;
-        let deadline = Instant::now() + START_UP;
-        loop {
-            match tokio::time::timeout_at(deadline, notices.recv()).await {
-                Err(_) => break,
-                Ok(None) => {
-                    let reason = port.closed().borrow().clone().unwrap_or_else(|| "the port was closed".to_owned());
-                    return Err(DeviceError::Disconnected { device: name.to_owned(), reason });
-                }
-                Ok(Some(Notice { kind: Kind::Started, line, .. })) => {
-                    let version = grbl::banner(&line).unwrap_or_default();
-                    if version.starts_with("Grbl 1.1") || version.starts_with("GrblHAL 1.1") {
-                        return Ok(version.to_owned());
-                    }
-                    return Err(wrong_device(name, version));
-                }
-                Ok(Some(notice)) => {
-                    if notice.kind == Kind::Noise && heard.is_none() {
-                        heard = Some(notice.line.chars().take(60).collect());
-                    }
+        match started(port, notices, name, Instant::now() + START_UP).await? {
+            Start::Version(version) => return known(name, version),
+            Start::Silence(line) => heard = heard.or(line),
+        }
+    }
+    Err(no_answer(name, "answer a reset", heard, 3 * START_UP))
+}
+
+/// What came of waiting for a controller's start.
+enum Start {
+    /// It has said its version.
+    Version(String),
+    /// It has not; the first line that made no sense, where there was one.
+    Silence(Option<String>),
+}
+
+/// Waits for the line with which a controller starts.
+async fn started(
+    port: &Port,
+    notices: &mut mpsc::Receiver<Notice>,
+    name: &str,
+    deadline: Instant,
+) -> Result<Start, DeviceError> {
+    let mut heard: Option<String> = None;
+    loop {
+        match tokio::time::timeout_at(deadline, notices.recv()).await {
+            Err(_) => return Ok(Start::Silence(heard)),
+            Ok(None) => {
+                let reason = port.closed().borrow().clone().unwrap_or_else(|| "the port was closed".to_owned());
+                return Err(DeviceError::Disconnected { device: name.to_owned(), reason });
+            }
+            Ok(Some(Notice { kind: Kind::Started, line, .. })) => {
+                return Ok(Start::Version(grbl::banner(&line).unwrap_or_default().to_owned()));
+            }
+            Ok(Some(notice)) => {
+                if notice.kind == Kind::Noise && heard.is_none() {
+                    heard = Some(notice.line.chars().take(60).collect());
                 }
             }
         }
     }
+}
+
+/// A version, where it is one that this program drives.
+fn known(name: &str, version: String) -> Result<String, DeviceError> {
+    if version.starts_with("Grbl 1.1") || version.starts_with("GrblHAL 1.1") {
+        return Ok(version);
+    }
+    Err(wrong_device(name, &version))
+}
+
+fn no_answer(name: &str, what: &str, heard: Option<String>, allowed: Duration) -> DeviceError {
     match heard {
-        Some(line) => Err(wrong_device(name, &unreadable(&line))),
-        None => Err(DeviceError::Timeout {
-            device: name.to_owned(),
-            what: "answer a reset".to_owned(),
-            allowed: 3 * START_UP,
-        }),
+        Some(line) => wrong_device(name, &unreadable(&line)),
+        None => DeviceError::Timeout { device: name.to_owned(), what: what.to_owned(), allowed },
     }
 }
 

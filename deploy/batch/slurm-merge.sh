@@ -1,0 +1,12 @@
+#!/bin/bash
+#SBATCH --job-name=plenalign-study-merge
+#SBATCH --cpus-per-task=4
+#SBATCH --mem=4G
+#SBATCH --time=04:00:00
+#SBATCH --output=%x-%j.log
+#
+# Puts the parts of slurm-parts.sh together and writes the study's report beside them: to be submitted with a dependency on
+# that array, and with the same CONFIG and OUT. docs/study.md says how.
+set -euo pipefail
+
+exec plenalign study merge ${CONFIG:+--config "$CONFIG"} --out "${OUT:-study}"

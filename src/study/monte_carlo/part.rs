@@ -1,0 +1,205 @@
+//! The file that holds what a part's items came to.
+
+use std::fs;
+use std::io::{ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+use uuid::Uuid;
+
+use super::{Block, Shard};
+use crate::config::Config;
+use crate::study::assembly::Blur;
+use crate::study::loops::BenchOutcome;
+use crate::study::{StudyError, StudyOptions};
+
+/// What says that a file is a part.
+const FORMAT: &str = "plenalign-study-part";
+/// The version of the file's layout; it rises with every change of it.
+const FORMAT_VERSION: u64 = 1;
+/// The folder of parts in a study's folder.
+const FOLDER: &str = "parts";
+
+/// What the items of a part came to, and what it was made from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    format: String,
+    format_version: u64,
+    pub(super) shard: Shard,
+    pub(super) origin: Origin,
+    pub(super) benches: Block<BenchOutcome>,
+    pub(super) assemblies: Block<Blur>,
+}
+
+/// What a part was made from. Only parts of the same origin belong together.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Origin {
+    /// Version of this program.
+    pub(super) program_version: String,
+    /// SHA-256 of the configuration in force, as JSON.
+    pub(super) configuration_sha256: String,
+    pub(super) quick: bool,
+    pub(super) seed: u64,
+}
+
+/// What every version of the file begins with.
+#[derive(Deserialize)]
+struct Head {
+    #[serde(default)]
+    format: String,
+    #[serde(default)]
+    format_version: u64,
+}
+
+impl Origin {
+    pub(super) fn of(config: &Config, options: StudyOptions) -> Self {
+        let text = serde_json::to_vec(config).unwrap_or_default();
+        Self {
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            configuration_sha256: Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect(),
+            quick: options.quick,
+            seed: options.seed,
+        }
+    }
+}
+
+impl Part {
+    pub(in crate::study) fn new(
+        config: &Config,
+        options: StudyOptions,
+        shard: Shard,
+        benches: Block<BenchOutcome>,
+        assemblies: Block<Blur>,
+    ) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            format_version: FORMAT_VERSION,
+            shard,
+            origin: Origin::of(config, options),
+            benches,
+            assemblies,
+        }
+    }
+
+    /// Which part it is.
+    #[must_use]
+    pub const fn shard(&self) -> Shard {
+        self.shard
+    }
+
+    /// The indices of its benches and of its assemblies.
+    #[must_use]
+    pub fn ranges(&self) -> [std::ops::Range<u64>; 2] {
+        [self.benches.range(), self.assemblies.range()]
+    }
+
+    /// Where the part of a study is kept, by the study's folder.
+    #[must_use]
+    pub fn path(folder: &Path, shard: Shard) -> PathBuf {
+        folder.join(FOLDER).join(format!("part-{}-of-{}.json", shard.number(), shard.of()))
+    }
+
+    /// The folder of parts in a study's folder.
+    #[must_use]
+    pub fn folder(study: &Path) -> PathBuf {
+        study.join(FOLDER)
+    }
+
+    /// The parts in a folder, by their names.
+    ///
+    /// # Errors
+    /// [`StudyError::Folder`].
+    pub fn in_folder(folder: &Path) -> Result<Vec<PathBuf>, StudyError> {
+        let failed = |source| StudyError::Folder { path: folder.display().to_string(), source };
+        let mut paths = Vec::new();
+        for entry in fs::read_dir(folder).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if name.starts_with("part-") && name.ends_with(".json") {
+                paths.push(path);
+            }
+        }
+        paths.sort();
+        Ok(paths)
+    }
+
+    /// Reads a part.
+    ///
+    /// # Errors
+    /// [`StudyError::Folder`] for a file that cannot be read, [`StudyError::Part`] for one that is no part.
+    pub fn read(path: &Path) -> Result<Self, StudyError> {
+        let wrong = |why: String| StudyError::Part { path: path.display().to_string(), why };
+        let text = fs::read(path).map_err(|source| StudyError::Folder { path: path.display().to_string(), source })?;
+        let head: Head = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a part: {error}")))?;
+        if head.format != FORMAT {
+            return Err(wrong(format!("not a part: its format is \"{}\", not \"{FORMAT}\"", head.format)));
+        }
+        if head.format_version != FORMAT_VERSION {
+            let version = head.format_version;
+            return Err(wrong(format!(
+                "of version {version} of the format, of which this program reads {FORMAT_VERSION}: have the part made \
+                 again, or merge with the program that made it"
+            )));
+        }
+        let part: Self = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a whole part: {error}")))?;
+        for (what, count, range) in [
+            ("benches", part.benches.count, part.benches.range()),
+            ("assemblies", part.assemblies.count, part.assemblies.range()),
+        ] {
+            let share = part.shard.range(count);
+            if range != share {
+                return Err(wrong(format!(
+                    "part {} of {count} {what} is items {} to {} (the last left out), but the file has {} to {}",
+                    part.shard, share.start, share.end, range.start, range.end
+                )));
+            }
+        }
+        Ok(part)
+    }
+
+    /// The part at this place if it is there and was made from the same; `None` where there is none or another's.
+    ///
+    /// # Errors
+    /// As [`Part::read`], but for a file that is not there.
+    pub fn kept(path: &Path, config: &Config, options: StudyOptions, shard: Shard) -> Result<Option<Self>, StudyError> {
+        let part = match Self::read(path) {
+            Ok(part) => part,
+            Err(StudyError::Folder { source, .. }) if source.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        let counts = [part.benches.count, part.assemblies.count];
+        let same = part.origin == Origin::of(config, options)
+            && part.shard == shard
+            && counts == [options.counts.benches, options.counts.assemblies];
+        Ok(same.then_some(part))
+    }
+
+    /// Writes the part, whole or not at all, and makes its folder where it is not there.
+    ///
+    /// # Errors
+    /// [`StudyError::Folder`].
+    pub fn write(&self, path: &Path) -> Result<(), StudyError> {
+        let failed = |path: &Path| {
+            let path = path.display().to_string();
+            move |source| StudyError::Folder { path, source }
+        };
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(failed(folder))?;
+        }
+        let text = serde_json::to_vec(self).map_err(|error| failed(path)(error.into()))?;
+        // A name of its own: a batch engine may have begun the same part twice, on two machines that share the folder.
+        let partial = path.with_extension(format!("{}.partial", Uuid::now_v7()));
+        let written = fs::File::create(&partial)
+            .and_then(|mut file| file.write_all(&text).and_then(|()| file.sync_all()))
+            .map_err(failed(&partial))
+            .and_then(|()| fs::rename(&partial, path).map_err(failed(path)));
+        if written.is_err() {
+            // What is left of it is of no use; that it could not be written is what is told.
+            let _ = fs::remove_file(&partial);
+        }
+        written
+    }
+}

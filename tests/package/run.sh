@@ -1,0 +1,53 @@
+#!/usr/bin/env bash
+# The Debian package: built, checked as Debian checks its own, installed, upgraded, removed and purged in Debian systems of
+# its own, one of them booted with systemd; the container file's steps. Nothing of this machine is changed, and no network
+# but loopback is reached except for Debian's packages.
+#
+#   tests/package/run.sh           builds the package without the slow link (PROFILE=release) and tests it
+#   PROFILE=dist tests/package/run.sh   the package as it is handed out
+#   ARCH=arm64 tests/package/run.sh     builds that for arm64 and runs its program under QEMU
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+fail() {
+  echo "package: $*" >&2
+  exit 1
+}
+
+if [[ ${1:-} != inside ]]; then
+  started=$SECONDS
+  export PROFILE=${PROFILE:-release}
+  deploy/package.sh
+  echo "package: built in $((SECONDS - started)) s"
+  arch=${ARCH:-$(dpkg --print-architecture)}
+  deb=$(echo target/package/plenalign_*_"$arch".deb)
+  as_root=()
+  if [[ $(id -u) != 0 ]]; then
+    command -v sudo >/dev/null || fail "a Debian system is made and entered as root, and neither root nor sudo is at hand"
+    as_root=(sudo)
+  fi
+  # Every mount is this namespace's, and is gone with it.
+  exec "${as_root[@]}" unshare --mount --propagation private "tests/package/run.sh" inside "$deb" "$arch"
+fi
+
+deb=$(realpath "$2") arch=$3
+# shellcheck source=deploy/root.sh
+. deploy/root.sh
+. tests/package/lib.sh
+
+if [[ $arch != "$(dpkg --print-architecture)" ]]; then
+  . tests/package/arm64.sh
+  part "$arch program under QEMU" runs_under_qemu
+  all_passed
+fi
+
+part "lintian" lintian_finds_nothing
+part "Debian systems" roots_made
+. tests/package/devices.sh
+. tests/package/static.sh
+part "installed without systemd" in_fresh_root installed_without_systemd
+. tests/package/booted.sh
+part "installed under systemd" in_fresh_root installed_under_systemd
+. tests/package/container.sh
+part "container file" container_file
+all_passed
