@@ -1,16 +1,14 @@
 //! Phase of the lattice's first harmonics about each micro-image.
 //!
 //! About a micro-image the frame is multiplied by a window and by exp(2πi g·r) for each first harmonic g, and summed:
-//! the sum's phase is 2π g·u, where u is how far the true centre lies from the place assumed. The window is a triangle
-//! along both lattice vectors, two cells wide: its transform has double zeros at every other harmonic, so that neither
-//! the mean nor a slope of the frame nor another harmonic enters.
+//! the sum's phase is 2π g·u, where u is how far the true centre lies from the place assumed.
 
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
 use super::frame::{Frame, Window};
-use super::{Grid, MicroImage, reciprocal};
-use crate::optics::ArrayKind;
+use super::harmonics::{Harmonics, Point};
+use super::{Grid, MicroImage};
 
 /// A micro-image and its harmonics.
 #[derive(Debug, Clone, Copy)]
@@ -33,39 +31,24 @@ pub(super) struct Demodulator {
     weights: Vec<[Vec<f32>; 2]>,
 }
 
-/// The first harmonics of a lattice, cycles per px: two for a square, three for a hexagonal array.
-pub(super) fn harmonics(grid: &Grid) -> Vec<[f64; 2]> {
-    let [g0, g1] = reciprocal(grid.basis);
-    let mut harmonics = vec![g0, g1];
-    if grid.array == ArrayKind::Hexagonal {
-        // Reciprocal vectors of a 60° basis are 120° apart: their sum is the third of the ring.
-        harmonics.push([g0[0] + g1[0], g0[1] + g1[1]]);
-    }
-    harmonics
-}
-
 impl Demodulator {
     /// With a window sampled at every `step`-th pixel of every `step`-th row.
     pub(super) fn new(grid: &Grid, step: usize) -> Self {
         let step = step.max(1) as isize;
-        let [g0, g1] = reciprocal(grid.basis);
-        let [a, b] = grid.basis;
-        let steps = [0, 1].map(|k| (a[k].abs() + b[k].abs()) as isize / step);
-        let (mut points, mut triangle) = (Vec::new(), Vec::new());
+        let harmonics = Harmonics::new(grid);
+        let steps = harmonics.reach.map(|reach| reach / step);
+        let (mut points, mut window) = (Vec::new(), Vec::new());
         for dy in (-steps[1]..=steps[1]).map(|n| n * step) {
             for dx in (-steps[0]..=steps[0]).map(|n| n * step) {
-                let (x, y) = (dx as f64, dy as f64);
-                let s = 1.0 - (g0[0] * x + g0[1] * y).abs();
-                let t = 1.0 - (g1[0] * x + g1[1] * y).abs();
-                if s > 0.0 && t > 0.0 {
+                let weight = harmonics.window(dx as f64, dy as f64);
+                if weight > 0.0 {
                     points.push((dx, dy));
-                    triangle.push((x, y, s * t));
+                    window.push(Point { x: dx as f64, y: dy as f64, weight });
                 }
             }
         }
-        let harmonics = harmonics(grid);
-        let weights = harmonics.iter().map(|g| kernel(&triangle, *g)).collect();
-        Self { harmonics, points, step: step as usize, reach: steps.map(|n| n * step), weights }
+        let weights = harmonics.kernels(&window);
+        Self { harmonics: harmonics.waves, points, step: step as usize, reach: steps.map(|n| n * step), weights }
     }
 
     /// Those of `lenses` whose window lies within `part` of the frame (x, y, width, height).
@@ -157,30 +140,4 @@ fn dot2(values: &[f32], re: &[f32], im: &[f32]) -> (f32, f32) {
         imaginary += v * b;
     }
     (real, imaginary)
-}
-
-/// Window times harmonic with the sampled window's leak of mean and slope taken out, so that the sum of a cosine's
-/// samples is half its amplitude.
-fn kernel(points: &[(f64, f64, f64)], g: [f64; 2]) -> [Vec<f32>; 2] {
-    let area: f64 = points.iter().map(|p| p.2).sum();
-    let mut sums: Vec<Complex<f64>> = points
-        .iter()
-        .map(|&(x, y, w)| Complex::from_polar(w / area, std::f64::consts::TAU * (g[0] * x + g[1] * y)))
-        .collect();
-    let mut normal = nalgebra::Matrix3::<f64>::zeros();
-    let mut leak = [nalgebra::Vector3::<f64>::zeros(); 2];
-    for (&(x, y, w), s) in points.iter().zip(&sums) {
-        let q = nalgebra::Vector3::new(1.0, x, y);
-        normal += q * q.transpose() * w;
-        leak[0] += q * s.re;
-        leak[1] += q * s.im;
-    }
-    if let Some(inverse) = normal.try_inverse() {
-        let (re, im) = (inverse * leak[0], inverse * leak[1]);
-        for (&(x, y, w), s) in points.iter().zip(&mut sums) {
-            s.re -= w * (re[0] + re[1] * x + re[2] * y);
-            s.im -= w * (im[0] + im[1] * x + im[2] * y);
-        }
-    }
-    [sums.iter().map(|s| s.re as f32).collect(), sums.iter().map(|s| s.im as f32).collect()]
 }

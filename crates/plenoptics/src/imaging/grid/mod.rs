@@ -20,6 +20,7 @@ mod check;
 mod demodulate;
 mod fit;
 mod frame;
+pub(super) mod harmonics;
 mod phases;
 mod profile;
 mod search;

@@ -13,9 +13,10 @@ use nalgebra::{DMatrix, SMatrix, SVector};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
-use super::demodulate::{Lens, harmonics};
+use super::demodulate::Lens;
 use super::fit::{Fit, Model};
 use super::frame::{Frame, Window};
+use super::harmonics::Harmonics;
 use super::phases::Phases;
 use super::{Grid, MicroImage, reciprocal};
 use crate::optics::ArrayKind;
@@ -106,7 +107,7 @@ fn matched(
                 MicroImage { x, y, ..*m }
             })
             .collect();
-        let harmonics = harmonics(&at);
+        let harmonics = Harmonics::new(&at).waves;
         let places = Matcher::new(frame, &at, &lenses, known, effort.step)?.run(frame, &at, &lenses, &harmonics);
         let phases = Phases::new(&at, &places, &harmonics).by_certainty();
         let fit = phases.fit(model)?;

@@ -1,8 +1,9 @@
 //! From a frame to its grid, with nothing known or with a grid that nearly fits.
 
-use super::demodulate::{Demodulator, Lens, harmonics};
+use super::demodulate::{Demodulator, Lens};
 use super::fit::{DEGREE_MAX, Fit, Model, monomial_count};
 use super::frame::Frame;
+use super::harmonics::Harmonics;
 use super::phases::Phases;
 use super::profile::{Effort, Known, matched_best};
 use super::spectrum::{Candidate, candidates, central_part};
@@ -60,7 +61,7 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
             continue;
         }
         // Where there is a lattice already, one that the frame's middle speaks against is not worth the work.
-        let least = best.as_ref().map_or(-1.0, |best| if best.coherence > COHERENCE_LEAST { HOPELESS } else { -1.0 });
+        let least = best.as_ref().filter(|best| best.coherence > COHERENCE_LEAST).map(|_| HOPELESS);
         let Some(grid) = settle(&frame, start, part, least) else { continue };
         let good_enough = grid.coherence > 0.9;
         if best.as_ref().is_none_or(|b| grid.coherence > b.coherence) {
@@ -73,7 +74,7 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
     let Some(mut grid) = best else {
         return Err(scarce.unwrap_or_else(|| no_lattice("its phases determine no lattice".to_owned())));
     };
-    while let Some(finer) = finer(&frame, &grid).and_then(|start| settle(&frame, start, part, -1.0)) {
+    while let Some(finer) = finer(&frame, &grid).and_then(|start| settle(&frame, start, part, None)) {
         grid = finer;
     }
     if grid.coherence < COHERENCE_LEAST {
@@ -119,7 +120,7 @@ pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) ->
     if lenses.is_empty() {
         return Err(too_few());
     }
-    let together = Phases::new(grid, &lenses, &harmonics(grid)).brought_together(SCALE_CHANGE_MAX);
+    let together = Phases::new(grid, &lenses, &Harmonics::new(grid).waves).brought_together(SCALE_CHANGE_MAX);
     let mut followed = together.clone();
     for _ in 0..3 {
         let Some(fit) = fit_once(&frame, &followed, whole, Model::ScaleShift) else { return Err(too_few()) };
@@ -293,13 +294,13 @@ fn canonical(array: ArrayKind, basis: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
 }
 
 /// From a candidate to a lattice over the whole frame: the part it was found in first, where its pitch is good enough
-/// to count micro-images by. `None` where the phases there agree less than `least`, or determine nothing.
-fn settle(frame: &Frame, start: Grid, part: [usize; 4], least: f64) -> Option<Grid> {
+/// to count micro-images by. `None` where the phases there agree less than `least`, where that is given, or determine nothing.
+fn settle(frame: &Frame, start: Grid, part: [usize; 4], least: Option<f64>) -> Option<Grid> {
     let (demodulator, lenses) = demodulated(frame, &start, part);
     let phases = Phases::new(&start, &lenses, &demodulator.harmonics);
     let shift = phases.common_shift();
     let mut grid = Grid { centre: [start.centre[0] + shift[0], start.centre[1] + shift[1]], ..start.clone() };
-    if phases.coherence_about(&grid) < least {
+    if least.is_some_and(|least| phases.coherence_about(&grid) < least) {
         return None;
     }
     let whole = [0, 0, frame.width, frame.height];

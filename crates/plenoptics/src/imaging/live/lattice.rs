@@ -1,7 +1,7 @@
 //! Whether the known grid still fits a frame, from the lattice's first harmonics about a sample of micro-images.
 //!
-//! About a micro-image the frame's logarithm is multiplied by a window two cells wide and by exp(2πi g·r) for each first
-//! harmonic g: the sum's phase says how far the micro-image lies from its place. In the logarithm the texture is a term
+//! About a micro-image the frame's logarithm is multiplied by a window and by exp(2πi g·r) for each first harmonic g:
+//! the sum's phase says how far the micro-image lies from its place. In the logarithm the texture is a term
 //! beside the micro-images' profile and averages out over the sample.
 
 use nalgebra::{Matrix3, Vector3};
@@ -10,8 +10,8 @@ use rustfft::num_complex::Complex;
 
 use super::frame::{Frame, Sample};
 use super::plan::spread;
-use crate::imaging::grid::{Grid, MicroImage, reciprocal};
-use crate::optics::ArrayKind;
+use crate::imaging::grid::harmonics::{Harmonics, Point};
+use crate::imaging::grid::{Grid, MicroImage};
 
 /// Micro-images looked at, at most and as a share of all.
 const WANTED: usize = 256;
@@ -71,13 +71,8 @@ struct Lens {
 
 impl Lattice {
     pub(super) fn new(grid: &Grid) -> Self {
-        let [g0, g1] = reciprocal(grid.basis);
-        let mut harmonics = vec![g0, g1];
-        if grid.array == ArrayKind::Hexagonal {
-            harmonics.push([g0[0] + g1[0], g0[1] + g1[1]]);
-        }
-        let [a, b] = grid.basis;
-        let reach = [0, 1].map(|k| (a[k].abs() + b[k].abs()).floor() as i32);
+        let harmonics = Harmonics::new(grid);
+        let reach = harmonics.reach.map(|n| n as i32);
         let (mut rows, mut points) = (Vec::new(), Vec::new());
         let step = ((grid.pitch_px() / ROWS_PER_PITCH) as i32).max(1);
         for dy in (-reach[1] / step..=reach[1] / step).map(|n| n * step) {
@@ -85,20 +80,20 @@ impl Lattice {
             let mut first = 0;
             for dx in -reach[0]..=reach[0] {
                 let (x, y) = (f64::from(dx), f64::from(dy));
-                // A triangle along both lattice vectors: its transform is zero at every other harmonic.
-                let (s, t) = (1.0 - (g0[0] * x + g0[1] * y).abs(), 1.0 - (g1[0] * x + g1[1] * y).abs());
-                if s > 0.0 && t > 0.0 {
+                let weight = harmonics.window(x, y);
+                if weight > 0.0 {
                     if points.len() == begin {
                         first = dx;
                     }
-                    points.push((x, y, s * t));
+                    points.push(Point { x, y, weight });
                 }
             }
             if points.len() > begin {
                 rows.push((dy, first, begin, points.len() - begin));
             }
         }
-        let weights = harmonics.iter().map(|g| kernel(&points, *g)).collect();
+        let weights = harmonics.kernels(&points);
+        let harmonics = harmonics.waves;
         let [width, height] = grid.frame_size.map(|n| n as f64);
         let inside = |m: &MicroImage| {
             let (x, y) = (m.x.round() as i32, m.y.round() as i32);
@@ -287,29 +282,12 @@ fn product(a: &[f32], b: &[f32]) -> f32 {
     lanes.iter().sum::<f32>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f32>()
 }
 
-/// Window times harmonic with the sampled window's leak of mean and slope taken out.
-fn kernel(points: &[(f64, f64, f64)], g: [f64; 2]) -> [Vec<f32>; 2] {
-    let wave = |&(x, y, w): &(f64, f64, f64)| Complex::from_polar(w, std::f64::consts::TAU * (g[0] * x + g[1] * y));
-    let (mut normal, mut leak) = (Matrix3::<f64>::zeros(), [Vector3::<f64>::zeros(); 2]);
-    for point in points {
-        let q = Vector3::new(1.0, point.0, point.1);
-        normal += q * q.transpose() * point.2;
-        leak[0] += q * wave(point).re;
-        leak[1] += q * wave(point).im;
-    }
-    let inverse = normal.try_inverse().unwrap_or_default();
-    let clean = |part: fn(Complex<f64>) -> f64, leak: Vector3<f64>| {
-        let c = inverse * leak;
-        points.iter().map(|p| (part(wave(p)) - p.2 * (c[0] + c[1] * p.0 + c[2] * p.1)) as f32).collect()
-    };
-    [clean(|c| c.re, leak[0]), clean(|c| c.im, leak[1])]
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::frame::Gains;
     use super::super::shape::Shape;
     use super::*;
+    use crate::optics::ArrayKind;
 
     /// Round micro-images with a coarse texture, `moved` from the grid.
     fn samples(grid: &Grid, moved: [f64; 2], seed: u64) -> Vec<u8> {
