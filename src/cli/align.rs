@@ -13,7 +13,7 @@ use super::faults::{self, FaultArgs};
 use super::lock::BenchLock;
 use super::progress::Progress;
 use super::serve::Signals;
-use super::{Context, remote, report};
+use super::{Context, Settings, remote, report};
 use crate::control::events::Event;
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use crate::control::lease::{DEFAULT_TTL_S, LeaseRequest};
@@ -42,22 +42,20 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+pub(super) fn run(settings: &Settings, args: Args) -> anyhow::Result<ExitCode> {
     if args.server.is_some() && args.faults.is_given() {
         anyhow::bail!(
             "--faults is for an alignment in process; a daemon takes a plan at /api/v1/simulation/fault-plan"
         );
     }
-    if args.server.is_some() && context.given {
-        anyhow::bail!("with --server the daemon's own configuration is in force: leave --config and --set away");
-    }
     let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
-    let job = runtime.block_on(async {
-        match &args.server {
-            Some(server) => remote::align(server, &args.remote, args.record.as_deref()).await,
-            None => in_process(context, &args).await,
+    let job = match &args.server {
+        Some(server) => {
+            settings.refuse("with --server the daemon's own configuration is in force")?;
+            runtime.block_on(remote::align(server, &args.remote, args.record.as_deref()))
         }
-    });
+        None => runtime.block_on(in_process(settings.open()?, &args)),
+    };
     // A read of standard input that still waits must not hold the end up.
     runtime.shutdown_background();
     let job = job?;

@@ -110,8 +110,6 @@ struct Context {
     config: Config,
     /// Where it came from.
     origin: ConfigOrigin,
-    /// Whether the command line names a file or sets a key.
-    given: bool,
 }
 
 /// Runs the program with the process's arguments.
@@ -145,7 +143,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     // Only what needs the configuration opens it: a stop is not kept waiting for a file that is wrong.
     match cli.command {
         Command::Serve(args) => serve::run(settings.open()?, args),
-        Command::Align(args) => align::run(settings.open()?, args),
+        Command::Align(args) => align::run(&settings, args),
         Command::Stop(args) => stop::run(&args),
         Command::Token(args) => token::run(&args),
         Command::Tls(args) => tls::run(&args),
@@ -183,14 +181,10 @@ struct Settings {
 }
 
 impl Settings {
-    /// Whether it names a file or sets a key.
-    fn given(&self) -> bool {
-        self.file.is_some() || !self.assignments.is_empty()
-    }
-
     /// Refuses what a command would not heed, and says why it would not.
     fn refuse(&self, why: &str) -> anyhow::Result<()> {
-        ensure!(!self.given(), "{why}: leave --config and --set away");
+        let given = self.file.is_some() || !self.assignments.is_empty();
+        ensure!(!given, "{why}: leave --config and --set away");
         Ok(())
     }
 
@@ -207,6 +201,6 @@ impl Settings {
         let mut config = read.clone();
         config.set_all(assignments)?;
         let origin = origin.overridden(&read, &config);
-        Ok(Context { config, origin, given: self.given() })
+        Ok(Context { config, origin })
     }
 }
