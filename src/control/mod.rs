@@ -29,7 +29,6 @@ mod mistake;
 pub mod motion;
 mod open;
 pub mod outcome;
-pub mod pieces;
 pub mod pose;
 mod record;
 pub mod recording;

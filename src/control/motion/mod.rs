@@ -1,44 +1,29 @@
 //! The motion rules: the one way to command an axis. A move is checked against latch, homing, limits, the e wall and
 //! the greatest step before it starts; backlash is taken out by approaching every target from the same side.
 
+mod halt;
+mod pieces;
+mod rules;
+
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
 use tokio::time::Instant;
-use utoipa::ToSchema;
 
-use super::events::{ShellState, StopView};
+pub use self::halt::StopReport;
+use self::pieces::Pieces;
+use super::events::ShellState;
 use super::journal::{Journal, Underway};
-use super::pieces::{self, Pieces};
 use super::recording::{Answer, Happening};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
 use crate::device::jog::{Deadman, jog};
-use crate::device::{AxisName, Bench, DeviceError, StageInfo, StageState, StopDelivery};
-use crate::telemetry;
+use crate::device::{AxisName, Bench, DeviceError, StageInfo, StageState};
 use crate::units::Millimetres;
 
 /// A readback this far from its target means that the controller did not do what it was told, mm.
 const READBACK_TOLERANCE_MM: f64 = 0.01;
-/// How often an axis is told to halt, at most, and how long the command that it was under has to end each time.
-const HALTS: usize = 5;
-const HALT_ALLOWED: Duration = Duration::from_millis(200);
-/// Positions are reported to a thousandth of a millimetre.
-const READOUT_MM: f64 = 1e-3;
-
-/// What became of a stop.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct StopReport {
-    /// The focus axis.
-    pub focus: StopDelivery,
-    /// The e axis.
-    pub e: StopDelivery,
-    /// From the request until the last byte of the stop order was handed to the operating system, on every axis reached,
-    /// ms; 0 where an earlier stop was being carried out already, absent where no axis was reached.
-    pub latency_ms: Option<f64>,
-}
 
 /// The bench's stages behind the motion rules.
 pub struct Motion {
@@ -207,183 +192,11 @@ impl Motion {
         self.state().l_bound_mm = l_bound_mm;
     }
 
-    /// The e wall in the homed axis's coordinate, mm.
-    #[must_use]
-    pub fn e_wall_mm(&self) -> f64 {
-        self.config.assembly.e_wall_mm(self.l_bound_mm())
-    }
-
-    /// The positions an axis may be sent to now: least and greatest, mm.
-    #[must_use]
-    pub fn range_mm(&self, axis: AxisName) -> (f64, f64) {
-        let config = self.axis(axis);
-        match axis {
-            AxisName::Focus => (config.low_limit_mm, config.high_limit_mm),
-            AxisName::E => (config.low_limit_mm.max(self.e_wall_mm()), config.high_limit_mm),
-        }
-    }
-
-    /// The stop's latch.
-    #[must_use]
-    pub fn stop_view(&self) -> StopView {
-        StopView { latched: self.stopped.load(Ordering::SeqCst), since: self.state().stopped_since }
-    }
-
-    /// Stops both axes at once and latches: no motion until [`Motion::reset_stop`].
-    pub async fn stop(&self) -> StopReport {
-        self.stop_asked(Instant::now()).await
-    }
-
-    /// [`Motion::stop`] asked for at a moment before: its latency counts from there.
-    pub async fn stop_asked(&self, asked: Instant) -> StopReport {
-        if !self.stopped.swap(true, Ordering::SeqCst) {
-            self.state().stopped_since = Some(jiff::Timestamp::now());
-        }
-        let report = self.halt_asked(asked).await;
-        if let Some(latency_ms) = report.latency_ms {
-            telemetry::stop_sent(Duration::from_secs_f64(latency_ms / 1000.0));
-        }
-        report
-    }
-
-    /// Stops both axes at once without latching: what ends every job.
-    pub async fn halt(&self) -> StopReport {
-        self.halt_asked(Instant::now()).await
-    }
-
-    async fn halt_asked(&self, asked: Instant) -> StopReport {
-        self.state().approached = [false; 2];
-        for halts in &self.halts {
-            halts.fetch_add(1, Ordering::SeqCst);
-        }
-        let (focus, e) = tokio::join!(self.bench.focus.stop(), self.bench.e.stop());
-        // An order that went out before this one was asked for stops the axis already: nothing was waited for.
-        let latency_ms = [(AxisName::Focus, focus), (AxisName::E, e)]
-            .into_iter()
-            .filter(|&(_, delivery)| delivery != StopDelivery::Undeliverable)
-            .filter_map(|(axis, _)| self.bench.stage(axis).stop_sent())
-            .map(|sent| sent.saturating_duration_since(asked).as_secs_f64() * 1000.0)
-            .reduce(f64::max);
-        StopReport { focus, e, latency_ms }
-    }
-
-    /// Stops one axis (and whatever else its controller moves) at once without latching, and ends the command that it is
-    /// under. Where that command told its next piece in the very same moment, the axis is stopped again.
-    pub async fn halt_axis(&self, axis: AxisName) -> StopDelivery {
-        let at = index(axis);
-        let mut delivery = StopDelivery::Undeliverable;
-        for _ in 0..HALTS {
-            self.state().approached[at] = false;
-            self.halts[at].fetch_add(1, Ordering::SeqCst);
-            delivery = self.bench.stage(axis).stop().await;
-            let from = Instant::now();
-            while self.is_commanded(axis) && from.elapsed() < HALT_ALLOWED {
-                tokio::time::sleep(Duration::from_millis(2)).await;
-            }
-            if !self.is_commanded(axis) {
-                break;
-            }
-        }
-        delivery
-    }
-
     /// Whether a command of motion has the axis: from its acceptance to its end, also between two pieces of it.
     #[must_use]
     pub fn is_commanded(&self, axis: AxisName) -> bool {
         // Whoever has it holds on to its lock.
         Arc::strong_count(&self.commands[index(axis)]) > 1
-    }
-
-    fn check_halt(&self, claim: &Claim) -> Result<(), DeviceError> {
-        let halted = self.halts[index(claim.axis)].load(Ordering::SeqCst) != claim.halts;
-        if halted { Err(DeviceError::Stopped { axis: claim.axis }) } else { Ok(()) }
-    }
-
-    /// Latches without a motion to stop: the stop of an earlier run, still in force.
-    pub(super) fn latch(&self, since: Option<jiff::Timestamp>) {
-        self.state().stopped_since = since;
-        self.stopped.store(true, Ordering::SeqCst);
-    }
-
-    /// Allows motion again. Nothing resumes by itself.
-    pub fn reset_stop(&self) {
-        self.state().stopped_since = None;
-        self.stopped.store(false, Ordering::SeqCst);
-    }
-
-    /// Whether a move may start now.
-    ///
-    /// # Errors
-    /// The first rule it breaks.
-    pub fn check(&self, axis: AxisName, target: Millimetres) -> Result<(), ServiceError> {
-        if !target.value().is_finite() {
-            return Err(ServiceError::Invalid {
-                field: "position_mm",
-                what: format!("a position must be a finite number of mm, not {}", target.value()),
-            });
-        }
-        if self.stopped.load(Ordering::SeqCst) {
-            return Err(Refusal::Stopped.into());
-        }
-        let state = self.bench.stage(axis).state().borrow().clone();
-        if !state.connected {
-            let reason = state.fault.unwrap_or_else(|| "the controller does not answer".to_owned());
-            return Err(DeviceError::Disconnected { device: format!("the {axis} stage"), reason }.into());
-        }
-        if !state.homed {
-            return Err(Refusal::NotHomed { axis }.into());
-        }
-        if state.moving {
-            return Err(Refusal::Moving { axis }.into());
-        }
-        let from = state.position;
-        self.check_range(axis, from, target)?;
-        let config = self.axis(axis);
-        let distance = (target - from).abs();
-        if distance.value() > config.max_step_mm {
-            return Err(Refusal::Step { axis, distance, max: Millimetres(config.max_step_mm) }.into());
-        }
-        Ok(())
-    }
-
-    /// Limits and wall; a move that leads back towards them from outside is allowed.
-    fn check_range(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Result<(), Refusal> {
-        let config = self.axis(axis);
-        let (low, high) = (config.low_limit_mm, config.high_limit_mm);
-        let leads_back = |bound_low: f64, bound_high: f64| {
-            (from.value() < bound_low && target > from && target.value() <= bound_high)
-                || (from.value() > bound_high && target < from && target.value() >= bound_low)
-        };
-        let outside = target.value() < low - READOUT_MM || target.value() > high + READOUT_MM;
-        if outside && !leads_back(low, high) {
-            return Err(Refusal::Limit { axis, target, low: Millimetres(low), high: Millimetres(high) });
-        }
-        if axis == AxisName::E {
-            let wall = self.e_wall_mm();
-            if target.value() < wall - READOUT_MM && !leads_back(wall, high) {
-                return Err(Refusal::Wall { target, wall: Millimetres(wall) });
-            }
-        }
-        Ok(())
-    }
-
-    /// The legs of a move: the target alone, or first a point beside it on the approach side.
-    fn legs(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Vec<Millimetres> {
-        let config = self.axis(axis);
-        let side = config.approach.sign();
-        let comes_from_approach_side = (from - target).value() * side > 0.0;
-        let approached = self.state().approached[index(axis)];
-        if comes_from_approach_side && approached {
-            return vec![target];
-        }
-        let (low, high) = self.range_mm(axis);
-        let margin = 2.0 * config.backlash_mm + 0.05;
-        if comes_from_approach_side && (from - target).abs().value() >= margin {
-            // Long enough for the play to be taken up on the way.
-            return vec![target];
-        }
-        let beside = Millimetres((target.value() + side * margin).clamp(low, high));
-        if (beside - target).abs().value() < 1e-6 { vec![target] } else { vec![beside, target] }
     }
 
     /// Moves an axis to `target` with its approach leg and returns the readback.
@@ -504,44 +317,6 @@ impl Motion {
         let ended = jog(self.bench.stage(axis), end, speed_mm_per_s, deadman, next).await.map_err(ServiceError::from);
         note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
         ended
-    }
-
-    /// Where a jog towards a side would end at the latest.
-    ///
-    /// # Errors
-    /// The motion rule it breaks.
-    pub fn jog_end(&self, axis: AxisName, towards: Side) -> Result<Millimetres, ServiceError> {
-        let from = self.bench.stage(axis).state().borrow().position;
-        let (low, high) = self.range_mm(axis);
-        let far = from.value() + towards.sign() * self.axis(axis).max_step_mm;
-        let end = Millimetres(far.clamp(low, high));
-        self.check(axis, end)?;
-        if (end - from).value() * towards.sign() < -READOUT_MM {
-            // From outside the limits only the way back is open.
-            let (low, high) = (Millimetres(low), Millimetres(high));
-            return Err(Refusal::Limit { axis, target: Millimetres(far), low, high }.into());
-        }
-        Ok(end)
-    }
-
-    /// Whether homing an axis may start now: the e axis is not homed towards a shell that is on or may be.
-    ///
-    /// # Errors
-    /// The rule it breaks.
-    pub fn check_home(&self, axis: AxisName) -> Result<(), ServiceError> {
-        if self.stopped.load(Ordering::SeqCst) {
-            return Err(Refusal::Stopped.into());
-        }
-        let shell = match self.shell() {
-            ShellState::Off => return Ok(()),
-            ShellState::On => "on",
-            ShellState::Unknown => "not known to be off",
-        };
-        let homes_e = axis == AxisName::E || self.bench.stage(axis).homes_also() == Some(AxisName::E);
-        if homes_e && self.axis(AxisName::E).home_side == Side::Low {
-            return Err(Refusal::HomingTowardsShell { axis, shell }.into());
-        }
-        Ok(())
     }
 
     /// Homes an axis.

@@ -9,13 +9,13 @@ use crate::device::Stage;
 use crate::units::Millimetres;
 
 /// Longest piece of a move, by its predicted duration.
-pub const MOVE: Duration = Duration::from_secs(1);
+pub(super) const MOVE: Duration = Duration::from_secs(1);
 /// Longest piece of a jog.
-pub const JOG: Duration = Duration::from_millis(300);
+pub(super) const JOG: Duration = Duration::from_millis(300);
 /// Longest piece towards the shell near the wall, mm.
-pub const NEAR_WALL_MM: f64 = 0.2;
+pub(super) const NEAR_WALL_MM: f64 = 0.2;
 /// What is near the wall, mm.
-pub const WALL_ZONE_MM: f64 = 1.0;
+pub(super) const WALL_ZONE_MM: f64 = 1.0;
 
 /// What a piece of motion is bounded by.
 #[derive(Debug, Clone, Copy, PartialEq)]
