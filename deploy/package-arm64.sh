@@ -50,6 +50,8 @@ in_arm64 env \
   AR_aarch64_unknown_linux_gnu=aarch64-linux-gnu-ar \
   BINDGEN_EXTRA_CLANG_ARGS_aarch64_unknown_linux_gnu="--target=aarch64-linux-gnu -I/usr/include/aarch64-linux-gnu" \
   cargo build --quiet --locked --offline --profile "$profile" --target "$triple" --bin plenalign
+# cargo-deb would take this machine's strip, which knows no arm64.
+in_arm64 aarch64-linux-gnu-strip --strip-all "target/arm64/$triple/$profile/plenalign"
 run=(in_arm64 qemu-aarch64-static "target/arm64/$triple/$profile/plenalign")
 pack() {
   in_arm64 "$cargo_deb/bin/cargo-deb" --no-build --no-strip --locked --offline --target "$triple" --profile "$profile" "$@"

@@ -35,13 +35,13 @@ deb=$(realpath "$2") arch=$3
 . deploy/root.sh
 . tests/package/lib.sh
 
+part "lintian" lintian_finds_nothing
 if [[ $arch != "$(dpkg --print-architecture)" ]]; then
   . tests/package/arm64.sh
   part "$arch program under QEMU" runs_under_qemu
   all_passed
 fi
 
-part "lintian" lintian_finds_nothing
 part "Debian systems" roots_made
 . tests/package/devices.sh
 . tests/package/static.sh
