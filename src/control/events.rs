@@ -41,6 +41,14 @@ pub struct AxisView {
     pub disagreements: Vec<String>,
 }
 
+impl AxisView {
+    /// Why its controller is not connected; `None` where it is.
+    #[must_use]
+    pub fn absence(&self) -> Option<&str> {
+        (!self.connected).then(|| self.fault.as_deref().unwrap_or("its controller does not answer"))
+    }
+}
+
 /// The camera as a caller sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CameraView {
@@ -64,6 +72,14 @@ pub struct CameraView {
     pub frame_seq: Option<u64>,
     /// Age of the newest frame when this was said, ms.
     pub frame_age_ms: Option<f64>,
+}
+
+impl CameraView {
+    /// Why no frames arrive; `None` where they do.
+    #[must_use]
+    pub fn absence(&self) -> Option<&str> {
+        (!self.online).then(|| self.fault.as_deref().unwrap_or("no frame comes"))
+    }
 }
 
 /// Whether the shell is on the camera.

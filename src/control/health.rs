@@ -2,6 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
+use super::events::BenchView;
 use super::service::Service;
 use crate::telemetry::BenchGauges;
 
@@ -10,6 +11,7 @@ impl Service {
     #[must_use]
     pub fn gauges(&self) -> BenchGauges {
         let view = self.bench_view();
+        let ready = self.hindrances_of(&view).is_empty();
         let camera = view.camera;
         BenchGauges {
             frame_age: self.bench.camera.newest().map(|frame| frame.exposed_to.elapsed()),
@@ -25,7 +27,7 @@ impl Service {
             lease_held: view.lease.is_some(),
             job_running: view.job.is_some(),
             simulated: view.simulated,
-            ready: self.hindrances().is_empty(),
+            ready,
             history_writable: view.history_fault.is_none(),
             disk_free: self.disk_free_bytes(),
             disk_kept: u64::from(self.config.record.keep_free_mb) << 20,
@@ -41,17 +43,22 @@ impl Service {
     /// What keeps the bench from working now, one sentence each; nothing where all is well.
     #[must_use]
     pub fn hindrances(&self) -> Vec<String> {
-        let view = self.bench_view();
+        self.hindrances_of(&self.bench_view())
+    }
+
+    /// The same of the bench as it was seen.
+    #[must_use]
+    pub fn hindrances_of(&self, view: &BenchView) -> Vec<String> {
         let mut hindrances = Vec::new();
         if self.closing.load(Ordering::SeqCst) {
             hindrances.push("the program is shutting down".to_owned());
         }
-        for axis in view.axes.iter().filter(|axis| !axis.connected) {
-            let why = axis.fault.as_deref().unwrap_or("its controller does not answer");
-            hindrances.push(format!("the {} axis is not connected: {why}", axis.axis));
+        for axis in &view.axes {
+            if let Some(why) = axis.absence() {
+                hindrances.push(format!("the {} axis is not connected: {why}", axis.axis));
+            }
         }
-        if !view.camera.online {
-            let why = view.camera.fault.as_deref().unwrap_or("no frame comes");
+        if let Some(why) = view.camera.absence() {
             hindrances.push(format!("the camera is not online: {why}"));
         }
         hindrances

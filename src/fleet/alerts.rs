@@ -29,12 +29,11 @@ pub(super) fn wrong(bench: &BenchView, disk_free: Option<u64>, disk_kept: u64) -
     if bench.stop.latched {
         wrong.insert("stop_latched", "motion is refused until the stop is reset".to_owned());
     }
-    if !bench.camera.online {
-        let why = bench.camera.fault.as_deref().unwrap_or("no frame comes");
+    if let Some(why) = bench.camera.absence() {
         wrong.insert("camera_offline", why.to_owned());
     }
-    for axis in bench.axes.iter().filter(|axis| !axis.connected) {
-        let why = axis.fault.as_deref().unwrap_or("its controller does not answer");
+    for axis in &bench.axes {
+        let Some(why) = axis.absence() else { continue };
         let alert = match axis.axis {
             AxisName::Focus => "focus_offline",
             AxisName::E => "e_offline",

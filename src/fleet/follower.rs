@@ -191,7 +191,7 @@ struct State {
 
 impl State {
     fn of(service: &Service, bench: &BenchView) -> Self {
-        let hindrances = service.hindrances();
+        let hindrances = service.hindrances_of(bench);
         let axis = |axis: &AxisView| {
             let said = json!({
                 "connected": axis.connected, "homed": axis.homed, "fault": axis.fault, "failure": axis.failure,
