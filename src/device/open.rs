@@ -14,7 +14,7 @@ use super::stage::axis::AxisSetup;
 use super::stage::grbl_controller::GrblDriver;
 use super::stage::pi_controller::PiDriver;
 use super::stage::session::Driver;
-use super::stage::supervisor::Controller;
+use super::stage::supervisor::{Controller, check_identity};
 use super::stage::tmcl_controller::TmclDriver;
 use super::stage::zaber_controller::ZaberDriver;
 use super::{AxisName, Bench, DeviceError, FrameSource, Stage};
@@ -60,12 +60,8 @@ pub async fn identify(name: &str, config: &ControllerConfig) -> Result<String, D
     let device = controller_name(name);
     let dial = SerialDial { device: device.clone(), port: config.port.clone(), baud: config.baud() };
     let identity = driver(config).identify(dial.open().await?, &device).await?;
-    match &config.identity {
-        Some(expected) if !identity.contains(expected.as_str()) => {
-            Err(DeviceError::WrongDevice { device, expected: format!("one that says `{expected}`"), found: identity })
-        }
-        _ => Ok(identity),
-    }
+    check_identity(&device, &identity, config.identity.as_deref())?;
+    Ok(identity)
 }
 
 /// Opens the controllers that the two axes are on: one that has both, or one for each. Returns when each has been tried

@@ -146,6 +146,25 @@ async fn supervise(weak: Weak<Shared>) {
     }
 }
 
+/// Whether a controller says what the configuration demands of it, where that demands something.
+///
+/// # Errors
+/// [`DeviceError::WrongDevice`] where it does not.
+pub(in crate::device) fn check_identity(
+    device: &str,
+    identity: &str,
+    expected: Option<&str>,
+) -> Result<(), DeviceError> {
+    match expected {
+        Some(expected) if !identity.contains(expected) => Err(DeviceError::WrongDevice {
+            device: device.to_owned(),
+            expected: format!("one that says `{expected}`"),
+            found: identity.to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
 impl Shared {
     async fn connect(&self, live: &Arc<AtomicBool>) -> Result<Arc<dyn Session>, DeviceError> {
         let wire = self.dial.open().await?;
@@ -156,22 +175,19 @@ impl Shared {
         };
         let session = self.driver.connect(wire, wanted).await?;
         let identity = session.identity();
-        let wrong = |expected: &str| DeviceError::WrongDevice {
-            device: self.name.clone(),
-            expected: expected.to_owned(),
-            found: identity.clone(),
-        };
-        if let Some(expected) = self.expected.as_ref().filter(|expected| !identity.contains(expected.as_str())) {
-            return Err(wrong(&format!("one that says `{expected}`")));
-        }
+        check_identity(&self.name, &identity, self.expected.as_deref())?;
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(before) = found.identity.as_ref().filter(|before| **before != identity) {
-            return Err(wrong(&format!("{before}, which was there before (restart after exchanging a controller)")));
+            return Err(DeviceError::WrongDevice {
+                device: self.name.clone(),
+                expected: format!("{before}, which was there before (restart after exchanging a controller)"),
+                found: identity,
+            });
         }
         tracing::info!(controller = %self.name, identity = %identity, "a stage controller is connected");
         telemetry::connected(&self.name);
         found.facts = (0..self.axes.len()).map(|axis| session.facts(axis)).collect();
-        found.identity = Some(identity.clone());
+        found.identity = Some(identity);
         Ok(session)
     }
 
