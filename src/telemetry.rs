@@ -206,9 +206,13 @@ pub struct BenchGauges {
     pub disk_kept: u64,
 }
 
+/// What is so or not, as a gauge has it.
+fn flag(set: bool) -> f64 {
+    f64::from(u8::from(set))
+}
+
 /// Says how the bench is.
 pub fn bench(now: &BenchGauges) {
-    let flag = |set: bool| f64::from(u8::from(set));
     gauge!(FRAME_AGE).set(now.frame_age.map_or(f64::NAN, |age| age.as_secs_f64()));
     gauge!(CAMERA_ONLINE).set(flag(now.camera_online));
     counter!(FRAMES_LOST).absolute(now.frames_lost);
@@ -257,7 +261,7 @@ impl Dropped {
 
 /// Whether the MQTT broker has taken the bench's birth.
 pub fn mqtt_connected(connected: bool) {
-    gauge!(MQTT_CONNECTED).set(f64::from(u8::from(connected)));
+    gauge!(MQTT_CONNECTED).set(flag(connected));
 }
 
 /// So many events wait for the MQTT broker.

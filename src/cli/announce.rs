@@ -6,6 +6,8 @@ use std::time::Duration;
 use anyhow::Context as _;
 use mdns_sd::{IfKind, ServiceDaemon, ServiceInfo};
 
+use super::remote;
+
 /// What is announced.
 pub(super) const KIND: &str = "_plenalign._tcp.local.";
 /// How long taking it back may take.
@@ -80,7 +82,7 @@ fn instance(host: &str, port: u16) -> String {
 
 /// This machine's name without its domain; letters, digits and hyphens.
 fn host_name() -> String {
-    let whole = nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok()).unwrap_or_default();
+    let whole = remote::host_name().unwrap_or_default();
     let first = whole.split('.').next().unwrap_or_default();
     let name: String = first.chars().filter(|c| c.is_ascii_alphanumeric() || *c == '-').take(LABEL).collect();
     if name.is_empty() { "plenalign".to_owned() } else { name }

@@ -1,12 +1,12 @@
 //! `plenalign jobs`: what the history keeps of the jobs, from the state folder or from a running daemon.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use uuid::Uuid;
 
+use super::output::put_if_read;
 use super::remote::RemoteArgs;
 use super::{Context, remote, report};
 use crate::api::export::{self, JobExport};
@@ -142,10 +142,7 @@ async fn act(args: Args) -> anyhow::Result<()> {
 
 /// A line on standard output; whoever closed it has seen enough.
 fn say(line: &str) -> anyhow::Result<()> {
-    match writeln!(std::io::stdout(), "{line}") {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(()),
-    }
+    Ok(put_if_read(&format!("{line}\n"))?)
 }
 
 fn line(job: &JobSummary) -> String {

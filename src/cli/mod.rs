@@ -20,6 +20,7 @@ mod lock;
 mod logging;
 mod man;
 mod measure;
+mod output;
 mod pose;
 mod progress;
 mod remote;

@@ -51,8 +51,10 @@ pub(super) fn free_bytes(file: &Path) -> Option<u64> {
     statvfs(file.parent().unwrap_or(file)).ok().map(|said| free(&said))
 }
 
+/// Room that a disk has left for this user, bytes.
+#[must_use]
 // The C library's widths differ between machines.
 #[allow(clippy::unnecessary_cast)]
-fn free(said: &Statvfs) -> u64 {
+pub fn free(said: &Statvfs) -> u64 {
     said.blocks_available() as u64 * said.fragment_size() as u64
 }

@@ -24,7 +24,7 @@ use std::time::Duration;
 use rusqlite::Connection;
 use tokio::sync::watch;
 
-pub use disk::ROOM_BYTES;
+pub use disk::{ROOM_BYTES, free};
 pub use health::{Health, StoreError};
 pub use inspection::{Inspection, inspect};
 pub use read::{JobFilter, Page};

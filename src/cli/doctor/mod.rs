@@ -16,12 +16,12 @@ mod facts;
 mod finding;
 mod report;
 
-use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
 
+use super::output::put_if_read;
 use super::serve::DEFAULT_ADDRESS;
 use collect::Wanted;
 use report::Report;
@@ -52,10 +52,6 @@ pub(super) fn run(file: Option<&Path>, set: &[String], args: &Args) -> anyhow::R
     runtime.shutdown_background();
     let report = Report::new(facts.system.version.clone(), checks::all(&facts));
     let text = if args.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
-    match std::io::stdout().write_all(text.as_bytes()) {
-        // Whoever closed it has seen enough.
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => return Err(error.into()),
-        _ => {}
-    }
+    put_if_read(&text)?;
     Ok(if report.has_problems() { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }

@@ -5,7 +5,7 @@ mod discover;
 mod file;
 mod table;
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -15,6 +15,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use tokio::task::JoinSet;
 
+use super::output::{put, put_if_read};
 use super::remote::RemoteArgs;
 use super::serve::Signals;
 use ask::{Seen, Target, ask};
@@ -144,11 +145,11 @@ fn show(status: &Status, args: &StatusArgs) -> anyhow::Result<ExitCode> {
         (false, true) if std::io::stdout().is_terminal() => format!("{CLEAR}{}", table::text(status)),
         (false, _) => table::text(status),
     };
-    let mut out = std::io::stdout();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        // Whoever closed it has seen enough, once; with --watch there is nobody left to look for.
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe || args.watch => return Err(error.into()),
-        _ => {}
+    if args.watch {
+        // Where it is closed there is nobody left to look for.
+        put(&text)?;
+    } else {
+        put_if_read(&text)?;
     }
     Ok(if status.ready == status.daemons.len() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

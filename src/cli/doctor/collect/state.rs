@@ -11,7 +11,7 @@ use crate::access::TokenStore;
 use crate::cli::doctor::facts::{FolderFacts, FolderKind, StateFacts, TokenFacts};
 use crate::config::Config;
 use crate::state_folder::state_folder;
-use crate::store::inspect;
+use crate::store::{free, inspect};
 
 /// Looks at the state folder; changes nothing in it.
 pub(super) fn state(config: Option<&Config>) -> Result<StateFacts, String> {
@@ -41,9 +41,7 @@ fn folder(path: PathBuf) -> FolderFacts {
     };
     let nearest = path.ancestors().find(|above| above.exists()).unwrap_or(Path::new("/")).to_owned();
     let said = statvfs(&nearest).ok();
-    // The C library's widths differ between machines.
-    #[allow(clippy::unnecessary_cast)]
-    let free_bytes = said.as_ref().map(|said| said.blocks_available() as u64 * said.fragment_size() as u64);
+    let free_bytes = said.as_ref().map(free);
     FolderFacts {
         kind,
         unwritable: unwritable(&nearest),
