@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# The long counts: the daemon killed at many random moments, jobs among faults, the contract tried with many examples,
+# The long counts: the daemon killed at many random moments, jobs among faults, random sequences of requests against a
+# model of what may be true, the contract tried with many examples,
 # then the reference bench aligned for many seeds; each result is kept, so that a broken run goes on where it ended.
 #
-#   tests/long.sh            kills 1 to 200, faults of seeds 1 to 300, 200 examples, seeds 1 to 20
-#   KILLS=201-400 SOAK=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
+#   tests/long.sh            kills 1 to 200, faults and sequences of seeds 1 to 300, 200 examples, seeds 1 to 20
+#   KILLS=201-400 SOAK=301-600 MODEL=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -15,6 +16,9 @@ first=${BASH_REMATCH[1]} last=${BASH_REMATCH[2]}
 soak=${SOAK:-1-300}
 [[ $soak =~ ^([0-9]+)-([0-9]+)$ ]] || { echo "long: SOAK=$soak is not a range such as 1-300" >&2; exit 2; }
 soak_first=${BASH_REMATCH[1]} soak_last=${BASH_REMATCH[2]}
+model=${MODEL:-1-300}
+[[ $model =~ ^([0-9]+)-([0-9]+)$ ]] || { echo "long: MODEL=$model is not a range such as 1-300" >&2; exit 2; }
+model_first=${BASH_REMATCH[1]} model_last=${BASH_REMATCH[2]}
 
 deploy/setup.sh test
 cargo build --release --quiet
@@ -22,19 +26,27 @@ results=target/long
 mkdir -p "$results"
 KILLS=$kills KILL_RESULTS=$PWD/$results \
   cargo test --release --quiet --test integration many_kills -- --ignored --nocapture
-for ((from = soak_first; from <= soak_last; from += 10)); do
-  to=$((from + 9 < soak_last ? from + 9 : soak_last))
-  result=$results/soak-$from-$to.log
-  if [[ ! -s $result ]]; then
-    SOAK=$from-$to cargo test --release --quiet --test integration many_jobs_among -- --ignored --nocapture >"$result.part" 2>&1 || {
-      tail -n 60 "$result.part" >&2
-      exit 1
-    }
-    mv "$result.part" "$result"
-  fi
-done
+# Runs a test over a range of seeds, ten at a time; the parts that are there already are not run again.
+tens() {
+  local what=$1 test=$2 first=$3 last=$4 from to result
+  for ((from = first; from <= last; from += 10)); do
+    to=$((from + 9 < last ? from + 9 : last))
+    result=$results/${what,,}-$from-$to.log
+    if [[ ! -s $result ]]; then
+      env "$what=$from-$to" cargo test --release --quiet --test integration "$test" -- --ignored --nocapture >"$result.part" 2>&1 || {
+        tail -n 60 "$result.part" >&2
+        exit 1
+      }
+      mv "$result.part" "$result"
+    fi
+  done
+}
+tens SOAK many_jobs_among "$soak_first" "$soak_last"
 grep -h '^[0-9]* jobs, ' "$results"/soak-*.log | awk '{ jobs += $1; converged += $3; faults += $5; during += $7 }
   END { print jobs " jobs among " faults " faults (" during " while a job ran), " converged " converged, nothing violated" }'
+tens MODEL many_sequences "$model_first" "$model_last"
+grep -h '^[0-9]* sequences, ' "$results"/model-*.log | awk '{ sequences += $1; steps += $3; requests += $5 }
+  END { print sequences " sequences of " steps " steps with " requests " requests, every promise kept" }'
 EXAMPLES=${EXAMPLES:-200} tests/schemathesis/run.sh
 for seed in $(seq "$first" "$last"); do
   result=$results/align-$seed.json

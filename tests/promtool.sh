@@ -18,7 +18,7 @@ ask() { curl --silent --show-error --fail --header "authorization: Bearer $PLENA
 # Something of everything that is counted only once it has happened.
 ask --output /dev/null "$ADDRESS/api/v1/snapshot.jpg"
 ask --output /dev/null --request POST "$ADDRESS/api/v1/stop"
-ask --output /dev/null --request DELETE "$ADDRESS/api/v1/stop"
+ask --output /dev/null --request DELETE --json '{"why":"a test"}' "$ADDRESS/api/v1/stop"
 ask --output /dev/null "$ADDRESS/api/v1/stream.mjpg" --max-time 2 || [[ $? == 28 ]]
 key=$(ask --json '{"owner":"promtool"}' "$ADDRESS/api/v1/lease" | sed -n 's/.*"key":"\([^"]*\)".*/\1/p')
 ask --output /dev/null --header "Plenalign-Lease: $key" --json '{"kind":"homing"}' "$ADDRESS/api/v1/jobs"

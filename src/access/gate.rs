@@ -29,6 +29,8 @@ const FAILURES: f64 = 10.0;
 const FAILURES_PER_SECOND: f64 = 10.0 / 60.0;
 /// How many times a second's requests may come at once.
 const BURST_SECONDS: f64 = 4.0;
+/// Measurements that a principal of scope `view` may have kept at once, and a minute in the long run.
+pub const VIEWED_MEASUREMENTS: u32 = 10;
 
 /// When a token is demanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,6 +99,8 @@ pub struct Gate {
     tickets: Tickets,
     failures: Buckets<IpAddr>,
     rates: Buckets<(IpAddr, String)>,
+    /// By name, of those who may but look.
+    measurements: Buckets<String>,
     own: Option<Secret>,
     audit: Box<dyn AuditSink>,
 }
@@ -113,6 +117,7 @@ impl Gate {
             tickets: Tickets::default(),
             failures: Buckets::new(FAILURES_PER_SECOND, FAILURES),
             rates,
+            measurements: Buckets::new(f64::from(VIEWED_MEASUREMENTS) / 60.0, f64::from(VIEWED_MEASUREMENTS)),
             own: Secret::random("").ok(),
             audit,
         }
@@ -193,7 +198,8 @@ impl Gate {
     /// # Errors
     /// When it opens nothing.
     pub fn by_ticket(&self, ticket: &str, path: &str, address: IpAddr) -> Result<Principal, Unauthorised> {
-        match self.tickets.take(&Digest::of(ticket), path) {
+        // A ticket ends with the token that it was asked for with.
+        match self.tickets.take(&Digest::of(ticket), path).filter(|principal| self.knows(principal)) {
             Some(principal) => Ok(Principal { address, ..principal }),
             None => Err(self.failed(address)),
         }
@@ -246,6 +252,17 @@ impl Gate {
         self.rates.take(&(address, name.unwrap_or_default().to_owned())).map_err(TooMany)
     }
 
+    /// Counts a measurement that somebody asks for, which is kept: who may only look does not fill the history.
+    ///
+    /// # Errors
+    /// Where they are of scope `view` and ask for more than [`VIEWED_MEASUREMENTS`].
+    pub fn count_measurement(&self, principal: &Principal) -> Result<(), TooMany> {
+        if principal.scope > Scope::View {
+            return Ok(());
+        }
+        self.measurements.take(&principal.name).map_err(TooMany)
+    }
+
     async fn holder_of_token(self: &Arc<Self>, digest: &Digest, address: IpAddr) -> Result<Holder, Unauthorised> {
         if self.own.as_ref().is_some_and(|own| own.digest().matches(digest)) {
             return Ok(Holder { name: OWN.to_owned(), scope: Scope::Admin, token: None });
@@ -270,6 +287,14 @@ impl Gate {
         // Whoever has used up their guesses still learns only that this one was wrong; signing in makes them wait.
         let _ = self.failures.take(&address);
         Unauthorised::Wrong
+    }
+
+    /// Counts a wrong key of another kind than a token like a wrong token.
+    ///
+    /// # Errors
+    /// When an address has presented too many.
+    pub fn wrong_key(&self, address: IpAddr) -> Result<(), TooMany> {
+        self.failures.take(&address).map_err(TooMany)
     }
 
     fn refresh(&self) {

@@ -12,13 +12,14 @@ mod once;
 mod principal;
 mod record;
 mod secret;
+mod share;
 mod state_file;
 mod tickets;
 mod tokens;
 
 pub use audit::{AuditRecord, AuditSink, LogAudit};
 pub use buckets::Buckets;
-pub use gate::{Demand, Gate, GateSettings, Session, SignInError, TooMany, Unauthorised};
+pub use gate::{Demand, Gate, GateSettings, Session, SignInError, TooMany, Unauthorised, VIEWED_MEASUREMENTS};
 pub use name::{LONGEST as LONGEST_NAME, PATTERN as NAME_PATTERN};
 pub use networks::Networks;
 pub use once::OnceKey;

@@ -5,12 +5,14 @@ use std::io::{self, Write as _};
 use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
 
+use crate::state_folder::{OWNERS, make_folder};
+
 /// Writes a file that only its owner can read. It is there as a whole or not at all, also when the power fails.
 ///
 /// # Errors
 /// As the system says; the file is then as it was.
 pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    write_whole(path, bytes, 0o600)
+    write_whole(path, bytes, OWNERS)
 }
 
 /// Writes a file with these permissions. It is there as a whole or not at all, also when the power fails.
@@ -19,13 +21,13 @@ pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// As the system says; the file is then as it was.
 pub fn write_whole(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(folder)?;
+    make_folder(folder)?;
     let name = path.file_name().ok_or_else(|| io::Error::other("a file needs a name"))?.to_string_lossy();
     // A name of this process's own: another one's half-written file is not taken for this one's.
     let temporary = folder.join(format!(".{name}.{}", std::process::id()));
     let written = (|| {
         let _ = fs::remove_file(&temporary);
-        let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&temporary)?;
+        let mut file = OpenOptions::new().write(true).create_new(true).mode(OWNERS).open(&temporary)?;
         // Not left to the umask.
         file.set_permissions(Permissions::from_mode(mode))?;
         file.write_all(bytes)?;

@@ -5,11 +5,12 @@ use std::time::{Duration, Instant};
 
 use super::principal::Principal;
 use super::secret::{Digest, Secret};
+use super::share::keep_share;
 
 /// How long a ticket is good.
 pub const LASTS: Duration = Duration::from_secs(30);
-/// Tickets not yet used, at most; beyond it the oldest goes.
-const MOST: usize = 512;
+/// Tickets of one principal not yet used, at most; beyond it their own oldest goes, and nobody else's.
+const SHARE: usize = 64;
 
 #[derive(Debug)]
 struct Ticket {
@@ -37,9 +38,7 @@ impl Tickets {
         let now = Instant::now();
         let mut tickets = self.tickets();
         tickets.retain(|ticket| now < ticket.until);
-        if tickets.len() >= MOST {
-            tickets.remove(0);
-        }
+        keep_share(&mut tickets, SHARE, |ticket| ticket.principal.name == principal.name);
         let (digest, path) = (secret.digest(), path.to_owned());
         tickets.push(Ticket { digest, path, principal, until: now + LASTS });
         Ok(secret)
@@ -91,9 +90,12 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_of_too_many_goes() {
+    fn of_too_many_the_same_principals_oldest_goes() {
         let tickets = Tickets::default();
-        let given: Vec<Digest> = (0..=MOST).map(|_| tickets.give("/a", principal()).unwrap().digest()).collect();
+        let other = Principal { name: "b".into(), ..principal() };
+        let others = tickets.give("/a", other).unwrap().digest();
+        let given: Vec<Digest> = (0..=SHARE).map(|_| tickets.give("/a", principal()).unwrap().digest()).collect();
+        assert!(tickets.take(&others, "/a").is_some());
         assert!(tickets.take(&given[0], "/a").is_none());
         assert!(tickets.take(&given[1], "/a").is_some());
     }

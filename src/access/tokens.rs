@@ -16,7 +16,9 @@ use super::name::name as possible;
 use super::principal::{LOCAL, Scope};
 use super::record::{Records, SessionRecord, TokenRecord};
 use super::secret::{Digest, Secret};
+use super::share::keep_share;
 use super::state_file::write_private;
+use crate::state_folder::{make_folder, open_private};
 
 /// What every token begins with: by it, one that has leaked into a log or a repository is found.
 const PREFIX: &str = "plenalign_";
@@ -26,8 +28,10 @@ const RESERVED: [&str; 3] = [LOCAL, ONE_TIME, OWN];
 pub(super) const ONE_TIME: &str = "one-time link";
 /// Name of the program itself, and of its own client.
 pub const OWN: &str = "plenalign";
-/// Tokens and sessions kept at most, each.
+/// Tokens kept at most.
 const MOST: usize = 1000;
+/// Sessions of one token, or by the one-time key, at most; beyond it their own oldest goes, and nobody else's.
+const SESSIONS: usize = 32;
 /// How exactly the last use is known.
 const LAST_USE_STEP: SignedDuration = SignedDuration::from_secs(60);
 const FILE: &str = "tokens.json";
@@ -230,15 +234,12 @@ impl TokenStore {
             expires_at,
         };
         let kept = self.change(|records| {
-            if records.sessions.len() >= MOST {
-                records.sessions.remove(0);
-            }
-            records.sessions.push(record.clone());
+            add_session(&mut records.sessions, record.clone());
             Ok(())
         });
         if let Err(error) = kept {
             tracing::warn!(%error, "a session is good until the program ends only");
-            self.held().records.sessions.push(record);
+            add_session(&mut self.held().records.sessions, record);
         }
         Ok((secret, expires_at))
     }
@@ -341,6 +342,12 @@ impl TokenStore {
     }
 }
 
+/// Adds a session, within its token's share.
+fn add_session(sessions: &mut Vec<SessionRecord>, new: SessionRecord) {
+    keep_share(sessions, SESSIONS, |session| session.token == new.token && session.name == new.name);
+    sessions.push(new);
+}
+
 /// The newer of each token's last uses.
 fn keep_last_uses(records: &mut Records, held: &Records) {
     for token in &mut records.tokens {
@@ -352,8 +359,9 @@ fn keep_last_uses(records: &mut Records, held: &Records) {
 
 /// Held for as long as the file returned is open.
 fn lock(folder: &Path) -> io::Result<File> {
-    fs::create_dir_all(folder)?;
-    let file = File::options().write(true).create(true).truncate(false).open(folder.join(LOCK))?;
+    make_folder(folder)?;
+    // Its owner's alone: anybody who can open it can hold it.
+    let file = open_private(&folder.join(LOCK))?;
     file.lock()?;
     Ok(file)
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
-use crate::access::write_whole;
+use crate::access::write_private;
 use crate::device::AxisName;
 
 /// Holds them, in the state folder.
@@ -65,7 +65,7 @@ impl UniqueIds {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 let ids = Self::new();
                 let written = serde_json::to_vec_pretty(&ids).map_err(io::Error::from);
-                match written.and_then(|bytes| write_whole(&path, &bytes, 0o644)) {
+                match written.and_then(|bytes| write_private(&path, &bytes)) {
                     Ok(()) => Ok(ids),
                     Err(source) => Err(IdsError::File { path, source }),
                 }

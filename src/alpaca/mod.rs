@@ -24,4 +24,4 @@ mod server;
 
 pub use discovery::{PORT as DISCOVERY_PORT, answer_searches};
 pub use ids::{IdsError, UniqueIds};
-pub use server::Alpaca;
+pub use server::{Alpaca, IN_RESERVE};

@@ -25,6 +25,7 @@ use super::request::{Call, Caller, Params, Verb};
 use super::seat::Seat;
 use crate::access::Gate;
 use crate::api::error::Problem;
+use crate::api::server::InReserve;
 use crate::api::{Client, Peer};
 use crate::control::Service;
 
@@ -190,8 +191,7 @@ impl Facade {
         let client = Client::vetted(peer, request.headers(), &self.gate, self.loopback_only)?;
         // Also of what only reads: it renews a lease.
         client.check_origin(request.headers())?;
-        let halts = request.method() == Method::PUT && request.uri().path().ends_with("/halt");
-        if !halts {
+        if !is_halt(request.method(), request.uri().path()) {
             self.gate.count(client.address, None).map_err(Problem::too_many)?;
         }
         Ok(client)
@@ -209,6 +209,16 @@ impl Facade {
         }
     }
 }
+
+/// Whether a request halts an axis: that is counted against no limit, and served where there is room for nothing else.
+fn is_halt(method: &Method, path: &str) -> bool {
+    let number = path.strip_prefix("/api/v1/focuser/").and_then(|rest| rest.strip_suffix("/halt"));
+    *method == Method::PUT && number.is_some_and(|number| !number.contains('/'))
+}
+
+/// What Alpaca still serves where there is room for nothing else.
+pub const IN_RESERVE: InReserve =
+    InReserve { is_served: is_halt, words: "a halt still gets through here: PUT /api/v1/focuser/NUMBER/halt" };
 
 fn unwritten(error: &dyn std::error::Error) -> Away {
     tracing::error!(%error, "an image could not be written");

@@ -65,7 +65,8 @@ pub(super) async fn home(
 
 /// Jogs one axis: it moves for 0.3 s from this request, and on for as long as the request is repeated in time.
 ///
-/// It goes in short pieces, no further than the limit of travel, the e wall and the greatest step.
+/// It goes in short pieces, no further than the limit of travel, the e wall and the greatest step. A press that a stop
+/// has ended is refused for good (`press-ended`).
 #[utoipa::path(
     post, path = "/api/v1/axes/{axis}/jog", operation_id = "jog_axis", tag = "axes", request_body = JogRequest,
     params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
@@ -82,10 +83,11 @@ pub(super) async fn jog(
     JsonBody(request): JsonBody<JogRequest>,
 ) -> Result<(StatusCode, Json<BenchView>)> {
     let permit = app.permit(&key)?;
-    let (view, begins) = app.service.jog(&permit, axis, request.towards, request.speed_mm_per_s).await?;
+    let JogRequest { towards, speed_mm_per_s, press } = request;
+    let (view, begins) = app.service.jog(&permit, axis, towards, speed_mm_per_s, press.as_deref()).await?;
     // Not every request that has it go on.
     if begins == Acceptance::Now {
-        let detail = json!({ "axis": axis, "towards": request.towards });
+        let detail = json!({ "axis": axis, "towards": towards });
         app.gate.audit(AuditRecord::of(&principal, "axis.jog", detail));
     }
     Ok((StatusCode::ACCEPTED, Json(view)))

@@ -10,12 +10,15 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
-use crate::access::{Principal, Scope, TokenError, TooMany, Unauthorised};
+use crate::access::{Principal, Scope, TokenError, TooMany, Unauthorised, VIEWED_MEASUREMENTS};
 use crate::control::{Refusal, ServiceError};
 use crate::device::DeviceError;
 
 /// The header in which a request shows the control lease's key.
 pub const LEASE_HEADER: &str = "Plenalign-Lease";
+
+/// The header in which a request shows a job's confirm key.
+pub const CONFIRM_HEADER: &str = "Plenalign-Confirm";
 
 /// What every `type` begins with; the rest is a short name that stays what it is.
 pub const TYPE_PREFIX: &str = "urn:plenalign:problem:";
@@ -182,10 +185,22 @@ impl Problem {
             .with(json!({ "retry_after_s": seconds }))
     }
 
-    /// Every connection that may ask for anything is taken; this one can only stop.
+    /// Who may only look has had as many measurements kept as they may.
     #[must_use]
-    pub fn crowded() -> Self {
-        let detail = "every connection is taken; a stop still gets through here: POST /api/v1/stop";
+    pub fn too_many_measurements(wait: TooMany) -> Self {
+        let mut problem = Self::too_many(wait);
+        problem.detail = format!(
+            "measurements are kept, and the scope view has {VIEWED_MEASUREMENTS} measurements a minute: {}; a token of \
+             scope control has no such limit, and GET /api/v1/measurement has the newest one for everybody",
+            problem.detail
+        );
+        problem
+    }
+
+    /// Every connection that may ask for anything is taken; `instead` says what this one can do.
+    #[must_use]
+    pub fn crowded(instead: &str) -> Self {
+        let detail = format!("every connection is taken; {instead}");
         Self::new(StatusCode::SERVICE_UNAVAILABLE, "crowded", "Too many connections", detail)
     }
 
@@ -343,6 +358,9 @@ impl From<Refusal> for Problem {
                 it.to_string(),
             )
             .with(json!({ "owner": holder })),
+            Refusal::ControlEnded { axis, .. } => {
+                Self::refused("control-ended", "Control ended", it, json!({ "axis": axis }))
+            }
             Refusal::LeaseHeld { owner, note, job } => {
                 let members = json!({ "owner": owner, "note": note, "job": job });
                 Self::refused("lease-held", "Another has the control lease", it, members)
@@ -373,6 +391,10 @@ impl From<Refusal> for Problem {
                 Self::refused("not-homed", "The axis is not homed", it, json!({ "axis": axis }))
             }
             Refusal::Moving { axis } => Self::refused("moving", "The axis is moving", it, json!({ "axis": axis })),
+            Refusal::Contradiction { axis, contradictions } => {
+                let members = json!({ "axis": axis, "contradictions": contradictions });
+                Self::refused("contradiction", "The controller contradicts the configuration", it, members)
+            }
             Refusal::HomingTowardsShell { axis, shell } => {
                 let title = "Homing would run towards the shell";
                 Self::refused("homing-towards-shell", title, it, json!({ "axis": axis, "shell": shell }))
@@ -391,6 +413,24 @@ impl From<Refusal> for Problem {
             Refusal::NoHistory { .. } => {
                 let title = "The history cannot be written";
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "history-unwritable", title, it.to_string())
+            }
+            Refusal::ConfirmKeyRequired => Self::new(
+                StatusCode::PRECONDITION_REQUIRED,
+                "confirm-key-required",
+                "Confirming needs a key",
+                format!("{it}: send one as the header {LEASE_HEADER}, or {CONFIRM_HEADER}"),
+            ),
+            Refusal::ConfirmKeyWrong => {
+                let title = "The key confirms nothing of this job";
+                Self::new(StatusCode::FORBIDDEN, "confirm-key-wrong", title, it.to_string())
+            }
+            Refusal::NoConfirmKey { .. } => {
+                let title = "No confirm key can be made";
+                Self::new(StatusCode::SERVICE_UNAVAILABLE, "no-confirm-key", title, it.to_string())
+            }
+            Refusal::ResetNotKept { .. } => Self::not_kept(it.to_string()),
+            Refusal::PressEnded { axis } => {
+                Self::refused("press-ended", "The press has ended", it, json!({ "axis": axis }))
             }
             Refusal::KeyReused { job, .. } => {
                 let title = "The Idempotency-Key stands for another request";
@@ -505,6 +545,7 @@ mod tests {
     use uuid::Uuid;
 
     use super::*;
+    use crate::control::job::JobState;
     use crate::device::AxisName;
     use crate::units::Millimetres;
 
@@ -528,6 +569,43 @@ mod tests {
     }
 
     #[test]
+    fn a_jobs_state_is_spelt_as_in_the_job() {
+        use JobState::{
+            Cancelled, Cancelling, Converged, Failed, Interrupted, NotConverged, Pending, Running, Succeeded,
+            WaitingForOperator,
+        };
+        let word = |state: JobState| match state {
+            Pending => "pending",
+            Running => "running",
+            WaitingForOperator => "waiting_for_operator",
+            Cancelling => "cancelling",
+            Converged => "converged",
+            Succeeded => "succeeded",
+            NotConverged => "not_converged",
+            Cancelled => "cancelled",
+            Failed => "failed",
+            Interrupted => "interrupted",
+        };
+        for state in [
+            Pending,
+            Running,
+            WaitingForOperator,
+            Cancelling,
+            Converged,
+            Succeeded,
+            NotConverged,
+            Cancelled,
+            Failed,
+            Interrupted,
+        ] {
+            let problem = serde_json::to_value(Problem::from(Refusal::JobState { state, why: "why".into() })).unwrap();
+            assert_eq!(problem["state"], word(state));
+            assert_eq!(problem["state"], json!(state), "in the job itself");
+            assert_eq!(problem["detail"], format!("the job is {}: why", word(state)));
+        }
+    }
+
+    #[test]
     fn refused_now_is_409_and_a_device_gone_is_503_with_a_time_to_try_again() {
         let axis = AxisName::E;
         for refusal in [
@@ -536,8 +614,9 @@ mod tests {
             Refusal::Step { axis, distance: Millimetres(50.0), max: Millimetres(40.0) },
             Refusal::NotHomed { axis },
             Refusal::Moving { axis },
+            Refusal::Contradiction { axis, contradictions: vec!["It homes to the other end ($23).".into()] },
             Refusal::HomingTowardsShell { axis, shell: "unknown" },
-            Refusal::JobState { state: "running".into(), why: "nothing waits".into() },
+            Refusal::JobState { state: JobState::Running, why: "nothing waits".into() },
             Refusal::LeaseHeld { owner: "ada".into(), note: None, job: None },
         ] {
             assert_eq!(Problem::from(refusal).status, 409);

@@ -8,12 +8,13 @@ use std::time::Duration;
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{DefaultBodyLimit, FromRequest, FromRequestParts, Path, Request};
-use axum::http::header;
 use axum::http::request::Parts;
+use axum::http::{HeaderValue, header};
 use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
 
-use super::error::{LEASE_HEADER, Problem};
+use super::error::{CONFIRM_HEADER, LEASE_HEADER, Problem};
+use crate::control::Shown;
 
 /// Longest body of a request, bytes.
 pub(super) const BODY_LIMIT_BYTES: usize = 16 * 1024;
@@ -95,10 +96,41 @@ impl<S: Send + Sync> FromRequestParts<S> for LeaseKey {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
-        // What is not text opens no lease; it is not the same as showing none.
-        let key = parts.headers.get(LEASE_HEADER).map(|value| value.to_str().unwrap_or("?").to_owned());
-        Ok(Self { key })
+        Ok(Self { key: parts.headers.get(LEASE_HEADER).map(text_of) })
     }
+}
+
+/// What a request shows to be let confirm what a job asks.
+#[derive(Debug, utoipa::IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct ConfirmKeys {
+    /// Key of the lease that the job has.
+    #[param(rename = "Plenalign-Lease")]
+    lease: Option<String>,
+    /// The job's confirm key.
+    #[param(rename = "Plenalign-Confirm")]
+    confirm: Option<String>,
+}
+
+impl ConfirmKeys {
+    /// What was shown.
+    pub(super) fn shown(&self) -> Shown<'_> {
+        Shown { lease: self.lease.as_deref(), confirm: self.confirm.as_deref() }
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for ConfirmKeys {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let header = |name| parts.headers.get(name).map(text_of);
+        Ok(Self { lease: header(LEASE_HEADER), confirm: header(CONFIRM_HEADER) })
+    }
+}
+
+/// A key as a header shows it. What is not text opens nothing; it is not the same as showing none.
+fn text_of(value: &HeaderValue) -> String {
+    value.to_str().unwrap_or("?").to_owned()
 }
 
 /// What follows the question mark of a path.

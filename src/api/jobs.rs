@@ -10,16 +10,17 @@ use uuid::Uuid;
 use super::App;
 use super::contract::{FromHistory, Motion};
 use super::error::{Problem, Result};
-use super::extract::{JsonBody, LeaseKey, PathParam};
-use super::types::{ConfirmRequest, JobResource};
-use crate::access::{AuditRecord, Principal};
+use super::extract::{ConfirmKeys, JsonBody, LeaseKey, PathParam};
+use super::types::{ConfirmKeyGrant, ConfirmRequest, JobCreated, JobResource};
+use crate::access::{AuditRecord, Principal, Scope};
 use crate::control::job::JobRequest;
 use crate::control::{Acceptance, Refusal, ServiceError};
 
 /// Starts a job.
 ///
 /// A bench does one job at a time: while one is under way another is refused, and the refusal names it. The job holds
-/// the control lease that was shown until its end, and needs no heartbeat for it.
+/// the control lease that was shown until its end, and needs no heartbeat for it. What it asks of the operator is
+/// confirmed with that lease's key, or with the confirm key that this answers with.
 #[utoipa::path(
     post, path = "/api/v1/jobs", operation_id = "create_job", tag = "jobs", request_body = JobRequest,
     params(LeaseKey, ("Idempotency-Key" = Option<String>, Header,
@@ -27,9 +28,9 @@ use crate::control::{Acceptance, Refusal, ServiceError};
         description = "A name of the caller's own for this request, 1 to 255 printable ASCII characters: asked again \
                        with it and the same body within a day, it is the same job")),
     responses(
-        (status = 200, description = "Asked before: the job of then", body = JobResource,
+        (status = 200, description = "Asked before: the job of then", body = JobCreated,
          headers(("Location" = String, description = "Path of the job"))),
-        (status = 201, body = JobResource, headers(("Location" = String, description = "Path of the job"))),
+        (status = 201, body = JobCreated, headers(("Location" = String, description = "Path of the job"))),
         Motion,
     )
 )]
@@ -57,12 +58,14 @@ pub(super) async fn create(
         created
     });
     let (job, acceptance) = created.await.map_err(|_| Problem::internal())??;
-    let job = JobResource::from(job);
-    let status = match acceptance {
-        Acceptance::Now => StatusCode::CREATED,
-        Acceptance::Before => StatusCode::OK,
+    let (status, key) = match acceptance {
+        // The job is begun: where it has ended already, or there is no key to be had, it is told without one.
+        Acceptance::Now => (StatusCode::CREATED, app.service.make_confirm_key(job.id).ok()),
+        Acceptance::Before => (StatusCode::OK, None),
     };
-    Ok((status, [(header::LOCATION, job.href.clone())], Json(job)))
+    let confirm_key = key.map(|key| key.reveal().to_owned());
+    let job = JobCreated { job: job.into(), confirm_key };
+    Ok((status, [(header::LOCATION, job.job.href.clone())], Json(job)))
 }
 
 /// The caller's own name for a request, where one is given.
@@ -119,14 +122,68 @@ pub(super) async fn cancel(
     Ok(Json(cancelled.into()))
 }
 
+/// Makes another confirm key for a job, where one is lost; the one before is dead, and the job goes on.
+///
+/// For administrators, and for whoever shows the key of the job's lease.
+#[utoipa::path(
+    post, path = "/api/v1/jobs/{id}/confirm-key", operation_id = "renew_confirm_key", tag = "jobs",
+    params(("id" = Uuid, Path, description = "The job's id"), LeaseKey),
+    responses(
+        (status = 200, body = ConfirmKeyGrant),
+        FromHistory,
+        (status = 403, description = "Neither an administrator nor the job's lease", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 409, description = "The job has ended", body = Problem, content_type = "application/problem+json"),
+        (status = 412, description = "The lease's key is of none in force", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn renew_key(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    PathParam(id): PathParam<Uuid>,
+    lease: LeaseKey,
+) -> Result<Json<ConfirmKeyGrant>> {
+    if app.service.job(id).is_err() {
+        return Err(of_earlier_run(&app, id).await);
+    }
+    let may = principal.scope >= Scope::Admin
+        || lease.shown().map_or(Ok(false), |key| app.service.is_lease_of_job(id, key))?;
+    if !may {
+        return Err(Problem::scope(&principal, Scope::Admin));
+    }
+    let key = app.service.make_confirm_key(id)?;
+    app.gate.audit(AuditRecord::of(&principal, "job.confirm_key", json!({ "job": id })));
+    Ok(Json(ConfirmKeyGrant { job: id, confirm_key: key.reveal().to_owned() }))
+}
+
+/// Why nothing of a job can be confirmed that is none of this run.
+async fn of_earlier_run(app: &App, id: Uuid) -> Problem {
+    match app.service.find_job(id).await {
+        Ok(job) => {
+            let why = "it ended in an earlier run of the program".to_owned();
+            Refusal::JobState { state: job.state, why }.into()
+        }
+        Err(error) => error.into(),
+    }
+}
+
 /// Confirms that the operator has done what the job asks.
+///
+/// It has to show the key of the lease that the job has, or the job's confirm key. Wrong keys are counted like wrong
+/// tokens.
 #[utoipa::path(
     post, path = "/api/v1/jobs/{id}/confirm", operation_id = "confirm_step", tag = "jobs", request_body = ConfirmRequest,
-    params(("id" = Uuid, Path, description = "The job's id")),
+    params(("id" = Uuid, Path, description = "The job's id"), ConfirmKeys),
     responses(
         (status = 200, body = JobResource),
         FromHistory,
+        (status = 403, description = "The key confirms nothing of this job", body = Problem,
+         content_type = "application/problem+json"),
         (status = 409, description = "The job does not wait for this", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No key was shown", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too many keys were wrong", body = Problem,
          content_type = "application/problem+json"),
     )
 )]
@@ -134,12 +191,14 @@ pub(super) async fn confirm(
     State(app): State<App>,
     Extension(principal): Extension<Principal>,
     PathParam(id): PathParam<Uuid>,
+    keys: ConfirmKeys,
     JsonBody(request): JsonBody<ConfirmRequest>,
 ) -> Result<Json<JobResource>> {
-    match app.service.confirm(id, request.step) {
-        Err(ServiceError::NoSuchJob { .. }) => {
-            let state = format!("{:?}", app.service.find_job(id).await?.state).to_lowercase();
-            Err(Refusal::JobState { state, why: "it ended in an earlier run of the program".to_owned() }.into())
+    match app.service.confirm(id, request.step, keys.shown()) {
+        Err(ServiceError::NoSuchJob { .. }) => Err(of_earlier_run(&app, id).await),
+        Err(ServiceError::Refused(refusal @ Refusal::ConfirmKeyWrong)) => {
+            app.gate.wrong_key(principal.address).map_err(Problem::too_many)?;
+            Err(refusal.into())
         }
         confirmed => {
             let confirmed = confirmed?;

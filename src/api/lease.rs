@@ -52,13 +52,11 @@ pub(super) async fn take(
 
 /// Takes the control lease from whoever has it.
 ///
-/// A job under way is cancelled first, and an axis that moves is stopped.
+/// The former key opens nothing from here on; a job under way is cancelled, and an axis that moves is stopped.
 #[utoipa::path(
     post, path = "/api/v1/lease/takeover", operation_id = "take_over_lease", tag = "lease", request_body = LeaseAsked,
     responses(
         (status = 201, body = LeaseGrant),
-        (status = 409, description = "The job that holds it did not end in time", body = Problem,
-         content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn take_over(
@@ -69,12 +67,12 @@ pub(super) async fn take_over(
     let request = request(asked)?;
     let former = app.service.leases().view();
     let detail = json!({ "owner": &request.owner, "note": &request.note, "former": former });
-    // Before it is done: that a job was cancelled for it is to be known even where the lease was then not to be had.
+    // Before it is done: it takes a while where a job has to end.
     app.gate.audit(AuditRecord::of(&principal, "lease.take_over", detail));
     let service = app.service.clone();
     // In a task of its own: a client that hangs up must not leave a job cancelled and the lease with nobody.
     let granted = tokio::spawn(async move { service.take_over(request).await }).await;
-    let granted = granted.map_err(|_| Problem::internal())??;
+    let granted = granted.map_err(|_| Problem::internal())?;
     Ok((StatusCode::CREATED, Json(granted)))
 }
 
@@ -91,6 +89,8 @@ pub(super) async fn renew(State(app): State<App>, key: LeaseKey) -> Result<Json<
 }
 
 /// Gives the control lease back; where a job holds it, at that job's end. May be repeated.
+///
+/// What moves under it by hand is stopped.
 #[utoipa::path(
     delete, path = "/api/v1/lease", operation_id = "release_lease", tag = "lease", params(LeaseKey),
     responses(
@@ -103,7 +103,7 @@ pub(super) async fn release(
     Extension(principal): Extension<Principal>,
     key: LeaseKey,
 ) -> Result<StatusCode> {
-    if let Some(released) = app.service.leases().release(key.shown())? {
+    if let Some(released) = app.service.release_lease(key.shown()).await? {
         let detail = json!({ "lease": released.id, "owner": released.owner });
         app.gate.audit(AuditRecord::of(&principal, "lease.release", detail));
     }

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use axum::Json;
 use axum::extract::State;
+use axum::{Extension, Json};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -12,6 +12,7 @@ use super::contract::FromHistory;
 use super::error::{Problem, Result};
 use super::extract::{JsonBody, Query};
 use super::history::PageAsked;
+use crate::access::Principal;
 use crate::control::measurement::{MeasurementRequest, SingleMeasurement};
 use crate::whole::whole_or_none;
 
@@ -48,8 +49,8 @@ pub struct MeasurementList {
 
 /// Measures the spacing in one frame of full quality; nothing moves.
 ///
-/// It is kept in the history beside those of the jobs. A white frame has to have been taken, which every alignment and
-/// calibration begins with.
+/// It is kept in the history beside those of the jobs; a token of scope `view` may ask for ten a minute. A white frame has
+/// to have been taken, which every alignment and calibration begins with.
 #[utoipa::path(
     post, path = "/api/v1/measurements", operation_id = "measure", tag = "bench", request_body = MeasurementAsked,
     responses(
@@ -57,17 +58,22 @@ pub struct MeasurementList {
         (status = 409, description = "An axis moved during the exposure (`spans-motion`), or there is nothing to be \
                                       measured (`not-measurable`)", body = Problem,
          content_type = "application/problem+json"),
+        (status = 429, description = "Too many requests, or more than ten a minute by the scope `view`; Retry-After says \
+                                      when to try again", body = Problem,
+         content_type = "application/problem+json"),
         (status = 503, description = "No frame came from the camera", body = Problem,
          content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn measure(
     State(app): State<App>,
+    Extension(principal): Extension<Principal>,
     JsonBody(asked): JsonBody<MeasurementAsked>,
 ) -> Result<Json<SingleMeasurement>> {
     if let Some(age) = asked.max_age_ms.filter(|&age| age > MAX_AGE_MS) {
         return Err(Problem::invalid("max_age_ms", format!("max_age_ms: {age} is more than {MAX_AGE_MS}")));
     }
+    app.gate.count_measurement(&principal).map_err(Problem::too_many_measurements)?;
     let request = MeasurementRequest { settled: asked.settled, max_age: asked.max_age_ms.map(Duration::from_millis) };
     Ok(Json(app.service.measure(request).await?))
 }

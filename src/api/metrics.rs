@@ -9,6 +9,7 @@ use tokio::time::Instant;
 
 use super::App;
 use super::error::{Problem, Result};
+use super::scopes::known_route;
 use super::types::{Health, Readiness};
 use crate::telemetry;
 
@@ -23,18 +24,18 @@ pub(super) async fn time(mut request: Request, next: Next) -> Response {
     let method = request.method().clone();
     let response = next.run(request).await;
     // Paths that match nothing are anybody's invention: one name for them all.
-    let route = response.extensions().get::<Route>().map_or("none", |route| route.0.as_str());
+    let route = response.extensions().get::<Route>().map_or(telemetry::NO_ROUTE, |route| route.0);
     telemetry::answered(method.as_str(), route, response.status().as_u16(), arrived.elapsed());
     response
 }
 
 /// The route that answered.
-#[derive(Debug, Clone)]
-struct Route(String);
+#[derive(Debug, Clone, Copy)]
+struct Route(&'static str);
 
 /// Says in the response which route it was.
 pub(super) async fn name_route(request: Request, next: Next) -> Response {
-    let route = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
+    let route = request.extensions().get::<MatchedPath>().and_then(|path| known_route(path.as_str()));
     let mut response = next.run(request).await;
     if let Some(route) = route {
         response.extensions_mut().insert(Route(route));

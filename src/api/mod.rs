@@ -72,11 +72,13 @@ pub(crate) use client::{Client, Peer};
 use error::Problem;
 use hub::Hub;
 use picture::Pictures;
+pub use scopes::IN_RESERVE;
 
 use crate::access::Gate;
 use crate::config::ConfigOrigin;
 use crate::control::lease::Permit;
 use crate::control::{Service, ServiceError};
+use crate::telemetry;
 
 /// What every handler gets.
 #[derive(Clone)]
@@ -163,9 +165,10 @@ impl Api {
             .layer(TraceLayer::new_for_http().make_span_with(|request: &Request| {
                 let (method, path) = (request.method(), request.uri().path());
                 // By its route: paths hold names, and are as many as there are jobs.
-                let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str);
+                let route = request.extensions().get::<MatchedPath>().map_or(telemetry::NO_ROUTE, MatchedPath::as_str);
+                let word = telemetry::method_word(method.as_str());
                 tracing::debug_span!(
-                    "request", otel.name = format!("{method} {route}"), otel.kind = "server", %method, path
+                    "request", otel.name = format!("{word} {route}"), otel.kind = "server", %method, path
                 )
             }))
             .layer(middleware::from_fn(metrics::time))
@@ -230,6 +233,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(jobs::create, history::jobs))
         .routes(routes!(jobs::get, jobs::cancel))
         .routes(routes!(jobs::confirm))
+        .routes(routes!(jobs::renew_key))
         .routes(routes!(history::log))
         .routes(routes!(history::iterations))
         .routes(routes!(history::measurements))

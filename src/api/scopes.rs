@@ -3,6 +3,7 @@
 
 use axum::http::Method;
 
+use super::server::InReserve;
 use crate::access::Scope;
 
 /// What a route needs of who asks.
@@ -22,7 +23,13 @@ const ADMIN: Need = Need::AtLeast(Scope::Admin);
 /// The stop: whoever may see the bench may stop it, however often, and when there is room for nothing else.
 pub(super) const STOP: (&str, &str) = ("POST", "/api/v1/stop");
 
-/// Measuring a frame, which whoever may look may do.
+/// What the API still serves where there is room for nothing else.
+pub const IN_RESERVE: InReserve = InReserve {
+    is_served: |method, path| (method.as_str(), path) == STOP,
+    words: "a stop still gets through here: POST /api/v1/stop",
+};
+
+/// Measuring a frame, which whoever may look may do, so often that it does not fill the history.
 const MEASURE: (&str, &str) = ("POST", "/api/v1/measurements");
 
 /// Working out a draft of a camera, which is arithmetic.
@@ -77,6 +84,8 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/jobs/{id}/recording", VIEW),
     ("GET", "/api/v1/audit", ADMIN),
     ("POST", "/api/v1/jobs/{id}/confirm", CONTROL),
+    // An administrator, or who shows the key of the job's lease: the handler looks.
+    ("POST", "/api/v1/jobs/{id}/confirm-key", CONTROL),
     ("GET", "/api/v1/measurement", VIEW),
     // Nothing moves by it.
     (MEASURE.0, MEASURE.1, VIEW),
@@ -103,6 +112,11 @@ const TABLE: &[(&str, &str, Need)] = &[
 pub(super) fn need(method: &str, route: &str) -> Option<Need> {
     let method = if method == Method::HEAD.as_str() { Method::GET.as_str() } else { method };
     TABLE.iter().find(|(known, path, _)| *known == method && *path == route).map(|(.., need)| *need)
+}
+
+/// A route of the table by its path.
+pub(super) fn known_route(route: &str) -> Option<&'static str> {
+    TABLE.iter().find(|(_, path, _)| *path == route).map(|(_, path, _)| *path)
 }
 
 /// What reading a path needs, as it is asked for: `/api/v1/jobs/1` rather than its route.

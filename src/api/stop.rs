@@ -1,14 +1,20 @@
 //! Stopping everything, and taking the stop back.
 
 use axum::extract::State;
+use axum::http::header::CONTENT_TYPE;
+use axum::http::{HeaderMap, StatusCode};
 use axum::{Extension, Json};
 use serde_json::json;
 
 use super::App;
+use super::error::{Problem, Result};
+use super::extract::JsonBody;
 use super::metrics::Arrived;
-use crate::access::{AuditRecord, Principal};
+use super::types::ResetRequest;
+use crate::access::{AuditRecord, LOCAL, Principal};
 use crate::control::StopReport;
 use crate::control::events::StopView;
+use crate::control::lease::words;
 
 /// Stops every axis at once and latches: motion is refused until the stop is reset.
 ///
@@ -21,7 +27,7 @@ pub(super) async fn stop(
 ) -> Json<StopReport> {
     // In a task of its own: a client that hangs up must not call the stop back.
     let stopped = tokio::spawn(async move {
-        let report = app.service.stop(at).await;
+        let report = app.service.stop(at, &principal.name).await;
         // After the axes: nothing comes before them.
         let detail = json!({ "focus": report.focus, "e": report.e });
         app.gate.audit(AuditRecord::of(&principal, "stop", detail));
@@ -31,19 +37,51 @@ pub(super) async fn stop(
     Json(stopped.await.unwrap_or(StopReport { focus: undeliverable, e: undeliverable, latency_ms: None }))
 }
 
-/// Whether the stop is latched.
+/// Whether the stop is latched, who stopped, and who reset it last.
 #[utoipa::path(get, path = "/api/v1/stop", operation_id = "get_stop", tag = "stop", responses((status = 200, body = StopView)))]
 pub(super) async fn get(State(app): State<App>) -> Json<StopView> {
     Json(app.service.bench_view().stop)
 }
 
-/// Resets the stop; nothing moves by it. Asked again, nothing more happens.
-#[utoipa::path(delete, path = "/api/v1/stop", operation_id = "reset_stop", tag = "stop", responses((status = 200, body = StopView)))]
-pub(super) async fn reset(State(app): State<App>, Extension(principal): Extension<Principal>) -> Json<StopView> {
-    let was_latched = app.service.bench_view().stop.latched;
-    let view = app.service.reset_stop().stop;
-    if was_latched {
-        app.gate.audit(AuditRecord::of(&principal, "stop.reset", json!({})));
+/// Resets the stop, by somebody who says why.
+///
+/// Nothing moves by it, and nothing goes on that was held while the bench was stopped. It is in force once the history
+/// has it. Asked again, nothing more happens; stopped again meanwhile, the stop stays latched.
+#[utoipa::path(
+    delete, path = "/api/v1/stop", operation_id = "reset_stop", tag = "stop", request_body = ResetRequest,
+    responses(
+        (status = 200, description = "The stop as it is now", body = StopView),
+        (status = 503, description = "The history cannot be written: the stop stays latched", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn reset(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    headers: HeaderMap,
+    body: Result<JsonBody<ResetRequest>>,
+) -> Result<Json<StopView>> {
+    let JsonBody(request) = body.map_err(|problem| {
+        let nothing = problem.status == StatusCode::UNSUPPORTED_MEDIA_TYPE && !headers.contains_key(CONTENT_TYPE);
+        if nothing {
+            Problem::invalid("why", "why: say why the stop is reset, as JSON: {\"why\": \"…\"}")
+        } else {
+            problem
+        }
+    })?;
+    if let Some(owner) = &request.owner {
+        words("owner", owner)?;
     }
-    Json(view)
+    // Who has a token is known by it.
+    let by = request.owner.filter(|_| principal.name == LOCAL).unwrap_or_else(|| principal.name.clone());
+    let service = app.service.clone();
+    // In a task of its own: a client that hangs up leaves no reset without its entry in the audit log.
+    let reset = tokio::spawn(async move {
+        let reset = service.reset_stop(&by, &request.why).await;
+        if let Ok(Some(reset)) = &reset {
+            app.gate.audit(AuditRecord::of(&principal, "stop.reset", json!(reset)));
+        }
+        reset.map(|_| service.bench_view().stop)
+    });
+    Ok(Json(reset.await.map_err(|_| Problem::internal())??))
 }

@@ -34,6 +34,28 @@ impl From<JobSnapshot> for JobResource {
     }
 }
 
+/// A job that has been asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobCreated {
+    /// The job and where it is found.
+    #[serde(flatten)]
+    pub job: JobResource,
+    /// The job's confirm key, to be handed on to whoever is to confirm what it asks. It does nothing else, and ends with
+    /// the job. Told here once; `null` where the job had been asked for before, and then
+    /// `POST /api/v1/jobs/{id}/confirm-key` makes another.
+    pub confirm_key: Option<String>,
+}
+
+/// A job's confirm key, just made. Told here once.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ConfirmKeyGrant {
+    /// The job's id.
+    pub job: Uuid,
+    /// The key.
+    #[schema(pattern = "^confirm_[0-9a-f]{64}$")]
+    pub confirm_key: String,
+}
+
 /// Who asks for the control lease.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -91,6 +113,30 @@ pub struct JogRequest {
     /// How fast, mm/s; the axis's greatest speed where it is not given.
     #[schema(exclusive_minimum = 0)]
     pub speed_mm_per_s: Option<f64>,
+    /// A name of the caller's own for this press of the button, another one for each: one that a stop has ended is
+    /// refused from then on, so that a button held down all the while does not move the axis again after the reset.
+    #[schema(min_length = 1, max_length = 64)]
+    pub press: Option<String>,
+}
+
+/// Why the stop is reset.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ResetRequest {
+    /// Why motion is to be possible again: shown to everybody, and kept.
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = "^[^\\x00-\\x1f\\x7f-\\x9f]*[^\\s\\x00-\\x1f\\x7f-\\x9f][^\\x00-\\x1f\\x7f-\\x9f]*$"
+    )]
+    pub why: String,
+    /// Who resets it, where no token says so.
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = "^[^\\x00-\\x1f\\x7f-\\x9f]*[^\\s\\x00-\\x1f\\x7f-\\x9f][^\\x00-\\x1f\\x7f-\\x9f]*$"
+    )]
+    pub owner: Option<String>,
 }
 
 /// The operator's statement about the shell.

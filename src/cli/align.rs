@@ -17,8 +17,8 @@ use super::{Context, Settings, remote, report};
 use crate::control::events::Event;
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use crate::control::lease::{DEFAULT_TTL_S, LeaseRequest};
-use crate::control::{Service, open_bench};
-use crate::state_folder::state_folder;
+use crate::control::{Service, Shown, open_bench};
+use crate::state_folder::{mend, state_folder};
 use crate::store::Store;
 
 /// Arguments of `plenalign align`.
@@ -76,7 +76,9 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
     let config = Arc::new(context.config);
     let mut signals = Signals::new()?;
     let _lock = BenchLock::take(&config.bench)?;
-    let store = Store::open(&state_folder()?);
+    let state = state_folder()?;
+    mend(&state);
+    let store = Store::open(&state);
     let bench = open_bench(&config).await.context("the bench cannot be opened")?;
     if bench.is_simulated() {
         eprintln!("plenalign: SIMULATED bench: no real device is driven");
@@ -120,7 +122,10 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
             line = lines.next_line(), if waits && input_open => {
                 input_open = matches!(line, Ok(Some(_)));
                 match job.operator_step {
-                    Some(step) if input_open => drop(service.confirm(id, step.number)?),
+                    Some(step) if input_open => {
+                        let shown = Shown { lease: Some(&grant.key), ..Shown::default() };
+                        service.confirm(id, step.number, shown)?;
+                    }
                     _ => {
                         progress.say("standard input is closed: nobody can confirm the operator's steps; cancelling");
                         service.cancel(id)?;

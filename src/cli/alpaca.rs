@@ -11,8 +11,8 @@ use tokio_util::sync::CancellationToken;
 
 use super::listen::bind;
 use crate::access::Gate;
-use crate::alpaca::{Alpaca, DISCOVERY_PORT, UniqueIds, answer_searches};
-use crate::api::server::{ServerSettings, serve};
+use crate::alpaca::{Alpaca, DISCOVERY_PORT, IN_RESERVE, UniqueIds, answer_searches};
+use crate::api::server::Connections;
 use crate::config::AlpacaConfig;
 use crate::control::Service;
 
@@ -50,12 +50,12 @@ impl Prepared {
         Ok(Some(Self { listener, address, ids: UniqueIds::open(state)?, discovery: config.discovery }))
     }
 
-    /// Serves until `closing`. What the daemon's own server is told of connections holds here too, but for TLS.
+    /// Serves until `closing`, beside the daemon's own connections.
     pub(super) async fn serve(
         self,
         service: Arc<Service>,
         gate: Arc<Gate>,
-        settings: ServerSettings,
+        connections: &Connections,
         closing: CancellationToken,
     ) -> Serving {
         let address = self.address;
@@ -65,7 +65,8 @@ impl Prepared {
         if self.discovery {
             match UdpSocket::bind((Ipv4Addr::UNSPECIFIED, DISCOVERY_PORT)).await {
                 Ok(socket) => {
-                    let searches = answer_searches(socket, address.port(), address.ip().is_loopback());
+                    let rate = gate.settings().requests_per_s;
+                    let searches = answer_searches(socket, address.port(), address.ip().is_loopback(), rate);
                     tokio::spawn(closing.clone().run_until_cancelled_owned(searches));
                 }
                 Err(error) => {
@@ -74,7 +75,7 @@ impl Prepared {
             }
         }
         let router = Alpaca::new(service, gate, address, self.ids).router();
-        let task = tokio::spawn(serve(self.listener, router, ServerSettings { tls: None, ..settings }, closing));
+        let task = tokio::spawn(connections.without_tls().serve(self.listener, router, IN_RESERVE, closing));
         tracing::info!(%address, "serving Alpaca");
         Serving { address, task }
     }

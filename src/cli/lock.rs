@@ -2,35 +2,40 @@
 
 use std::fs::{self, File, TryLockError};
 use std::io::{Read, Seek, Write};
-use std::os::unix::fs::MetadataExt as _;
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail};
+use nix::unistd::geteuid;
 
 use crate::config::BenchConfig;
-use crate::state_folder::state_folder;
+use crate::control::bench_name;
+use crate::state_folder::{make_folder, open_private, state_folder};
+use crate::store::BenchName;
 
 /// A bench held by this process until this is dropped.
 #[derive(Debug)]
 pub(super) struct BenchLock {
-    _file: File,
+    _files: Vec<File>,
 }
 
 impl BenchLock {
-    /// Takes the bench for this process. Where the state folder cannot be written (disk full, read-only) the lock is in
-    /// the folder for temporary files, so that the bench can at least be looked at.
+    /// Takes the bench for this process: by its devices, so that another spelling of their ports is no other bench, and by
+    /// how these are spelled, by which alone it can be told while a device is away. Where the state folder cannot be
+    /// written (disk full, read-only) the lock is in a folder of this user's own among the temporary ones, so that the
+    /// bench can at least be looked at.
     ///
     /// # Errors
     /// When another process holds it (its pid is named), or no lock file can be opened.
     pub(super) fn take(bench: &BenchConfig) -> anyhow::Result<Self> {
-        Self::take_in(&[&state_folder()?, &std::env::temp_dir()], bench)
+        Self::take_in(&[&state_folder()?, &temporary_folder()], &bench_name(bench))
     }
 
     /// The process that holds a bench, looked up without taking it.
     pub(super) fn holder(bench: &BenchConfig) -> Option<u32> {
-        let state = state_folder().ok();
-        let folders = state.into_iter().chain([std::env::temp_dir()]);
-        folders.map(|folder| path_in(&folder, bench)).find_map(|path| Self::holder_of(&path))
+        let (state, name) = (state_folder().ok(), bench_name(bench));
+        let folders = state.into_iter().chain([temporary_folder()]);
+        folders.flat_map(|folder| paths_in(&folder, &name)).find_map(|path| Self::holder_of(&path))
     }
 
     /// The process that has written its number into a lock file and holds it still, as the kernel lists it.
@@ -48,12 +53,17 @@ impl BenchLock {
         locks.lines().any(holds).then_some(pid)
     }
 
-    /// Takes it in the first of these folders that a lock file can be opened in.
-    fn take_in(folders: &[&Path], bench: &BenchConfig) -> anyhow::Result<Self> {
+    /// Takes it in the first of these folders that lock files can be opened in.
+    fn take_in(folders: &[&Path], name: &BenchName) -> anyhow::Result<Self> {
         let mut why = None;
-        for folder in folders {
-            match Self::open_in(folder, bench) {
-                Ok((file, path)) => return Self::hold(file, &path),
+        for (index, folder) in folders.iter().enumerate() {
+            // Others may write beside every one but the first, the state folder.
+            let shared = index > 0;
+            match Self::open_in(folder, shared, name) {
+                Ok(files) => {
+                    let held = files.into_iter().map(|(file, path)| Self::hold(file, &path));
+                    return Ok(Self { _files: held.collect::<anyhow::Result<_>>()? });
+                }
                 Err(error) => {
                     tracing::warn!(error = format!("{error:#}"), "no lock file here");
                     why.get_or_insert(error);
@@ -63,16 +73,20 @@ impl BenchLock {
         Err(why.unwrap_or_else(|| anyhow!("no folder to have a lock file in")))
     }
 
-    fn open_in(folder: &Path, bench: &BenchConfig) -> anyhow::Result<(File, PathBuf)> {
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the state folder {}", folder.display()))?;
-        let path = path_in(folder, bench);
-        let writing = File::options().read(true).write(true).create(true).truncate(false).open(&path);
-        // What is there on a read-only disk can still be locked.
-        let file = writing.or_else(|error| File::open(&path).map_err(|_| error));
-        Ok((file.with_context(|| format!("cannot open the lock file {}", path.display()))?, path))
+    fn open_in(folder: &Path, shared: bool, name: &BenchName) -> anyhow::Result<Vec<(File, PathBuf)>> {
+        make_folder(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        if shared {
+            check_own(folder)?;
+        }
+        let open = |path: PathBuf| {
+            // What is there on a read-only disk can still be locked.
+            let file = open_private(&path).or_else(|error| File::open(&path).map_err(|_| error));
+            Ok((file.with_context(|| format!("cannot open the lock file {}", path.display()))?, path))
+        };
+        paths_in(folder, name).into_iter().map(open).collect()
     }
 
-    fn hold(mut file: File, path: &Path) -> anyhow::Result<Self> {
+    fn hold(mut file: File, path: &Path) -> anyhow::Result<File> {
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
@@ -94,27 +108,50 @@ impl BenchLock {
             // It is held all the same; only its holder's number is missing.
             tracing::warn!(%error, path = %path.display(), "the lock file cannot be written");
         }
-        Ok(Self { _file: file })
+        Ok(file)
     }
 }
 
-fn path_in(folder: &Path, bench: &BenchConfig) -> PathBuf {
-    folder.join(format!("bench-{}.lock", bench.name()))
+/// Where the lock is while the state folder cannot be used: by this user's number, in a folder that is theirs.
+fn temporary_folder() -> PathBuf {
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|folder| folder.is_absolute());
+    match runtime {
+        Some(folder) => folder.join("plenalign"),
+        None => std::env::temp_dir().join(format!("plenalign-{}", geteuid())),
+    }
+}
+
+/// Whether nobody else can put a lock file into a folder, or a link in its place.
+fn check_own(folder: &Path) -> anyhow::Result<()> {
+    let found = fs::symlink_metadata(folder).with_context(|| format!("cannot look at {}", folder.display()))?;
+    if found.is_dir() && found.uid() == geteuid().as_raw() && found.permissions().mode() & 0o022 == 0 {
+        return Ok(());
+    }
+    bail!("{} is not a folder that this user alone can write; remove it", folder.display())
+}
+
+fn paths_in(folder: &Path, name: &BenchName) -> Vec<PathBuf> {
+    let mut names = vec![&name.spelled];
+    names.extend(name.devices.as_ref().filter(|devices| **devices != name.spelled));
+    names.into_iter().map(|name| folder.join(format!("bench-{name}.lock"))).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::BenchDriver;
+
+    fn simulated() -> BenchName {
+        bench_name(&BenchConfig::default())
+    }
 
     #[test]
     fn a_held_bench_names_its_holder_and_is_free_again_after() {
         let folder = tempfile::tempdir().unwrap();
-        let bench = BenchConfig::default();
+        let bench = simulated();
         let held = BenchLock::take_in(&[folder.path()], &bench).unwrap();
         let refused = BenchLock::take_in(&[folder.path()], &bench).unwrap_err().to_string();
         assert!(refused.contains(&format!("pid {}", std::process::id())), "{refused}");
-        let path = path_in(folder.path(), &bench);
+        let path = paths_in(folder.path(), &bench).remove(0);
         assert_eq!(BenchLock::holder_of(&path), Some(std::process::id()));
         drop(held);
         assert_eq!(BenchLock::holder_of(&path), None);
@@ -124,9 +161,17 @@ mod tests {
     #[test]
     fn other_benches_are_free() {
         let folder = tempfile::tempdir().unwrap();
-        let _held = BenchLock::take_in(&[folder.path()], &BenchConfig::default()).unwrap();
-        let hardware = BenchConfig { driver: BenchDriver::Hardware, ..BenchConfig::default() };
-        BenchLock::take_in(&[folder.path()], &hardware).unwrap();
+        let _held = BenchLock::take_in(&[folder.path()], &simulated()).unwrap();
+        let hardware = BenchName { spelled: "by-id".to_owned(), devices: Some("usb".to_owned()) };
+        let held = BenchLock::take_in(&[folder.path()], &hardware).unwrap();
+        // The same devices by another spelling, and the same spelling with the devices away.
+        for (spelled, devices) in [("tty", Some("usb")), ("by-id", None)] {
+            let other = BenchName { spelled: spelled.to_owned(), devices: devices.map(str::to_owned) };
+            let refused = BenchLock::take_in(&[folder.path()], &other).unwrap_err().to_string();
+            assert!(refused.contains("another process"), "{refused}");
+        }
+        drop(held);
+        BenchLock::take_in(&[folder.path()], &BenchName { spelled: "tty".to_owned(), devices: None }).unwrap();
     }
 
     #[test]
@@ -135,7 +180,7 @@ mod tests {
         let in_the_way = folder.path().join("state");
         std::fs::write(&in_the_way, "no folder").unwrap();
         let spare = folder.path().join("spare");
-        let bench = BenchConfig::default();
+        let bench = simulated();
         let _held = BenchLock::take_in(&[&in_the_way, &spare], &bench).unwrap();
         let refused = BenchLock::take_in(&[&in_the_way, &spare], &bench).unwrap_err().to_string();
         assert!(refused.contains("another process"), "{refused}");

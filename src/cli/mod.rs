@@ -20,6 +20,7 @@ mod lock;
 mod logging;
 mod man;
 mod measure;
+mod open_files;
 mod output;
 mod pose;
 mod progress;
@@ -40,7 +41,7 @@ mod view;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 use clap::{Parser, Subcommand};
 
 use crate::config::{Config, ConfigOrigin};
@@ -162,7 +163,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Jobs(args) => jobs::run(settings.open()?, args),
         Command::Demo(args) => demo::run(settings.open()?, args),
         Command::SimStage(args) => sim_stage::run(settings.open()?, args),
-        Command::StopAxes(args) => stop_axes::run(settings.open()?, args),
+        Command::StopAxes(args) => stop_axes::run(settings.open_to_stop()?, args),
         // It says itself what is wrong with the configuration.
         Command::Doctor(args) => doctor::run(settings.file.as_deref(), &settings.assignments, &args),
         Command::Fleet(args) => {
@@ -191,17 +192,13 @@ impl Settings {
 
     /// Reads the configuration.
     fn open(&self) -> anyhow::Result<Context> {
-        let (read, origin) = Config::open(self.file.as_deref())?;
-        let mut assignments = Vec::new();
-        for assignment in &self.assignments {
-            let (key, value) = assignment
-                .split_once('=')
-                .with_context(|| format!("--set {assignment}: expected KEY=VALUE, e.g. assembly.initial_e_mm=25"))?;
-            assignments.push((key.trim(), value.trim()));
-        }
-        let mut config = read.clone();
-        config.set_all(assignments)?;
-        let origin = origin.overridden(&read, &config);
+        let (config, origin) = Config::open(self.file.as_deref(), &self.assignments)?;
+        Ok(Context { config, origin })
+    }
+
+    /// Reads it for stopping the axes.
+    fn open_to_stop(&self) -> anyhow::Result<Context> {
+        let (config, origin) = Config::open_to_stop(self.file.as_deref(), &self.assignments)?;
         Ok(Context { config, origin })
     }
 }

@@ -7,13 +7,14 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::{Certificate, Client, StatusCode};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tokio::io::AsyncWriteExt as _;
 
 use super::progress::Progress;
 use crate::api::error::{LEASE_HEADER, Problem};
 use crate::api::server::use_ring;
-use crate::api::types::{Health, JobResource, LeaseAsked, Readiness};
+use crate::api::types::{Health, JobCreated, JobResource, LeaseAsked, Readiness};
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, Recording, RecordingState};
 use crate::control::lease::LeaseGrant;
 
@@ -33,9 +34,14 @@ pub(super) fn host_name() -> Option<String> {
 
 /// How this command names itself where it takes the control lease: its user and machine.
 pub(super) fn lease_owner() -> String {
+    format!("{} (plenalign align)", user_and_machine())
+}
+
+/// Who types a command, and where.
+pub(super) fn user_and_machine() -> String {
     let user = std::env::var("USER").ok().filter(|user| !user.is_empty()).unwrap_or_else(|| "somebody".to_owned());
     let machine = host_name().unwrap_or_else(|| "this machine".to_owned());
-    format!("{user}@{machine} (plenalign align)")
+    format!("{user}@{machine}")
 }
 
 /// How a command that asks a daemon says who it is, and knows the daemon.
@@ -68,12 +74,21 @@ pub(super) async fn align(server: &str, remote: &RemoteArgs, record: Option<&Pat
     let asked = LeaseAsked { owner: lease_owner(), note: Some("joint alignment".to_owned()), ttl_s: None };
     let lease: LeaseGrant = daemon.read(daemon.client.post(daemon.url("/api/v1/lease")).json(&asked)).await?;
     let start = daemon.client.post(daemon.url("/api/v1/jobs")).header(LEASE_HEADER, &lease.key).json(&request);
-    let created = daemon.read::<JobResource>(start).await;
+    let created = daemon.read::<JobCreated>(start).await;
     // The job has the lease from here on, and it is free again at the job's end; where there is no job, it is at once.
     let given_back = daemon.client.delete(daemon.url("/api/v1/lease")).header(LEASE_HEADER, &lease.key).send().await;
-    let created = created?;
+    let JobCreated { job: created, confirm_key } = created?;
     given_back.context("the control lease could not be given back")?;
-    let mut progress = Progress::new(format!("confirm it on the page at {}/ when it is done", daemon.base));
+    let how_to_confirm = if let Some(key) = confirm_key {
+        let link = format!("{}/#/alignment/{}/{key}", daemon.base, created.job.id);
+        eprintln!(
+            "plenalign: hand this link on to whoever is to confirm what the job asks; it does nothing else: {link}"
+        );
+        "confirm it by the link above when it is done"
+    } else {
+        "confirm it on the page when it is done, by a key that an administrator makes"
+    };
+    let mut progress = Progress::new(how_to_confirm.to_owned());
     let job = wait_for_end(&daemon, &created, &mut progress).await;
     progress.finish();
     let job = job?;
@@ -203,7 +218,12 @@ impl Daemon {
         self.read(self.client.post(self.url(path))).await
     }
 
-    /// The same with a query.
+    /// Deletes, with a body that says how.
+    pub(super) async fn delete<T: DeserializeOwned>(&self, path: &str, body: &impl Serialize) -> anyhow::Result<T> {
+        self.read(self.client.delete(self.url(path)).json(body)).await
+    }
+
+    /// The same as [`Daemon::get`] with a query.
     pub(super) async fn get_with<T: DeserializeOwned>(
         &self,
         path: &str,

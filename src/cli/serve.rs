@@ -16,18 +16,19 @@ use super::announce::Announcement;
 use super::faults::{self, FaultArgs};
 use super::listen::{Exposure, bind};
 use super::lock::BenchLock;
+use super::open_files;
 use super::remote::{RemoteArgs, host_name};
 use super::{Context, supervised};
 use crate::access::{Gate, TokenStore};
-use crate::api::Api;
 use crate::api::foxglove::Bridge;
 use crate::api::jpeg::Encoder;
-use crate::api::server::serve as serve_connections;
+use crate::api::server::Connections;
+use crate::api::{Api, IN_RESERVE};
 use crate::config::BenchDriver;
 use crate::control::history::HistoryAudit;
 use crate::control::{Service, open_bench};
 use crate::fleet::{Fleet, Prepared as FleetPrepared};
-use crate::state_folder::state_folder;
+use crate::state_folder::{mend, state_folder};
 use crate::store::Store;
 use crate::telemetry;
 
@@ -145,7 +146,9 @@ impl Server {
         let address = listener.local_addr()?;
         let config = Arc::new(context.config);
         let state = state_folder()?;
-        let exposure = Exposure::decide(&config.server, address, &state, insecure)?;
+        mend(&state);
+        let mut exposure = Exposure::decide(&config.server, address, &state, insecure)?;
+        exposure.server.connections = open_files::connections_for(exposure.server.connections)?;
         let alpaca = Prepared::take(&config.alpaca, &state, insecure).await?;
         let fleet = FleetPrepared::read(&config.mqtt, host_name().as_deref(), insecure).map_err(|why| anyhow!(why))?;
         let lock = BenchLock::take(&config.bench)?;
@@ -159,21 +162,23 @@ impl Server {
         let gate = Arc::new(Gate::new(exposure.gate.clone(), tokens, audit));
         // A second server in one process would count into the first one's metrics.
         let metrics = telemetry::install().inspect_err(|error| tracing::warn!(%error, "no metrics are kept")).ok();
+        metrics.clone().map(|kept| tokio::spawn(telemetry::keep_up(kept)));
         let encoder = Encoder::here().name();
         telemetry::picture_encoder(encoder);
         tracing::info!(encoder, "pictures for viewers");
         let api = Api::new(Arc::clone(&service), Arc::clone(&gate), address, context.origin).with_metrics(metrics);
-        let serving = serve_connections(listener, api.router(), exposure.server.clone(), api.closing());
-        let task = tokio::spawn(serving);
+        let connections = Connections::new(exposure.server.clone());
+        let task = tokio::spawn(connections.clone().serve(listener, api.router(), IN_RESERVE, api.closing()));
         let alpaca = match alpaca {
             Some(prepared) => {
                 let (service, gate) = (Arc::clone(&service), Arc::clone(&gate));
-                Some(prepared.serve(service, gate, exposure.server.clone(), api.closing()).await)
+                Some(prepared.serve(service, gate, &connections, api.closing()).await)
             }
             None => None,
         };
         let fleet = fleet.map(|fleet| fleet.start(&service, api.boot_id()));
-        let bridge = Bridge::start(Arc::clone(&service)).await.map_err(|why| anyhow!(why))?;
+        let bridge =
+            Bridge::start(Arc::clone(&service), Arc::clone(&gate), &connections).await.map_err(|why| anyhow!(why))?;
         let announcement =
             if config.server.mdns { announce(address, exposure.server.tls.is_some(), simulated) } else { None };
         Ok(Self {

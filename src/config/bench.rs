@@ -1,7 +1,7 @@
 //! `[bench]`: stages, camera and limits.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -70,15 +70,20 @@ impl Default for BenchConfig {
 }
 
 impl BenchConfig {
-    /// A name for the bench, fit for a file's: `simulated`, or its serial ports.
+    /// The simulated bench's name.
+    pub const SIMULATED: &str = "simulated";
+
+    /// A name for the bench, fit for a file's: `simulated`, or what its serial ports are called by `call`; `None` where one
+    /// of them has no such name.
     #[must_use]
-    pub fn name(&self) -> String {
+    pub fn name_by(&self, call: impl Fn(&Path) -> Option<String>) -> Option<String> {
         match self.driver {
-            BenchDriver::Simulated => "simulated".to_owned(),
+            BenchDriver::Simulated => Some(Self::SIMULATED.to_owned()),
             BenchDriver::Hardware => {
-                let mut ports: Vec<String> = self.controllers.values().map(|c| c.port.display().to_string()).collect();
+                let mut ports: Vec<String> =
+                    self.controllers.values().map(|controller| call(&controller.port)).collect::<Option<_>>()?;
                 ports.sort();
-                ports.join("+").chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
+                Some(ports.join("+").chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect())
             }
         }
     }
@@ -256,6 +261,9 @@ pub struct AxisConfig {
     pub steps_per_mm: f64,
     /// Whether the controller's positive direction is the coordinate's negative one.
     pub reversed: bool,
+    /// Whether the controller is set to turn the motor the other way round (Grbl: the axis's bit of `$3`; TMCL: axis
+    /// parameter 251): a controller that is set otherwise moves nothing.
+    pub motor_inverted: bool,
     /// Least position, mm.
     pub low_limit_mm: f64,
     /// Greatest position, mm.
@@ -291,6 +299,7 @@ impl Default for AxisConfig {
             axis: String::new(),
             steps_per_mm: 400.0,
             reversed: false,
+            motor_inverted: false,
             low_limit_mm: 0.0,
             high_limit_mm: 10.0,
             accept_wider_firmware_limits: false,

@@ -9,6 +9,12 @@ use crate::optics::{CameraDesign, MlaMode, water};
 /// Pixels of the largest frame that is believed: beyond it a slip of the keyboard is likelier than a sensor.
 const MOST_PIXELS: u64 = 1 << 28;
 
+/// Greatest number that is believed of any key, whatever its unit: a thousand kilometres in mm. With more, or with less
+/// than [`LEAST`] where 0 will not do, arithmetic comes to no finite numbers.
+const GREATEST: f64 = 1e9;
+/// Least number that is believed of a key that must be greater than 0.
+const LEAST: f64 = 1e-9;
+
 /// Gathers what is wrong.
 #[derive(Default)]
 pub(super) struct Faults(Vec<Violation>);
@@ -26,10 +32,13 @@ impl Faults {
         }
     }
 
-    /// Whether a value is above 0; a fault otherwise.
+    /// Whether a value is above 0, and not by next to nothing; a fault otherwise.
     pub(super) fn positive(&mut self, key: impl Into<String>, value: f64) -> bool {
-        self.require(value > 0.0, key, || format!("must be greater than 0, not {value}"));
-        value > 0.0
+        self.require(value >= LEAST, key, || match value > 0.0 {
+            true => format!("must be at least {LEAST:e}, not {value:e}"),
+            false => format!("must be greater than 0, not {value}"),
+        });
+        value >= LEAST
     }
 
     /// A fault where a value is below 0.
@@ -80,6 +89,7 @@ impl Config {
             self.bench.check(faults);
             self.server.check(faults);
             self.alpaca.check(faults);
+            self.history.check(faults);
             self.record.check(faults);
             self.foxglove.check(faults);
             self.mqtt.check(faults);
@@ -108,11 +118,11 @@ impl Config {
         })
     }
 
-    /// What `check` finds in a configuration whose numbers are numbers.
+    /// What `check` finds in a configuration whose numbers are believed.
     fn found(&self, check: impl FnOnce(&mut Faults)) -> Option<Vec<Violation>> {
         let mut faults = Faults::default();
         match Table::try_from(self) {
-            Ok(table) => finite(&table, "", &mut faults),
+            Ok(table) => believed(&table, "", &mut faults),
             Err(error) => faults.add("the configuration", format!("cannot be written as TOML: {error}")),
         }
         // Comparisons with NaN or infinity would only repeat in other words that the number is none.
@@ -283,6 +293,9 @@ impl Config {
                 )
             });
         }
+        if faults.0.is_empty() && !design.report(&self.design_criteria()).is_finite() {
+            faults.add("main_lens", "and the array, sensor, shell and distances come to no finite numbers together");
+        }
     }
 }
 
@@ -305,23 +318,25 @@ fn index(faults: &mut Faults, key: &str, value: f64) {
     faults.require(value >= 1.0, key, || format!("must be at least 1, relative to air, not {value}"));
 }
 
-/// A fault for every number of a section that is NaN or infinite.
-fn finite(table: &Table, path: &str, faults: &mut Faults) {
+/// A fault for every number of a section that is NaN, infinite or beyond all measure.
+fn believed(table: &Table, path: &str, faults: &mut Faults) {
+    let mut check = |key: &str, number: f64| {
+        faults.require(number.abs() <= GREATEST, key, || match number.is_finite() {
+            true => format!("must be within ±{GREATEST:e}, not {number:e}"),
+            false => format!("must be a finite number, not {number}"),
+        });
+    };
     for (key, value) in table {
         let full = joined(path, key);
         match value {
-            Value::Table(inner) => finite(inner, &full, faults),
-            Value::Float(number) => faults.require(number.is_finite(), full, || not_finite(*number)),
-            Value::Array(items) => {
-                for number in items.iter().filter_map(Value::as_float) {
-                    faults.require(number.is_finite(), full.clone(), || not_finite(number));
-                }
-            }
+            Value::Float(number) => check(&full, *number),
+            Value::Array(items) => items.iter().filter_map(Value::as_float).for_each(|number| check(&full, number)),
             _ => {}
         }
     }
-}
-
-fn not_finite(number: f64) -> String {
-    format!("must be a finite number, not {number}")
+    for (key, value) in table {
+        if let Value::Table(inner) = value {
+            believed(inner, &joined(path, key), faults);
+        }
+    }
 }

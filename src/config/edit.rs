@@ -5,14 +5,15 @@ use serde_json::Value as Json;
 use toml::{Table, Value};
 use toml_edit::{DocumentMut, Item, TableLike};
 
-use super::schema::joined;
+use super::schema::{joined, lookup};
 use super::{Config, ConfigError, Violation};
 
 /// Named in errors as the origin of a configuration that came in a request.
 const ORIGIN: &str = "the request";
 /// Keys, with all below them, that are changed only on the machine itself: who may ask the daemon, whom it
 /// tells, and what it reads.
-pub const LOCKED: [&str; 6] = ["server", "alpaca", "foxglove", "mqtt", "record.folder", "bench.camera.files"];
+pub const LOCKED: [&str; 7] =
+    ["server", "alpaca", "foxglove", "mqtt", "history", "record.folder", "bench.camera.files"];
 /// Stands for a value that is not told.
 const REDACTED: &str = "(redacted)";
 /// Keys whose values are not told.
@@ -78,7 +79,9 @@ impl Config {
     /// # Errors
     /// As [`Config::from_json`].
     pub fn drafted(&self, sections: &Json) -> Result<Self, ConfigError> {
-        self.read_over(&toml_text(sections)?, ORIGIN, Self::camera_violations).map_err(placeless)
+        let text = toml_text(sections)?;
+        let (_, draft) = self.read_set(&text, ORIGIN, &[], |draft, _| draft.camera_violations()).map_err(placeless)?;
+        Ok(draft)
     }
 
     /// The keys whose values differ in `after`, in alphabetical order.
@@ -103,11 +106,13 @@ impl Config {
                 .ok_or_else(|| EditError::Layout(change.key.clone()))?;
         }
         let mut edited = document.to_string();
-        // [water], where it is there, stands alone: once a key of it is written, all have to be.
+        // What has no default has to be written with it: of [water] all keys once one is, on hardware those of the camera.
         if !Self::says(&edited, after) {
+            let all = Table::try_from(after).unwrap_or_default();
             let water = Table::try_from(&after.water).unwrap_or_default();
-            for (key, value) in &water {
-                put(document.as_table_mut(), &joined("water", key), Some(value));
+            let of_water = water.keys().map(|key| joined("water", key));
+            for key in of_water.chain(after.keys_without_default()) {
+                put(document.as_table_mut(), &key, lookup(&all, &key));
             }
             edited = document.to_string();
         }

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use super::overrides::SET;
+
 /// A place in a configuration file, counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position {
@@ -36,6 +38,17 @@ pub struct Violation {
     pub position: Option<Position>,
     /// What is wrong, and what would be right.
     pub message: String,
+}
+
+/// Ends the message of a fault of a value that `--set` gave.
+pub(super) const FROM_SET: &str = " (from --set)";
+
+impl Violation {
+    /// Whether it is a value that `--set` gave, over a file, that is wrong.
+    #[must_use]
+    pub fn is_of_set(&self) -> bool {
+        self.message.ends_with(FROM_SET)
+    }
 }
 
 impl fmt::Display for Violation {
@@ -79,6 +92,12 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
+    /// Whether it is the assignments of `--set` that are wrong, and no file.
+    #[must_use]
+    pub fn is_of_set(&self) -> bool {
+        matches!(self, Self::Invalid { origin, .. } if origin == SET)
+    }
+
     /// What is wrong key by key; empty for a file that cannot be read or parsed.
     #[must_use]
     pub fn violations(&self) -> &[Violation] {

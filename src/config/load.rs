@@ -6,19 +6,42 @@ use std::path::Path;
 use toml::de::DeTable;
 use toml::{Spanned, Table, Value};
 
+use super::error::FROM_SET;
+use super::overrides::{SET, assigned};
 use super::schema::{joined, unknown_keys};
-use super::{Config, ConfigError, ConfigOrigin, Position, Violation};
+use super::{BenchDriver, Config, ConfigError, ConfigOrigin, Position, Violation};
 
 impl Config {
-    /// The configuration in force: a file's where one is named, else the reference preset; and where it came from.
+    /// The configuration in force, and where it came from: a file's where one is named, else the reference preset, with
+    /// assignments (`KEY=VALUE`, as `--set` takes them) laid over it. What is in force is checked, and not the file alone.
     ///
     /// # Errors
-    /// As [`Config::load`].
-    pub fn open(file: Option<&Path>) -> Result<(Self, ConfigOrigin), ConfigError> {
-        match file {
-            Some(path) => Ok((Self::load(path)?, ConfigOrigin::File(path.to_owned()))),
-            None => Ok((Self::default(), ConfigOrigin::Preset)),
-        }
+    /// As [`Config::load`]; what is wrong with a value that was assigned says so.
+    pub fn open(file: Option<&Path>, assignments: &[String]) -> Result<(Self, ConfigOrigin), ConfigError> {
+        Self::open_checked(file, assignments, Self::violations_of)
+    }
+
+    /// The same for a program that only stops the axes, which what is not said of the camera does not keep from it.
+    ///
+    /// # Errors
+    /// As [`Config::open`].
+    pub fn open_to_stop(file: Option<&Path>, assignments: &[String]) -> Result<(Self, ConfigOrigin), ConfigError> {
+        Self::open_checked(file, assignments, |config, _| config.violations())
+    }
+
+    fn open_checked(
+        file: Option<&Path>,
+        assignments: &[String],
+        check: impl FnOnce(&Self, &dyn Fn(&str) -> bool) -> Option<Vec<Violation>>,
+    ) -> Result<(Self, ConfigOrigin), ConfigError> {
+        let set = assigned(assignments)?;
+        let origin = file.map_or(ConfigOrigin::Preset, |path| ConfigOrigin::File(path.to_owned()));
+        let (text, name) = match file {
+            Some(path) => (text(path)?, path.display().to_string()),
+            None => (String::new(), SET.to_owned()),
+        };
+        let (read, config) = Self::default().read_set(&text, &name, &set, check)?;
+        Ok((config.clone(), origin.overridden(&read, &config)))
     }
 
     /// Reads and checks a file.
@@ -26,28 +49,29 @@ impl Config {
     /// # Errors
     /// [`ConfigError::Read`], or as [`Config::from_toml`].
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
-        Self::from_toml(&text, &path.display().to_string())
+        Self::from_toml(&text(path)?, &path.display().to_string())
     }
 
     /// Reads and checks a TOML text; `origin` names it in errors. A key left out has its value in the preset, also
-    /// within a section that is present; but `[water]`, where present, stands alone, its keys being alternatives.
+    /// within a section that is present; but `[water]`, where present, stands alone, its keys being alternatives, and on
+    /// a hardware bench lens, array, sensor and shell have no defaults.
     ///
     /// # Errors
     /// [`ConfigError::Syntax`] where it is not TOML; [`ConfigError::Invalid`] with every unknown key, else with the first
     /// value of a wrong type, else with every impossible value.
     pub fn from_toml(text: &str, origin: &str) -> Result<Self, ConfigError> {
-        Self::default().read_over(text, origin, Self::violations)
+        Self::default().read_set(text, origin, &[], Self::violations_of).map(|(_, config)| config)
     }
 
-    /// The same with the values of `self` for the keys left out, and checked as `check` does.
-    pub(super) fn read_over(
+    /// The same with the values of `self` for the keys left out, and with keys set to other values; checked as `check`
+    /// does, which is given what the text says. Returns also what it was before the keys were set.
+    pub(super) fn read_set(
         &self,
         text: &str,
         origin: &str,
-        check: impl FnOnce(&Self) -> Option<Vec<Violation>>,
-    ) -> Result<Self, ConfigError> {
+        set: &[(&str, &str)],
+        check: impl FnOnce(&Self, &dyn Fn(&str) -> bool) -> Option<Vec<Violation>>,
+    ) -> Result<(Self, Self), ConfigError> {
         let invalid = |mut violations: Vec<Violation>| {
             violations.sort_by_key(|violation| violation.position);
             ConfigError::Invalid { origin: origin.to_owned(), violations }
@@ -71,13 +95,45 @@ impl Config {
         let _: Self = toml::from_str(text).map_err(|error| wrong_type(&error))?;
         let written: Table = toml::from_str(text).map_err(|error| wrong_type(&error))?;
         let merged = self.merged(written).map_err(|error| wrong_type(&error))?;
-        check(&merged).map_or(Ok(()), |mut violations| {
+        let in_force = merged.with(set)?;
+        let is_set = |key: &str| set.iter().any(|(name, _)| *name == key);
+        let said = |key: &str| is_set(key) || span_of(document, key).is_some();
+        check(&in_force, &said).map_or(Ok(()), |mut violations| {
             for violation in &mut violations {
-                violation.position = span_of(document, &violation.key).map(|span| Position::of(text, span.start));
+                if is_set(&violation.key) {
+                    violation.message.push_str(FROM_SET);
+                } else {
+                    violation.position = span_of(document, &violation.key).map(|span| Position::of(text, span.start));
+                }
             }
             Err(invalid(violations))
         })?;
-        Ok(merged)
+        Ok((merged, in_force))
+    }
+
+    /// What is wrong with a configuration of which this was `said`; what was not has its default.
+    fn violations_of(&self, said: &dyn Fn(&str) -> bool) -> Option<Vec<Violation>> {
+        let left_out = self.keys_without_default().into_iter().filter(|key| !said(key)).map(|key| Violation {
+            key,
+            position: None,
+            message: "is missing: on a hardware bench it has no default".to_owned(),
+        });
+        let all: Vec<Violation> = left_out.chain(self.violations().unwrap_or_default()).collect();
+        (!all.is_empty()).then_some(all)
+    }
+
+    /// The keys that have to be said: on a hardware bench those of the lens, the array, the sensor and the shell, which
+    /// would be another camera's.
+    pub(super) fn keys_without_default(&self) -> Vec<String> {
+        if self.bench.driver != BenchDriver::Hardware {
+            return Vec::new();
+        }
+        let preset = Table::try_from(Self::default()).unwrap_or_default();
+        let keys = |section: &str| -> Vec<String> {
+            let table = preset.get(section).and_then(Value::as_table);
+            table.map(|table| table.keys().map(|key| joined(section, key)).collect()).unwrap_or_default()
+        };
+        ["main_lens", "mla", "sensor", "shell"].into_iter().flat_map(keys).collect()
     }
 
     fn merged(&self, written: Table) -> Result<Self, toml::de::Error> {
@@ -88,6 +144,10 @@ impl Config {
         merge(&mut table, written);
         table.try_into()
     }
+}
+
+fn text(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
 }
 
 /// Lays `over` on `base`, section by section.

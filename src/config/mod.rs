@@ -17,6 +17,7 @@ mod check_simulation;
 mod edit;
 mod error;
 mod flaws;
+mod history;
 mod load;
 mod mqtt;
 mod origin;
@@ -37,6 +38,7 @@ pub use capture::{CameraConfig, CameraDriver, ControlValue};
 pub use edit::{Change, EditError, Forbidden, LOCKED};
 pub use error::{ConfigError, Position, Violation};
 pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
+pub use history::HistoryConfig;
 pub use mqtt::{Broker, MqttConfig, MqttTlsConfig};
 pub use origin::ConfigOrigin;
 pub use record::{FoxgloveConfig, RecordConfig, RecordJobs};
@@ -74,6 +76,8 @@ pub struct Config {
     pub server: ServerConfig,
     /// The facade for ASCOM Alpaca clients.
     pub alpaca: AlpacaConfig,
+    /// How long the history keeps what.
+    pub history: HistoryConfig,
     /// What is recorded of jobs, and where.
     pub record: RecordConfig,
     /// The live bridge for Foxglove and Lichtblick.

@@ -7,7 +7,7 @@ use super::schema::{lookup, schema, unknown_message};
 use super::{Config, ConfigError, Violation};
 
 /// Named in errors as the origin of an override.
-const ORIGIN: &str = "--set";
+pub(super) const SET: &str = "--set";
 
 impl Config {
     /// Sets one key, dotted from the root, to a value written as in TOML; a word that is no TOML value is taken as a
@@ -29,13 +29,23 @@ impl Config {
         &mut self,
         assignments: impl IntoIterator<Item = (&'a str, &'a str)>,
     ) -> Result<(), ConfigError> {
+        let assignments: Vec<_> = assignments.into_iter().collect();
+        let changed = self.with(&assignments)?;
+        match changed.violations() {
+            Some(violations) => Err(ConfigError::Invalid { origin: SET.to_owned(), violations }),
+            None => {
+                *self = changed;
+                Ok(())
+            }
+        }
+    }
+
+    /// This configuration with keys set in order, not checked as a whole.
+    pub(super) fn with(&self, assignments: &[(&str, &str)]) -> Result<Self, ConfigError> {
         let schema = schema();
         let mut changed = self.clone();
-        for (key, value) in assignments {
-            let refused = |message| {
-                let violation = Violation { key: key.to_owned(), position: None, message };
-                ConfigError::Invalid { origin: ORIGIN.to_owned(), violations: vec![violation] }
-            };
+        for &(key, value) in assignments {
+            let refused = |message| refused(key, message);
             let known = lookup(&schema, key).ok_or_else(|| refused(unknown_message(&schema, key)))?;
             if known.is_table() {
                 return Err(refused("this is a section; set one of its keys".to_owned()));
@@ -44,14 +54,25 @@ impl Config {
             place(&mut table, key, parse(value, known)).ok_or_else(|| refused("no such section".to_owned()))?;
             changed = table.try_into().map_err(|error| refused(type_message(&error)))?;
         }
-        match changed.violations() {
-            Some(violations) => Err(ConfigError::Invalid { origin: ORIGIN.to_owned(), violations }),
-            None => {
-                *self = changed;
-                Ok(())
-            }
-        }
+        Ok(changed)
     }
+}
+
+/// Assignments `KEY=VALUE` as keys and values.
+///
+/// # Errors
+/// [`ConfigError::Invalid`] for what is none.
+pub(super) fn assigned(assignments: &[String]) -> Result<Vec<(&str, &str)>, ConfigError> {
+    let wrong = |said: &str| refused(said, "expected KEY=VALUE, e.g. assembly.initial_e_mm=25".to_owned());
+    assignments
+        .iter()
+        .map(|said| said.split_once('=').map(|(key, value)| (key.trim(), value.trim())).ok_or_else(|| wrong(said)))
+        .collect()
+}
+
+fn refused(key: &str, message: String) -> ConfigError {
+    let violation = Violation { key: key.to_owned(), position: None, message };
+    ConfigError::Invalid { origin: SET.to_owned(), violations: vec![violation] }
 }
 
 /// A value as written: `None` for an empty one. Where the key holds a string, anything but a quoted string is the string

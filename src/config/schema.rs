@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use toml::de::DeTable;
 use toml::{Table, Value};
 
-use super::{Config, ControlValue, ControllerConfig, ControllerDriver, Position, Violation, WaterConfig};
+use super::{
+    Config, ControlValue, ControllerConfig, ControllerDriver, HistoryConfig, Position, Violation, WaterConfig,
+};
 use crate::raw::CfaPattern;
 
 /// Stands for any name of a controller, or of a camera's control.
@@ -37,6 +39,7 @@ pub(super) fn schema() -> Table {
         address: 0,
     };
     full.bench.camera.crop_left_px = Some(0);
+    full.history = HistoryConfig { keep_days: Some(1), keep_mb: Some(1), keep_audit_days: Some(1) };
     full.bench.camera.crop_top_px = Some(0);
     full.bench.camera.controls = BTreeMap::from([(ANY_NAME.to_owned(), ControlValue::Number(0))]);
     full.bench.controllers = BTreeMap::from([(ANY_NAME.to_owned(), controller)]);

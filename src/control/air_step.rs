@@ -99,7 +99,9 @@ impl Alignment<'_> {
                     };
                     predicted = air.model().map(|model| model.predict(to_mm).0);
                     self.context.doing(format!("air: focus axis to {to_mm:.4} mm"));
-                    self.context.unless_cancelled(self.motion.go(AxisName::Focus, Millimetres(to_mm))).await?;
+                    self.context
+                        .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to_mm)))
+                        .await?;
                 }
                 AirDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
                 AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
@@ -190,7 +192,7 @@ impl Alignment<'_> {
                 return Err(JobEnd::failed("e is moved in air only after the air step"));
             };
             self.context.doing(format!("air: e axis to {to:.3} mm, where the shell is mounted"));
-            self.context.unless_cancelled(self.motion.go(AxisName::E, Millimetres(to))).await?;
+            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to))).await?;
             let after = self.context.unless_cancelled(self.eye.calibrate(levels, None, 1)).await?.middle;
             let [here, there] = [&before, &after].map(|seen| {
                 let (distance, slope) = camera.air_distance_mm(seen.spacing.spacing_px);

@@ -8,7 +8,7 @@ use super::context::{JobContext, JobEnd};
 use super::events::ShellState;
 use super::eye::{Eye, Seen};
 use super::job::Stage;
-use super::motion::Motion;
+use super::motion::{Admission, Motion};
 use crate::config::{Config, LBoundSource, Side};
 use crate::device::{AxisName, Setup};
 use crate::optics::{CameraDesign, Solution};
@@ -65,6 +65,8 @@ pub(super) struct Findings {
 pub(super) struct Alignment<'a> {
     pub(super) context: &'a JobContext,
     pub(super) motion: &'a Motion,
+    /// What everything that it moves is admitted under.
+    pub(super) admission: &'a Admission,
     pub(super) eye: &'a Eye,
     pub(super) config: &'a Arc<Config>,
     pub(super) design: CameraDesign,
@@ -100,7 +102,7 @@ impl Alignment<'_> {
             }
             if !state.homed {
                 self.context.log(format!("homing the {axis} axis"));
-                self.context.unless_cancelled(self.motion.home(axis)).await?;
+                self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
             }
             let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;
             self.context.log(format!("the {axis} axis stands at {:.3}", state.position));
@@ -119,7 +121,7 @@ impl Alignment<'_> {
             "the e axis stands {:.3} mm nearer to the shell than at the start: it is homed",
             initial - at
         ));
-        self.context.unless_cancelled(self.motion.home(AxisName::E)).await?;
+        self.context.unless_cancelled(self.motion.home(self.admission, AxisName::E)).await?;
         Ok(())
     }
 

@@ -1,12 +1,15 @@
 //! What a person moves by hand: moves, homing and jogs of one axis, and the statement about the shell.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
+use std::panic::AssertUnwindSafe;
 use std::sync::{Arc, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use futures_util::FutureExt as _;
+
 use super::events::{BenchView, ShellState};
 use super::lease::Permit;
-use super::motion::Claim;
+use super::motion::{Admission, Claim};
 use super::service::Service;
 use super::{Acceptance, Refusal, ServiceError};
 use crate::config::Side;
@@ -19,6 +22,7 @@ const JOG_HOLD: Duration = Duration::from_millis(300);
 
 /// A jog under way.
 pub(super) struct Jogging {
+    admission: Admission,
     towards: Side,
     speed: f64,
     grip: Grip,
@@ -29,29 +33,35 @@ impl Service {
         self.failures.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(super) fn by_hand(&self) -> MutexGuard<'_, HashSet<AxisName>> {
-        self.by_hand.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// From here on an axis counts as moving, until it [has ended](Self::ended_by_hand).
-    fn begins_by_hand(&self, axis: AxisName) {
-        self.failures().remove(&axis);
-        self.by_hand().insert(axis);
+    /// Carries a command by hand out in a task of its own, which holds its claim to the end.
+    fn carry_out_by_hand(
+        self: &Arc<Self>,
+        claim: Claim,
+        command: impl Future<Output = Result<(), ServiceError>> + Send + 'static,
+    ) {
+        self.failures().remove(&claim.axis());
+        let service = Arc::clone(self);
+        tokio::spawn(async move {
+            let failure = match AssertUnwindSafe(command).catch_unwind().await {
+                Ok(ended) => ended.err().map(|error| error.to_string()),
+                Err(panic) => {
+                    // Nobody watches what the axis does now.
+                    service.motion.stop_axis(claim.axis()).await;
+                    Some(broken(&*panic))
+                }
+            };
+            service.ended_by_hand(claim, failure);
+        });
     }
 
     /// Keeps how a command by hand ended, then gives the axis free: whoever finds it free knows how.
-    fn ended_by_hand(&self, claim: Claim, ended: Result<(), ServiceError>) {
+    fn ended_by_hand(&self, claim: Claim, failure: Option<String>) {
         let axis = claim.axis();
-        if let Err(error) = ended {
-            tracing::warn!(%axis, %error, "a command by hand did not end as commanded");
-            self.failures().insert(axis, error.to_string());
+        if let Some(failure) = failure {
+            tracing::warn!(%axis, %failure, "a command by hand did not end as commanded");
+            self.failures().insert(axis, failure);
         }
-        {
-            // Whoever takes the axis next begins only after this.
-            let mut by_hand = self.by_hand();
-            drop(claim);
-            by_hand.remove(&axis);
-        }
+        drop(claim);
         self.publish_bench();
     }
 
@@ -66,9 +76,9 @@ impl Service {
 
     /// Takes an axis for a command by hand. A job is looked for again once the axis is taken: one that began meanwhile
     /// either found the axis taken or is seen here.
-    fn claim_for_hand(&self, axis: AxisName) -> Result<Claim, ServiceError> {
+    fn claim_for_hand(&self, admission: &Admission, axis: AxisName) -> Result<Claim, ServiceError> {
         self.free_for_hand()?;
-        let claim = self.motion.claim(axis)?;
+        let claim = self.motion.claim(admission, axis)?;
         self.free_for_hand()?;
         Ok(claim)
     }
@@ -79,19 +89,16 @@ impl Service {
     /// Every motion rule, before anything moves.
     pub async fn move_axis(
         self: &Arc<Self>,
-        _permit: &Permit,
+        permit: &Permit,
         axis: AxisName,
         target: Millimetres,
     ) -> Result<BenchView, ServiceError> {
-        let claim = self.claim_for_hand(axis)?;
-        self.motion.check(axis, target)?;
+        let admission = self.motion.admit(permit);
         self.history_ready().await?;
-        self.begins_by_hand(axis);
-        let service = Arc::clone(self);
-        tokio::spawn(async move {
-            let ended = service.motion.go_claimed(&claim, target).await;
-            service.ended_by_hand(claim, ended.map(drop));
-        });
+        let claim = self.claim_for_hand(&admission, axis)?;
+        self.motion.check(axis, target)?;
+        let (motion, held) = (Arc::clone(&self.motion), claim.clone());
+        self.carry_out_by_hand(claim, async move { motion.go_claimed(&held, target).await.map(drop) });
         Ok(self.bench_view())
     }
 
@@ -99,16 +106,15 @@ impl Service {
     ///
     /// # Errors
     /// A refusal before anything moves.
-    pub async fn home_axis(self: &Arc<Self>, _permit: &Permit, axis: AxisName) -> Result<BenchView, ServiceError> {
-        let claim = self.claim_for_hand(axis)?;
-        self.motion.check_home(axis)?;
+    pub async fn home_axis(self: &Arc<Self>, permit: &Permit, axis: AxisName) -> Result<BenchView, ServiceError> {
+        let admission = self.motion.admit(permit);
         self.history_ready().await?;
-        self.begins_by_hand(axis);
-        let service = Arc::clone(self);
-        tokio::spawn(async move {
-            let ended = service.motion.home_claimed(&claim).await;
-            service.ended_by_hand(claim, ended);
-        });
+        self.free_for_hand()?;
+        let claim = self.motion.claim_homing(&admission, axis)?;
+        self.free_for_hand()?;
+        self.motion.check_home(axis)?;
+        let (motion, held) = (Arc::clone(&self.motion), claim.clone());
+        self.carry_out_by_hand(claim, async move { motion.home_claimed(&held).await });
         Ok(self.bench_view())
     }
 
@@ -117,17 +123,19 @@ impl Service {
     }
 
     /// Moves an axis towards a side for 0.3 s from now on: asked again in time, it goes on. At the axis's
-    /// greatest speed where none is given.
+    /// greatest speed where none is given. `press` tells one press of a button from the next.
     ///
     /// # Errors
-    /// Every motion rule, before anything moves; a jog another way while one is under way.
+    /// Every motion rule, before anything moves; a jog another way while one is under way; a press that a stop has ended.
     pub async fn jog(
         self: &Arc<Self>,
-        _permit: &Permit,
+        permit: &Permit,
         axis: AxisName,
         towards: Side,
         speed_mm_per_s: Option<f64>,
+        press: Option<&str>,
     ) -> Result<(BenchView, Acceptance), ServiceError> {
+        self.presses.go_on(axis, press, self.motion.turns())?;
         let greatest = self.motion.axis(axis).speed_mm_per_s;
         let speed = speed_mm_per_s.unwrap_or(greatest);
         if speed.is_nan() || speed <= 0.0 {
@@ -137,30 +145,34 @@ impl Service {
         if speed > greatest {
             return Err(Refusal::Speed { axis, speed, max: greatest }.into());
         }
-        if self.renew_jog(axis, towards, speed) {
+        let admission = self.motion.admit(permit);
+        if self.renew_jog(&admission, axis, towards, speed) {
             return Ok((self.bench_view(), Acceptance::Before));
         }
         self.history_ready().await?;
+        // The disk took its time, in which a stop may have come and been reset.
+        self.presses.go_on(axis, press, self.motion.turns())?;
         let mut jogs = self.jogs();
-        let claim = self.claim_for_hand(axis)?;
+        let claim = self.claim_for_hand(&admission, axis)?;
         self.motion.jog_end(axis, towards)?;
-        self.begins_by_hand(axis);
         let (grip, deadman) = deadman(JOG_HOLD);
-        jogs.insert(axis, Jogging { towards, speed, grip });
+        jogs.insert(axis, Jogging { admission, towards, speed, grip });
         drop(jogs);
-        let service = Arc::clone(self);
-        tokio::spawn(async move {
-            let ended = service.motion.jog_claimed(&claim, towards, speed, deadman).await;
+        let (service, held) = (Arc::clone(self), claim.clone());
+        self.carry_out_by_hand(claim, async move {
+            let ended = service.motion.jog_claimed(&held, towards, speed, deadman).await;
             service.jogs().remove(&axis);
-            service.ended_by_hand(claim, ended.map(drop));
+            ended.map(drop)
         });
         Ok((self.bench_view(), Acceptance::Now))
     }
 
-    /// Has a jog that is under way go on; the disk is not waited for. Returns whether there is one this way.
-    fn renew_jog(&self, axis: AxisName, towards: Side, speed: f64) -> bool {
+    /// Has a jog that is under way go on, where it began under the same lease and no stop has come since; the disk is
+    /// not waited for. Returns whether there is one this way.
+    fn renew_jog(&self, admission: &Admission, axis: AxisName, towards: Side, speed: f64) -> bool {
         let jogs = self.jogs();
         let same = jogs.get(&axis).filter(|jog| (jog.towards, jog.speed) == (towards, speed));
+        let same = same.filter(|jog| jog.admission == *admission && self.motion.in_force(admission, axis).is_ok());
         same.inspect(|jog| jog.grip.renew(JOG_HOLD)).is_some()
     }
 
@@ -202,11 +214,17 @@ impl Service {
     /// Takes the operator's statement about the shell.
     ///
     /// # Errors
-    /// A refusal while a job holds the bench.
+    /// A refusal while a job holds the bench, or an axis is under a command that was admitted under the former one.
     pub fn set_shell(&self, _permit: &Permit, shell: ShellState) -> Result<BenchView, ServiceError> {
         self.free_for_hand()?;
-        self.motion.set_shell(shell);
+        self.motion.set_shell_at_rest(shell)?;
         self.publish_bench();
         Ok(self.bench_view())
     }
+}
+
+/// What a panic comes to, for whoever reads why something ended.
+pub(super) fn broken(panic: &(dyn std::any::Any + Send)) -> String {
+    let words = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
+    format!("the program failed ({}); the axes were stopped: please report this", words.unwrap_or("it did not say how"))
 }

@@ -64,6 +64,9 @@ impl From<ServiceError> for JobEnd {
             ServiceError::Refused(Refusal::Stopped) | ServiceError::Device(DeviceError::Stopped { .. }) => {
                 Self::Cancelled { why: "stopped".to_owned() }
             }
+            ServiceError::Refused(error @ (Refusal::ControlEnded { .. } | Refusal::LeaseLost { .. })) => {
+                Self::Cancelled { why: error.to_string() }
+            }
             error => Self::failed(error.to_string()),
         }
     }
@@ -241,16 +244,18 @@ impl Job {
         self.cancel.cancel();
     }
 
+    /// It was refused after all: there is no such job, and nothing more is written of it.
+    pub(super) fn forget(&self) {
+        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).state = JobState::Cancelled;
+    }
+
     /// Takes the operator's confirmation of a step.
     ///
     /// # Errors
     /// When the job does not wait for that step.
     pub(super) fn confirm(&self, step: u32) -> Result<(), ServiceError> {
         let snapshot = self.snapshot();
-        let refuse = |why: String| {
-            let state = format!("{:?}", snapshot.state).to_lowercase();
-            Err(Refusal::JobState { state, why }.into())
-        };
+        let refuse = |why: String| Err(Refusal::JobState { state: snapshot.state, why }.into());
         match &snapshot.operator_step {
             Some(asked) if asked.number == step => match self.confirmations.try_send(step) {
                 Ok(()) => Ok(()),
@@ -338,6 +343,11 @@ impl JobContext {
         let end = End { state, reason: reason.clone(), report: report.clone(), outcome };
         self.job.journal.happened(|| Happening::End(Box::new(end)));
         self.end_recording().await;
+        self.close(state, reason, report);
+    }
+
+    /// The job has ended: the last that is said of it.
+    pub(super) fn close(&self, state: JobState, reason: String, report: Option<Report>) {
         self.job.change(|job| {
             job.state = state;
             job.stage = Stage::Report;
@@ -368,7 +378,10 @@ impl JobContext {
             Ok((Ok(bytes), _)) => complete(bytes),
             // On a thread of its own: it may take as long as the disk does.
             Ok((Err(RecvTimeoutError::Timeout), ended)) => {
-                std::thread::spawn(move || ended.recv().map(complete));
+                let waiting = std::thread::Builder::new().spawn(move || ended.recv().map(complete));
+                if let Err(error) = waiting {
+                    tracing::error!(%error, "the recording's end is not waited for");
+                }
             }
             // It has failed, and said so.
             Ok((Err(RecvTimeoutError::Disconnected), _)) => {}

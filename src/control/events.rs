@@ -102,6 +102,29 @@ pub struct StopView {
     /// Since when, RFC 3339.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub since: Option<jiff::Timestamp>,
+    /// Who stopped; absent while nobody has.
+    pub by: Option<String>,
+    /// Why it is not known whether an earlier run left the stop latched: it counts as latched until it is read, or reset.
+    pub unread: Option<String>,
+    /// The newest reset; absent while there was none.
+    pub reset: Option<StopReset>,
+}
+
+/// A reset of the stop.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StopReset {
+    /// When, RFC 3339.
+    #[schema(value_type = String, format = DateTime)]
+    pub at: jiff::Timestamp,
+    /// Who reset it.
+    pub by: String,
+    /// Why, in their words.
+    pub why: String,
+    /// Since when it had been stopped, RFC 3339; absent where that could not be read.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub stopped_at: Option<jiff::Timestamp>,
+    /// Who had stopped; absent where that could not be read.
+    pub stopped_by: Option<String>,
 }
 
 /// The newest measurement of the live picture or of a job.

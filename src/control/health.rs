@@ -56,6 +56,8 @@ impl Service {
         for axis in &view.axes {
             if let Some(why) = axis.absence() {
                 hindrances.push(format!("the {} axis is not connected: {why}", axis.axis));
+            } else {
+                hindrances.extend(self.motion.stage_info(axis.axis).contradictions);
             }
         }
         if let Some(why) = view.camera.absence() {

@@ -397,8 +397,9 @@ impl Service {
             }
         }
         self.history_ready().await?;
-        let (bench, name) = (self.journal.bench().to_owned(), key.to_owned());
-        let kept = self.journal.store().read(move |connection| read::find_key(connection, &bench, &name, since)).await;
+        let (bench, key_asked) = (self.journal.bench().clone(), key.to_owned());
+        let find = move |connection: &_| read::find_key(connection, &bench, &key_asked, since);
+        let kept = self.journal.store().read(find).await;
         // Nothing is begun twice because the history could not be asked.
         let Some(found) = kept.map_err(unreadable)? else { return Ok(None) };
         // What another version asked for is another request.

@@ -8,10 +8,13 @@
 //!     converged | succeeded | not_converged | failed      (interrupted: the program ended first)
 //! ```
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::journal::word;
 use super::outcome::Outcome;
 use crate::device::AxisName;
 
@@ -42,6 +45,13 @@ pub enum JobState {
     Failed,
     /// Ended with the program, which said nothing more of it: found when it was started again.
     Interrupted,
+}
+
+/// The word for it, as on every wire.
+impl fmt::Display for JobState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&word(self))
+    }
 }
 
 impl JobState {

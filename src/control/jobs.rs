@@ -1,15 +1,19 @@
-//! Jobs: accepted one at a time, run, confirmed and cancelled.
+//! Jobs: accepted one at a time, run and cancelled.
 
+use std::panic::AssertUnwindSafe;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use futures_util::FutureExt as _;
 use tracing::Instrument as _;
 use uuid::Uuid;
 
+use super::by_hand::broken;
 use super::context::{Job, JobContext};
-use super::job::{JobRequest, JobSnapshot};
+use super::job::{JobRequest, JobSnapshot, JobState};
 use super::journal::word;
 use super::lease::Permit;
+use super::motion::Admission;
 use super::recording::{FileSink, Happening, Recording, RecordingState, Sink};
 use super::service::Service;
 use super::{Refusal, ServiceError, runner};
@@ -47,8 +51,9 @@ impl Service {
         permit: &Permit,
         request: JobRequest,
     ) -> Result<JobSnapshot, ServiceError> {
+        let admission = self.motion.admit(permit);
         let _accepting = self.accepting.lock().await;
-        self.accept_job(permit, request, None, Recorded::default()).await
+        self.accept_job(permit, admission, request, None, Recorded::default()).await
     }
 
     /// Starts a job that is recorded to a file of the caller's choice, whatever the configuration says.
@@ -61,8 +66,9 @@ impl Service {
         request: JobRequest,
         file: PathBuf,
     ) -> Result<JobSnapshot, ServiceError> {
+        let admission = self.motion.admit(permit);
         let _accepting = self.accepting.lock().await;
-        self.accept_job(permit, request, None, Recorded { file: Some(file), sink: None }).await
+        self.accept_job(permit, admission, request, None, Recorded { file: Some(file), sink: None }).await
     }
 
     /// Starts a job and hands what is recorded of it to `sink`.
@@ -72,8 +78,9 @@ impl Service {
         request: JobRequest,
         sink: Arc<dyn Sink>,
     ) -> Result<JobSnapshot, ServiceError> {
+        let admission = self.motion.admit(permit);
         let _accepting = self.accepting.lock().await;
-        self.accept_job(permit, request, None, Recorded { file: None, sink: Some(sink) }).await
+        self.accept_job(permit, admission, request, None, Recorded { file: None, sink: Some(sink) }).await
     }
 
     /// Starts a job under the caller's own name for it: asked again within a day, it is the same job, whoever has the
@@ -87,34 +94,44 @@ impl Service {
         request: JobRequest,
         key: String,
     ) -> Result<(JobSnapshot, Acceptance), ServiceError> {
+        let admitted = permit.map(|permit| (self.motion.admit(&permit), permit));
         let _accepting = self.accepting.lock().await;
         if let Some(job) = self.job_of_key(&request, &key).await? {
             return Ok((job, Acceptance::Before));
         }
-        Ok((self.accept_job(&permit?, request, Some(key), Recorded::default()).await?, Acceptance::Now))
+        let (admission, permit) = admitted?;
+        let job = self.accept_job(&permit, admission, request, Some(key), Recorded::default()).await?;
+        Ok((job, Acceptance::Now))
     }
 
     async fn accept_job(
         self: &Arc<Self>,
         permit: &Permit,
+        admission: Admission,
         request: JobRequest,
         key: Option<String>,
         recorded: Recorded,
     ) -> Result<JobSnapshot, ServiceError> {
         request.check()?;
         self.history_ready().await?;
-        let (job, context) = self.reserve(permit, &request, key)?;
-        if let Err(error) = self.journal.begin_job(job.chronicle()).await {
+        let (job, context) = self.reserve(permit, &admission, &request, key)?;
+        let written = self.journal.begin_job(job.chronicle()).await.map_err(ServiceError::from);
+        // The disk took its time, in which a stop or another's lease may have come.
+        let admitted = written
+            .and_then(|()| AxisName::ALL.into_iter().try_for_each(|axis| self.motion.in_force(&admission, axis)));
+        if let Err(error) = admitted {
             let id = job.snapshot().id;
             self.all_jobs().retain(|other| !Arc::ptr_eq(other, &job));
+            job.forget();
+            self.journal.end_job();
             self.leases.unbind(id);
             self.journal.forget_job(id);
-            return Err(error.into());
+            return Err(error);
         }
         self.failures().clear();
         self.begin_recording(&job, recorded);
         let service = Arc::clone(self);
-        tokio::spawn(async move { service.run(context).await });
+        tokio::spawn(async move { service.run(context, admission).await });
         Ok(job.snapshot())
     }
 
@@ -154,19 +171,19 @@ impl Service {
     fn reserve(
         &self,
         permit: &Permit,
+        admission: &Admission,
         request: &JobRequest,
         key: Option<String>,
     ) -> Result<(Arc<Job>, JobContext), ServiceError> {
         self.open_for_motion()?;
-        if self.motion.stop_view().latched {
-            return Err(Refusal::Stopped.into());
-        }
+        AxisName::ALL.into_iter().try_for_each(|axis| self.motion.in_force(admission, axis))?;
         let mut jobs = self.all_jobs();
         if let Some(holder) = jobs.iter().find(|job| !job.snapshot().state.is_final()) {
             return Err(Refusal::Busy { job: holder.snapshot().id }.into());
         }
         for axis in AxisName::ALL {
-            self.motion.claim(axis)?;
+            // Taken for a moment: a command by hand that comes meanwhile sees the job, or is seen here.
+            self.motion.claim(admission, axis)?;
         }
         let (journal, operator) = (Arc::clone(&self.journal), self.bench.simulated.clone());
         let (job, context) = Job::new(request, key, permit.owner(), journal, self.events.clone(), operator);
@@ -178,24 +195,19 @@ impl Service {
         Ok((job, context))
     }
 
-    async fn run(&self, context: JobContext) {
+    async fn run(&self, context: JobContext, admission: Admission) {
         let (id, kind) = (context.snapshot().id, context.snapshot().kind);
         let span = tracing::info_span!("job", otel.name = format!("job {}", word(&kind)), %id);
-        let running = runner::run(&context, &self.motion, &self.eye, &self.config, &self.design_origin);
-        running.instrument(span).await;
+        let running = runner::run(&context, &self.motion, &admission, &self.eye, &self.config, &self.design_origin);
+        if let Err(panic) = AssertUnwindSafe(running).catch_unwind().instrument(span).await {
+            let breaking_off = runner::break_off(&context, &self.motion, broken(&*panic));
+            if AssertUnwindSafe(breaking_off).catch_unwind().await.is_err() {
+                context.close(JobState::Failed, broken(&*panic), None);
+            }
+        }
         self.journal.end_job();
         self.leases.unbind(id);
         self.publish_bench();
-    }
-
-    /// Confirms the operator step that a job waits for.
-    ///
-    /// # Errors
-    /// When there is no such job, or it does not wait for that step.
-    pub fn confirm(&self, id: Uuid, step: u32) -> Result<JobSnapshot, ServiceError> {
-        let job = self.find(id)?;
-        job.confirm(step)?;
-        Ok(job.snapshot())
     }
 
     /// Asks a job to end; may be repeated, also after its end.

@@ -8,16 +8,17 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use uuid::Uuid;
 
+use super::bench_name::bench_name;
 use super::events::{MeasurementView, StopView};
 use super::job::{JobSnapshot, OperatorStep};
 use super::lease::KeptLease;
 use super::measurement::SingleMeasurement;
 use super::recording::{Happening, Sink};
 use super::refusal::{Refusal, ServiceError};
-use crate::config::Config;
+use crate::config::{BenchConfig, Config};
 use crate::device::AxisName;
-use crate::store::records::{self, Entry, Kept, Line, Move, Picture, Run};
-use crate::store::{Store, StoreError, Writer, read};
+use crate::store::records::{self, Entry, Line, Move, Picture, Run};
+use crate::store::{BenchName, Store, StoreError, Writer};
 use crate::units::Millimetres;
 
 /// Where the stop's latch is kept beyond a run.
@@ -32,6 +33,7 @@ const INTERRUPTED_REASON: &str =
 pub(super) struct Journal {
     store: Store,
     run: Run,
+    bench: BenchName,
     /// The job that holds the bench: motion belongs to it.
     job: Mutex<Option<Uuid>>,
     /// What takes the recording of that job.
@@ -58,23 +60,36 @@ impl Journal {
             tracing::error!(%error, "the configuration cannot be written as TOML");
             String::new()
         });
+        let bench = bench_name(&config.bench);
         let run = Run {
             id: Uuid::now_v7(),
-            bench: config.bench.name(),
+            bench: bench.now().to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             configuration,
             started_at: Timestamp::now(),
         };
-        Self { store, run, job: Mutex::new(None), recorded: Mutex::default(), begun: tokio::sync::Mutex::new(None) }
+        Self {
+            store,
+            run,
+            bench,
+            job: Mutex::new(None),
+            recorded: Mutex::default(),
+            begun: tokio::sync::Mutex::new(None),
+        }
     }
 
     pub(super) const fn store(&self) -> &Store {
         &self.store
     }
 
-    /// The bench's name in the history.
-    pub(super) fn bench(&self) -> &str {
-        &self.run.bench
+    /// The bench's names in the history.
+    pub(super) const fn bench(&self) -> &BenchName {
+        &self.bench
+    }
+
+    /// The run of the program.
+    pub(super) const fn run(&self) -> Uuid {
+        self.run.id
     }
 
     /// Why the history cannot be written, which keeps every axis still; `None` while it can.
@@ -90,12 +105,12 @@ impl Journal {
         if *begun == Some(opened) {
             return Ok(false);
         }
-        let (run, jobs) = (self.run.clone(), jobs());
+        let (run, bench, jobs) = (self.run.clone(), self.bench.clone(), jobs());
         let interrupted = self
             .store
             .write(move |writer| {
                 writer.begin_run(&run)?;
-                let interrupted = writer.interrupt(&run, INTERRUPTED_REASON)?;
+                let interrupted = writer.interrupt(&run, &bench, INTERRUPTED_REASON)?;
                 for job in jobs {
                     job.write(writer)?;
                 }
@@ -253,14 +268,25 @@ impl Journal {
 
     /// Keeps a value for this bench beyond the run, without waiting.
     pub(super) fn put(&self, key: &str, value: Value) {
-        let kept = Kept { bench: self.run.bench.clone(), key: key.to_owned(), value };
-        self.store.queue(move |writer| writer.keep(&kept));
+        let (bench, key) = (self.bench.clone(), key.to_owned());
+        self.store.queue(move |writer| writer.keep_for(&bench, &key, value));
     }
 
-    /// A value kept for this bench.
-    pub(super) async fn get(&self, key: &str) -> Result<Option<Value>, StoreError> {
-        let (bench, key) = (self.run.bench.clone(), key.to_owned());
-        self.store.read(move |connection| read::kept(connection, &bench, &key)).await
+    /// The values kept for this bench, that of its devices first: [`BenchName::kept`].
+    async fn get(&self, key: &str) -> Result<Vec<Value>, StoreError> {
+        let (bench, key) = (self.bench.clone(), key.to_owned());
+        self.store.read(move |connection| bench.kept(connection, &key)).await
+    }
+
+    /// The values kept for other benches than this one, where nothing tells it from them: its devices are away, or have
+    /// never been seen.
+    async fn get_elsewhere(&self, key: &str) -> Result<Vec<Value>, StoreError> {
+        if self.bench.spelled == BenchConfig::SIMULATED {
+            return Ok(Vec::new());
+        }
+        let (bench, key) = (self.bench.clone(), key.to_owned());
+        let found = self.store.read(move |connection| bench.kept_elsewhere(connection, &key)).await?;
+        Ok(found.into_iter().filter(|(bench, _)| bench != BenchConfig::SIMULATED).map(|(_, value)| value).collect())
     }
 
     /// Keeps the stop's latch.
@@ -268,12 +294,26 @@ impl Journal {
         self.put(STOP_KEY, document(stop));
     }
 
-    /// The stop's latch as an earlier run left it.
-    pub(super) async fn kept_stop(&self) -> Result<Option<StopView>, StoreError> {
-        let kept = self.get(STOP_KEY).await?;
-        // What cannot be read counts as a stop: nothing moves until somebody has looked.
-        let unreadable = StopView { latched: true, since: None };
-        Ok(kept.map(|value| serde_json::from_value(value).unwrap_or(unreadable)))
+    /// Writes the stop's latch, and returns once it is on the disk.
+    pub(super) async fn write_stop(&self, stop: StopView) -> Result<(), StoreError> {
+        let (bench, value) = (self.bench.clone(), document(&stop));
+        self.store.write(move |writer| writer.keep_for(&bench, STOP_KEY, value)).await
+    }
+
+    /// The stop's latch as an earlier run left it, or why it cannot be read. Where it may be one of several, one that is
+    /// latched.
+    pub(super) async fn kept_stop(&self) -> Result<Option<StopView>, String> {
+        let unread = |error: StoreError| format!("the history cannot be read: {error}");
+        let mut kept = self.get(STOP_KEY).await.map_err(unread)?;
+        if kept.is_empty() {
+            kept = self.get_elsewhere(STOP_KEY).await.map_err(unread)?;
+        }
+        let read = |value| {
+            serde_json::from_value(value).map_err(|error| format!("what the history keeps makes no sense: {error}"))
+        };
+        let stops = kept.into_iter().map(read).collect::<Result<Vec<StopView>, _>>()?;
+        let latched = stops.iter().position(|stop| stop.latched);
+        Ok(stops.into_iter().nth(latched.unwrap_or(0)))
     }
 
     /// Keeps the control lease.
@@ -283,12 +323,12 @@ impl Journal {
 
     /// The control lease as an earlier run left it. One that cannot be read is none: it would only keep others out.
     pub(super) async fn kept_lease(&self) -> Result<Option<KeptLease>, StoreError> {
-        Ok(self.get(LEASE_KEY).await?.and_then(|value| serde_json::from_value(value).ok()))
+        Ok(self.get(LEASE_KEY).await?.into_iter().find_map(|value| serde_json::from_value(value).ok()))
     }
 
     /// Adds to the audit log.
     pub(super) fn audit(&self, audit: records::Audit) {
-        self.store.queue(move |writer| writer.add_audit(&audit));
+        self.store.audit(audit);
     }
 
     /// Ends the run in good order; returns when everything is written, or cannot be.
@@ -296,6 +336,10 @@ impl Journal {
         let run = self.run.id;
         self.store.queue(move |writer| writer.end_run(run, Timestamp::now()));
         self.store.flush().await;
+        // The last place where they can be told.
+        for records::Audit { at, who, what, detail, from } in self.store.unwritten_audit() {
+            tracing::error!(%at, who, what, %detail, from, "an entry of the audit log is not in the history");
+        }
     }
 }
 

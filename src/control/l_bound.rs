@@ -18,7 +18,7 @@ impl Alignment<'_> {
         let Some(camera) = self.findings.camera else {
             return Err(JobEnd::failed("l_bound needs the calibration in air"));
         };
-        self.context.unless_cancelled(self.motion.release(AxisName::E)).await?;
+        self.context.unless_cancelled(self.motion.release(self.admission, AxisName::E)).await?;
         let distance_mm = self.config.object.distance_mm;
         let instruction = format!(
             "The e axis's motor is off. Mount the shell, fill the tank, put the flat board {distance_mm:.1} mm from the shell's outer vertex, and push the camera by hand as near to the shell as the lens's barrel allows."
@@ -37,12 +37,19 @@ impl Alignment<'_> {
             )));
         }
         let clearance = self.config.assembly.clearance_mm.max(3.0 * sigma);
-        self.motion.set_l_bound_mm(least_e + clearance);
+        let (l_bound_mm, wall_mm) = (least_e + clearance, self.config.assembly.e_wall_mm(least_e + clearance));
+        let highest_mm = self.config.bench.e.high_limit_mm;
+        if wall_mm >= highest_mm {
+            return Err(JobEnd::failed(format!(
+                "an l_bound of {l_bound_mm:.2} mm was measured, which puts the e wall at {wall_mm:.2} mm, beyond the e axis's travel to {highest_mm} mm: shell, water or board are not what is configured, or the axis is too short"
+            )));
+        }
+        self.motion.set_l_bound_mm(l_bound_mm);
         self.findings.l_bound_sigma_mm = Some(sigma);
         let note = format!(
             "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
             camera.slope_e(least_e, 0.0).abs(),
-            least_e + clearance
+            l_bound_mm
         );
         self.context.log(note.clone());
         self.findings.notes.push(note);
@@ -53,7 +60,7 @@ impl Alignment<'_> {
         for axis in AxisName::ALL {
             // A controller that can switch off all of its motors only has lost the other axis, too.
             if !self.context.unless_cancelled(self.motion.read_state(axis)).await?.homed {
-                self.context.unless_cancelled(self.motion.home(axis)).await?;
+                self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
             }
         }
         self.findings.delta_v_air = None;

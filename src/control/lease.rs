@@ -3,6 +3,7 @@
 //! A lease lives for its time to live from the last heartbeat. One that a connection holds lives as long as that
 //! connection, and [`GRACE`] longer. While a job runs, the job holds the lease of its starter, heartbeat or not.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -13,14 +14,15 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::refusal::{Refusal, ServiceError};
+use crate::access::Digest;
 
-/// How long a lease outlives the connection that held it, unless renewed otherwise.
+/// How long a lease outlives the connection or the job that held it, unless renewed otherwise.
 pub const GRACE: Duration = Duration::from_secs(10);
 /// Shortest and longest time to live that may be asked for, s.
 pub const TTL_RANGE_S: [f64; 2] = [2.0, 3600.0];
 /// Time to live where none is asked for, s.
 pub const DEFAULT_TTL_S: f64 = 30.0;
-/// Most characters of an owner's name, and of a note.
+/// Most characters of an owner's name, of a note, and of why the stop is reset.
 pub const MAX_TEXT: usize = 200;
 
 /// A lease as anybody may see it.
@@ -73,13 +75,6 @@ impl LeaseRequest {
     /// [`ServiceError::Invalid`] names the field: owner and note are short and printable, the time to live is within
     /// [`TTL_RANGE_S`].
     pub fn new(owner: String, note: Option<String>, ttl_s: Option<f64>) -> Result<Self, ServiceError> {
-        let words = |field, text: &str| {
-            if text.trim().is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
-                let what = format!("1 to {MAX_TEXT} printable characters are needed");
-                return Err(ServiceError::Invalid { field, what });
-            }
-            Ok(())
-        };
         words("owner", &owner)?;
         note.as_deref().map_or(Ok(()), |note| words("note", note))?;
         let ttl_s = ttl_s.unwrap_or(DEFAULT_TTL_S);
@@ -92,6 +87,18 @@ impl LeaseRequest {
         }
         Ok(Self { owner, note, ttl: Duration::from_secs_f64(ttl_s) })
     }
+}
+
+/// Text that a person gives with a request: 1 to [`MAX_TEXT`] printable characters.
+///
+/// # Errors
+/// [`ServiceError::Invalid`] names the field.
+pub fn words(field: &'static str, text: &str) -> Result<(), ServiceError> {
+    if text.trim().is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
+        let what = format!("1 to {MAX_TEXT} printable characters are needed");
+        return Err(ServiceError::Invalid { field, what });
+    }
+    Ok(())
 }
 
 /// That the holder of the lease asks: what every command of motion needs.
@@ -110,10 +117,11 @@ impl Permit {
 }
 
 /// A lease as it is kept over a restart.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct KeptLease {
     id: Uuid,
-    key: String,
+    /// What is kept of its key.
+    key: Digest,
     owner: String,
     note: Option<String>,
     since: jiff::Timestamp,
@@ -123,7 +131,7 @@ pub struct KeptLease {
 
 struct Held {
     id: Uuid,
-    key: String,
+    key: Digest,
     owner: String,
     note: Option<String>,
     since: jiff::Timestamp,
@@ -165,6 +173,8 @@ pub struct Leases {
     held: Mutex<Option<Held>>,
     /// Those that have run out, for whoever writes it down.
     run_out: Mutex<Vec<LeaseView>>,
+    /// Whether there has been one in this run: then what an earlier run left no longer counts.
+    begun: AtomicBool,
     /// Counts the changes, for whoever publishes them.
     changes: watch::Sender<u64>,
 }
@@ -230,22 +240,18 @@ impl Leases {
         }
     }
 
-    /// Grants the lease whoever has it: the caller has ended what the former holder had under way.
-    ///
-    /// # Errors
-    /// [`Refusal::LeaseHeld`] while a job holds it.
-    pub fn take_over(&self, request: LeaseRequest) -> Result<LeaseGrant, Refusal> {
-        let mut held = self.now();
-        match &*held {
-            Some(lease) if lease.job.is_some() => Err(held_by(lease)),
-            _ => Ok(self.grant(&mut held, request)),
-        }
+    /// Grants the lease to another than who has it, be it a job: from here on the former key opens nothing. What moves
+    /// under it is the caller's to end.
+    pub fn take_over(&self, request: LeaseRequest) -> LeaseGrant {
+        self.grant(&mut self.now(), request)
     }
 
     fn grant(&self, held: &mut Option<Held>, request: LeaseRequest) -> LeaseGrant {
+        self.begun.store(true, Ordering::SeqCst);
+        let key = format!("{:032x}", rand::random::<u128>());
         let lease = Held {
             id: Uuid::now_v7(),
-            key: format!("{:032x}", rand::random::<u128>()),
+            key: Digest::of(&key),
             owner: request.owner,
             note: request.note,
             since: jiff::Timestamp::now(),
@@ -255,7 +261,7 @@ impl Leases {
             job: None,
             given_back: false,
         };
-        let grant = LeaseGrant { key: lease.key.clone(), lease: lease.view() };
+        let grant = LeaseGrant { key, lease: lease.view() };
         *held = Some(lease);
         self.changed();
         grant
@@ -265,8 +271,19 @@ impl Leases {
     fn with<T>(&self, key: Option<&str>, change: impl FnOnce(&mut Held) -> T) -> Result<T, Refusal> {
         let key = key.ok_or(Refusal::LeaseRequired)?;
         match &mut *self.now() {
-            Some(lease) if lease.key == key => Ok(change(lease)),
-            other => Err(Refusal::LeaseLost { holder: other.as_ref().map(|lease| lease.owner.clone()) }),
+            Some(lease) if lease.key.matches(&Digest::of(key)) => Ok(change(lease)),
+            other => Err(lost_to(other.as_ref())),
+        }
+    }
+
+    /// Whether a permit's lease is still in force.
+    ///
+    /// # Errors
+    /// [`Refusal::LeaseLost`] where it is over.
+    pub fn check(&self, permit: &Permit) -> Result<(), Refusal> {
+        match &*self.now() {
+            Some(lease) if lease.id == permit.lease => Ok(()),
+            other => Err(lost_to(other.as_ref())),
         }
     }
 
@@ -293,14 +310,15 @@ impl Leases {
     }
 
     /// Gives the lease back; where a job holds it, at that job's end. Returns what is given back: a key that is not the
-    /// holder's has nothing to give.
+    /// holder's has nothing to give. The service, which watches the [changes](Self::changes), ends what moves under it.
     ///
     /// # Errors
     /// [`Refusal::LeaseRequired`] without a key.
     pub fn release(&self, key: Option<&str>) -> Result<Option<LeaseView>, Refusal> {
         let key = key.ok_or(Refusal::LeaseRequired)?;
         let mut held = self.now();
-        let Some(lease) = held.as_mut().filter(|lease| lease.key == key) else { return Ok(None) };
+        let shown = Digest::of(key);
+        let Some(lease) = held.as_mut().filter(|lease| lease.key.matches(&shown)) else { return Ok(None) };
         let released = lease.view();
         if lease.job.is_some() {
             lease.connections = 0;
@@ -326,14 +344,13 @@ impl Leases {
         Ok(permit)
     }
 
-    /// A connection that held the lease is gone: after [`GRACE`] it runs out, unless it is renewed, or has longer to
-    /// live by its heartbeat.
+    /// A connection that held the lease is gone: after [`GRACE`] it runs out, unless it is renewed.
     pub fn disconnect(&self, permit: &Permit) {
         if let Some(lease) = &mut *self.now()
             && lease.id == permit.lease
         {
             lease.connections = lease.connections.saturating_sub(1);
-            if lease.connections == 0 {
+            if lease.connections == 0 && !lease.given_back {
                 lease.until = Instant::now() + GRACE;
             }
             self.changed();
@@ -351,7 +368,7 @@ impl Leases {
                 self.changed();
                 Ok(())
             }
-            other => Err(Refusal::LeaseLost { holder: other.as_ref().map(|lease| lease.owner.clone()) }),
+            other => Err(lost_to(other.as_ref())),
         }
     }
 
@@ -363,6 +380,9 @@ impl Leases {
             && lease.job == Some(job)
         {
             lease.job = None;
+            if !lease.given_back {
+                lease.until = lease.until.max(Instant::now() + GRACE);
+            }
             self.changed();
         }
     }
@@ -372,7 +392,7 @@ impl Leases {
     pub fn keep(&self) -> Option<KeptLease> {
         self.now().as_ref().map(|lease| KeptLease {
             id: lease.id,
-            key: lease.key.clone(),
+            key: lease.key,
             owner: lease.owner.clone(),
             note: lease.note.clone(),
             since: lease.since,
@@ -385,17 +405,21 @@ impl Leases {
         })
     }
 
-    /// Takes a kept lease up again, where it has not run out meanwhile. Its job is over, and so are its connections.
+    /// Takes a kept lease up again, once a run and before any other, where it has not run out meanwhile. Its job is over,
+    /// and so are its connections.
     pub fn restore(&self, kept: KeptLease) {
         let left = kept.expires_at.duration_since(jiff::Timestamp::now());
         let ttl = Duration::from_secs_f64(kept.ttl_s.clamp(TTL_RANGE_S[0], TTL_RANGE_S[1]));
         let left = Duration::try_from(left).unwrap_or_default();
         let mut held = self.now();
+        if self.begun.swap(true, Ordering::SeqCst) {
+            return;
+        }
         if left.is_zero() {
             let KeptLease { id, owner, note, since, ttl_s, expires_at, .. } = kept;
             self.ran_out(LeaseView { id, owner, note, since, ttl_s, expires_at: Some(expires_at), job: None });
             self.changed();
-        } else if held.is_none() {
+        } else {
             *held = Some(Held {
                 id: kept.id,
                 key: kept.key,
@@ -412,6 +436,10 @@ impl Leases {
             self.changed();
         }
     }
+}
+
+fn lost_to(now: Option<&Held>) -> Refusal {
+    Refusal::LeaseLost { holder: now.map(|lease| lease.owner.clone()) }
 }
 
 fn held_by(lease: &Held) -> Refusal {
@@ -450,7 +478,7 @@ mod tests {
         leases.acquire(request("bob")).unwrap();
         let owners = |ended: Vec<LeaseView>| ended.into_iter().map(|lease| lease.owner).collect::<Vec<_>>();
         assert_eq!(owners(leases.take_run_out()), ["ada"]);
-        leases.take_over(request("admin")).unwrap();
+        leases.take_over(request("admin"));
         assert_eq!(owners(leases.take_run_out()), [""; 0], "taken over is not run out, and told once is enough");
     }
 
@@ -479,7 +507,7 @@ mod tests {
         leases.bind(&permit, job).unwrap();
         pass(3600).await;
         assert_eq!(leases.view().unwrap().job, Some(job));
-        let refused = leases.take_over(request("admin")).unwrap_err();
+        let refused = leases.acquire(request("bob")).unwrap_err();
         assert_eq!(refused, Refusal::LeaseHeld { owner: "ada".into(), note: None, job: Some(job) });
         leases.renew(Some(&grant.key)).unwrap();
         leases.unbind(job);
@@ -487,7 +515,26 @@ mod tests {
         leases.bind(&permit, job).unwrap();
         pass(31).await;
         leases.unbind(job);
-        assert!(leases.view().is_none(), "nobody renewed it meanwhile");
+        pass(9).await;
+        assert!(leases.permit(Some(&grant.key)).is_ok(), "nobody renewed it meanwhile, but ten seconds are left");
+        pass(2).await;
+        assert!(leases.view().is_none());
+        leases.acquire(request("ada")).unwrap();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn taken_over_the_former_key_is_dead_at_once_a_jobs_too() {
+        let leases = Leases::default();
+        let former = leases.acquire(request("ada")).unwrap();
+        let permit = leases.permit(Some(&former.key)).unwrap();
+        leases.bind(&permit, Uuid::now_v7()).unwrap();
+        leases.check(&permit).unwrap();
+        let grant = leases.take_over(request("admin"));
+        let lost = Refusal::LeaseLost { holder: Some("admin".into()) };
+        assert_eq!(leases.permit(Some(&former.key)), Err(lost.clone()));
+        assert_eq!(leases.check(&permit), Err(lost));
+        assert!(leases.permit(Some(&grant.key)).is_ok());
+        assert!(!serde_json::to_string(&leases.keep()).unwrap().contains(&grant.key), "the key is not kept");
     }
 
     #[tokio::test(start_paused = true)]
@@ -519,6 +566,12 @@ mod tests {
         assert!(after.acquire(request("bob")).is_err());
         pass(31).await;
         assert!(after.view().is_none());
+        // A file that is opened again does not bring back what was given back meanwhile.
+        let again = Leases::default();
+        again.restore(kept.clone());
+        again.release(Some(&grant.key)).unwrap();
+        again.restore(kept.clone());
+        assert!(again.view().is_none() && again.permit(Some(&grant.key)).is_err());
         let late = Leases::default();
         late.restore(KeptLease { expires_at: jiff::Timestamp::UNIX_EPOCH, ..kept });
         assert!(late.view().is_none());

@@ -2,6 +2,7 @@
 
 use uuid::Uuid;
 
+use super::job::JobState;
 use crate::device::{AxisName, DeviceError};
 use crate::units::Millimetres;
 
@@ -19,6 +20,14 @@ pub enum Refusal {
     LeaseLost {
         /// Who has one now.
         holder: Option<String>,
+    },
+    /// The lease ended while an axis moved under it.
+    #[error("the {axis} axis {}, because control ended", if *homing { "is not homed" } else { "was stopped on its way" })]
+    ControlEnded {
+        /// Which axis.
+        axis: AxisName,
+        /// Whether it was being homed.
+        homing: bool,
     },
     /// Another has the lease.
     #[error("{owner} has the control lease{}", for_what(note.as_deref(), *job))]
@@ -88,6 +97,17 @@ pub enum Refusal {
         /// Which axis.
         axis: AxisName,
     },
+    /// The axis's controller contradicts the configuration about where the axis would go.
+    #[error(
+        "nothing moves on the {axis} axis until its controller and the configuration agree: {}",
+        contradictions.join(" ")
+    )]
+    Contradiction {
+        /// Which axis.
+        axis: AxisName,
+        /// What contradicts what, one sentence each.
+        contradictions: Vec<String>,
+    },
     /// Homing would run towards the shell.
     #[error(
         "homing the {axis} axis would run the e axis towards the shell, which is {shell}; take the shell off and say so first"
@@ -101,8 +121,8 @@ pub enum Refusal {
     /// The job is not in a state for this.
     #[error("the job is {state}: {why}")]
     JobState {
-        /// The job's state, in a word.
-        state: String,
+        /// The job's state.
+        state: JobState,
         /// What would be right.
         why: String,
     },
@@ -138,6 +158,32 @@ pub enum Refusal {
     NoHistory {
         /// Why not.
         why: String,
+    },
+    /// The stop was not reset.
+    #[error("the stop stays latched: its reset cannot be written to the history: {why}")]
+    ResetNotKept {
+        /// Why not.
+        why: String,
+    },
+    /// A confirmation that shows nothing.
+    #[error("this is confirmed with the key of the job's lease, or with the confirm key that its starter was given")]
+    ConfirmKeyRequired,
+    /// A confirmation that shows neither the job's lease nor its confirm key.
+    #[error("what is shown is neither the key of the job's lease nor its confirm key; a lost one can be replaced")]
+    ConfirmKeyWrong,
+    /// No confirm key could be made.
+    #[error("no confirm key can be made: {why}")]
+    NoConfirmKey {
+        /// Why not.
+        why: String,
+    },
+    /// A jog's press that a stop has ended.
+    #[error(
+        "a stop has ended this press of the {axis} axis's jog, and a reset does not resume it: let go and press again"
+    )]
+    PressEnded {
+        /// Which axis.
+        axis: AxisName,
     },
     /// The caller's own name for a request stands for another request.
     #[error(

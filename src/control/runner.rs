@@ -1,14 +1,17 @@
 //! The one task that drives a job: runs it, stops the axes whatever the end, and writes its report.
 
+use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::time::Duration;
+
+use futures_util::FutureExt as _;
 
 use super::alignment::{Alignment, Findings, STEPS};
 use super::context::{JobContext, JobEnd};
 use super::eye::Eye;
 use super::job::{JobKind, JobState};
 use super::journal::word;
-use super::motion::Motion;
+use super::motion::{Admission, Motion};
 use super::report;
 use crate::config::Config;
 use crate::device::AxisName;
@@ -18,14 +21,21 @@ use crate::telemetry;
 const READ_ALLOWED: Duration = Duration::from_secs(1);
 
 /// Runs a job to its end.
-pub(super) async fn run(context: &JobContext, motion: &Motion, eye: &Eye, config: &Arc<Config>, design_origin: &str) {
+pub(super) async fn run(
+    context: &JobContext,
+    motion: &Motion,
+    admission: &Admission,
+    eye: &Eye,
+    config: &Arc<Config>,
+    design_origin: &str,
+) {
     context.begin(STEPS);
     if context.snapshot().simulated {
         context.log("SIMULATED bench: no real device is driven");
     }
     context.log(format!("design: {design_origin}"));
     let mut alignment =
-        Alignment { context, motion, eye, config, design: config.design(), findings: Findings::default() };
+        Alignment { context, motion, admission, eye, config, design: config.design(), findings: Findings::default() };
     let ended = alignment.carry_out().await;
     let kind = context.snapshot().kind;
     let findings = alignment.findings;
@@ -44,10 +54,24 @@ pub(super) async fn run(context: &JobContext, motion: &Motion, eye: &Eye, config
     bring_to_rest(context, motion, !good).await;
     let report = is_alignment(kind)
         .then(|| report::report(context, motion, eye, config, design_origin, &findings, state, &reason));
-    let outcome = word(&state);
-    context.log(format!("{outcome}: {reason}"));
-    telemetry::job_ended(&word(&kind), &outcome);
+    context.log(format!("{state}: {reason}"));
+    telemetry::job_ended(&word(&kind), &state.to_string());
     context.end(state, reason, report).await;
+}
+
+/// Ends a job whose task has failed: the axes are stopped, and whoever looks learns why.
+pub(super) async fn break_off(context: &JobContext, motion: &Motion, why: String) {
+    tracing::error!(%why, "a job's task has failed");
+    // Another failure here must not keep the job from its end.
+    let stopped = AssertUnwindSafe(motion.halt()).catch_unwind().await;
+    match stopped {
+        Ok(stopped) => context.log(format!("axes stopped: focus {:?}, e {:?}", stopped.focus, stopped.e)),
+        Err(_) => context.log("the axes could not be told to stop"),
+    }
+    if !context.snapshot().state.is_final() {
+        telemetry::job_ended(&word(&context.snapshot().kind), &word(&JobState::Failed));
+        context.end(JobState::Failed, why, None).await;
+    }
 }
 
 /// Whether a kind of job is an alignment, or a step of one, with a criterion to meet.
@@ -68,10 +92,13 @@ fn done(kind: JobKind) -> (JobState, String) {
 /// otherwise is stopped, because a stop may cost the position.
 async fn bring_to_rest(context: &JobContext, motion: &Motion, stop_always: bool) {
     let mut stop = stop_always;
-    for axis in AxisName::ALL {
-        let read = tokio::time::timeout(READ_ALLOWED, motion.read_state(axis)).await;
-        stop |= !matches!(read, Ok(Ok(state)) if !state.moving);
+    if !stop {
+        for axis in AxisName::ALL {
+            let read = tokio::time::timeout(READ_ALLOWED, motion.read_state(axis)).await;
+            stop |= !matches!(read, Ok(Ok(state)) if !state.moving);
+        }
     }
+    // At once after a step that was given up: what it had ordered must not begin any more.
     if stop {
         let stopped = motion.halt().await;
         context.log(format!("axes stopped: focus {:?}, e {:?}", stopped.focus, stopped.e));

@@ -1,6 +1,6 @@
 //! What callers hold: the bench with its motion rules, the one job, and what happens.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -11,16 +11,19 @@ use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 use super::by_hand::Jogging;
+use super::confirm_key::ConfirmKeys;
 use super::context::Job;
 use super::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView};
 use super::eye::Eye;
 use super::job::JobSnapshot;
 use super::journal::Journal;
-use super::lease::{LeaseGrant, LeaseRequest, Leases};
+use super::lease::{LeaseGrant, LeaseRequest, LeaseView, Leases};
 use super::look::Looks;
 use super::motion::Motion;
+use super::press::Presses;
 use super::simulated::PlanInForce;
-use super::{Refusal, ServiceError, StopReport};
+use super::{Refusal, ServiceError};
+use crate::access::PROGRAM;
 use crate::config::Config;
 use crate::device::{AxisName, Bench};
 use crate::store::Store;
@@ -40,13 +43,15 @@ pub struct Service {
     pub(super) design_origin: String,
     pub(super) bench: Bench,
     pub(super) motion: Arc<Motion>,
-    pub(super) leases: Leases,
+    pub(super) leases: Arc<Leases>,
     pub(super) eye: Arc<Eye>,
     pub(super) journal: Arc<Journal>,
     /// One job at a time is being accepted.
     pub(super) accepting: tokio::sync::Mutex<()>,
-    /// Whether the stop was set or reset in this run: then what an earlier run left of it no longer counts.
-    pub(super) stop_touched: AtomicBool,
+    /// One at a time takes up what an earlier run has left, or resets its stop: whoever comes second finds it done.
+    pub(super) recalling: tokio::sync::Mutex<()>,
+    /// One at a time has the stop's latch kept.
+    pub(super) keeping: Mutex<()>,
     pub(super) events: broadcast::Sender<Event>,
     pub(super) jobs: Mutex<Vec<Arc<Job>>>,
     pub(super) measurement: Mutex<Option<MeasurementView>>,
@@ -56,9 +61,9 @@ pub struct Service {
     pub(super) looks: tokio::sync::Mutex<Looks>,
     /// Why the last command by hand of an axis did not end as commanded.
     pub(super) failures: Mutex<HashMap<AxisName, String>>,
-    /// The axes that a command by hand is not yet done with.
-    pub(super) by_hand: Mutex<HashSet<AxisName>>,
     pub(super) jogs: Mutex<HashMap<AxisName, Jogging>>,
+    pub(super) presses: Presses,
+    pub(super) confirm_keys: ConfirmKeys,
     pub(super) closing: AtomicBool,
     /// Asks the service's own watchers for a sign of life; each answers when it comes round.
     pub(super) pulses: [watch::Sender<u64>; 2],
@@ -76,26 +81,30 @@ impl Service {
     pub fn start(config: Arc<Config>, design_origin: String, bench: Bench, store: Store) -> Arc<Self> {
         let (events, _) = broadcast::channel(EVENT_QUEUE);
         let journal = Arc::new(Journal::new(store, &config));
-        let motion = Arc::new(Motion::new(Arc::clone(&config), bench.clone()).recorded(Arc::clone(&journal)));
+        let leases = Arc::<Leases>::default();
+        let motion = Motion::new(Arc::clone(&config), bench.clone(), Arc::clone(&leases));
+        let motion = Arc::new(motion.recorded(Arc::clone(&journal)));
         let eye = Arc::new(Eye::new(Arc::clone(&config), bench.clone(), Arc::clone(&motion), Arc::clone(&journal)));
         let service = Arc::new(Self {
             config,
             design_origin,
             bench,
             motion,
-            leases: Leases::default(),
+            leases,
             eye,
             journal,
             accepting: tokio::sync::Mutex::default(),
-            stop_touched: AtomicBool::new(false),
+            recalling: tokio::sync::Mutex::default(),
+            keeping: Mutex::default(),
             events,
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
             measuring: tokio::sync::Mutex::default(),
             looks: tokio::sync::Mutex::default(),
             failures: Mutex::default(),
-            by_hand: Mutex::default(),
             jogs: Mutex::default(),
+            presses: Presses::default(),
+            confirm_keys: ConfirmKeys::default(),
             closing: AtomicBool::new(false),
             pulses: [watch::Sender::new(0), watch::Sender::new(0)],
             onlookers: Arc::default(),
@@ -181,7 +190,10 @@ impl Service {
         let (info, state) = (stage.info(), stage.state().borrow().clone());
         let (low_limit_mm, high_limit_mm) = self.motion.range_mm(axis);
         // Between the pieces of its way, and before the first, a driver reads an axis at rest.
-        let moving = state.moving || self.by_hand().contains(&axis);
+        let moving = state.moving || self.is_commanded(axis);
+        // What keeps it from moving whatever else is done comes before what homing would clear.
+        let contradicts = state.connected && !info.contradictions.is_empty();
+        let fault = if contradicts { Some(info.contradictions.join(" ")) } else { state.fault };
         AxisView {
             axis,
             driver: info.driver,
@@ -193,7 +205,7 @@ impl Service {
             moving,
             low_limit_mm,
             high_limit_mm,
-            fault: state.fault,
+            fault,
             failure: self.failures().get(&axis).cloned(),
             disagreements: info.disagreements,
         }
@@ -238,49 +250,36 @@ impl Service {
         &self.leases
     }
 
-    /// Gives the control lease to another than who has it: a job under way is cancelled first, an axis moved by hand
-    /// is stopped.
+    /// Gives the control lease to another than who has it. The former key is dead first; then what moved under it is
+    /// ended, and a job that held it cancelled.
+    pub async fn take_over(&self, request: LeaseRequest) -> LeaseGrant {
+        let why = format!("the control lease was taken over by {}", request.owner);
+        let grant = self.leases.take_over(request);
+        // Under the new lease nothing can have begun: its key is not handed out yet.
+        let job = self.current();
+        if let Some(job) = &job {
+            job.cancel(why);
+        }
+        self.motion.end_uncontrolled().await;
+        if let Some(job) = &job {
+            ended(job).await;
+        }
+        grant
+    }
+
+    /// Gives the lease that `key` opens back, and ends what moves under it; where a job holds it, at that job's end.
+    /// Returns what is given back: a key that is not the holder's has nothing to give.
     ///
     /// # Errors
-    /// [`Refusal::LeaseHeld`] where the job does not end in time.
-    pub async fn take_over(&self, request: LeaseRequest) -> Result<LeaseGrant, ServiceError> {
-        if let Some(job) = self.current() {
-            job.cancel(format!("the control lease was taken over by {}", request.owner));
-            ended(&job).await;
-        }
-        if AxisName::ALL.into_iter().any(|axis| self.motion.claim(axis).is_err()) {
-            self.motion.halt().await;
-        }
-        Ok(self.leases.take_over(request)?)
+    /// [`Refusal::LeaseRequired`] without a key.
+    pub async fn release_lease(&self, key: Option<&str>) -> Result<Option<LeaseView>, Refusal> {
+        let released = self.leases.release(key)?;
+        self.motion.end_uncontrolled().await;
+        Ok(released)
     }
 
     pub(super) fn open_for_motion(&self) -> Result<(), ServiceError> {
         if self.closing.load(Ordering::SeqCst) { Err(Refusal::ShuttingDown.into()) } else { Ok(()) }
-    }
-
-    /// Stops both axes at once, in every state, and latches. A job under way ends as cancelled. The latency reported
-    /// counts from `asked`.
-    pub async fn stop(&self, asked: Instant) -> StopReport {
-        // The job of now: stopping takes a while, in which the stop may be reset and another job begin.
-        let job = self.current();
-        self.stop_touched.store(true, Ordering::SeqCst);
-        let report = self.motion.stop_asked(asked).await;
-        // After the axes: the disk may be slow, and is not waited for.
-        self.journal.put_stop(&self.motion.stop_view());
-        if let Some(job) = job {
-            job.cancel("stopped".to_owned());
-        }
-        self.publish_bench();
-        report
-    }
-
-    /// Allows motion again; nothing resumes by itself.
-    pub fn reset_stop(&self) -> BenchView {
-        self.stop_touched.store(true, Ordering::SeqCst);
-        self.motion.reset_stop();
-        self.journal.put_stop(&self.motion.stop_view());
-        self.publish_bench();
-        self.bench_view()
     }
 
     /// Ends the service: refuses new jobs, stops the axes, lets the job under way write its end, stops the watchers and
@@ -300,7 +299,7 @@ impl Service {
                 job.cancel("the program ended".to_owned());
             }
             // Latched, so that a job between two moves cannot begin another one before it hears of its end.
-            let stopped = self.motion.stop().await;
+            let stopped = self.motion.stop(Instant::now(), PROGRAM).await;
             tracing::info!(focus = ?stopped.focus, e = ?stopped.e, "axes stopped");
             if let Some(job) = job {
                 ended(&job).await;

@@ -99,7 +99,9 @@ impl Alignment<'_> {
                     (kind, moved, predicted) = (IterationKind::Move, AxisName::Focus, Some(predicted_px));
                     let to = self.motion.position_mm(AxisName::Focus)? + by_mm / focus_scale;
                     self.context.doing(format!("shell: trimming Δv by {:.1} µm", by_mm * 1000.0));
-                    self.context.unless_cancelled(self.motion.go(AxisName::Focus, Millimetres(to))).await?;
+                    self.context
+                        .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to)))
+                        .await?;
                 }
                 ShellDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
                 ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
@@ -154,7 +156,7 @@ impl Alignment<'_> {
 
     async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {
         self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
-        self.context.unless_cancelled(self.motion.go(AxisName::E, Millimetres(to_mm))).await?;
+        self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to_mm))).await?;
         Ok(())
     }
 }

@@ -40,7 +40,7 @@ impl Alignment<'_> {
             let share = f64::from(step) / f64::from(sweep.steps - 1);
             let to = sweep.from_mm + share * (sweep.to_mm - sweep.from_mm);
             self.context.doing(format!("sweep: {} axis at {to:.3} mm", sweep.axis));
-            self.context.unless_cancelled(self.motion.go(sweep.axis, Millimetres(to))).await?;
+            self.context.unless_cancelled(self.motion.go(self.admission, sweep.axis, Millimetres(to))).await?;
             match self.context.unless_cancelled(self.eye.spacing(1)).await {
                 Ok(seen) => samples.push(self.sample(&seen, Some(sweep.axis), to)),
                 // Out of the range of focus is what a sweep may well run into.
@@ -49,7 +49,7 @@ impl Alignment<'_> {
             }
         }
         self.context.doing(format!("sweep: {} axis back to {start:.3} mm", sweep.axis));
-        self.context.unless_cancelled(self.motion.go(sweep.axis, Millimetres(start))).await?;
+        self.context.unless_cancelled(self.motion.go(self.admission, sweep.axis, Millimetres(start))).await?;
         if samples.is_empty() {
             return Err(JobEnd::NotConverged { why: "no spacing could be measured anywhere on the way".to_owned() });
         }

@@ -146,7 +146,7 @@ impl Alignment<'_> {
         self.context.stage(Stage::Preparation);
         for &axis in axes {
             self.context.doing(format!("homing the {axis} axis"));
-            self.context.unless_cancelled(self.motion.home(axis)).await?;
+            self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
         }
         self.context.outcome(Outcome::Homing {
             focus_mm: self.motion.position_mm(AxisName::Focus).ok(),

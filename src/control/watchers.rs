@@ -1,7 +1,6 @@
 //! What the service keeps watch of by itself: the history, the lease, the devices, and what is measured; each change is
 //! published.
 
-use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
@@ -19,6 +18,8 @@ use crate::store::records::Audit;
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 /// Between two signs of life of a watcher, at most.
 const PULSE: Duration = Duration::from_millis(500);
+/// Between two attempts to read how an earlier run left the stop.
+const READ_AGAIN: Duration = Duration::from_secs(1);
 /// Rest between two measurements of the live picture.
 const LIVE_INTERVAL: Duration = Duration::from_millis(500);
 
@@ -27,6 +28,8 @@ impl Service {
     pub(super) fn watch(self: &Arc<Self>) {
         let (watched, measured, leased) = (Arc::clone(self), Arc::clone(self), Arc::clone(self));
         let kept = Arc::clone(self);
+        let pruned = Arc::clone(self);
+        tokio::spawn(async move { pruned.tasks.clone().run_until_cancelled(pruned.watch_retention()).await });
         tokio::spawn(async move { kept.tasks.clone().run_until_cancelled(kept.watch_history()).await });
         tokio::spawn(async move { leased.tasks.clone().run_until_cancelled(leased.watch_lease()).await });
         tokio::spawn(async move { watched.tasks.clone().run_until_cancelled(watched.watch_bench()).await });
@@ -40,28 +43,15 @@ impl Service {
         }
     }
 
-    /// Makes sure that the history can be written; in a file that does not know this run yet, it does so from here on,
-    /// and a stop that an earlier run left latched is latched again.
+    /// Makes sure that the history can be written; in a file that does not know this run yet, it does so from here on.
+    /// The stop of an earlier run is taken up before this returns to the first, and to whoever came with it.
     pub(super) async fn history_ready(&self) -> Result<(), ServiceError> {
+        let _one = self.recalling.lock().await;
         let jobs = || self.all_jobs().iter().map(|job| job.chronicle()).collect();
-        if !self.journal.ready(jobs).await? {
+        let begun = self.journal.ready(jobs).await?;
+        self.recall_stop().await;
+        if !begun {
             return Ok(());
-        }
-        if self.stop_touched.swap(true, Ordering::SeqCst) {
-            // Stopped or reset while it could not be written.
-            self.journal.put_stop(&self.motion.stop_view());
-        } else {
-            match self.journal.kept_stop().await {
-                Ok(Some(stop)) if stop.latched => {
-                    tracing::warn!(since = ?stop.since, "the stop of an earlier run is still latched");
-                    self.motion.latch(stop.since);
-                }
-                Ok(_) => {}
-                Err(error) => {
-                    self.stop_touched.store(false, Ordering::SeqCst);
-                    return Err(error.into());
-                }
-            }
         }
         if self.leases.view().is_none()
             && let Some(lease) = self.journal.kept_lease().await?
@@ -76,17 +66,21 @@ impl Service {
     async fn watch_history(&self) {
         let mut health = self.journal.store().health();
         loop {
-            if let Err(error) = self.history_ready().await {
-                tracing::warn!(%error, "nothing moves for now");
+            match self.history_ready().await {
+                // The program's own end latches, too, and that is nobody's stop.
+                Ok(()) if self.open_for_motion().is_ok() => self.keep_stop(),
+                Ok(()) => {}
+                Err(error) => tracing::warn!(%error, "nothing moves for now"),
             }
             self.publish_bench();
-            if health.changed().await.is_err() {
-                return;
+            tokio::select! {
+                changed = health.changed() => if changed.is_err() { return },
+                () = tokio::time::sleep(READ_AGAIN), if self.motion.is_stop_unread() => {}
             }
         }
     }
 
-    /// Publishes the bench's state whenever the lease's changes, and when it runs out.
+    /// Ends what moves under a lease that is over, and publishes the bench's state, whenever the lease changes or runs out.
     async fn watch_lease(&self) {
         let mut changes = self.leases.changes();
         loop {
@@ -106,6 +100,12 @@ impl Service {
             }
             beat(&self.pulses[1]);
             changes.mark_unchanged();
+            // At once; and a controller may take its time to stop.
+            let motion = Arc::clone(&self.motion);
+            let mut ending = Box::pin(async move { motion.end_uncontrolled().await });
+            if futures_util::poll!(&mut ending).is_pending() {
+                tokio::spawn(ending);
+            }
             for lease in self.leases.take_run_out() {
                 self.journal.audit(Audit {
                     at: jiff::Timestamp::now(),

@@ -53,25 +53,26 @@ impl Deadman {
 
 /// Moves an axis towards `end` at `speed_mm_per_s` while the deadman is held, then stops it (and whatever else its
 /// controller moves), and returns where it stands. It goes in pieces, one told when the one before has ended: `next`
-/// says where the piece that begins at a position ends. `end` and `next` are the caller's bounds: they are not checked
-/// here. Dropping this future does not let go: dropping the grip does.
+/// says where the piece that begins at a position ends, or why it must not begin. `end` and `next` are the caller's
+/// bounds: they are not checked here. `generation` is what the jog was admitted under. Dropping this future does not
+/// let go: dropping the grip does.
 ///
 /// # Errors
-/// As [`Stage::move_at`], but for the stop that a release is.
-pub async fn jog(
+/// As [`Stage::move_at`], but for the stop that a release is; and what `next` says.
+pub async fn jog<E: From<DeviceError> + Send + 'static>(
     stage: &Arc<dyn Stage>,
     end: Millimetres,
     speed_mm_per_s: f64,
     mut deadman: Deadman,
-    next: impl Fn(Millimetres) -> Millimetres + Send + 'static,
-) -> Result<Millimetres, DeviceError> {
-    let stage = Arc::clone(stage);
-    let device = format!("the {} stage", stage.info().axis);
+    generation: u64,
+    next: impl Fn(Millimetres) -> Result<Millimetres, E> + Send + 'static,
+) -> Result<Millimetres, E> {
+    let (stage, watched) = (Arc::clone(stage), stage);
     let task = tokio::spawn(async move {
         let mut at = stage.state().borrow().position;
         while at != end && deadman.held() {
-            let piece = next(at);
-            let motion = stage.move_at(piece, speed_mm_per_s);
+            let piece = next(at)?;
+            let motion = stage.move_at(piece, speed_mm_per_s, generation);
             tokio::pin!(motion);
             tokio::select! {
                 biased;
@@ -79,7 +80,7 @@ pub async fn jog(
                     stage.stop().await;
                     return match motion.await {
                         Err(DeviceError::Stopped { .. }) => Ok(stage.read_state().await?.position),
-                        ended => ended,
+                        ended => Ok(ended?),
                     };
                 }
                 ended = &mut motion => ended?,
@@ -88,5 +89,13 @@ pub async fn jog(
         }
         Ok(stage.read_state().await?.position)
     });
-    task.await.unwrap_or_else(|_| Err(DeviceError::Disconnected { device, reason: "its task has ended".to_owned() }))
+    match task.await {
+        Ok(ended) => ended,
+        Err(_) => {
+            // What it had moving is watched by nobody.
+            watched.stop().await;
+            let device = format!("the {} stage", watched.info().axis);
+            Err(DeviceError::Disconnected { device, reason: "its task has ended".to_owned() }.into())
+        }
+    }
 }

@@ -10,6 +10,7 @@ pub mod faults;
 pub mod jog;
 pub mod open;
 pub mod port;
+pub mod position;
 pub mod replayed;
 pub mod serial;
 pub mod stage;
@@ -161,8 +162,11 @@ pub struct StageInfo {
     pub identity: String,
     /// Where it is: a port's path, or `simulated`.
     pub location: String,
-    /// What differs between the controller's settings and the configuration, one sentence each.
+    /// What differs between the controller's settings and the configuration and does no harm, one sentence each.
     pub disagreements: Vec<String>,
+    /// What of the controller's settings contradicts the configuration, one sentence each: nothing moves until one of
+    /// the two is changed.
+    pub contradictions: Vec<String>,
     /// The controller's own limits of travel, least and greatest, in the axis's coordinate, where it has some.
     pub firmware_limits: Option<(Millimetres, Millimetres)>,
 }
@@ -190,6 +194,9 @@ pub enum StopDelivery {
 
 /// One motorised axis. Every method may be called from any task; commands are carried out one after another by the
 /// controller's owner task, but for [`Stage::stop`], which passes them all.
+///
+/// A command carries the [generation](Stage::generation) that it was admitted under, which may be long before it is
+/// given: after a stop in between it no longer begins.
 #[async_trait]
 pub trait Stage: Send + Sync {
     /// What the stage is.
@@ -209,6 +216,10 @@ pub trait Stage: Send + Sync {
         None
     }
 
+    /// What a command that is admitted now carries. Every stop makes another one, and what carries an older one ends, or
+    /// does not begin: [`DeviceError::Stopped`].
+    fn generation(&self) -> u64;
+
     /// What a move between two positions takes, at the speed and acceleration that the axis really has.
     fn move_time(&self, from: Millimetres, to: Millimetres) -> MoveTime;
 
@@ -216,14 +227,14 @@ pub trait Stage: Send + Sync {
     ///
     /// # Errors
     /// When the controller refuses, fails to find its switch, or is stopped.
-    async fn home(&self) -> Result<(), DeviceError>;
+    async fn home(&self, generation: u64) -> Result<(), DeviceError>;
 
     /// Says that the axis stands at `position` now, where it cannot be homed: the position counts as known from then on.
     /// Moves nothing, and writes nothing into the controller.
     ///
     /// # Errors
     /// When the controller does not answer, is in alarm, or the axis moves.
-    async fn set_position(&self, position: Millimetres) -> Result<(), DeviceError>;
+    async fn set_position(&self, position: Millimetres, generation: u64) -> Result<(), DeviceError>;
 
     /// Moves straight to `target` at `speed_mm_per_s`, or at the axis's greatest speed where that is less, and returns
     /// when the axis has been reported at rest twice, with the readback. Does not check limits beyond the controller's
@@ -232,21 +243,26 @@ pub trait Stage: Send + Sync {
     /// # Errors
     /// [`DeviceError::NotHomed`], [`DeviceError::Stopped`], [`DeviceError::Timeout`] past the move's maximum duration,
     /// or what the controller reports.
-    async fn move_at(&self, target: Millimetres, speed_mm_per_s: f64) -> Result<Millimetres, DeviceError>;
+    async fn move_at(
+        &self,
+        target: Millimetres,
+        speed_mm_per_s: f64,
+        generation: u64,
+    ) -> Result<Millimetres, DeviceError>;
 
     /// [`Stage::move_at`] the axis's greatest speed.
     ///
     /// # Errors
     /// As there.
-    async fn move_to(&self, target: Millimetres) -> Result<Millimetres, DeviceError> {
-        self.move_at(target, f64::INFINITY).await
+    async fn move_to(&self, target: Millimetres, generation: u64) -> Result<Millimetres, DeviceError> {
+        self.move_at(target, f64::INFINITY, generation).await
     }
 
     /// Switches the motor off so that the axis can be moved by hand. The position is unknown until homed again.
     ///
     /// # Errors
     /// When the controller refuses, or cannot.
-    async fn release(&self) -> Result<(), DeviceError>;
+    async fn release(&self, generation: u64) -> Result<(), DeviceError>;
 
     /// When the last byte of the newest stop order was handed to the operating system, if any ever was.
     fn stop_sent(&self) -> Option<Instant> {

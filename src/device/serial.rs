@@ -16,7 +16,7 @@ use super::DeviceError;
 /// What marks a port given by USB serial number in the configuration.
 pub const USB_PREFIX: &str = "usb:";
 /// Where the kernel lists terminals.
-const TERMINALS: &str = "/sys/class/tty";
+pub(super) const TERMINALS: &str = "/sys/class/tty";
 
 /// A stream of bytes to a controller and back.
 pub trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 use mcap::records::{MessageHeader, Metadata};
@@ -13,6 +14,8 @@ use super::{DESCRIPTIONS, METADATA, Topic};
 
 /// A chunk is closed once it is longer than this: a frame fills one.
 const CHUNK_BYTES: u64 = 1 << 20;
+/// A recording shows the laboratory: its owner and their group may look at it.
+const MODE: u32 = 0o640;
 
 /// How much of the disk a recording may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,7 +117,7 @@ impl Writer {
         if path.metadata().is_ok_and(|found| found.is_file() && found.len() > 0) {
             return Err(WriteError::Exists(path.to_owned()));
         }
-        let file = OpenOptions::new().write(true).create(true).truncate(true).open(path).map_err(disk)?;
+        let file = OpenOptions::new().write(true).create(true).truncate(true).mode(MODE).open(path).map_err(disk)?;
         let asked = file.try_clone().map_err(disk)?;
         let options = WriteOptions::new()
             .compression(Some(Compression::Zstd))

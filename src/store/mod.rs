@@ -7,9 +7,12 @@
 //! A file that cannot be written (disk full, read-only, folder gone) is not the end: [`Store::health`] says why, the
 //! thread tries again every second, and goes on when it can.
 
+mod backlog;
+mod bench;
 mod disk;
 mod health;
 mod inspection;
+mod prune;
 pub mod read;
 pub mod records;
 mod schema;
@@ -19,24 +22,30 @@ pub mod write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rusqlite::Connection;
 use tokio::sync::watch;
 
+pub use bench::BenchName;
 pub use disk::{ROOM_BYTES, free};
 pub use health::{Health, StoreError};
 pub use inspection::{Inspection, inspect};
+pub use prune::{Deleted, Limits};
 pub use read::{JobFilter, Page};
 pub use worker::Place;
 pub use write::Writer;
 
+use backlog::Backlog;
+use records::Audit;
 use worker::{Command, Transact};
 
 /// The history's file within the state folder.
 pub const FILE_NAME: &str = "history.db";
 /// Commands that may wait for the disk; more means that it has stopped taking any.
 const QUEUE: usize = 4096;
+/// Between two looks whether a full queue takes a command.
+const QUEUE_LOOK: Duration = Duration::from_millis(5);
 /// Longest wait for a command to be on the disk.
 const WRITE_ALLOWED: Duration = Duration::from_secs(5);
 
@@ -60,6 +69,8 @@ struct Shared {
     commands: SyncSender<Command>,
     health: watch::Receiver<Health>,
     hindrance: Arc<Mutex<Hindrance>>,
+    /// Entries of the audit log that are not on the disk yet.
+    backlog: Arc<Mutex<Backlog>>,
     /// What reads; opened when first needed.
     reader: Mutex<Option<read::Reader>>,
 }
@@ -84,6 +95,7 @@ impl Store {
                 commands,
                 health: watch::channel(Health::Opening).1,
                 hindrance: Arc::default(),
+                backlog: Arc::default(),
                 reader: Mutex::new(None),
             }),
         }
@@ -100,14 +112,16 @@ impl Store {
         let (told, health) = watch::channel(Health::Opening);
         let (at, hindrance) = (place.clone(), Arc::<Mutex<Hindrance>>::default());
         let hindered = Arc::clone(&hindrance);
+        let backlog = Arc::<Mutex<Backlog>>::default();
+        let waiting = Arc::clone(&backlog);
         let started = std::thread::Builder::new()
             .name("history".to_owned())
-            .spawn(move || worker::run(at, &queue, &told, &hindered));
+            .spawn(move || worker::run(at, &queue, &told, &hindered, &waiting));
         if let Err(error) = started {
             // The queue's other end is gone: every command says so.
             tracing::error!(%error, "the history's thread does not start");
         }
-        Self { shared: Arc::new(Shared { place, commands, health, hindrance, reader: Mutex::new(None) }) }
+        Self { shared: Arc::new(Shared { place, commands, health, hindrance, backlog, reader: Mutex::new(None) }) }
     }
 
     /// Keeps the history from being written from now on, for whoever wants to see what then happens.
@@ -188,9 +202,38 @@ impl Store {
         }
     }
 
+    /// Adds to the audit log and returns at once: before everything that is queued or asked after it, and, where the
+    /// history cannot be written or its queue is full, once it can be, in order. Where there is no room left to keep it
+    /// until then, it is counted, and the count is an entry in its place.
+    pub fn audit(&self, entry: Audit) {
+        self.shared.backlog.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
+        // A full queue is no loss: the entries are looked after between two commands.
+        let _ = self.shared.commands.try_send(Command::WriteAudit { written: None });
+    }
+
+    /// Takes away the entries of the audit log that are not on the disk.
+    #[must_use]
+    pub fn unwritten_audit(&self) -> Vec<Audit> {
+        self.shared.backlog.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
     /// Waits until everything queued so far is written, or cannot be.
     pub async fn flush(&self) {
-        let _ = self.ask(false, |_| Ok(())).await;
+        let (written, answered) = sync_channel(1);
+        let commands = self.shared.commands.clone();
+        let waited = tokio::task::spawn_blocking(move || {
+            let until = Instant::now() + WRITE_ALLOWED;
+            let mut command = Command::WriteAudit { written: Some(written) };
+            while let Err(refused) = commands.try_send(command) {
+                match refused {
+                    TrySendError::Full(back) if Instant::now() < until => command = back,
+                    _ => return,
+                }
+                std::thread::sleep(QUEUE_LOOK);
+            }
+            let _ = answered.recv_timeout(until.saturating_duration_since(Instant::now()));
+        });
+        let _ = waited.await;
     }
 
     /// Reads.

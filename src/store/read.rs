@@ -9,6 +9,7 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension as _, Result, Row, named
 use serde_json::Value;
 use uuid::Uuid;
 
+use super::bench::BenchName;
 use super::disk::Identity;
 use super::health::StoreError;
 use super::records::{Audit, Entry, Job, Line, Move, OperatorStep, Picture, Run};
@@ -158,12 +159,13 @@ pub fn find_job(connection: &Connection, id: Uuid) -> Result<Option<Job>> {
 }
 
 /// The newest job on a bench with this idempotency key, created at `since` or later.
-pub fn find_key(connection: &Connection, bench: &str, key: &str, since: Timestamp) -> Result<Option<Job>> {
+pub fn find_key(connection: &Connection, name: &BenchName, key: &str, since: Timestamp) -> Result<Option<Job>> {
+    let benches = Value::from_iter(name.all(connection)?).to_string();
     let sql = format!(
         "SELECT {JOB} FROM jobs WHERE idempotency_key = :key AND created_at >= :since
-            AND run IN (SELECT id FROM runs WHERE bench = :bench) ORDER BY id DESC LIMIT 1"
+            AND run IN (SELECT id FROM runs WHERE bench IN (SELECT value FROM json_each(:benches))) ORDER BY id DESC LIMIT 1"
     );
-    let parameters = named_params! { ":key": key, ":since": ticks(since), ":bench": bench };
+    let parameters = named_params! { ":key": key, ":since": ticks(since), ":benches": benches };
     connection.query_row(&sql, parameters, job).optional()
 }
 

@@ -1,20 +1,28 @@
 //! The thread that writes.
 
+use std::fs::OpenOptions;
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::sync::{Mutex, PoisonError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use rusqlite::Connection;
 use tokio::sync::watch;
 
+use super::backlog::Backlog;
 use super::disk::{self, Identity};
 use super::health::{Health, StoreError};
 use super::write::Writer;
 use super::{Hindrance, records, schema};
+use crate::state_folder::{OWNERS, make_folder, restrict};
 
 /// Between two looks at the disk while nothing is written.
 const LOOK: Duration = Duration::from_secs(1);
+/// Largest file of an older version that is written anew so that it can shrink, bytes: it takes some seconds.
+const QUICK_BYTES: u64 = 256 << 20;
+/// Room that the file's companion keeps, bytes.
+const WAL_BYTES: i64 = 4 << 20;
 /// How long another program may hold the file.
 const BUSY_ALLOWED: Duration = Duration::from_secs(2);
 
@@ -52,6 +60,11 @@ pub(super) enum Command {
         /// Makes the change with what it is given, and tells whoever asked.
         act: Act,
     },
+    /// To write what waits of the audit log, and to tell whoever asked that this was tried.
+    WriteAudit {
+        /// Whoever asked.
+        written: Option<SyncSender<Result<(), StoreError>>>,
+    },
 }
 
 struct Open {
@@ -67,6 +80,7 @@ struct Worker<'a> {
     opened: u64,
     health: &'a watch::Sender<Health>,
     hindrance: &'a Mutex<Hindrance>,
+    backlog: &'a Mutex<Backlog>,
 }
 
 /// Carries commands out until nobody can send any more.
@@ -75,14 +89,24 @@ pub(super) fn run(
     commands: &Receiver<Command>,
     health: &watch::Sender<Health>,
     hindrance: &Mutex<Hindrance>,
+    backlog: &Mutex<Backlog>,
 ) {
-    let mut worker = Worker { place, open: None, opened: 0, health, hindrance };
+    let mut worker = Worker { place, open: None, opened: 0, health, hindrance, backlog };
     worker.look();
     loop {
         match commands.recv_timeout(LOOK) {
-            Ok(Command::Write { needs_room, act }) => worker.write(needs_room, act),
+            Ok(Command::Write { needs_room, act }) => {
+                worker.write_audit(false);
+                worker.write(needs_room, act);
+            }
+            Ok(Command::WriteAudit { written }) => {
+                worker.write_audit(written.is_some());
+                if let Some(written) = written {
+                    let _ = written.send(Ok(()));
+                }
+            }
             Err(RecvTimeoutError::Timeout) => worker.look(),
-            Err(RecvTimeoutError::Disconnected) => return,
+            Err(RecvTimeoutError::Disconnected) => return worker.write_audit(true),
         }
     }
 }
@@ -93,6 +117,45 @@ impl Worker<'_> {
         let was_writable = matches!(*self.health.borrow(), Health::Writable { .. });
         let found = self.ready(true).and_then(|open| if was_writable { Ok(()) } else { probe(open) });
         self.tell(found);
+        self.write_audit(false);
+        // Nobody waits now: what was written goes from the companion into the file, which shrinks only then.
+        if let Some(open) = &self.open
+            && let Err(error) = open.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()))
+        {
+            tracing::debug!(%error, "the history's companion stays as it is for now");
+        }
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Backlog> {
+        self.backlog.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes what waits of the audit log. While the history cannot be written it is tried only where `insist`: the next
+    /// look at the disk finds out.
+    fn write_audit(&mut self, insist: bool) {
+        while !self.waiting().is_empty() {
+            if !insist && !matches!(*self.health.borrow(), Health::Writable { .. }) {
+                return;
+            }
+            let batch = self.waiting().oldest();
+            let done = self.ready(false).and_then(|open| {
+                transact(&mut open.connection, open.number, &mut |writer| {
+                    batch.iter().try_for_each(|entry| writer.add_audit(entry))
+                })
+            });
+            match done {
+                Ok(()) => self.waiting().written(batch.len()),
+                Err(StoreError::Refused(why)) => {
+                    // What the file will never take must not hold up what comes after it.
+                    tracing::error!(why, entries = ?batch, "entries of the audit log are not in the history");
+                    self.waiting().written(batch.len());
+                }
+                Err(error) => {
+                    self.open = None;
+                    return self.tell(Err(error));
+                }
+            }
+        }
     }
 
     fn write(&mut self, needs_room: bool, act: Act) {
@@ -193,17 +256,56 @@ fn open(place: &Place) -> Result<(Connection, Option<Identity>), StoreError> {
         return Ok((connection, None));
     };
     let folder = path.parent().unwrap_or(path);
-    std::fs::create_dir_all(folder)
+    make_folder(folder)
         .map_err(|error| StoreError::Unusable(format!("cannot make the state folder {}: {error}", folder.display())))?;
+    keep_private(path);
     let connection = open_file(path).map_err(|error| error.of(path))?;
     Ok((connection, Identity::of(path)))
+}
+
+/// Makes a file able to give room back. A new one is at once; one of an older version is written anew, as long as that is
+/// quick and the disk has room for it twice: nothing moves before the history is open.
+fn make_shrinkable(connection: &Connection, path: &Path) -> Result<(), StoreError> {
+    let number = |name: &str| connection.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+    if number("auto_vacuum")? != 0 {
+        return Ok(());
+    }
+    connection.pragma_update(None, "auto_vacuum", "incremental")?;
+    let bytes = number("page_count")?.saturating_mul(number("page_size")?).unsigned_abs();
+    if bytes == 0 {
+        return Ok(());
+    }
+    let room = disk::free_bytes(path).is_some_and(|free| free > 2 * bytes + disk::ROOM_BYTES);
+    if bytes > QUICK_BYTES || !room {
+        tracing::info!(path = %path.display(), bytes, "the history's file is not made able to shrink");
+        return Ok(());
+    }
+    if let Err(error) = connection.execute_batch("VACUUM") {
+        tracing::info!(path = %path.display(), %error, "the history's file is not made able to shrink");
+    }
+    Ok(())
+}
+
+/// Makes the file before SQLite does, which would leave its permissions to the umask; its companions get those of the
+/// file. What it or they have from before is mended.
+fn keep_private(path: &Path) {
+    // What keeps it from being made is told by SQLite.
+    let _ = OpenOptions::new().write(true).create_new(true).mode(OWNERS).open(path);
+    for companion in ["", "-wal", "-shm"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(companion);
+        restrict(Path::new(&name), OWNERS);
+    }
 }
 
 fn open_file(path: &Path) -> Result<Connection, StoreError> {
     let mut connection = Connection::open(path)?;
     connection.busy_timeout(BUSY_ALLOWED)?;
     // Readers never wait, and a commit is on the disk when it returns, also when the power fails.
+    make_shrinkable(&connection, path)?;
     connection.pragma_update(None, "journal_mode", "wal")?;
+    // What a large transaction has made of the companion is given back.
+    connection.pragma_update(None, "journal_size_limit", WAL_BYTES)?;
     connection.pragma_update(None, "synchronous", "full")?;
     connection.pragma_update(None, "foreign_keys", true)?;
     schema::bring_up_to_date(&mut connection)?;

@@ -6,6 +6,8 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
+use super::bench::BenchName;
+use super::prune::OF_JOB;
 use super::records::{Audit, Entry, Job, Kept, Line, Move, OperatorStep, Picture, Run};
 
 /// What a job's state is called when its program ended without ending it.
@@ -63,8 +65,9 @@ impl<'a> Writer<'a> {
     }
 
     /// Ends what earlier runs on the same bench have left open: they can have it no more.
-    pub fn interrupt(&self, run: &Run, reason: &str) -> Result<Interrupted> {
-        let others = "run IN (SELECT id FROM runs WHERE bench = ?1 AND id <> ?2)";
+    pub fn interrupt(&self, run: &Run, name: &BenchName, reason: &str) -> Result<Interrupted> {
+        let benches = Value::from_iter(name.all(self.connection)?).to_string();
+        let others = "run IN (SELECT id FROM runs WHERE bench IN (SELECT value FROM json_each(?1)) AND id <> ?2)";
         // The last sign of life is when it ended, as far as can be told.
         let sql = format!(
             "UPDATE jobs SET state = '{INTERRUPTED}', generation = generation + 1, ended_at = max(changed_at,
@@ -74,11 +77,11 @@ impl<'a> Writer<'a> {
         );
         let mut statement = self.connection.prepare_cached(&sql)?;
         let jobs = statement
-            .query_map(params![run.bench, text(run.id), reason], |row| uuid(row, 0))?
+            .query_map(params![benches, text(run.id), reason], |row| uuid(row, 0))?
             .collect::<Result<Vec<_>>>()?;
         // When the motion came to rest nobody knows.
         let sql = format!("UPDATE moves SET outcome = '{INTERRUPTED}' WHERE {others} AND outcome IS NULL");
-        let moves = self.run(&sql, params![run.bench, text(run.id)])?;
+        let moves = self.run(&sql, params![benches, text(run.id)])?;
         Ok(Interrupted { jobs, moves })
     }
 
@@ -112,9 +115,9 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Takes a job back that was refused after all.
+    /// Deletes a job with all that belongs to it.
     pub fn forget_job(&self, job: Uuid) -> Result<()> {
-        for table in ["iterations", "measurements", "log", "operator_steps", "pictures"] {
+        for table in OF_JOB {
             self.run(&format!("DELETE FROM {table} WHERE job = ?"), [text(job)])?;
         }
         self.run("DELETE FROM jobs WHERE id = ?", [text(job)])?;

@@ -156,7 +156,7 @@ def a_move_is_halted_and_stays_so():
 def a_latched_stop_refuses_motion_in_plain_words():
     rest("POST", "/api/v1/stop")
     refused(InvalidOperationException, lambda: FOCUSERS[0].Move(2000), "the stop is latched; reset it first")
-    rest("DELETE", "/api/v1/stop")
+    rest("DELETE", "/api/v1/stop", {"why": "the client has seen it"})
     FOCUSERS[0].Move(2000)
     wait(lambda: not FOCUSERS[0].IsMoving, "it does not go")
 

@@ -435,6 +435,7 @@ impl Stage for Unseen {
             identity: unseen(),
             location: unseen(),
             disagreements: vec![],
+            contradictions: vec![],
             firmware_limits: None,
         }
     }
@@ -455,23 +456,27 @@ impl Stage for Unseen {
         Ok(self.state().borrow().clone())
     }
 
-    async fn home(&self) -> Result<(), DeviceError> {
+    async fn home(&self, _: u64) -> Result<(), DeviceError> {
         Err(DeviceError::NotHomed { axis: self.0 })
+    }
+
+    fn generation(&self) -> u64 {
+        0
     }
 
     fn move_time(&self, _: Millimetres, _: Millimetres) -> MoveTime {
         MoveTime { predicted: Duration::ZERO, maximum: Duration::ZERO }
     }
 
-    async fn set_position(&self, _: Millimetres) -> Result<(), DeviceError> {
+    async fn set_position(&self, _: Millimetres, _: u64) -> Result<(), DeviceError> {
         Err(DeviceError::NotHomed { axis: self.0 })
     }
 
-    async fn move_at(&self, _: Millimetres, _: f64) -> Result<Millimetres, DeviceError> {
+    async fn move_at(&self, _: Millimetres, _: f64, _: u64) -> Result<Millimetres, DeviceError> {
         Err(DeviceError::NotHomed { axis: self.0 })
     }
 
-    async fn release(&self) -> Result<(), DeviceError> {
+    async fn release(&self, _: u64) -> Result<(), DeviceError> {
         Ok(())
     }
 

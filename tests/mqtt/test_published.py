@@ -36,7 +36,7 @@ def test_who_subscribes_late_knows_all_that_holds(
 
     late.wait("the stop's alert", lambda: latched()[-1])
     late.wait("the stop in the state", lambda: late.of("DDATA", "state")[-1]["state"]["stop"]["latched"])
-    daemon.ask("/api/v1/stop", method="DELETE")
+    daemon.ask("/api/v1/stop", {"why": "it was told"}, method="DELETE")
     late.wait("the alert's end", lambda: not latched()[-1])
     key = daemon.lease()
     late.wait("the lease", lambda: (late.of("DDATA", "state")[-1]["state"]["lease"] or {}).get("owner") == "ada")

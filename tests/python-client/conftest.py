@@ -54,7 +54,7 @@ def client(daemon: Daemon) -> Iterator[plenalign.Client]:
     """A client of the shared daemon, whose stop is reset and whose bench is free again afterwards."""
     with plenalign.Client(daemon.address) as client:
         yield client
-        client.reset_stop()
+        client.reset_stop("a test goes on")
         client.set_faults()
         with client.lease("tidying up", take_over=True):
             pass

@@ -56,7 +56,7 @@ def test_tokens_are_made_and_revoked(guarded: Daemon, admin: plenalign.Client) -
             next(viewer.access.audit())
         # Who may look may stop.
         viewer.stop()
-        admin.reset_stop()
+        admin.reset_stop("a test goes on")
         with pytest.raises(plenalign.ProblemError) as taken:
             admin.access.create_token("Ana", "view")
         assert taken.value.kind == "taken"

@@ -176,6 +176,18 @@ def test_an_operator_is_asked(new_daemon: Callable[..., Daemon], tmp_path: Path)
         with pytest.raises(plenalign.ProblemError) as refused:
             job.confirm(first.number + 7)
         assert refused.value.kind == "job-state"
+        # Who has neither its key nor its lease confirms nothing; with the key handed on, and no other, one does.
+        other = client.job(job.id)
+        with pytest.raises(plenalign.ConfirmKeyError) as keyless:
+            other.confirm(first)
+        assert keyless.value.kind == "confirm-key-required"
+        assert job.confirm_key is not None
+        lost = job.confirm_key
+        handed = client.job(job.id, confirm_key=job.renew_confirm_key())
+        with pytest.raises(plenalign.ConfirmKeyError):
+            client.job(job.id, confirm_key=lost).confirm(first)
+        handed.confirm(first)
+        asked.append(first)
         ended = job.wait(on_step=on_step, timeout_s=240)
         assert ended.state is JobState.CONVERGED
         assert asked[0] == first

@@ -109,7 +109,7 @@ def test_the_stop_needs_no_lease_and_keeps_everything_still(homed: plenalign.Cli
         with pytest.raises(plenalign.StoppedError) as refused:
             lease.move("focus", 0.2)
         assert refused.value.detail
-        assert not homed.reset_stop().latched
+        assert not homed.reset_stop("a test goes on").latched
         lease.move("focus", 0.2)
 
 
@@ -120,7 +120,7 @@ def test_a_stop_ends_a_move_that_is_waited_for(homed: plenalign.Client) -> None:
         target = high - 0.1 if position(homed, "e") < high - 20 else high - 30
         lease.move("e", target, wait=False)
         homed.stop()
-        homed.reset_stop()
+        homed.reset_stop("a test goes on")
         assert rests(homed)
         assert abs(position(homed, "e") - target) > 0.5
 
@@ -200,7 +200,7 @@ def test_a_motion_that_fails_is_told(homed: plenalign.Client) -> None:
             lease.move("focus", 1.0)
         assert "focus" in str(failed.value)
         homed.set_faults()
-        homed.reset_stop()
+        homed.reset_stop("a test goes on")
         lease.set_shell("off")
         lease.home("focus")
 

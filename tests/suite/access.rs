@@ -111,7 +111,8 @@ async fn each_scope_opens_what_it_should_and_no_more() {
     assert_eq!(status(view, Method::DELETE, "/api/v1/stop").await, 403);
     let refused = problem(guarded.by(view, Method::DELETE, "/api/v1/stop").send().await.unwrap(), 403, "scope").await;
     assert_eq!((&refused["scope"], &refused["needed"]), (&json!("view"), &json!("control")));
-    assert_eq!(status(control, Method::DELETE, "/api/v1/stop").await, 200);
+    let reset = guarded.by(control, Method::DELETE, "/api/v1/stop").json(&json!({ "why": "a test" })).send().await;
+    assert_eq!(reset.unwrap().status(), 200);
     for (method, path) in
         [(Method::GET, "/api/v1/tokens"), (Method::POST, "/api/v1/tokens"), (Method::PUT, "/api/v1/config")]
     {
@@ -352,6 +353,81 @@ async fn a_ticket_opens_one_path_once() {
 }
 
 #[tokio::test]
+async fn a_view_token_cannot_push_out_others_sessions() {
+    let guarded = Guarded::start().await;
+    let status = |cookie: &str| {
+        let request = guarded.daemon.request(Method::GET, "/api/v1/bench").header("cookie", cookie);
+        async move { request.send().await.unwrap().status().as_u16() }
+    };
+    let (mine, _) = cookie(&guarded.sign_in(&guarded.control).await);
+    let mut theirs = Vec::new();
+    for _ in 0..1010 {
+        theirs.push(cookie(&guarded.sign_in(&guarded.view).await).0);
+    }
+    assert_eq!(status(&mine).await, 200, "a session of another token is gone");
+    assert_eq!(status(&theirs[0]).await, 401, "its own oldest goes");
+    let kept = &theirs[theirs.len() - 32..];
+    for (cookie, expected) in [(&theirs[theirs.len() - 33], 401), (&kept[0], 200), (&kept[31], 200)] {
+        assert_eq!(status(cookie).await, expected);
+    }
+}
+
+#[tokio::test]
+async fn a_view_token_cannot_push_out_others_tickets() {
+    let guarded = Guarded::start().await;
+    let ticket = async |token: &str| -> String {
+        let request = guarded.by(token, Method::POST, "/api/v1/tickets").json(&json!({ "path": "/api/v1/bench" }));
+        let given: Value = request.send().await.unwrap().json().await.unwrap();
+        given["href"].as_str().unwrap().to_owned()
+    };
+    let mine = ticket(&guarded.control).await;
+    let mut theirs = Vec::new();
+    for _ in 0..520 {
+        theirs.push(ticket(&guarded.view).await);
+    }
+    assert_eq!(guarded.daemon.get(&mine).await.status(), 200, "a ticket of another token is gone");
+    for (href, expected) in [(&theirs[0], 401), (&theirs[520 - 65], 401), (&theirs[520 - 64], 200), (&theirs[519], 200)]
+    {
+        assert_eq!(guarded.daemon.get(href).await.status(), expected);
+    }
+}
+
+#[tokio::test]
+async fn a_ticket_ends_with_its_token() {
+    let guarded = Guarded::start().await;
+    let request = guarded.by(&guarded.view, Method::POST, "/api/v1/tickets").json(&json!({ "path": "/api/v1/bench" }));
+    let given: Value = request.send().await.unwrap().json().await.unwrap();
+    let list = guarded.by(&guarded.admin, Method::GET, "/api/v1/tokens").send().await.unwrap();
+    let list: Value = list.json().await.unwrap();
+    let vera = list["tokens"][0]["href"].as_str().unwrap();
+    assert_eq!(guarded.status(&guarded.admin, Method::DELETE, vera).await, 204);
+    problem(guarded.daemon.get(given["href"].as_str().unwrap()).await, 401, "unauthorised").await;
+}
+
+#[tokio::test]
+async fn a_view_token_has_ten_measurements_a_minute_kept_and_a_control_token_what_it_asks_for() {
+    let guarded = Guarded::start().await;
+    let measure = |token: &str| guarded.by(token, Method::POST, "/api/v1/measurements").json(&json!({})).send();
+    for _ in 0..10 {
+        // There is no white frame to measure by: what counts is the asking.
+        problem(measure(&guarded.view).await.unwrap(), 409, "not-measurable").await;
+    }
+    let refused = measure(&guarded.view).await.unwrap();
+    let wait: u64 = refused.headers()["retry-after"].to_str().unwrap().parse().unwrap();
+    assert!((1..=6).contains(&wait), "{wait}");
+    let refused = problem(refused, 429, "too-many-requests").await;
+    for words in ["10 measurements a minute", "view", "control"] {
+        assert!(refused["detail"].as_str().unwrap().contains(words), "{words}: {refused}");
+    }
+    assert_eq!(refused["retry_after_s"], wait);
+    for _ in 0..20 {
+        problem(measure(&guarded.control).await.unwrap(), 409, "not-measurable").await;
+    }
+    // Nothing else is held up by it.
+    assert_eq!(guarded.status(&guarded.view, Method::GET, "/api/v1/measurements").await, 200);
+}
+
+#[tokio::test]
 async fn what_a_proxy_says_counts_only_where_it_is_trusted() {
     let open = behind(Gate::new(settings(), TokenStore::in_memory(), Box::new(LogAudit))).await;
     for name in ["x-forwarded-for", "forwarded", "x-real-ip", "x-forwarded-host", "x-forwarded-proto"] {
@@ -459,6 +535,8 @@ async fn no_secret_is_logged() {
         .with_max_level(tracing::Level::TRACE)
         .with_writer(move || writer.clone())
         .finish();
+    // With one subscriber alone, a callsite that another test's thread comes to first would be off for good.
+    let _another = tracing::Dispatch::new(tracing_subscriber::registry());
     // This test's runtime is one thread, so that all that happens in it is logged here.
     let _guard = tracing::subscriber::set_default(subscriber);
     let guarded = Guarded::start().await;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plenalign::access::{Gate, GateSettings, TokenStore};
-use plenalign::alpaca::{Alpaca, UniqueIds};
-use plenalign::api::server::{ServerSettings, serve};
+use plenalign::alpaca::{Alpaca, IN_RESERVE, UniqueIds};
+use plenalign::api::server::{Connections, ServerSettings};
 use plenalign::config::Config;
 use plenalign::control::history::HistoryAudit;
 use plenalign::control::open_bench;
@@ -49,7 +49,8 @@ impl Facade {
         let audit = HistoryAudit(Arc::clone(&daemon.service));
         let gate = Arc::new(Gate::new(settings, TokenStore::in_memory(), Box::new(audit)));
         let alpaca = Alpaca::new(Arc::clone(&daemon.service), gate, address, UniqueIds::new());
-        tokio::spawn(serve(listener, alpaca.router(), ServerSettings::default(), daemon.api.closing()));
+        let connections = Connections::new(ServerSettings::default());
+        tokio::spawn(connections.serve(listener, alpaca.router(), IN_RESERVE, daemon.api.closing()));
         Self { daemon, address }
     }
 
@@ -417,7 +418,7 @@ async fn limits_and_wall_hold() {
     let stopped = facade.daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap();
     assert_eq!(stopped.status(), 200);
     refused(&go("focuser/0", "1000").await, INVALID_OPERATION, "the stop is latched; reset it first");
-    facade.daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
+    facade.daemon.reset_stop().await;
     assert_eq!(go("focuser/0", "1000").await["ErrorNumber"], 0);
 }
 
@@ -463,7 +464,7 @@ async fn anybody_halts_a_move_and_the_next_one_goes_on() {
         sleep(Duration::from_millis(20)).await;
     };
     refused(&told, CANCELLED, "the stop ended the move");
-    facade.daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
+    facade.daemon.reset_stop().await;
     ada.put("focuser/0/move", &[("Position", "2500")]).await;
     ada.at_rest("focuser/0").await;
 }

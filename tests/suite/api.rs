@@ -158,7 +158,7 @@ async fn a_stop_answers_for_each_axis_and_holds_until_it_is_reset() {
     let job = json!({ "kind": "joint_alignment" });
     problem(daemon.command(Method::POST, "/api/v1/jobs", &job).await, 409, "stopped").await;
     for _ in 0..2 {
-        let reset = daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
+        let reset = daemon.reset_stop().await;
         assert_eq!(reset.json::<Value>().await.unwrap()["latched"], false);
     }
     let moved = daemon.command(Method::POST, "/api/v1/axes/focus/move", &go).await;

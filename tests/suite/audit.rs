@@ -82,7 +82,7 @@ async fn whatever_is_commanded_is_in_the_audit_log_with_who_and_from_where() {
         sleep(Duration::from_millis(10)).await;
     }
     let (href, step) = waiting(&ada, &key).await;
-    ada.ask(Method::POST, &format!("{href}/confirm"), None, Some(json!({ "step": step }))).await;
+    ada.ask(Method::POST, &format!("{href}/confirm"), Some(&key), Some(json!({ "step": step }))).await;
     for _ in 0..2 {
         // The second time there is nothing left to cancel.
         ada.ask(Method::DELETE, &href, None, None).await;
@@ -97,7 +97,7 @@ async fn whatever_is_commanded_is_in_the_audit_log_with_who_and_from_where() {
     let refused = vera.send(Method::DELETE, "/api/v1/stop", None, None).await;
     assert_eq!(refused.status(), 403);
     vera.ask(Method::POST, "/api/v1/stop", None, None).await;
-    ada.ask(Method::DELETE, "/api/v1/stop", None, None).await;
+    ada.ask(Method::DELETE, "/api/v1/stop", None, Some(json!({ "why": "seen to" }))).await;
     root.ask(Method::POST, "/api/v1/lease/takeover", None, owner("Root")).await;
     let tokens = root.ask(Method::GET, "/api/v1/tokens", None, None).await;
     let of_vera = tokens["tokens"].as_array().unwrap().iter().find(|token| token["name"] == "Vera").unwrap();
@@ -136,6 +136,10 @@ async fn whatever_is_commanded_is_in_the_audit_log_with_who_and_from_where() {
     }
     assert_eq!(detail("job.confirm")["step"], step);
     assert_eq!(detail("stop")["focus"], "confirmed");
+    assert_eq!(
+        (&detail("stop.reset")["why"], &detail("stop.reset")["stopped_by"]),
+        (&json!("seen to"), &json!("Vera"))
+    );
     // No key and no token is in it.
     let whole = log.to_string();
     for secret in [&key, &root.token, &ada.token, &vera.token] {

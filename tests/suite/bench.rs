@@ -6,8 +6,10 @@ use std::time::Duration;
 use plenalign::config::Config;
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot};
-use plenalign::control::lease::{LeaseRequest, Permit};
+use plenalign::control::lease::{LeaseRequest, Leases, Permit};
+use plenalign::control::motion::{Admission, Motion};
 use plenalign::control::{Service, open_bench};
+use plenalign::device::Bench;
 use plenalign::store::Store;
 use tokio::sync::broadcast::error::RecvError;
 
@@ -28,10 +30,21 @@ pub(crate) async fn service(config: Config) -> Arc<Service> {
     Service::start(config, "a test's configuration".to_owned(), bench, Store::in_memory())
 }
 
+/// The rules over a bench, and what the lease's holder is admitted under now.
+pub(crate) fn rules(config: Config, bench: Bench) -> (Arc<Motion>, impl Fn() -> Admission) {
+    let leases = Arc::<Leases>::default();
+    let request = LeaseRequest { owner: "a test".into(), note: None, ttl: Duration::from_secs(3600) };
+    let grant = leases.acquire(request).unwrap();
+    let permit = leases.permit(Some(&grant.key)).unwrap();
+    let motion = Arc::new(Motion::new(Arc::new(config), bench, leases));
+    let admitting = Arc::clone(&motion);
+    (motion, move || admitting.admit(&permit))
+}
+
 /// The control lease, taken over from whatever the test had before.
 pub(crate) fn permit(service: &Service) -> Permit {
     let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
-    let grant = service.leases().take_over(request).unwrap();
+    let grant = service.leases().take_over(request);
     service.leases().permit(Some(&grant.key)).unwrap()
 }
 

@@ -12,6 +12,12 @@ fn shipped(name: &str) -> std::path::PathBuf {
 }
 
 /// The faults of a text as `line:column key: message`.
+/// What has to be said of a hardware bench's camera.
+pub(crate) const CAMERA: &str = "[main_lens]\nfocal_length_mm = 20\n\
+    [mla]\narray = \"square\"\npitch_mm = 0.1\nfocal_length_mm = 0.5\nangular_resolution = 3.13\nmode = \"galilean\"\n\
+    [sensor]\npixel_um = 3.45\nwidth_px = 1160\nheight_px = 1160\n\
+    [shell]\nouter_radius_mm = 59\ninner_radius_mm = 51\nrefractive_index = 1.49\n";
+
 fn faults(text: &str) -> Vec<String> {
     let error = Config::from_toml(text, "test.toml").expect_err(text);
     assert!(!error.to_string().contains('\n'), "an error is one line: {error}");
@@ -33,10 +39,10 @@ fn refused(text: &str, key: &str, words: &str) {
 
 #[test]
 fn the_shipped_file_is_the_preset() {
-    let (config, origin) = Config::open(Some(&shipped("plenalign.toml"))).unwrap();
+    let (config, origin) = Config::open(Some(&shipped("plenalign.toml")), &[]).unwrap();
     assert_eq!(config, Config::default());
     assert!(origin.describe(&config).ends_with("which holds the reference preset, inferred from Table 2"));
-    let (preset, origin) = Config::open(None).unwrap();
+    let (preset, origin) = Config::open(None, &[]).unwrap();
     assert_eq!((&preset, &origin), (&Config::default(), &ConfigOrigin::Preset));
     assert_eq!(origin.describe(&preset), "reference preset, inferred from Table 2");
 }
@@ -59,7 +65,7 @@ fn the_shipped_file_shows_every_key() {
             _ => format!("{line}\n"),
         })
         .collect();
-    assert_eq!(uncommented, 15);
+    assert_eq!(uncommented, 18);
     // Only the water, given twice over, is at fault then.
     let faults = faults(&every);
     assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
@@ -127,7 +133,7 @@ fn the_package_s_configuration_loads_as_it_is_and_with_its_hardware() {
 /// A hardware bench whose camera has these keys.
 fn hardware(camera: &str) -> String {
     format!(
-        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/ttyUSB0\"\n\
+        "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/ttyUSB0\"\n\
          [bench.camera]\n{camera}\n"
     )
 }
@@ -161,8 +167,9 @@ fn controls_are_numbers_switches_and_items() {
 
 #[test]
 fn format_and_sensor_agree_on_the_mosaic() {
-    let with =
-        |format: &str, mosaic: &str| format!("{}[sensor]\n{mosaic}\n", hardware(&format!("format = {format:?}")));
+    let with = |format: &str, mosaic: &str| {
+        hardware(&format!("format = {format:?}")).replace("[sensor]\n", &format!("[sensor]\n{mosaic}\n"))
+    };
     for (format, mosaic) in [("RG10", "mosaic = \"rggb\""), ("pBCC", "mosaic = \"bggr\""), ("GREY", ""), ("YUYV", "")] {
         Config::from_toml(&with(format, mosaic), "t").unwrap();
     }
@@ -195,7 +202,7 @@ fn axes_that_a_controller_cannot_have_are_refused() {
         ("tmcl", "6", "0 to 5"),
     ] {
         let text = format!(
-            "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"{driver}\"\nport = \"/dev/x\"\n\
+            "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"{driver}\"\nport = \"/dev/x\"\n\
              [bench.focus]\naxis = \"1\"\n[bench.e]\naxis = \"{axis}\"\n"
         );
         let text = if driver == "grbl" { text.replace("axis = \"1\"", "axis = \"X\"") } else { text };
@@ -335,12 +342,13 @@ fn flaws_that_cannot_be_are_refused_with_the_reason() {
 
 #[test]
 fn hardware_needs_its_controllers() {
-    let found = faults("[bench]\ndriver = \"hardware\"\n");
+    let found = faults(&format!("{CAMERA}[bench]\ndriver = \"hardware\"\n"));
     assert_eq!(found.len(), 2, "{found:?}");
     assert!(found[0].contains("bench.focus.controller") && found[0].contains("[bench.controllers.main]"), "{found:?}");
-    let wired =
-        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/ttyACM0\"\n";
-    assert!(Config::from_toml(wired, "t").is_ok());
+    let wired = format!(
+        "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/ttyACM0\"\n"
+    );
+    assert!(Config::from_toml(&wired, "t").is_ok());
     refused(&format!("{wired}[bench.e]\naxis = \"X\"\n"), "bench.e.axis", "focus axis's");
     refused(&format!("{wired}[bench.e]\naxis = \"W\"\n"), "bench.e.axis", "X, Y or Z");
 }
@@ -429,4 +437,150 @@ fn homing_towards_the_shell_is_allowed_and_said() {
     assert_eq!(Config::default().notices(), Vec::<String>::new());
     let far = Config::from_toml("[bench.focus]\nhigh_limit_mm = 2\n", "t").unwrap();
     assert!(far.notices()[0].contains("Δv = 2.205 mm"), "{:?}", far.notices());
+}
+
+/// A file with this text, and what `--set` of these comes to with it.
+fn opened(text: &str, set: &[&str]) -> Result<Config, plenalign::config::ConfigError> {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(&file, text).unwrap();
+    let set: Vec<String> = set.iter().map(|&one| one.to_owned()).collect();
+    Config::open(Some(file.path()), &set).map(|(config, _)| config)
+}
+
+#[test]
+fn what_is_in_force_is_checked_and_not_the_file_alone() {
+    let text = "[assembly]\ninitial_e_mm = 40\n";
+    assert!(
+        opened(text, &[]).unwrap_err().to_string().contains("line 2, column 16: assembly.initial_e_mm: 40 is beyond")
+    );
+    let config = opened(text, &["bench.e.high_limit_mm=80"]).unwrap();
+    assert_eq!((config.assembly.initial_e_mm, config.bench.e.high_limit_mm), (40.0, 80.0));
+    // What is wrong says where it came from.
+    let still = opened(text, &["bench.e.high_limit_mm=35"]).unwrap_err().to_string();
+    assert!(
+        still.contains("line 2, column 16: assembly.initial_e_mm: 40 is beyond") && still.contains("to 35"),
+        "{still}"
+    );
+    let set = opened("[mla]\npitch_mm = 0.1\n", &["mla.pitch_mm=-1"]).unwrap_err();
+    assert!(set.to_string().contains(": mla.pitch_mm: must be greater than 0, not -1 (from --set)"), "{set}");
+    assert_eq!(set.violations()[0].position, None, "the file's value is not to blame");
+    let none = Config::open(None, &["mla.pitch_mm=-1".to_owned()]).unwrap_err().to_string();
+    assert!(none.starts_with("--set: mla.pitch_mm: "), "{none}");
+    for (wrong, words) in [("mla.pitch_mm", "expected KEY=VALUE"), ("mla.pich_mm=1", "did you mean mla.pitch_mm?")] {
+        let error = opened("", &[wrong]).unwrap_err().to_string();
+        assert!(error.starts_with("--set: mla.pi") && error.contains(words), "{error}");
+    }
+    // A file's own mistakes are none of --set's.
+    assert!(opened("[mla]\npich_mm = 1\n", &["mla.pitch_mm=0.1"]).unwrap_err().to_string().contains("mla.pich_mm"));
+}
+
+#[test]
+fn on_hardware_lens_array_sensor_and_shell_have_no_defaults() {
+    let bench = "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/x\"\n";
+    let keys = [
+        "main_lens.focal_length_mm",
+        "mla.array",
+        "mla.pitch_mm",
+        "mla.focal_length_mm",
+        "mla.angular_resolution",
+        "mla.mode",
+        "sensor.pixel_um",
+        "sensor.width_px",
+        "sensor.height_px",
+        "shell.outer_radius_mm",
+        "shell.inner_radius_mm",
+        "shell.refractive_index",
+    ];
+    let missing = |text: &str, set: &[&str]| -> Vec<String> {
+        let error = opened(text, set).unwrap_err();
+        assert!(error.violations().iter().all(|fault| fault.message.contains("on a hardware bench")), "{error}");
+        error.violations().iter().map(|fault| fault.key.clone()).collect()
+    };
+    let mut all = missing(bench, &[]);
+    all.sort_by_key(|key| keys.iter().position(|known| known == key));
+    assert_eq!(all, keys, "every one at once");
+    // One by one, and wherever it is said.
+    let preset = toml::Table::try_from(Config::default()).unwrap();
+    assert!(opened(&format!("{CAMERA}{bench}"), &[]).is_ok());
+    for key in keys {
+        let (_, name) = key.split_once('.').unwrap();
+        let section = format!("[{}]", key.split_once('.').unwrap().0);
+        let mut within = false;
+        let without: Vec<&str> = CAMERA
+            .lines()
+            .filter(|line| {
+                within = if line.starts_with('[') { *line == section } else { within };
+                !(within && line.starts_with(&format!("{name} =")))
+            })
+            .collect();
+        let text = format!("{}\n{bench}", without.join("\n"));
+        assert_eq!(missing(&text, &[]), [key]);
+        let value = &preset[key.split_once('.').unwrap().0][name];
+        assert!(opened(&text, &[&format!("{key}={value}")]).is_ok(), "{key} by --set");
+    }
+    // A simulated bench has them, and so has not a simulated file made hardware by --set.
+    assert!(opened("", &[]).is_ok());
+    let set = ["bench.driver=hardware", "bench.focus.axis=X"];
+    let wired = bench.replace("driver = \"hardware\"\n", "");
+    assert_eq!(missing(&wired, &set).len(), keys.len());
+    // The stop of a bench whose camera is not said is not kept from it.
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(&file, bench).unwrap();
+    assert!(Config::open_to_stop(Some(file.path()), &[]).is_ok());
+}
+
+/// Every key of the schema that holds a number with a fraction, and how many numbers it holds.
+fn fractions(table: &toml::Table, path: &str, found: &mut Vec<(String, usize)>) {
+    for (key, value) in table {
+        let full = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        match value {
+            toml::Value::Table(inner) => fractions(inner, &full, found),
+            toml::Value::Float(_) => found.push((full, 0)),
+            toml::Value::Array(items) if items.iter().any(toml::Value::is_float) => found.push((full, items.len())),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn no_number_of_any_key_comes_to_one_that_is_none() {
+    use plenalign::control::draft::DraftView;
+    let mut found = Vec::new();
+    fractions(&toml::Table::try_from(Config::default()).unwrap(), "", &mut found);
+    let optional = [
+        "main_lens.principal_from_mount_mm",
+        "main_lens.principal_from_mount_sigma_mm",
+        "water.refractive_index",
+        "bench.simulation.array_rotation_deg",
+    ];
+    found.extend(optional.map(|key| (key.to_owned(), 0)));
+    found.push(("bench.simulation.microlenses.focal_factors".to_owned(), 2));
+    assert!(found.len() > 80, "{}", found.len());
+    let numbers =
+        ["1e308", "-1e308", "1e-308", "-1e-308", "0.0", "-0.0", "nan", "inf", "-inf", "1e9", "-1e9", "1e-9", "1e5"];
+    for (key, many) in &found {
+        for number in numbers {
+            let value = if *many == 0 { number.to_owned() } else { format!("[{}]", vec![number; *many].join(", ")) };
+            let mut config = Config::default();
+            if key == "main_lens.principal_from_mount_sigma_mm" {
+                config.set("main_lens.principal_from_mount_mm", "1.0").unwrap();
+            }
+            if let Err(error) = config.set(key, &value) {
+                let section = key.rsplit_once('.').map_or("", |(section, _)| section);
+                // A number that is believed may not go together with another key's, which then is named.
+                let said =
+                    |fault: &plenalign::config::Violation| fault.key == *key || fault.to_string().contains(section);
+                let named = error.violations().iter().any(said);
+                let believed = number.parse::<f64>().is_ok_and(|number| (1e-9..=1e9).contains(&number.abs()));
+                assert!(named || believed, "{key} = {value}: {error}");
+                continue;
+            }
+            let magnitude: f64 = number.parse().unwrap();
+            assert!(magnitude.abs() <= 1e9, "{key} = {value} is taken");
+            let view = DraftView::of(&config, &ConfigOrigin::Preset);
+            let told = format!("{view:?}").replace("inferred", "");
+            assert!(view.is_some() && !told.contains("NaN") && !told.contains("inf"), "{key} = {value}: {told}");
+            assert!(!config.notices().join(" ").contains("NaN"), "{key} = {value}: {:?}", config.notices());
+        }
+    }
 }

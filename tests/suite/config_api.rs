@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use plenalign::access::{Gate, GateSettings, LogAudit, TokenStore};
-use plenalign::api::Api;
-use plenalign::api::server::{ServerSettings, serve};
+use plenalign::api::server::{Connections, ServerSettings};
+use plenalign::api::{Api, IN_RESERVE};
 use plenalign::config::Config;
 use plenalign::control::Service;
 use plenalign::store::Store;
@@ -34,13 +34,14 @@ impl Filed {
         let file = folder.path().join("bench.toml");
         std::fs::write(&file, TEXT).unwrap();
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o640)).unwrap();
-        let (config, origin) = Config::open(Some(&file)).unwrap();
+        let (config, origin) = Config::open(Some(&file), &[]).unwrap();
         let gate = Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(LogAudit));
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let service = Service::start(Arc::new(config), "a test's".to_owned(), fakes().bench, Store::in_memory());
         let api = Api::new(service, Arc::new(gate), address, origin);
-        tokio::spawn(serve(listener, api.router(), ServerSettings::default(), api.closing()));
+        let connections = Connections::new(ServerSettings::default());
+        tokio::spawn(connections.serve(listener, api.router(), IN_RESERVE, api.closing()));
         Self { client: client(), base: format!("http://{address}"), file, _folder: folder, _api: api }
     }
 
@@ -137,8 +138,12 @@ async fn what_makes_no_sense_is_named_key_by_key_and_not_written() {
 async fn what_is_run_read_or_opened_cannot_be_chosen_over_the_api() {
     let filed = Filed::start().await;
     let (view, tag) = filed.get().await;
-    assert_eq!(view["locked"], json!(["server", "alpaca", "foxglove", "mqtt", "record.folder", "bench.camera.files"]));
-    let changes: [fn(&mut Value); 9] = [
+    assert_eq!(
+        view["locked"],
+        json!(["server", "alpaca", "foxglove", "mqtt", "history", "record.folder", "bench.camera.files"])
+    );
+    let changes: [fn(&mut Value); 10] = [
+        |config| config["history"]["keep_audit_days"] = json!(1),
         |config| config["server"]["auth"] = json!("required"),
         |config| config["alpaca"]["listen"] = json!("127.0.0.1:11111"),
         |config| config["server"]["tls"] = json!({ "certificate": "/etc/shadow", "key": "/etc/shadow" }),

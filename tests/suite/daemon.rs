@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use plenalign::access::{Gate, GateSettings, TokenStore};
-use plenalign::api::Api;
 use plenalign::api::error::LEASE_HEADER;
-use plenalign::api::server::{ServerSettings, serve, use_ring};
+use plenalign::api::server::{Connections, ServerSettings, use_ring};
+use plenalign::api::{Api, IN_RESERVE};
 use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
 use plenalign::control::history::HistoryAudit;
@@ -63,7 +63,7 @@ impl Daemon {
         let service = Service::start(Arc::new(config), "a test's configuration".to_owned(), bench, store.clone());
         let gate = Arc::new(gate(&service));
         let api = Api::new(Arc::clone(&service), gate, address, ConfigOrigin::Preset);
-        tokio::spawn(serve(listener, api.router(), settings, api.closing()));
+        tokio::spawn(Connections::new(settings).serve(listener, api.router(), IN_RESERVE, api.closing()));
         Self { address, api, service, client: client(), store, lease: OnceCell::new() }
     }
 
@@ -90,6 +90,11 @@ impl Daemon {
     /// A request by the holder of the control lease.
     pub(crate) async fn command(&self, method: Method, path: &str, body: &Value) -> Response {
         self.request(method, path).header(LEASE_HEADER, self.lease().await).json(body).send().await.unwrap()
+    }
+
+    /// Resets the stop.
+    pub(crate) async fn reset_stop(&self) -> Response {
+        self.request(Method::DELETE, "/api/v1/stop").json(&json!({ "why": "a test goes on" })).send().await.unwrap()
     }
 
     pub(crate) async fn get(&self, path: &str) -> Response {

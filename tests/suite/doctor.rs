@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+use super::config::CAMERA;
 use super::program::{Program, own_mounts, plenalign, serve};
 
 /// A port of loopback that nobody has: the system gives another one each time.
@@ -67,7 +68,7 @@ fn hardware(state: &Path, driver: &str, port: &str) -> String {
         _ => ["1", "2"],
     };
     let text = format!(
-        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"{driver}\"\nport = {port:?}\n\
+        "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"{driver}\"\nport = {port:?}\n\
          [bench.focus]\naxis = \"{}\"\n[bench.e]\naxis = \"{}\"\n[bench.camera]\ndevice = \"card:nobody has this\"\n",
         names[0], names[1]
     );
@@ -123,7 +124,9 @@ fn a_broken_configuration_is_a_finding_among_others() {
         .filter(|one| one["id"] == "configuration.key")
         .map(|one| one["what"].as_str().unwrap())
         .collect();
-    for key in ["shell.inner_radius_mm", "mla.pitch_mm", "bench.focus.controller", "bench.e.controller"] {
+    for key in
+        ["shell.inner_radius_mm", "mla.pitch_mm", "bench.focus.controller", "bench.e.controller", "sensor.width_px"]
+    {
         assert!(keys.contains(&key), "{key}: {keys:?}");
     }
     std::fs::write(&file, "").unwrap();

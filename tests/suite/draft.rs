@@ -143,7 +143,8 @@ async fn impossible_cameras_are_named_key_by_key() {
         (json!({ "mla": { "pich_mm": 1 } }), vec!["mla.pich_mm"]),
         (json!({ "mla": { "pitch_mm": "wide" } }), vec!["mla.pitch_mm"]),
         (json!({ "water": { "temperature_c": 20 } }), vec!["water.salinity_permille", "water.wavelength_nm"]),
-        (json!({ "sensor": { "pixel_um": 1e-320 } }), vec![]),
+        (json!({ "sensor": { "pixel_um": 1e-320 } }), vec!["sensor.pixel_um"]),
+        (json!({ "mla": { "pitch_mm": 1e308 } }), vec!["mla.pitch_mm"]),
     ] {
         let refused = problem(daemon.post("/api/v1/design", &body).await, 409, "design-impossible").await;
         let found: Vec<_> = refused["problems"].as_array().unwrap().iter().map(|one| one["key"].clone()).collect();

@@ -20,6 +20,8 @@ pub(crate) struct StillStage {
     state: watch::Sender<StageState>,
     /// What a stop comes to.
     pub(crate) delivery: Mutex<StopDelivery>,
+    /// The other axis, where it is to be homed with that one only.
+    pub(crate) homes_also: Mutex<Option<AxisName>>,
     /// Where it was told to go, mm.
     pub(crate) told: Mutex<Vec<f64>>,
 }
@@ -34,7 +36,13 @@ impl StillStage {
             at_rest_since: Some(Instant::now()),
             fault: None,
         });
-        Self { axis, state, delivery: Mutex::new(StopDelivery::Confirmed), told: Mutex::default() }
+        Self {
+            axis,
+            state,
+            delivery: Mutex::new(StopDelivery::Confirmed),
+            homes_also: Mutex::new(None),
+            told: Mutex::default(),
+        }
     }
 
     /// Since when it has been at rest.
@@ -57,6 +65,7 @@ impl Stage for StillStage {
             identity: "stand-in".into(),
             location: "test".into(),
             disagreements: vec![],
+            contradictions: vec![],
             firmware_limits: None,
         }
     }
@@ -69,24 +78,32 @@ impl Stage for StillStage {
         Ok(self.state.borrow().clone())
     }
 
-    async fn home(&self) -> Result<(), DeviceError> {
+    fn homes_also(&self) -> Option<AxisName> {
+        *self.homes_also.lock().unwrap()
+    }
+
+    async fn home(&self, _: u64) -> Result<(), DeviceError> {
         Ok(())
     }
 
-    async fn release(&self) -> Result<(), DeviceError> {
+    async fn release(&self, _: u64) -> Result<(), DeviceError> {
         Ok(())
+    }
+
+    fn generation(&self) -> u64 {
+        0
     }
 
     fn move_time(&self, _: Millimetres, _: Millimetres) -> MoveTime {
         MoveTime { predicted: Duration::ZERO, maximum: Duration::ZERO }
     }
 
-    async fn set_position(&self, position: Millimetres) -> Result<(), DeviceError> {
+    async fn set_position(&self, position: Millimetres, _: u64) -> Result<(), DeviceError> {
         self.state.send_modify(|state| state.position = position);
         Ok(())
     }
 
-    async fn move_at(&self, target: Millimetres, _: f64) -> Result<Millimetres, DeviceError> {
+    async fn move_at(&self, target: Millimetres, _: f64, _: u64) -> Result<Millimetres, DeviceError> {
         self.told.lock().unwrap().push(target.value());
         self.state.send_modify(|state| state.position = target);
         Ok(target)

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+use super::config::CAMERA;
 use super::program::{Program, plenalign, serve};
 
 fn fleet(state: &Path, arguments: &[&str]) -> Output {
@@ -144,8 +145,10 @@ fn a_daemon_that_never_answers_holds_up_nobody() {
 fn a_bench_without_its_devices_is_not_ready_and_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("bench.toml");
-    let text =
-        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = \"/dev/no-such-port\"\n";
+    let text = format!(
+        "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\n\
+         port = \"/dev/no-such-port\"\n"
+    );
     std::fs::write(&file, text).unwrap();
     let mut command = plenalign(folder.path());
     command.args(["--config"]).arg(&file).args(["serve", "--json", "--listen", "127.0.0.1:0"]);

@@ -90,14 +90,6 @@ async fn rig_with(change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
     rig_on(BenchConfig::default(), change).await
 }
 
-/// Where the firmware's limits may be wider than the configured ones.
-async fn accepting_rig_with(change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
-    let mut bench = BenchConfig::default();
-    bench.focus.accept_wider_firmware_limits = true;
-    bench.e.accept_wider_firmware_limits = true;
-    rig_on(bench, change).await
-}
-
 async fn rig_on(bench: BenchConfig, change: impl FnOnce(&mut FirmwareConfig)) -> Rig {
     let slides = Slides::new(START, &bench);
     let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
@@ -110,8 +102,8 @@ async fn rig_on(bench: BenchConfig, change: impl FnOnce(&mut FirmwareConfig)) ->
 
 async fn homed_rig() -> Rig {
     let rig = rig_with(|_| {}).await;
-    rig.focus.home().await.unwrap();
-    rig.e.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     rig
 }
 
@@ -123,10 +115,10 @@ fn near(a: f64, b: f64, tolerance: f64) -> bool {
 async fn a_stock_build_homes_both_axes_at_once_and_says_so() {
     let rig = rig_with(|config| config.single_axis_homing = false).await;
     assert_eq!(rig.focus.homes_also(), Some(AxisName::E));
-    rig.focus.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
     assert!(rig.focus.state().borrow().homed && rig.e.state().borrow().homed);
     assert!(near(rig.slides.at(0), 0.0, 0.003) && near(rig.slides.at(1), 30.0, 0.003));
-    let readback = rig.e.move_to(Millimetres(29.0)).await.unwrap();
+    let readback = rig.e.move_to(Millimetres(29.0), rig.e.generation()).await.unwrap();
     assert!(near(readback.value(), 29.0, 0.002));
 }
 
@@ -135,7 +127,7 @@ async fn motors_report_to_the_plant_at_least_every_ten_milliseconds() {
     let rig = homed_rig().await;
     *rig.slides.last.lock().unwrap() = None;
     *rig.slides.longest_gap.lock().unwrap() = Duration::ZERO;
-    rig.e.move_to(Millimetres(20.0)).await.unwrap();
+    rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap();
     // The first and last micrometres of a move take longer than that for a single motor step.
     let longest = *rig.slides.longest_gap.lock().unwrap();
     assert!(longest <= Duration::from_millis(20), "{longest:?}");
@@ -148,14 +140,14 @@ async fn a_motion_commanded_during_a_stop_begins_after_it() {
     for delay_ms in [0, 20, 90, 150, 250, 400] {
         let home = async {
             sleep(Duration::from_millis(delay_ms)).await;
-            rig.e.home().await
+            rig.e.home(rig.e.generation()).await
         };
         let (delivery, homed) = tokio::join!(rig.focus.stop(), home);
         assert_eq!(delivery, StopDelivery::Confirmed);
         assert_eq!(homed, Ok(()), "homing commanded {delay_ms} ms after the stop");
         let (_, reached) = tokio::join!(rig.focus.stop(), async {
             sleep(Duration::from_millis(delay_ms)).await;
-            rig.e.move_to(Millimetres(30.0)).await
+            rig.e.move_to(Millimetres(30.0), rig.e.generation()).await
         });
         assert!(reached.is_ok(), "a move commanded {delay_ms} ms after the stop: {reached:?}");
     }
@@ -206,17 +198,58 @@ async fn another_device_is_named() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn settings_that_differ_from_the_configuration_are_told() {
-    let rig = accepting_rig_with(|config| {
+async fn settings_that_differ_and_do_no_harm_are_told() {
+    let rig = rig_with(|config| {
         if let Some(axis) = &mut config.axes[0] {
-            axis.steps_per_mm = 80.0;
-            axis.homes_negative = false;
+            axis.acceleration_mm_per_s2 = 15.0;
         }
     })
     .await;
     let told = rig.focus.info().disagreements.join(" ");
-    assert!(told.contains("$100") && told.contains("80") && told.contains("$23"), "{told}");
+    assert!(told.contains("$120") && told.contains("15"), "{told}");
     assert!(rig.e.info().disagreements.is_empty());
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn where_one_command_homes_both_axes_what_contradicts_one_keeps_both_from_moving() {
+    let contradicted = |single_axis_homing| {
+        rig_with(move |config| {
+            config.single_axis_homing = single_axis_homing;
+            if let Some(axis) = &mut config.axes[1] {
+                axis.homes_negative = true;
+            }
+        })
+    };
+    let both = contradicted(false).await;
+    for stage in [&both.focus, &both.e] {
+        let error = stage.home(stage.generation()).await.unwrap_err();
+        assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("$23")), "{error}");
+    }
+    assert_eq!([both.slides.at(0), both.slides.at(1)], START);
+    let single = contradicted(true).await;
+    single.focus.home(single.focus.generation()).await.unwrap();
+    assert!(single.e.home(single.e.generation()).await.is_err());
+    assert_eq!(single.slides.at(1), START[1]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_scale_that_differs_by_what_is_printed_only_does_not_contradict() {
+    // Printed as 133.333 and 20997.375: half of the last decimal, and what 32 bits hold.
+    for (configured, printed, agrees) in
+        [(133.333_33, 133.333_33, true), (133.333_4, 133.333_4, true), (400.0, 400.001, false), (80.0, 80.4, false)]
+    {
+        let mut bench = BenchConfig::default();
+        bench.e.steps_per_mm = configured;
+        let rig = rig_on(bench, |config| {
+            if let Some(axis) = &mut config.axes[1] {
+                axis.steps_per_mm = printed;
+            }
+        })
+        .await;
+        let homed = rig.e.home(rig.e.generation()).await;
+        assert_eq!(homed.is_ok(), agrees, "{configured} configured, {printed} set: {homed:?}");
+    }
 }
 
 #[tokio::test(start_paused = true)]
@@ -246,8 +279,8 @@ async fn motion_under_way_at_opening_is_stopped() {
 async fn grblhal_is_driven_as_well() {
     let rig = rig_with(|config| "GrblHAL 1.1f".clone_into(&mut config.version)).await;
     assert_eq!(rig.focus.info().identity, "GrblHAL 1.1f");
-    rig.focus.home().await.unwrap();
-    let readback = rig.focus.move_to(Millimetres(2.5)).await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    let readback = rig.focus.move_to(Millimetres(2.5), rig.focus.generation()).await.unwrap();
     assert!(near(readback.value(), 2.5, 0.002) && near(rig.slides.at(0), 2.5, 0.005), "{readback}");
 }
 
@@ -266,7 +299,7 @@ async fn a_controller_that_takes_no_bytes_is_given_up_and_a_stop_does_not_hang()
 async fn a_controller_whose_settings_memory_was_blank_is_understood() {
     let rig = rig_with(|config| config.blank_settings = true).await;
     assert_eq!(rig.e.info().disagreements, Vec::<String>::new());
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.slides.at(1), 30.0, 0.003));
 }
 
@@ -278,9 +311,9 @@ async fn an_open_safety_door_ends_a_move_and_says_so() {
     let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
     let controller = connect(twin.dial(), &bench).await.unwrap();
     let e = controller.stage(AxisName::E).unwrap();
-    e.home().await.unwrap();
+    e.home(e.generation()).await.unwrap();
     let mover = e.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
     sleep(Duration::from_secs(1)).await;
     // The door's switch, which the real-time byte stands for.
     twin.receive(b"\x84");
@@ -290,6 +323,6 @@ async fn an_open_safety_door_ends_a_move_and_says_so() {
     assert!(at < 28.0 && at > 22.0, "{at}");
     sleep(Duration::from_secs(3)).await;
     assert_eq!(slides.at(1), at);
-    e.home().await.unwrap();
-    assert!(near(e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.002));
+    e.home(e.generation()).await.unwrap();
+    assert!(near(e.move_to(Millimetres(20.0), e.generation()).await.unwrap().value(), 20.0, 0.002));
 }

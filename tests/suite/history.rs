@@ -115,7 +115,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     first.written().await;
 
     let (second, _fakes) = daemon(folder.path()).await;
-    let found = until(&second, "/api/v1/stop", "latched", |stop| stop["latched"] == true).await;
+    let found = until(&second, "/api/v1/stop", "read", |stop| stop["since"].is_string()).await;
     assert_eq!(found, stopped, "since the same time");
     problem(
         second.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await,
@@ -124,7 +124,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     )
     .await;
     problem(second.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await, 409, "stopped").await;
-    json_of(second.request(Method::DELETE, "/api/v1/stop").send().await.unwrap()).await;
+    json_of(second.reset_stop().await).await;
     second.written().await;
 
     let (third, _fakes) = daemon(folder.path()).await;
@@ -307,13 +307,14 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
         assert_eq!(daemon.get("/api/v1/frame.png").await.status(), 200);
         let stopped = json_of(daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap()).await;
         assert_eq!(stopped["focus"], "confirmed");
-        json_of(daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap()).await;
+        problem(daemon.reset_stop().await, 503, "not-kept").await;
         let list = get(&daemon, JOBS).await;
         assert!(list["history_fault"].is_string(), "{list}");
     };
     refused().await;
     std::fs::remove_file(&state).unwrap();
     until(&daemon, "/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
+    json_of(daemon.reset_stop().await).await;
     let job = waiting(&daemon, &create(&daemon).await).await;
     let href = job["href"].as_str().unwrap();
 
@@ -325,6 +326,7 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
     refused().await;
     std::fs::remove_file(&state).unwrap();
     until(&daemon, "/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
+    json_of(daemon.reset_stop().await).await;
     assert_eq!(go().await.status(), 202);
     daemon.written().await;
     let (second, _fakes) = self::daemon(&state).await;

@@ -41,7 +41,7 @@ async fn motion_needs_the_lease_and_reading_and_stopping_do_not() {
     }
     assert_eq!(daemon.get("/api/v1/bench").await.status(), 200);
     assert_eq!(daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap().status(), 200);
-    assert_eq!(daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap().status(), 200);
+    assert_eq!(daemon.reset_stop().await.status(), 200);
 
     let (key, lease) = take(&daemon, "ada").await;
     let moved = with_key(&daemon, Method::POST, "/api/v1/axes/focus/move", &key, &commands[0].2).await;

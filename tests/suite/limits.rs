@@ -29,15 +29,15 @@ async fn half_a_request(address: SocketAddr) -> TcpStream {
 }
 
 /// What comes back for a request on a connection of its own.
-async fn exchange(address: SocketAddr, request: &str) -> String {
+pub(crate) async fn exchange(address: SocketAddr, request: &str) -> String {
     let mut stream = TcpStream::connect(address).await.unwrap();
-    stream.write_all(request.as_bytes()).await.unwrap();
+    let _ = stream.write_all(request.as_bytes()).await;
     let mut answer = Vec::new();
     let _ = tokio::time::timeout(Duration::from_secs(5), stream.read_to_end(&mut answer)).await;
     String::from_utf8_lossy(&answer).into_owned()
 }
 
-const STOP: &str = "POST /api/v1/stop HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-length: 0\r\n\r\n";
+pub(crate) const STOP: &str = "POST /api/v1/stop HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-length: 0\r\n\r\n";
 const HEALTH: &str = "GET /healthz HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n\r\n";
 
 #[tokio::test]
@@ -130,6 +130,16 @@ async fn too_many_or_too_large_headers_are_refused() {
     let path = format!("GET /healthz?{} HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n", "x".repeat(20_000));
     assert!(exchange(daemon.address, &path).await.contains("head-too-large"));
     assert!(exchange(daemon.address, &with(String::new())).await.starts_with("HTTP/1.1 200"));
+}
+
+#[tokio::test]
+async fn a_method_counts_as_part_of_the_head() {
+    let daemon = daemon(few()).await;
+    let asked = |method: String| format!("{method} /healthz HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n\r\n");
+    let answer = exchange(daemon.address, &asked("X".repeat(20_000))).await;
+    assert!(answer.starts_with("HTTP/1.1 431") && answer.contains("head-too-large"), "{answer}");
+    let answer = exchange(daemon.address, &asked("X".repeat(1000))).await;
+    assert!(answer.starts_with("HTTP/1.1 405"), "{answer}");
 }
 
 #[tokio::test]

@@ -5,61 +5,61 @@ use std::time::Duration;
 
 use plenalign::config::Side;
 use plenalign::control::events::ShellState;
-use plenalign::control::motion::Motion;
 use plenalign::control::open_bench;
 use plenalign::device::AxisName;
 use plenalign::device::jog::deadman;
 use plenalign::units::Millimetres;
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
-use super::bench::small_config;
+use super::bench::{rules, small_config};
 use super::fakes::fakes;
 
 #[tokio::test(start_paused = true)]
 async fn a_jog_ends_at_the_wall_at_the_deadman_and_at_a_stop() {
-    let config = Arc::new(small_config(1));
-    let motion = Arc::new(Motion::new(Arc::clone(&config), open_bench(&config).await.unwrap()));
+    let config = small_config(1);
+    let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
+    let (motion, admit) = rules(config, bench);
     let (_grip, dead) = deadman(Duration::from_secs(60));
-    assert!(motion.jog(AxisName::E, Side::Low, 5.0, dead).await.is_err(), "not homed");
-    motion.home(AxisName::E).await.unwrap();
+    assert!(motion.jog(&admit(), AxisName::E, Side::Low, 5.0, dead).await.is_err(), "not homed");
+    motion.home(&admit(), AxisName::E).await.unwrap();
 
     // Nobody holds it any more: it ends on its way.
     let (_grip, dead) = deadman(Duration::from_millis(400));
-    let reached = motion.jog(AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
+    let reached = motion.jog(&admit(), AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
     assert!(reached < 29.9 && reached > 28.0, "{reached}");
 
     // Held to the end: the wall, and not a hair further.
     let (_grip, dead) = deadman(Duration::from_secs(60));
-    let reached = motion.jog(AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
+    let reached = motion.jog(&admit(), AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
     assert!((reached - motion.e_wall_mm()).abs() < 0.003, "{reached} at a wall of {}", motion.e_wall_mm());
     let (_grip, dead) = deadman(Duration::from_secs(60));
-    let again = motion.jog(AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
+    let again = motion.jog(&admit(), AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
     assert!((again - reached).abs() < 0.003, "{reached} to {again}");
 
     // A stop ends it whoever holds it, and keeps another from beginning.
     let jogging = tokio::spawn({
-        let motion = Arc::clone(&motion);
+        let (motion, admission) = (Arc::clone(&motion), admit());
         let (grip, dead) = deadman(Duration::from_secs(60));
         async move {
             let _grip = grip;
-            motion.jog(AxisName::E, Side::High, 2.0, dead).await
+            motion.jog(&admission, AxisName::E, Side::High, 2.0, dead).await
         }
     });
     sleep(Duration::from_secs(2)).await;
-    motion.stop().await;
+    motion.stop(Instant::now(), "a test").await;
     assert!(jogging.await.unwrap().is_err());
     let (_grip, dead) = deadman(Duration::from_secs(60));
-    assert!(motion.jog(AxisName::E, Side::High, 2.0, dead).await.is_err(), "the stop is latched");
+    assert!(motion.jog(&admit(), AxisName::E, Side::High, 2.0, dead).await.is_err(), "the stop is latched");
 }
 
 #[tokio::test]
 async fn near_the_wall_the_shell_is_approached_in_short_pieces() {
     for (shell, short) in [(ShellState::Unknown, true), (ShellState::On, true), (ShellState::Off, false)] {
         let fakes = fakes();
-        let motion = Motion::new(Arc::new(small_config(1)), fakes.bench);
+        let (motion, admit) = rules(small_config(1), fakes.bench);
         motion.set_shell(shell);
         let wall = motion.e_wall_mm();
-        motion.go(AxisName::E, Millimetres(wall + 0.05)).await.unwrap();
+        motion.go(&admit(), AxisName::E, Millimetres(wall + 0.05)).await.unwrap();
         let told = fakes.e.told.lock().unwrap().clone();
         assert_eq!(told.last().copied(), Some(wall + 0.05));
         let mut at = 30.0;
@@ -74,7 +74,7 @@ async fn near_the_wall_the_shell_is_approached_in_short_pieces() {
         assert_eq!(longest_near <= 0.2 + 1e-9, short, "{shell:?}: {longest_near}");
         // Away from it there is nothing to be careful of.
         fakes.e.told.lock().unwrap().clear();
-        motion.go(AxisName::E, Millimetres(20.0)).await.unwrap();
+        motion.go(&admit(), AxisName::E, Millimetres(20.0)).await.unwrap();
         assert!(fakes.e.told.lock().unwrap().len() <= 2);
     }
 }
@@ -85,10 +85,10 @@ async fn a_target_is_approached_from_its_side_over_the_whole_play() {
         let mut config = small_config(1);
         (config.bench.e.approach, config.bench.e.backlash_mm) = (side, 0.1);
         let fakes = fakes();
-        let motion = Motion::new(Arc::new(config), fakes.bench);
+        let (motion, admit) = rules(config, fakes.bench);
         let told = async |to: f64| {
             fakes.e.told.lock().unwrap().clear();
-            motion.go(AxisName::E, Millimetres(to)).await.unwrap();
+            motion.go(&admit(), AxisName::E, Millimetres(to)).await.unwrap();
             fakes.e.told.lock().unwrap().clone()
         };
         // From the other side: past the target first, by twice the play and something.
@@ -111,7 +111,7 @@ async fn frames_count_as_at_rest_from_when_both_axes_have_settled() {
     (config.bench.focus.settle_ms, config.bench.e.settle_ms) = (200, 700);
     let fakes = fakes();
     let at_rest = fakes.e.at_rest_since().unwrap();
-    let motion = Motion::new(Arc::new(config), fakes.bench);
+    let (motion, _) = rules(config, fakes.bench);
     assert_eq!(motion.settled_from(), Some(at_rest + Duration::from_millis(700)));
     sleep(Duration::from_secs(5)).await;
     fakes.e.rest(None);
@@ -123,10 +123,10 @@ async fn frames_count_as_at_rest_from_when_both_axes_have_settled() {
 
 #[tokio::test(start_paused = true)]
 async fn a_long_move_is_told_a_second_at_a_time() {
-    let config = Arc::new(small_config(1));
-    let bench = open_bench(&config).await.unwrap();
-    let motion = Motion::new(Arc::clone(&config), bench.clone());
-    motion.home(AxisName::E).await.unwrap();
+    let config = small_config(1);
+    let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
+    let (motion, admit) = rules(config, bench.clone());
+    motion.home(&admit(), AxisName::E).await.unwrap();
     let mut state = bench.e.state();
     let watched = tokio::spawn(async move {
         let (mut longest, mut since) = (Duration::ZERO, tokio::time::Instant::now());
@@ -143,8 +143,8 @@ async fn a_long_move_is_told_a_second_at_a_time() {
         }
         longest
     });
-    motion.go(AxisName::E, Millimetres(12.0)).await.unwrap();
-    drop((motion, bench));
+    motion.go(&admit(), AxisName::E, Millimetres(12.0)).await.unwrap();
+    drop((motion, admit, bench));
     let longest = watched.await.unwrap();
     assert!(longest > Duration::from_millis(500) && longest < Duration::from_millis(1500), "{longest:?}");
 }

@@ -18,7 +18,7 @@ async fn a_stop_ends_the_job_of_its_moment_and_no_later_one() {
         async || service.create_job(&permit(&service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
     let stop = || {
         let service = Arc::clone(&service);
-        tokio::spawn(async move { service.stop(tokio::time::Instant::now()).await })
+        tokio::spawn(async move { service.stop(tokio::time::Instant::now(), "a test").await })
     };
     let latched = async || {
         while !service.bench_view().stop.latched {
@@ -34,12 +34,12 @@ async fn a_stop_ends_the_job_of_its_moment_and_no_later_one() {
         sleep(Duration::from_millis(10)).await;
     }
     assert_eq!(service.job(first).unwrap().state, JobState::Cancelled);
-    service.reset_stop();
+    service.reset_stop("a test", "it goes on").await.unwrap().unwrap();
 
     // Stopping takes a while; here the stop is reset, and a job begun, before it is over.
     let stopping = stop();
     latched().await;
-    service.reset_stop();
+    service.reset_stop("a test", "it goes on").await.unwrap().unwrap();
     let second = begin().await;
     assert!(!stopping.is_finished());
     stopping.await.unwrap();

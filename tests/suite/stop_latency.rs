@@ -85,7 +85,7 @@ async fn a_stop_reaches_the_serial_line_within_50_ms_whatever_else_goes_on() {
         answers.push(milliseconds(asked));
         assert!(report["focus"] != "undeliverable" && report["e"] != "undeliverable", "{report}");
         latencies.push(report["latency_ms"].as_f64().unwrap_or_else(|| panic!("no byte was sent: {report}")));
-        daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
+        daemon.reset_stop().await;
     }
     feeder.abort();
     for times in [&mut latencies, &mut answers, &mut commands, &mut states] {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
 use plenalign::store::records::{Audit, Job, Kept, Line, Move, Run};
-use plenalign::store::{FILE_NAME, Health, JobFilter, Store, StoreError, read};
+use plenalign::store::{BenchName, FILE_NAME, Health, JobFilter, Store, StoreError, read};
 use serde_json::json;
 use uuid::Uuid;
 
@@ -130,7 +130,8 @@ async fn what_an_earlier_run_on_the_same_bench_left_open_is_interrupted() {
         })
         .await
         .unwrap();
-    let found = store.write(move |writer| writer.interrupt(&now, "gone")).await.unwrap();
+    let name = BenchName { spelled: "one".to_owned(), devices: None };
+    let found = store.write(move |writer| writer.interrupt(&now, &name, "gone")).await.unwrap();
     assert_eq!((found.jobs, found.moves), (vec![left.id], 1));
     let interrupted = store.read(move |c| read::find_job(c, id)).await.unwrap().unwrap();
     assert_eq!((interrupted.state.as_str(), interrupted.reason.as_deref()), ("interrupted", Some("gone")));

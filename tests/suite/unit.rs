@@ -4,6 +4,7 @@ use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use super::config::CAMERA;
 use super::program::{Program, plenalign, serve};
 
 #[test]
@@ -16,6 +17,20 @@ fn the_unit_restarts_the_daemon_and_stops_the_axes_after_every_end() {
     let after = unit.lines().find(|line| line.starts_with("ExecStopPost=")).expect("something runs after every end");
     assert!(after.ends_with(" stop-axes"), "{after}");
     assert!(unit.lines().any(|line| line.starts_with("WatchdogSec=")));
+}
+
+#[test]
+fn the_unit_gives_every_connection_its_files_and_leaves_the_system_its_memory() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/plenalign.service");
+    let unit = std::fs::read_to_string(path).unwrap();
+    let value = |key: &str| {
+        let line = unit.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
+        line.unwrap_or_else(|| panic!("{key} is missing")).to_owned()
+    };
+    // The most that server.max_connections may be, two files each, the reserve of 128, and 96 of the daemon's own.
+    assert!(value("LimitNOFILE").parse::<u64>().unwrap() >= 2 * 512 + 128 + 96);
+    let share: u64 = value("MemoryMax").trim_end_matches('%').parse().unwrap();
+    assert!((1..100).contains(&share), "{share} %");
 }
 
 #[test]
@@ -58,7 +73,7 @@ fn stopping_the_axes_without_a_daemon_says_what_became_of_each() {
     let twin = Program::start(command);
     let config = folder.path().join("bench.toml");
     let text = format!(
-        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = {:?}\n",
+        "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = {:?}\n",
         link.display().to_string()
     );
     std::fs::write(&config, text).unwrap();

@@ -82,8 +82,12 @@ async fn a_snapshot_comes_first_and_then_changes_without_a_gap() {
 
     let mut seq = snapshot["seq"].as_u64().unwrap();
     for latched in [true, false, true] {
-        let method = if latched { Method::POST } else { Method::DELETE };
-        daemon.request(method, "/api/v1/stop").send().await.unwrap();
+        let done = if latched {
+            daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap()
+        } else {
+            daemon.reset_stop().await
+        };
+        assert_eq!(done.status(), 200);
         loop {
             let change = next_text(&mut one).await;
             assert_eq!(change["seq"].as_u64().unwrap(), seq + 1, "{change}");
@@ -259,7 +263,7 @@ async fn a_viewer_that_comes_back_goes_on_where_it_was_or_is_told_of_the_gap() {
     let (seq, boot_id) = (snapshot["seq"].as_u64().unwrap(), snapshot["boot_id"].as_str().unwrap().to_owned());
     let toggle = async || {
         daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap();
-        daemon.request(Method::DELETE, "/api/v1/stop").send().await.unwrap();
+        daemon.reset_stop().await;
     };
     toggle().await;
     let mut back = open_after(&daemon, seq, &boot_id).await;

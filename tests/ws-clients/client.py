@@ -86,7 +86,7 @@ async def changes_follow_the_snapshot_without_a_gap_and_are_replayed():
         changes = []
         for _ in range(3):
             await ask("POST", "/api/v1/stop")
-            await ask("DELETE", "/api/v1/stop")
+            await ask("DELETE", "/api/v1/stop", {"why": "a test"})
         while len(changes) < 6:
             changes.append(await next_text(socket))
     seqs = [json.loads(change)["seq"] for change in changes]

@@ -2,7 +2,19 @@
 
 import assert from "node:assert/strict";
 import { chooseUnit, lengthsIn, printed } from "./checks.mjs";
-import { browse, darken, faults, folder, open, photograph, shots, start, step } from "./harness.mjs";
+import {
+  accessible,
+  browse,
+  darken,
+  faults,
+  folder,
+  open,
+  photograph,
+  resetStop,
+  shots,
+  start,
+  step,
+} from "./harness.mjs";
 
 const ALIGNMENT_MS = 240_000;
 const OVER = ".job .outcome:is(.converged, .not_converged, .failed, .cancelled)";
@@ -43,8 +55,7 @@ try {
   await page.locator("#reset").waitFor();
   await open(page, "Alignment");
   assert(await page.locator("#start").isDisabled());
-  await page.locator("#reset").click();
-  await page.locator("#reset").waitFor({ state: "detached" });
+  await resetStop(page, "the bench is clear");
   await photograph(page, "start");
 
   step("STOP in mid-run ends the job and stops the axes");
@@ -58,14 +69,14 @@ try {
   await moving.waitFor({ state: "detached", timeout: 15_000 });
   await page.locator(".stopped", { hasText: "Focus axis: stopped; e axis: stopped." }).waitFor();
   await photograph(page, "stopped");
-  await page.locator("#reset").click();
-  await page.locator("#reset").waitFor({ state: "detached" });
+  await resetStop(page, "the bench is clear");
 
   step("an alignment runs to its end, through a reload");
   await open(page, "Alignment");
   await page.locator("#note").fill("by clicks");
   await page.locator("#start").click();
   await page.locator("#cancel").waitFor();
+  await handOver(page);
   const rows = await seeThrough(page);
   const ended = await page.locator(".job").innerText();
   assert.equal(await page.locator(".job .outcome").textContent(), "Converged", ended);
@@ -213,6 +224,50 @@ try {
   await browser.close();
   daemon.process.kill("SIGKILL");
   place.remove();
+}
+
+/** Has somebody else confirm the first prompt, by the link that the job's starter hands on. */
+async function handOver(page) {
+  step("somebody else sees the prompt, and cannot confirm it without the job's key");
+  const heading = await page.locator(".operator h3").textContent({ timeout: 60_000 });
+  const context = await browser.newContext({ viewport: { width: 1024, height: 900 } });
+  const other = await context.newPage();
+  const theirs = faults(other);
+  await other.goto(new URL("#/alignment", page.url()).href);
+  await other.locator(".operator h3", { hasText: heading }).waitFor();
+  await other.locator(".give-key", { hasText: /^Only .* confirms this/ }).waitFor();
+  assert.equal(await other.locator("#confirm").count(), 0, "a viewer without a key is offered to confirm");
+  assert.equal(await other.locator("#confirm-link").count(), 0);
+  await other.locator("#confirm-key").fill("guess");
+  await other.locator(".give-key button").click();
+  await other.locator(".give-key .fault").waitFor();
+  await photograph(other, "no-key");
+  await accessible(other);
+  await other.locator("#confirm-key").fill(`confirm_${"0".repeat(64)}`);
+  await other.locator(".give-key button").click();
+  await other.locator("#confirm").click();
+  await other.locator("header .problem", { hasText: "The key confirms nothing of this job" }).waitFor();
+  await other.locator(".give-key").waitFor();
+
+  step("the link with the key confirms it, and leaves no key in the address bar");
+  await page.locator(".hand-on summary").click();
+  await photograph(page, "hand-on");
+  const link = await page.locator("#confirm-link").inputValue();
+  const asked = [];
+  other.on("request", (request) => asked.push(request.url()));
+  await other.goto("about:blank");
+  await other.goto(link);
+  await other.locator("#confirm").waitFor();
+  assert.equal(new URL(other.url()).hash, "#/alignment");
+  assert(
+    asked.length > 0 && asked.every((url) => !url.split("#")[0].includes("confirm_")),
+    "a key was sent in a path",
+  );
+  await other.reload();
+  await other.locator("#confirm").click();
+  await page.locator(".operator h3", { hasText: heading }).waitFor({ state: "detached", timeout: 15_000 });
+  assert.deepEqual(theirs(), []);
+  await context.close();
 }
 
 /** Confirms what the job asks for until the job is over; returns how many iterations are shown. */

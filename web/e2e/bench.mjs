@@ -1,7 +1,7 @@
 // Two people at two browsers: who has control, jogging by press and hold, steps, large moves, homing, the stop key.
 
 import assert from "node:assert/strict";
-import { accessible, browse, faults, folder, open, photograph, start, step } from "./harness.mjs";
+import { accessible, browse, faults, folder, open, photograph, resetStop, start, step } from "./harness.mjs";
 
 const place = folder(`
 [sensor]
@@ -36,8 +36,17 @@ try {
   await ana.page.locator("#reset").waitFor();
   assert.equal((await bench()).stop.latched, true);
   assert.equal((await bench()).lease ?? null, null, "the space bar clicked the button under the focus");
-  await ben.page.locator("#reset").click();
-  await ana.page.locator("#reset").waitFor({ state: "detached" });
+  await ana.page.locator(".stopped", { hasText: /Stopped at .* by local/ }).waitFor();
+  await photograph(ana.page, "stopped-by");
+
+  step("whoever resets it says why, and everybody sees who and why");
+  await resetStop(ben.page, "the cable is free again");
+  await ana.page
+    .locator(".was-reset", { hasText: /^Ben reset the stop at .*: the cable is free again/ })
+    .waitFor();
+  await accessible(ana.page);
+  await ana.page.locator(".was-reset button").click();
+  await ana.page.locator(".was-reset").waitFor({ state: "detached" });
 
   step("another key can be the stop key");
   await ana.page.locator(".stop-key").getByRole("button", { name: "Change" }).click();
@@ -49,8 +58,7 @@ try {
   await ana.page.waitForTimeout(300);
   assert.equal((await bench()).stop.latched, false);
   await ana.page.keyboard.press("F8");
-  await ana.page.locator("#reset").click();
-  await ana.page.locator("#reset").waitFor({ state: "detached" });
+  await resetStop(ana.page, "the key is tried");
   await ana.page.getByRole("button", { name: "Back to Space" }).click();
 
   step("homing is a job as well; its starter has control, and others see who");
@@ -88,6 +96,27 @@ try {
   await photograph(ana.page, "jog");
   await ana.page.mouse.up();
   await still("focus", "the axis moves on after the release");
+
+  step("a button held through a stop and its reset moves nothing until it is pressed again");
+  await forward.scrollIntoViewIfNeeded();
+  await press(ana.page, forward);
+  const held = await position("focus");
+  await until(async () => (await position("focus")) > held + 0.1, "the axis does not move");
+  await ask("POST");
+  await ask("DELETE", { why: "a test", owner: "Ben" });
+  assert.equal((await bench()).stop.latched, false);
+  await still("focus", "a button that was held resumes by the reset");
+  await ana.page.mouse.up();
+  const pressed = await position("focus");
+  await press(ana.page, hold(ana.page, "focus", "low"));
+  await until(async () => (await position("focus")) < pressed - 0.1, "pressed anew, it does not move");
+  await ana.page.mouse.up();
+  await still("focus", "the axis moves on after the release");
+  for (const notice of [".problem", ".was-reset"]) {
+    const shown = ana.page.locator(`header ${notice}`);
+    if (await shown.isVisible()) await shown.locator("button").click();
+    await shown.waitFor({ state: "detached" });
+  }
 
   step("it ends by the deadman where the page is not heard any more");
   await forward.scrollIntoViewIfNeeded();
@@ -175,6 +204,13 @@ try {
 
   async function bench() {
     return (await fetch(new URL("/api/v1/bench", address))).json();
+  }
+
+  async function ask(method, body) {
+    const headers = { "content-type": "application/json" };
+    const asked = { method, headers, ...(body ? { body: JSON.stringify(body) } : {}) };
+    const answer = await fetch(new URL("/api/v1/stop", address), asked);
+    assert(answer.ok, await answer.text());
   }
 
   async function position(name) {

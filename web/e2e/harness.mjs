@@ -71,6 +71,15 @@ export async function open(page, name) {
   await page.locator(`main[data-page=${name.toLowerCase()}]`).waitFor();
 }
 
+/** Resets the stop on a page, for a reason. */
+export async function resetStop(page, why) {
+  await page.locator("#reset").click();
+  assert(await page.locator("#reset-now").isDisabled(), "a reset is offered without a reason");
+  await page.locator("#why").fill(why);
+  await page.locator("#reset-now").click();
+  await page.locator(".stopped").waitFor({ state: "detached" });
+}
+
 /** Frames of the configured camera in a folder, as a camera of files plays them. */
 export function render({ file, env }, into, count) {
   mkdirSync(into, { recursive: true });

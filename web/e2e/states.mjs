@@ -21,6 +21,7 @@ import {
 
 const camera = `
 [sensor]
+pixel_um = 3.45
 width_px = 320
 height_px = 320
 
@@ -30,8 +31,26 @@ rays = 1
 const place = folder(camera);
 const frames = join(place.state, "frames");
 const link = join(place.state, "stage");
+// What a bench of hardware has to say of its camera.
+const optics = `
+[main_lens]
+focal_length_mm = 20.0
+
+[mla]
+array = "square"
+pitch_mm = 0.1
+focal_length_mm = 0.5
+angular_resolution = 3.13
+mode = "galilean"
+
+[shell]
+outer_radius_mm = 59.0
+inner_radius_mm = 51.0
+refractive_index = 1.49
+`;
 const bench = folder(`
 ${camera}
+${optics}
 [bench]
 driver = "hardware"
 

@@ -84,7 +84,7 @@ await check("changes follow the snapshot without a gap, and signs of life come",
   assert.equal(heard.text[0].type, "snapshot");
   for (let turn = 0; turn < 3; turn += 1) {
     await ask("POST", "/api/v1/stop");
-    await ask("DELETE", "/api/v1/stop");
+    await ask("DELETE", "/api/v1/stop", { why: "a test" });
   }
   const changes = () => heard.text.filter((message) => !["snapshot", "tick"].includes(message.type));
   await until("sixth change", () => changes().length >= 6);

@@ -1,11 +1,13 @@
 // Requests to the daemon. Each returns a tagged result, so that every caller has to look at failure.
 
+import { ConfirmKeys } from "./confirm-key";
 import { LeaseKeeper } from "./lease";
 import { strings } from "./strings";
 import type { Sections } from "./water";
 import type {
   AxisName,
   Bench,
+  ConfirmKeyGrant,
   ConfigCheck,
   ConfigView,
   ConfigWritten,
@@ -15,6 +17,7 @@ import type {
   DraftBase,
   Faults,
   Job,
+  JobCreated,
   JobList,
   JobRequest,
   NewToken,
@@ -81,6 +84,7 @@ export function callMe(name: string): void {
 }
 
 export const lease = new LeaseKeeper(request, () => owner, sessionStorage);
+export const confirmKeys = new ConfirmKeys(sessionStorage);
 
 const done = (problem: Problem | null): Result<null> =>
   problem ? { ok: false, problem } : { ok: true, value: null };
@@ -92,19 +96,53 @@ export const releaseLease = async () => {
 };
 
 export const stopAll = () => request<StopReport>("POST", "/api/v1/stop");
-export const resetStop = () => request<Bench["stop"]>("DELETE", "/api/v1/stop");
+export const resetStop = (why: string) => request<Bench["stop"]>("DELETE", "/api/v1/stop", { why, owner });
 
 export const home = (axis: AxisName) => lease.command<Bench>("POST", `/api/v1/axes/${axis}/home`);
 export const move = (axis: AxisName, position_mm: number) =>
   lease.command<Bench>("POST", `/api/v1/axes/${axis}/move`, { position_mm });
-export const jog = (axis: AxisName, towards: Side, speed_mm_per_s: number | null) =>
-  lease.repeat<Bench>("POST", `/api/v1/axes/${axis}/jog`, { towards, speed_mm_per_s });
+export const jog = (axis: AxisName, towards: Side, speed_mm_per_s: number | null, press: string) =>
+  lease.repeat<Bench>("POST", `/api/v1/axes/${axis}/jog`, { towards, speed_mm_per_s, press });
 export const endJog = (axis: AxisName) => request<Bench>("DELETE", `/api/v1/axes/${axis}/jog`);
 export const setShell = (state: ShellState) => lease.command<Bench>("PUT", "/api/v1/shell", { state });
 
-export const startJob = (job: JobRequest) => lease.command<Job>("POST", "/api/v1/jobs", job);
+export async function startJob(job: JobRequest): Promise<Result<Job>> {
+  const started = await lease.command<JobCreated>("POST", "/api/v1/jobs", job);
+  if (started.ok && started.value.confirm_key) {
+    confirmKeys.keep({ job: started.value.id, key: started.value.confirm_key });
+  }
+  return started;
+}
 export const cancelJob = (job: Job) => request<Job>("DELETE", job.href);
-export const confirmStep = (job: Job, step: number) => request<Job>("POST", `${job.href}/confirm`, { step });
+const WRONG_KEY = "urn:plenalign:problem:confirm-key-wrong";
+
+/** What shows that this tab may answer for a job: the key of its lease, its confirm key, or both. */
+function shown(job: Job): Record<string, string> {
+  const key = confirmKeys.of(job.id);
+  return {
+    ...(lease.key === null ? {} : { "plenalign-lease": lease.key }),
+    ...(key === null ? {} : { "plenalign-confirm": key }),
+  };
+}
+
+export async function confirmStep(job: Job, step: number): Promise<Result<Job>> {
+  const confirmed = await exchange<Job>("POST", `${job.href}/confirm`, {
+    body: { step },
+    headers: shown(job),
+  });
+  if (!confirmed.ok && confirmed.problem.type === WRONG_KEY) confirmKeys.forget();
+  return confirmed;
+}
+
+/** Makes another confirm key for a job; the one before is dead. */
+export async function renewConfirmKey(job: Job): Promise<Result<ConfirmKeyGrant>> {
+  const mine = lease.key;
+  const headers: Record<string, string> = mine === null ? {} : { "plenalign-lease": mine };
+  const made = await exchange<ConfirmKeyGrant>("POST", `${job.href}/confirm-key`, { headers });
+  if (made.ok) confirmKeys.keep({ job: job.id, key: made.value.confirm_key });
+  return made;
+}
+
 export const job = (id: string) => request<Job>("GET", `/api/v1/jobs/${id}`);
 export const jobs = (query: URLSearchParams) => request<JobList>("GET", `/api/v1/jobs?${query.toString()}`);
 

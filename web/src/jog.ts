@@ -13,8 +13,8 @@ export interface Press {
 }
 
 export interface JogCalls {
-  /** Tells that the press goes on; the problem, if there is one. */
-  go(press: Press): Promise<Problem | null>;
+  /** Tells that the press of this name goes on; the problem, if there is one. */
+  go(press: Press, name: string): Promise<Problem | null>;
   /** Ends the motion at once. */
   end(axis: AxisName): Promise<Problem | null>;
   /** What went wrong, for the operator. */
@@ -25,6 +25,7 @@ export interface JogCalls {
 
 export class Jog {
   private press: Press | null = null;
+  private name = "";
   private timer: ReturnType<typeof setInterval> | null = null;
   private onTheWay = false;
 
@@ -38,6 +39,8 @@ export class Jog {
   begin(press: Press): void {
     this.release();
     this.press = press;
+    // By it the daemon tells a press that a stop has ended from a new one, although both are the same button's.
+    this.name = `${Date.now().toString(36)}-${Math.random().toString(36).slice(2)}`;
     this.calls.changed(press);
     this.timer = setInterval(() => void this.tell(press), BEAT_MS);
     void this.tell(press);
@@ -57,7 +60,7 @@ export class Jog {
     // A slow answer is waited for: words do not pile up, and the deadman decides meanwhile.
     if (this.onTheWay || this.press !== press) return;
     this.onTheWay = true;
-    const problem = await this.calls.go(press);
+    const problem = await this.calls.go(press, this.name);
     this.onTheWay = false;
     if (this.press !== press) {
       // Released meanwhile: this word may have come after the end.

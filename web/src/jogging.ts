@@ -11,7 +11,8 @@ let tell: (problem: Problem) => void = () => undefined;
 const problemOf = (result: api.Result<unknown>) => (result.ok ? null : result.problem);
 
 export const jog = new Jog({
-  go: async ({ axis, towards, speedMmPerS }) => problemOf(await api.jog(axis, towards, speedMmPerS)),
+  go: async ({ axis, towards, speedMmPerS }, name) =>
+    problemOf(await api.jog(axis, towards, speedMmPerS, name)),
   end: async (axis) => problemOf(await api.endJog(axis)),
   failed: (problem) => tell(problem),
   changed: (press) => watchers.forEach((watcher) => watcher(press)),

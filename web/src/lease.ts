@@ -19,6 +19,7 @@ export type Send = <T>(
 
 export class LeaseKeeper {
   private timer: ReturnType<typeof setInterval> | null = null;
+  private renewedAt = 0;
 
   constructor(
     private readonly send: Send,
@@ -100,13 +101,23 @@ export class LeaseKeeper {
     if (mine !== null) await this.send("DELETE", "/api/v1/lease", undefined, mine);
   }
 
+  /**
+   * Renews the lease when that is due. The page's own timer is not enough: browsers slow the timers of a hidden tab down
+   * to one a minute, but not those of a worker, whose signs of life call this.
+   */
+  due(): void {
+    if (this.key !== null && Date.now() - this.renewedAt >= HEARTBEAT_MS) void this.renew();
+  }
+
   private beat(): void {
-    this.timer ??= setInterval(() => void this.renew(), HEARTBEAT_MS);
+    this.renewedAt = Date.now();
+    this.timer ??= setInterval(() => this.due(), HEARTBEAT_MS);
   }
 
   private async renew(): Promise<void> {
     const mine = this.key;
     if (mine === null) return;
+    this.renewedAt = Date.now();
     const answer = await this.send("POST", "/api/v1/lease/heartbeat", undefined, mine);
     // Lost to another, or run out while the tab slept: the next command takes it anew, or says who has it.
     if (!answer.ok && answer.problem.status === 412 && this.key === mine) this.forget();

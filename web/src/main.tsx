@@ -3,12 +3,13 @@ import "./style/index.css";
 import { render } from "preact";
 import * as api from "./api";
 import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
+import { keyOfAddress } from "./confirm-key";
 import { eyepiece } from "./eyepiece";
 import { jog, watchJog } from "./jogging";
 import { keep, recall } from "./preferences";
-import { routeOf } from "./route";
+import { addressOf, routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI } from "./session";
-import { initial, receive, receivePicture, type State } from "./state";
+import { endsPress, initial, receive, receivePicture, type State } from "./state";
 import { overlaysOn } from "./show";
 import { stop, watchStopKey } from "./stopping";
 import type { Report } from "./viewer";
@@ -18,6 +19,15 @@ import { lookedAt, wishOf } from "./wish";
 
 const ASK_AGAIN_MS = 2000;
 
+/** Takes the confirm key of a link that has opened the page, so that it is neither in the address bar nor in the history. */
+function takeConfirmKey(): void {
+  const handed = keyOfAddress(location.hash);
+  if (handed === null) return;
+  history.replaceState(null, "", addressOf("alignment"));
+  api.confirmKeys.keep(handed);
+}
+
+takeConfirmKey();
 let state: State = { ...initial, route: routeOf(location.hash), preferences: recall(localStorage) };
 const root = document.getElementById("app");
 const cadence = new Cadence(() => {
@@ -30,6 +40,7 @@ function set(next: State, everyMs = SOON_MS): void {
   const before = state;
   state = next;
   if (next.preferences !== before.preferences) keep(localStorage, next.preferences);
+  if (endsPress(before, next)) jog.release();
   heed();
   cadence.due(everyMs);
 }
@@ -42,7 +53,6 @@ function heed(): void {
   );
   const overlays = overlaysOn(preferences.show, preferences.overlays);
   eyepiece.showOverlays(overlays);
-  if (state.link !== "open") jog.release();
   const small = window.innerWidth * window.devicePixelRatio < 700;
   eyepiece.want(
     wishOf(lookedAt(route, document.visibilityState === "visible"), {
@@ -75,6 +85,9 @@ function receiveReport(report: Report): void {
     }
     case "picture":
       set(receivePicture(state, report.facts, report.sentAt, Date.now()), LEISURELY_MS);
+      return;
+    case "alive":
+      api.lease.due();
       return;
     case "map":
     case "saturation":
@@ -138,7 +151,10 @@ watchStopKey(
   () => state.session !== "stranger",
   () => void stop(update),
 );
-window.addEventListener("hashchange", () => update({ route: routeOf(location.hash), problem: null }));
+window.addEventListener("hashchange", () => {
+  takeConfirmKey();
+  update({ route: routeOf(location.hash), problem: null });
+});
 void begin();
 // Ages grow without any message.
 setInterval(() => cadence.due(LEISURELY_MS), 500);

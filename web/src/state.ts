@@ -17,6 +17,7 @@ import type {
   ServerMessage,
   Session,
   StopReport,
+  StopReset,
 } from "./wire";
 
 export type Link = "connecting" | "open" | "lost";
@@ -46,6 +47,8 @@ export interface State {
   problem: Problem | null;
   /** A stop that could not be delivered: nothing else hides it. */
   stopFailed: Problem | null;
+  /** When the newest reset was that has been read and dismissed. */
+  resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
   stopSent: Pick<StopReport, "focus" | "e"> | null;
   route: Route;
@@ -75,6 +78,7 @@ export const initial: State = {
   heardAt: null,
   problem: null,
   stopFailed: null,
+  resetSeen: null,
   stopSent: null,
   route: routeOf(""),
   preferences: standard,
@@ -161,6 +165,22 @@ function withAxes(state: State, bench: Bench, now: number): Trail<AxesPoint> {
 /** A stop that has been reset is over. */
 function withStop(state: State, bench: Bench): State["stopSent"] {
   return state.bench?.stop.latched && !bench.stop.latched ? null : state.stopSent;
+}
+
+/** Whether what is held down is let go of by this: by a stop, also one that has been reset already, or a lost connection. */
+export function endsPress(before: State, after: State): boolean {
+  const stop = after.bench?.stop;
+  return after.link !== "open" || stop?.latched === true || stop?.reset?.at !== before.bench?.stop.reset?.at;
+}
+
+/** How long a reset is news, ms. */
+const NEWS_MS = 600_000;
+
+/** The reset of the stop that is still news, where nobody has dismissed it here. */
+export function newsOfReset(state: State, now: number): StopReset | null {
+  const stop = state.bench?.stop;
+  if (!stop?.reset || stop.latched || stop.reset.at === state.resetSeen) return null;
+  return now - (ahead(state.clock) ?? 0) - Date.parse(stop.reset.at) < NEWS_MS ? stop.reset : null;
 }
 
 /** The jobs with one replaced, if what came is newer, or added. */

@@ -7,9 +7,11 @@ const refusal: Problem = { type: "urn:plenalign:problem:limit", title: "t", stat
 
 function held(go: () => Promise<Problem | null> = () => Promise.resolve(null)) {
   const told: string[] = [];
+  const names: string[] = [];
   const calls: JogCalls = {
-    go: (asked) => {
+    go: (asked, name) => {
       told.push(`go ${asked.axis} ${asked.towards}`);
+      names.push(name);
       return go();
     },
     end: (axis) => {
@@ -19,7 +21,7 @@ function held(go: () => Promise<Problem | null> = () => Promise.resolve(null)) {
     failed: (problem) => told.push(`failed ${problem.status}`),
     changed: () => undefined,
   };
-  return { jog: new Jog(calls), told };
+  return { jog: new Jog(calls), told, names };
 }
 
 describe("press and hold", () => {
@@ -36,6 +38,33 @@ describe("press and hold", () => {
     expect(told.slice(4)).toEqual(["end e"]);
     jog.release();
     expect(told).toHaveLength(5);
+  });
+
+  it("has one name for as long as it lasts, and another the next time", async () => {
+    const { jog, names } = held();
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(3 * BEAT_MS + 10);
+    jog.release();
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(10);
+    const [first, ...others] = names;
+    expect(first).toMatch(/^\S{8,64}$/);
+    expect(others.slice(0, 3)).toEqual([first, first, first]);
+    expect(others[3]).not.toBe(first);
+  });
+
+  it("does not begin again by itself once the daemon has refused it", async () => {
+    let answer: Problem | null = null;
+    const { jog, told } = held(() => Promise.resolve(answer));
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(BEAT_MS + 10);
+    answer = { ...refusal, type: "urn:plenalign:problem:press-ended" };
+    await vi.advanceTimersByTimeAsync(BEAT_MS);
+    answer = null;
+    const before = told.length;
+    await vi.advanceTimersByTimeAsync(10 * BEAT_MS);
+    expect(told.slice(before)).toEqual([]);
+    expect(jog.pressed).toBeNull();
   });
 
   it("beats at least twice in the time that the deadman waits", () => {

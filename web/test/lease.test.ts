@@ -82,6 +82,22 @@ describe("the lease", () => {
     expect(beats(calls)).toBe(before);
   });
 
+  it("is renewed by signs of life where the page's own timers are slowed down, and no more often than it needs", async () => {
+    const { calls, send } = daemon();
+    vi.stubGlobal("setInterval", () => 0);
+    const lease = keeper(send);
+    await lease.take();
+    for (let second = 0; second < 60; second += 1) {
+      await vi.advanceTimersByTimeAsync(1000);
+      lease.due();
+    }
+    vi.unstubAllGlobals();
+    expect(beats(calls)).toBe(6);
+    await lease.release();
+    lease.due();
+    expect(beats(calls)).toBe(6);
+  });
+
   it("is not renewed any more once given back", async () => {
     const { calls, state, send } = daemon();
     const lease = keeper(send);

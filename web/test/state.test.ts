@@ -2,8 +2,10 @@ import { describe, expect, it } from "vitest";
 import { fixed, signed, withSigma } from "../src/format";
 import {
   currentJob,
+  endsPress,
   initial,
   measurementAge,
+  newsOfReset,
   pictureAge,
   pictureState,
   receive,
@@ -11,7 +13,7 @@ import {
   STALE_MS,
   type State,
 } from "../src/state";
-import type { ServerMessage } from "../src/wire";
+import type { Bench, ServerMessage } from "../src/wire";
 import { reading } from "../src/reading";
 import { along, axisScale } from "../src/travel";
 import { bench, boot, job, measurement, picture, snapshot } from "./fixtures";
@@ -180,5 +182,33 @@ describe("the bench anew", () => {
     expect(measured().spacings.points).toEqual([
       { spacingPx: 19.73, sigmaPx: 0.002, targetPx: 19.725, eog: 1300 },
     ]);
+  });
+});
+
+describe("a stop and its reset", () => {
+  const at = "2026-01-01T00:00:00Z";
+  const reset = { at, by: "Ada", why: "clear", stopped_at: null, stopped_by: null };
+  const withStop = (stop: Partial<Bench["stop"]>): State => {
+    const state = open();
+    return { ...state, bench: { ...bench, stop: { ...bench.stop, ...stop } } };
+  };
+
+  it("let go of what is held down, also where both came between two messages", () => {
+    expect(endsPress(open(), open())).toBe(false);
+    expect(endsPress(open(), { ...open(), link: "lost" })).toBe(true);
+    expect(endsPress(open(), withStop({ latched: true }))).toBe(true);
+    expect(endsPress(open(), withStop({ reset }))).toBe(true);
+    expect(endsPress(withStop({ reset }), withStop({ reset }))).toBe(false);
+    const again = { ...reset, at: "2026-01-01T00:00:01Z" };
+    expect(endsPress(withStop({ reset }), withStop({ reset: again }))).toBe(true);
+  });
+
+  it("are news for ten minutes, until they are dismissed or the bench is stopped again", () => {
+    const now = Date.parse(at);
+    expect(newsOfReset(open(), now)).toBeNull();
+    expect(newsOfReset(withStop({ reset }), now + 599_000)).toEqual(reset);
+    expect(newsOfReset(withStop({ reset }), now + 601_000)).toBeNull();
+    expect(newsOfReset({ ...withStop({ reset }), resetSeen: at }, now)).toBeNull();
+    expect(newsOfReset(withStop({ reset, latched: true }), now)).toBeNull();
   });
 });

@@ -51,6 +51,8 @@ def align(client: plenalign.Client, plot_path: str, report_path: str | None) -> 
 
     with client.lease(note="examples/align.py") as lease:
         job = lease.start(JointAlignmentJob(note="by the Python example"))
+        handed_on = f"{client.address.base}/#/alignment/{job.id}/{job.confirm_key}"
+        print(f"whoever has this link can confirm what is asked: {handed_on}", file=sys.stderr)
         # An interrupt here cancels the job.
         ended = job.wait(on_change=show, on_step=ask, check=False)
     plot(ended.iterations, plot_path, f"{'SIMULATED, ' if simulated else ''}{ended.state.value}")

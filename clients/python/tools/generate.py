@@ -115,6 +115,11 @@ class Writer:
             if about:
                 self.text(about, "    ")
 
+    def depth(self, name: str) -> int:
+        """How many others come before it: what it is derived from, what that is derived from, and so on."""
+        bases = [base for part in self.schemas[name].get("allOf", []) if (base := reference(part))]
+        return max((1 + self.depth(base) for base in bases), default=0)
+
     def struct(self, name: str, schema: Schema, bases: list[str], options: str = "") -> None:
         base = ", ".join(bases) or "Struct"
         self.lines += ["", "", f"class {name}({base}, frozen=True, kw_only=True, omit_defaults=True{options}):"]
@@ -142,7 +147,7 @@ class Writer:
 
     def write(self, about: str) -> str:
         later: list[str] = []
-        for name in sorted(self.names(), key=lambda name: "allOf" in self.schemas[name]):
+        for name in sorted(self.names(), key=self.depth):
             schema = self.schemas[name]
             values = enumeration(schema)
             if values is not None:

@@ -1,27 +1,32 @@
 //! A live bridge for Foxglove and Lichtblick: their WebSocket protocol on a port of its own on loopback, off by default.
 //!
 //! Whoever connects sees the picture, poses, spacing, decisions and the log of jobs, and commands nothing. Nobody is
-//! asked who they are, which is why the bridge never leaves loopback; a page of another origin is refused.
+//! asked who they are, which is why the bridge never leaves loopback; a page of another origin is refused. Its connections
+//! take their places, and its requests their turns, among those of the daemon's other listeners.
 
 mod session;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use axum::Router;
+use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
-use axum::extract::{ConnectInfo, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::any;
+use axum::{Extension, Router};
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use super::client::Peer;
+use super::error::Problem;
 use super::origin::{is_own_host, is_same_origin};
 use super::picture::Pictures;
+use super::server::{Connections, InReserve};
+use crate::access::Gate;
 use crate::config::FoxgloveConfig;
 use crate::control::Service;
 use crate::record::Topic;
@@ -32,6 +37,12 @@ const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 const MOST_VIEWERS: usize = 8;
 /// Longest message of a viewer, bytes.
 const MESSAGE_LIMIT: usize = 64 << 10;
+
+/// Nothing stops the bench here.
+const IN_RESERVE: InReserve = InReserve {
+    is_served: |_, _| false,
+    words: "close others, or try again later; the daemon's own port takes a stop",
+};
 
 /// The topics that the bridge offers, in the order of their channels.
 pub const TOPICS: [Topic; 7] = [
@@ -48,6 +59,7 @@ pub const TOPICS: [Topic; 7] = [
 #[derive(Clone)]
 struct Shared {
     service: Arc<Service>,
+    gate: Arc<Gate>,
     pictures: Arc<Pictures>,
     config: Arc<FoxgloveConfig>,
     viewers: Arc<Semaphore>,
@@ -63,11 +75,16 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// Starts the configured bridge; `None` where none is configured. Must be called within a tokio runtime.
+    /// Starts the configured bridge; `None` where none is configured. `gate` says how often one may ask, `connections`
+    /// serves them beside those of other listeners. Must be called within a tokio runtime.
     ///
     /// # Errors
     /// Why it cannot listen, in words.
-    pub async fn start(service: Arc<Service>) -> Result<Option<Self>, String> {
+    pub async fn start(
+        service: Arc<Service>,
+        gate: Arc<Gate>,
+        connections: &Connections,
+    ) -> Result<Option<Self>, String> {
         let config = service.config().foxglove.clone();
         let Some(address) = config.address()? else { return Ok(None) };
         let failed = |error: std::io::Error| format!("foxglove.listen = {address}: {error}");
@@ -76,6 +93,7 @@ impl Bridge {
         let (tasks, end) = (TaskTracker::new(), CancellationToken::new());
         let shared = Shared {
             service,
+            gate,
             pictures: Arc::default(),
             config: Arc::new(config),
             viewers: Arc::new(Semaphore::new(MOST_VIEWERS)),
@@ -83,14 +101,7 @@ impl Bridge {
             end: end.clone(),
         };
         let router = Router::new().fallback(any(open)).with_state(shared);
-        let until = end.clone();
-        tasks.spawn(async move {
-            let serving = axum::serve(listener, router.into_make_service_with_connect_info::<SocketAddr>())
-                .with_graceful_shutdown(until.cancelled_owned());
-            if let Err(error) = serving.await {
-                tracing::error!(%error, "the bridge for Foxglove ended");
-            }
-        });
+        tasks.spawn(connections.without_tls().serve(listener, router, IN_RESERVE, end.clone()));
         Ok(Some(Self { address, tasks, end }))
     }
 
@@ -127,10 +138,13 @@ fn refusal(headers: &HeaderMap, config: &FoxgloveConfig) -> Option<(StatusCode, 
 
 async fn open(
     State(shared): State<Shared>,
-    ConnectInfo(from): ConnectInfo<SocketAddr>,
+    Extension(Peer { address: from, .. }): Extension<Peer>,
     headers: HeaderMap,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
+    if let Err(too_many) = shared.gate.count(from.ip(), None) {
+        return Problem::too_many(too_many).into_response();
+    }
     if let Some(refused) = refusal(&headers, &shared.config) {
         tracing::warn!(%from, why = %refused.1, "a viewer of the bridge for Foxglove was refused");
         return refused.into_response();

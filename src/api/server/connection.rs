@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::body::Body;
-use axum::extract::Request;
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use hyper::body::Incoming;
@@ -21,13 +20,12 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt as _;
 
-use super::ServerSettings;
 use super::plain;
 use super::slots::{Place, Reservation};
 use super::stall::Stall;
+use super::{InReserve, ServerSettings};
 use crate::api::client::Peer;
 use crate::api::error::Problem;
-use crate::api::scopes::STOP;
 
 /// How long the first byte and the TLS handshake may take, each.
 const HANDSHAKE: Duration = Duration::from_secs(10);
@@ -48,6 +46,7 @@ pub(super) struct Connection {
     pub(super) address: SocketAddr,
     pub(super) router: Router,
     pub(super) settings: Arc<ServerSettings>,
+    pub(super) in_reserve: InReserve,
     pub(super) closing: CancellationToken,
 }
 
@@ -55,7 +54,7 @@ pub(super) struct Connection {
 #[derive(Clone)]
 enum Allowed {
     Everything,
-    Stop(Reservation),
+    Reserved(Reservation, InReserve),
 }
 
 impl Connection {
@@ -65,14 +64,15 @@ impl Connection {
             Place::Ordinary(slot) => self.open(Allowed::Everything, |stream| Stall::new(stream, Some(slot))).await,
             Place::Reserve(slot, reservation) => {
                 let evicted = reservation.evicted().clone();
-                let served = self.open(Allowed::Stop(reservation), |stream| Stall::new(stream, Some(slot)));
+                let allowed = Allowed::Reserved(reservation, self.in_reserve);
+                let served = self.open(allowed, |stream| Stall::new(stream, Some(slot)));
                 let _ = timeout(RESERVED, evicted.run_until_cancelled(served)).await;
             }
         }
     }
 
     async fn open(self, allowed: Allowed, place: impl FnOnce(Box<dyn Stream>) -> Stall<Box<dyn Stream>>) {
-        let Self { stream, address, router, settings, closing } = self;
+        let Self { stream, address, router, settings, closing, .. } = self;
         let Some(tls) = settings.tls.clone() else {
             let peer = Peer { address, tls: false };
             return speak(place(Box::new(stream)), peer, router, &settings, closing, allowed).await;
@@ -86,7 +86,7 @@ impl Connection {
         }
         match timeout(HANDSHAKE, tokio_rustls::TlsAcceptor::from(tls).accept(stream)).await {
             Ok(Ok(stream)) => {
-                if let Allowed::Stop(reservation) = &allowed {
+                if let Allowed::Reserved(reservation, _) = &allowed {
                     reservation.shook_hands();
                 }
                 let peer = Peer { address, tls: true };
@@ -121,11 +121,11 @@ async fn speak(
             request.extensions_mut().insert(peer);
             let answer = match allowed {
                 Allowed::Everything => router.oneshot(request).await,
-                Allowed::Stop(reservation) if is_stop(&request) => {
+                Allowed::Reserved(reservation, rule) if (rule.is_served)(request.method(), request.uri().path()) => {
                     reservation.stops();
                     router.oneshot(request).await.map(closed)
                 }
-                Allowed::Stop(_) => Ok(closed(Problem::crowded().into_response())),
+                Allowed::Reserved(_, rule) => Ok(closed(Problem::crowded(rule.words).into_response())),
             };
             answer.map_err(|never: Infallible| never)
         }
@@ -157,11 +157,8 @@ fn is_too_large<B>(request: &hyper::Request<B>) -> bool {
     let line = |(name, value): (&HeaderName, &HeaderValue)| name.as_str().len() + value.len() + 4;
     let headers = request.headers();
     let target = request.uri().path_and_query().map_or(0, |target| target.as_str().len());
-    headers.len() > MOST_HEADERS || target + headers.iter().map(line).sum::<usize>() > LARGEST_HEAD
-}
-
-fn is_stop(request: &Request) -> bool {
-    (request.method().as_str(), request.uri().path()) == STOP
+    let first = request.method().as_str().len() + target;
+    headers.len() > MOST_HEADERS || first + headers.iter().map(line).sum::<usize>() > LARGEST_HEAD
 }
 
 /// An answer after which the connection is closed.

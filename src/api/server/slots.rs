@@ -1,4 +1,5 @@
-//! Places for connections: so many overall, so many for each address, and a reserve beyond both for the stop.
+//! Places for connections: so many overall, so many for each address, and a reserve beyond both for the stop. Every
+//! listener takes its places here, so that none can use up what another needs.
 //!
 //! A connection for which there is no ordinary place gets one in the reserve. There it is served nothing but the stop,
 //! and not for long. When the reserve is full, too, the newcomer takes the place of a connection of the address that
@@ -11,10 +12,13 @@ use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 /// Places in the reserve: so many that a flood of hundreds a second leaves a stop the time for its handshake.
-const RESERVE: usize = 128;
+pub const RESERVE: usize = 128;
+/// Connections that have lost their places and may still be open while others are accepted.
+const MOST_LEAVING: usize = 16;
 /// How long a connection that has gone through with its handshake is spared: its request comes within that.
 const SPARED: Duration = Duration::from_secs(1);
 
@@ -23,6 +27,8 @@ pub(super) struct Slots {
     connections: usize,
     per_address: usize,
     taken: Mutex<Taken>,
+    /// Woken when one that was evicted has been closed.
+    left: Notify,
 }
 
 #[derive(Default)]
@@ -31,6 +37,8 @@ struct Taken {
     by_address: HashMap<IpAddr, usize>,
     /// Oldest first.
     reserve: VecDeque<Reserved>,
+    /// Evicted, and not yet closed.
+    leaving: usize,
     next: u64,
 }
 
@@ -92,11 +100,23 @@ pub(super) enum Place {
 
 impl Slots {
     pub(super) fn new(connections: usize, per_address: usize) -> Self {
-        Self { connections, per_address, taken: Mutex::default() }
+        Self { connections, per_address, taken: Mutex::default(), left: Notify::new() }
     }
 
     fn taken(&self) -> MutexGuard<'_, Taken> {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until few enough of those evicted are still open: a flood must not take more descriptors than there are
+    /// places.
+    pub(super) async fn few_leaving(&self) {
+        loop {
+            let left = self.left.notified();
+            if self.taken().leaving <= MOST_LEAVING {
+                return;
+            }
+            left.await;
+        }
     }
 
     /// A place for a connection of an address. There always is one.
@@ -136,6 +156,7 @@ impl Taken {
         };
         let victim = self.reserve.iter().enumerate().min_by_key(|(_, reserved)| rank(reserved)).map(|(index, _)| index);
         if let Some(reserved) = victim.and_then(|index| self.reserve.remove(index)) {
+            self.leaving += 1;
             reserved.evicted.cancel();
         }
     }
@@ -145,8 +166,14 @@ impl Drop for Slot {
     fn drop(&mut self) {
         let mut taken = self.slots.taken();
         match self.reserved {
-            // One that has been evicted is no longer there.
-            Some(number) => taken.reserve.retain(|reserved| reserved.number != number),
+            Some(number) => match taken.reserve.iter().position(|reserved| reserved.number == number) {
+                Some(index) => drop(taken.reserve.remove(index)),
+                // It has been evicted.
+                None => {
+                    taken.leaving = taken.leaving.saturating_sub(1);
+                    self.slots.left.notify_waiters();
+                }
+            },
             None => {
                 taken.ordinary = taken.ordinary.saturating_sub(1);
                 if let Some(count) = taken.by_address.get_mut(&self.address) {
@@ -229,6 +256,24 @@ mod tests {
         assert!(!token(&friend).is_cancelled() && !token(&next).is_cancelled());
         assert!(token(&flood[0]).is_cancelled() && !token(&flood[1]).is_cancelled());
         assert_eq!(slots.taken().reserve.len(), RESERVE);
+    }
+
+    #[tokio::test]
+    async fn no_more_are_accepted_until_those_evicted_are_closed() {
+        let slots = Arc::new(Slots::new(0, 0));
+        let mut flood: VecDeque<Place> = (0..RESERVE + MOST_LEAVING).map(|_| slots.take(address(2))).collect();
+        slots.few_leaving().await;
+        flood.push_back(slots.take(address(2)));
+        let waiting = {
+            let slots = Arc::clone(&slots);
+            tokio::spawn(async move { slots.few_leaving().await })
+        };
+        tokio::task::yield_now().await;
+        assert!(!waiting.is_finished());
+        drop(flood.pop_front());
+        waiting.await.unwrap();
+        drop(flood);
+        assert_eq!(slots.taken().leaving, 0);
     }
 
     #[test]

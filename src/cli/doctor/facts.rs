@@ -84,16 +84,7 @@ pub(super) struct ConfigurationFacts {
     /// The service's file, where it is there and is not the one named.
     pub(super) service_file: Option<PathBuf>,
     /// What is in force; or why nothing is.
-    pub(super) config: Result<Config, Unusable>,
-}
-
-/// Why there is no configuration in force.
-#[derive(Debug)]
-pub(super) enum Unusable {
-    /// The file.
-    File(ConfigError),
-    /// A `--set`, as it was given, and why.
-    Set(String, String),
+    pub(super) config: Result<Config, ConfigError>,
 }
 
 impl ConfigurationFacts {
@@ -290,6 +281,8 @@ pub(super) struct ServerFacts {
     pub(super) port: PortState,
     /// The certificate that would be served, where there is one.
     pub(super) certificate: Option<CertificateFacts>,
+    /// Files that a process of this user may have open; `None` where the system does not say.
+    pub(super) open_files: Option<u64>,
 }
 
 /// What is at the port.

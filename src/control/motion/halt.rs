@@ -1,4 +1,4 @@
-//! What ends motion: the latched stop of both axes, and halts without a latch.
+//! What ends motion: the stop of both axes, which latches, and halts without a latch.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -7,14 +7,10 @@ use serde::{Deserialize, Serialize};
 use tokio::time::Instant;
 use utoipa::ToSchema;
 
-use super::{Claim, Motion, index};
-use crate::control::events::StopView;
-use crate::device::{AxisName, DeviceError, StopDelivery};
+use super::Motion;
+use crate::control::refusal::Refusal;
+use crate::device::{AxisName, StopDelivery};
 use crate::telemetry;
-
-/// How often an axis is told to halt, at most, and how long the command that it was under has to end each time.
-const HALTS: usize = 5;
-const HALT_ALLOWED: Duration = Duration::from_millis(200);
 
 /// What became of a stop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -29,22 +25,10 @@ pub struct StopReport {
 }
 
 impl Motion {
-    /// The stop's latch.
-    #[must_use]
-    pub fn stop_view(&self) -> StopView {
-        StopView { latched: self.stopped.load(Ordering::SeqCst), since: self.state().stopped_since }
-    }
-
-    /// Stops both axes at once and latches: no motion until [`Motion::reset_stop`].
-    pub async fn stop(&self) -> StopReport {
-        self.stop_asked(Instant::now()).await
-    }
-
-    /// [`Motion::stop`] asked for at a moment before: its latency counts from there.
-    pub async fn stop_asked(&self, asked: Instant) -> StopReport {
-        if !self.stopped.swap(true, Ordering::SeqCst) {
-            self.state().stopped_since = Some(jiff::Timestamp::now());
-        }
+    /// Stops both axes at once and latches: no motion until the stop is reset. `by` is who stops, `asked` when that was
+    /// asked for: the latency counts from there.
+    pub async fn stop(&self, asked: Instant, by: &str) -> StopReport {
+        self.latch(by);
         let report = self.halt_asked(asked).await;
         if let Some(latency_ms) = report.latency_ms {
             telemetry::stop_sent(Duration::from_secs_f64(latency_ms / 1000.0));
@@ -59,9 +43,6 @@ impl Motion {
 
     async fn halt_asked(&self, asked: Instant) -> StopReport {
         self.state().approached = [false; 2];
-        for halts in &self.halts {
-            halts.fetch_add(1, Ordering::SeqCst);
-        }
         let (focus, e) = tokio::join!(self.bench.focus.stop(), self.bench.e.stop());
         // An order that went out before this one was asked for stops the axis already: nothing was waited for.
         let latency_ms = [(AxisName::Focus, focus), (AxisName::E, e)]
@@ -73,40 +54,18 @@ impl Motion {
         StopReport { focus, e, latency_ms }
     }
 
-    /// Stops one axis (and whatever else its controller moves) at once without latching, and ends the command that it is
-    /// under. Where that command told its next piece in the very same moment, the axis is stopped again.
+    /// Stops one axis, latching nothing, and ends the command that the axis is under.
     pub async fn halt_axis(&self, axis: AxisName) -> StopDelivery {
-        let at = index(axis);
-        let mut delivery = StopDelivery::Undeliverable;
-        for _ in 0..HALTS {
-            self.state().approached[at] = false;
-            self.halts[at].fetch_add(1, Ordering::SeqCst);
-            delivery = self.bench.stage(axis).stop().await;
-            let from = Instant::now();
-            while self.is_commanded(axis) && from.elapsed() < HALT_ALLOWED {
-                tokio::time::sleep(Duration::from_millis(2)).await;
-            }
-            if !self.is_commanded(axis) {
-                break;
-            }
-        }
+        let delivery = self.stop_axis(axis).await;
+        self.freed(axis).await;
         delivery
     }
 
-    pub(super) fn check_halt(&self, claim: &Claim) -> Result<(), DeviceError> {
-        let halted = self.halts[index(claim.axis)].load(Ordering::SeqCst) != claim.halts;
-        if halted { Err(DeviceError::Stopped { axis: claim.axis }) } else { Ok(()) }
-    }
-
-    /// Latches without a motion to stop: the stop of an earlier run, still in force.
-    pub(in crate::control) fn latch(&self, since: Option<jiff::Timestamp>) {
-        self.state().stopped_since = since;
-        self.stopped.store(true, Ordering::SeqCst);
-    }
-
-    /// Allows motion again. Nothing resumes by itself.
-    pub fn reset_stop(&self) {
-        self.state().stopped_since = None;
-        self.stopped.store(false, Ordering::SeqCst);
+    /// Whether the stop is not latched.
+    ///
+    /// # Errors
+    /// [`Refusal::Stopped`] while it is.
+    pub(super) fn check_latch(&self) -> Result<(), Refusal> {
+        if self.stopped.load(Ordering::SeqCst) { Err(Refusal::Stopped) } else { Ok(()) }
     }
 }

@@ -1,20 +1,29 @@
-//! The motion rules: the one way to command an axis. A move is checked against latch, homing, limits, the e wall and
-//! the greatest step before it starts; backlash is taken out by approaching every target from the same side.
+//! The motion rules: the one way to command an axis. A move is checked against latch, lease, homing, limits, the e wall
+//! and the greatest step before it starts, once more after the last wait before it, and before each of its pieces;
+//! backlash is taken out by approaching every target from the same side.
+//!
+//! What moves does so under an [`Admission`], which a stop and the end of a lease make void.
 
+mod admission;
 mod halt;
+mod latch;
 mod pieces;
 mod rules;
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::time::Instant;
 
+use self::admission::Commands;
+pub use self::admission::{Admission, Claim};
 pub use self::halt::StopReport;
+use self::latch::Latch;
 use self::pieces::Pieces;
 use super::events::ShellState;
 use super::journal::{Journal, Underway};
+use super::lease::Leases;
 use super::recording::{Answer, Happening};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
@@ -29,40 +38,22 @@ const READBACK_TOLERANCE_MM: f64 = 0.01;
 pub struct Motion {
     config: Arc<Config>,
     bench: Bench,
+    leases: Arc<Leases>,
     stopped: AtomicBool,
     state: Mutex<State>,
     /// One command of motion at a time on each axis: a second is refused, never queued.
-    commands: [Arc<tokio::sync::Mutex<()>>; 2],
-    /// Counts the times that each axis was halted: what was commanded before does not go on to its next piece.
-    halts: [AtomicU64; 2],
+    commands: Commands,
     /// What every motion is written to before it begins; none for a bench of a test's own.
     journal: Option<Arc<Journal>>,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 struct State {
-    stopped_since: Option<jiff::Timestamp>,
+    latch: Latch,
     shell: ShellState,
     /// Whether the last motion of an axis ended from its approach side.
     approached: [bool; 2],
     l_bound_mm: f64,
-}
-
-/// The right to command motion of one axis, until it is dropped.
-#[derive(Debug)]
-pub struct Claim {
-    axis: AxisName,
-    /// How often the axis had been halted when it was taken.
-    halts: u64,
-    _command: tokio::sync::OwnedMutexGuard<()>,
-}
-
-impl Claim {
-    /// Which axis.
-    #[must_use]
-    pub const fn axis(&self) -> AxisName {
-        self.axis
-    }
 }
 
 fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
@@ -79,28 +70,32 @@ fn index(axis: AxisName) -> usize {
 }
 
 impl Motion {
-    /// The rules of a configuration over a bench. The shell's state is unknown, which counts as on.
+    /// The rules of a configuration over a bench, whose axes move for who holds the lease. The shell's state is unknown,
+    /// which counts as on.
     #[must_use]
-    pub fn new(config: Arc<Config>, bench: Bench) -> Self {
+    pub fn new(config: Arc<Config>, bench: Bench, leases: Arc<Leases>) -> Self {
         let l_bound_mm = config.assembly.l_bound_mm;
         Self {
             config,
             bench,
+            leases,
             stopped: AtomicBool::new(false),
             state: Mutex::new(State {
-                stopped_since: None,
+                latch: Latch::default(),
                 shell: ShellState::Unknown,
                 approached: [false; 2],
                 l_bound_mm,
             }),
-            commands: Default::default(),
-            halts: Default::default(),
+            commands: Commands::default(),
             journal: None,
         }
     }
 
-    /// The same with a history, which every motion is written to before it begins.
+    /// The same with a history, which every motion is written to before it begins. It counts as stopped until what an
+    /// earlier run left of the stop has been read from it.
     pub(super) fn recorded(mut self, journal: Arc<Journal>) -> Self {
+        self.state().latch = Latch::unread();
+        self.stopped = AtomicBool::new(true);
         self.journal = Some(journal);
         self
     }
@@ -114,12 +109,7 @@ impl Motion {
     ) -> Result<Option<Underway>, Refusal> {
         let Some(journal) = &self.journal else { return Ok(None) };
         let from = self.position_mm(axis).ok().map(Millimetres);
-        let underway = journal.begin_motion(axis, what, from, to).await?;
-        // The disk took its time, in which a stop may have come.
-        if self.stopped.load(Ordering::SeqCst) {
-            return Err(Refusal::Stopped);
-        }
-        Ok(Some(underway))
+        Ok(Some(journal.begin_motion(axis, what, from, to).await?))
     }
 
     /// Hands what an axis answered to a job's recording, and with a homing or a release the state of the other one,
@@ -192,30 +182,17 @@ impl Motion {
         self.state().l_bound_mm = l_bound_mm;
     }
 
-    /// Whether a command of motion has the axis: from its acceptance to its end, also between two pieces of it.
-    #[must_use]
-    pub fn is_commanded(&self, axis: AxisName) -> bool {
-        // Whoever has it holds on to its lock.
-        Arc::strong_count(&self.commands[index(axis)]) > 1
-    }
-
     /// Moves an axis to `target` with its approach leg and returns the readback.
     ///
     /// # Errors
     /// A refusal before anything moves; a device's error, or a stop, in mid-move.
-    pub async fn go(&self, axis: AxisName, target: Millimetres) -> Result<Millimetres, ServiceError> {
-        self.go_claimed(&self.claim(axis)?, target).await
-    }
-
-    /// Takes the right to command an axis, which a command that answers before its end holds until then.
-    ///
-    /// # Errors
-    /// [`Refusal::Moving`] while another command has it.
-    pub fn claim(&self, axis: AxisName) -> Result<Claim, Refusal> {
-        let halts = self.halts[index(axis)].load(Ordering::SeqCst);
-        let command = Arc::clone(&self.commands[index(axis)]);
-        let command = command.try_lock_owned().map_err(|_| Refusal::Moving { axis })?;
-        Ok(Claim { axis, halts, _command: command })
+    pub async fn go(
+        &self,
+        admission: &Admission,
+        axis: AxisName,
+        target: Millimetres,
+    ) -> Result<Millimetres, ServiceError> {
+        self.go_claimed(&self.claim(admission, axis)?, target).await
     }
 
     /// [`Motion::go`] with a right taken before.
@@ -223,17 +200,19 @@ impl Motion {
     /// # Errors
     /// Those of [`Motion::go`].
     pub async fn go_claimed(&self, claim: &Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
-        let axis = claim.axis;
+        let axis = claim.axis();
         self.check(axis, target)?;
         let underway = self.record(axis, "move", Some(target)).await?;
-        let ended = self.go_by_legs(claim, target).await;
+        let ended = claim.judge("move", self.go_by_legs(claim, target).await);
         self.answered(axis, "move", Some(target), ended.as_ref().map(|readback| Some(*readback)));
         note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
         ended
     }
 
     async fn go_by_legs(&self, claim: &Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
-        let axis = claim.axis;
+        let axis = claim.axis();
+        // The disk took its time, in which anything may have changed.
+        self.check(axis, target)?;
         let from = self.bench.stage(axis).state().borrow().position;
         let mut readback = from;
         let legs = self.legs(axis, from, target);
@@ -252,17 +231,12 @@ impl Motion {
         from: Millimetres,
         target: Millimetres,
     ) -> Result<Millimetres, ServiceError> {
-        let axis = claim.axis;
+        let axis = claim.axis();
         let stage = self.bench.stage(axis);
-        let pieces = self.pieces(pieces::MOVE, axis, f64::INFINITY);
         let mut at = from;
         loop {
-            if self.stopped.load(Ordering::SeqCst) {
-                return Err(Refusal::Stopped.into());
-            }
-            self.check_halt(claim)?;
-            at = pieces.next(at, target);
-            let readback = stage.move_to(at).await?;
+            at = self.next_piece(claim, pieces::MOVE, f64::INFINITY, at, target)?;
+            let readback = stage.move_to(at, claim.generation()).await?;
             if (readback - at).abs().value() > READBACK_TOLERANCE_MM {
                 return Err(DeviceError::Protocol {
                     device: format!("the {axis} stage"),
@@ -276,10 +250,23 @@ impl Motion {
         }
     }
 
-    /// The pieces in which an axis may be told to move now.
-    fn pieces(&self, time: Duration, axis: AxisName, speed_mm_per_s: f64) -> Pieces {
+    /// Where the next piece on the way to `target` ends, where it may begin: whatever could forbid it may have changed
+    /// during the one before.
+    fn next_piece(
+        &self,
+        claim: &Claim,
+        time: Duration,
+        speed_mm_per_s: f64,
+        at: Millimetres,
+        target: Millimetres,
+    ) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis();
+        self.in_force(claim.admission(), axis)?;
+        self.position_mm(axis)?;
+        self.check_range(axis, at, target)?;
         let guarded = axis == AxisName::E && self.shell() != ShellState::Off;
-        Pieces::within(time, &**self.bench.stage(axis), speed_mm_per_s, guarded.then(|| self.e_wall_mm()))
+        let wall = guarded.then(|| self.e_wall_mm());
+        Ok(Pieces::within(time, &**self.bench.stage(axis), speed_mm_per_s, wall).next(at, target))
     }
 
     /// Moves an axis towards a side at `speed_mm_per_s`, in short pieces, while the deadman is held: no further than the limit of travel,
@@ -288,13 +275,14 @@ impl Motion {
     /// # Errors
     /// A refusal before anything moves; a device's error, or a stop, in mid-move.
     pub async fn jog(
-        &self,
+        self: &Arc<Self>,
+        admission: &Admission,
         axis: AxisName,
         towards: Side,
         speed_mm_per_s: f64,
         deadman: Deadman,
     ) -> Result<Millimetres, ServiceError> {
-        self.jog_claimed(&self.claim(axis)?, towards, speed_mm_per_s, deadman).await
+        self.jog_claimed(&self.claim(admission, axis)?, towards, speed_mm_per_s, deadman).await
     }
 
     /// [`Motion::jog`] with a right taken before.
@@ -302,29 +290,41 @@ impl Motion {
     /// # Errors
     /// Those of [`Motion::jog`].
     pub async fn jog_claimed(
-        &self,
+        self: &Arc<Self>,
         claim: &Claim,
         towards: Side,
         speed_mm_per_s: f64,
         deadman: Deadman,
     ) -> Result<Millimetres, ServiceError> {
-        let axis = claim.axis;
-        let end = self.jog_end(axis, towards)?;
-        let underway = self.record(axis, "jog", Some(end)).await?;
-        self.state().approached[index(axis)] = false;
-        let pieces = self.pieces(pieces::JOG, axis, speed_mm_per_s);
-        let next = move |at| pieces.next(at, end);
-        let ended = jog(self.bench.stage(axis), end, speed_mm_per_s, deadman, next).await.map_err(ServiceError::from);
+        let axis = claim.axis();
+        let underway = self.record(axis, "jog", Some(self.jog_end(axis, towards)?)).await?;
+        let ended = claim.judge("jog", self.jog_by_pieces(claim, towards, speed_mm_per_s, deadman).await);
         note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
         ended
+    }
+
+    async fn jog_by_pieces(
+        self: &Arc<Self>,
+        claim: &Claim,
+        towards: Side,
+        speed: f64,
+        deadman: Deadman,
+    ) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis();
+        // The disk took its time, in which anything may have changed.
+        let end = self.jog_end(axis, towards)?;
+        self.state().approached[index(axis)] = false;
+        let (motion, held) = (Arc::clone(self), claim.clone());
+        let next = move |at| motion.next_piece(&held, pieces::JOG, speed, at, end);
+        jog(self.bench.stage(axis), end, speed, deadman, claim.generation(), next).await
     }
 
     /// Homes an axis.
     ///
     /// # Errors
     /// A refusal before anything moves, or the device's error.
-    pub async fn home(&self, axis: AxisName) -> Result<(), ServiceError> {
-        self.home_claimed(&self.claim(axis)?).await
+    pub async fn home(&self, admission: &Admission, axis: AxisName) -> Result<(), ServiceError> {
+        self.home_claimed(&self.claim_homing(admission, axis)?).await
     }
 
     /// [`Motion::home`] with a right taken before.
@@ -332,14 +332,10 @@ impl Motion {
     /// # Errors
     /// Those of [`Motion::home`].
     pub async fn home_claimed(&self, claim: &Claim) -> Result<(), ServiceError> {
-        let axis = claim.axis;
+        let axis = claim.axis();
         self.check_home(axis)?;
         let underway = self.record(axis, "home", None).await?;
-        if let Err(halted) = self.check_halt(claim).map_err(ServiceError::from) {
-            note_end(underway, Err(&halted));
-            return Err(halted);
-        }
-        let ended = self.bench.stage(axis).home().await.map_err(ServiceError::from);
+        let ended = claim.judge("home", self.home_now(claim).await);
         let at = self.position_mm(axis).ok().map(Millimetres);
         self.answered(axis, "home", None, ended.as_ref().map(|()| at));
         note_end(underway, ended.as_ref().map(|()| at));
@@ -352,20 +348,35 @@ impl Motion {
         Ok(())
     }
 
+    async fn home_now(&self, claim: &Claim) -> Result<(), ServiceError> {
+        let axis = claim.axis();
+        // The disk took its time, in which anything may have changed.
+        self.in_force(claim.admission(), axis)?;
+        self.check_home(axis)?;
+        Ok(self.bench.stage(axis).home(claim.generation()).await?)
+    }
+
     /// Switches an axis's motor off, so that it can be moved by hand; its position is unknown until homed.
     ///
     /// # Errors
-    /// A latched stop, or the device's error.
-    pub async fn release(&self, axis: AxisName) -> Result<(), ServiceError> {
-        if self.stopped.load(Ordering::SeqCst) {
-            return Err(Refusal::Stopped.into());
-        }
+    /// A latched stop, a lease that is over, another command that has the axis, or the device's error.
+    pub async fn release(&self, admission: &Admission, axis: AxisName) -> Result<(), ServiceError> {
+        // A controller may be able to switch off all of its motors only.
+        let _others =
+            AxisName::ALL.into_iter().filter(|&other| other != axis).map(|other| self.claim(admission, other));
+        let _others = _others.collect::<Result<Vec<_>, _>>()?;
+        let claim = self.claim(admission, axis)?;
         let underway = self.record(axis, "release", None).await?;
         self.state().approached[index(axis)] = false;
-        let ended = self.bench.stage(axis).release().await.map_err(ServiceError::from);
+        let ended = claim.judge("release", self.release_now(&claim).await);
         self.answered(axis, "release", None, ended.as_ref().map(|()| None));
         note_end(underway, ended.as_ref().map(|()| None));
         ended
+    }
+
+    async fn release_now(&self, claim: &Claim) -> Result<(), ServiceError> {
+        self.in_force(claim.admission(), claim.axis())?;
+        Ok(self.bench.stage(claim.axis()).release(claim.generation()).await?)
     }
 
     /// Asks an axis's controller for its state.

@@ -1,7 +1,5 @@
 //! What an axis may be told now: latch, homing, limits, the e wall, the greatest step, and the side to approach from.
 
-use std::sync::atomic::Ordering;
-
 use super::{Motion, index};
 use crate::config::Side;
 use crate::control::events::ShellState;
@@ -25,7 +23,8 @@ impl Motion {
         let config = self.axis(axis);
         match axis {
             AxisName::Focus => (config.low_limit_mm, config.high_limit_mm),
-            AxisName::E => (config.low_limit_mm.max(self.e_wall_mm()), config.high_limit_mm),
+            // A wall beyond the travel leaves its far end.
+            AxisName::E => (config.low_limit_mm.max(self.e_wall_mm()).min(config.high_limit_mm), config.high_limit_mm),
         }
     }
 
@@ -40,14 +39,13 @@ impl Motion {
                 what: format!("a position must be a finite number of mm, not {}", target.value()),
             });
         }
-        if self.stopped.load(Ordering::SeqCst) {
-            return Err(Refusal::Stopped.into());
-        }
+        self.check_latch()?;
         let state = self.bench.stage(axis).state().borrow().clone();
         if !state.connected {
             let reason = state.fault.unwrap_or_else(|| "the controller does not answer".to_owned());
             return Err(DeviceError::Disconnected { device: format!("the {axis} stage"), reason }.into());
         }
+        self.check_controller(axis)?;
         if !state.homed {
             return Err(Refusal::NotHomed { axis }.into());
         }
@@ -64,8 +62,14 @@ impl Motion {
         Ok(())
     }
 
+    /// Whether an axis's controller agrees with the configuration, as far as it was heard.
+    fn check_controller(&self, axis: AxisName) -> Result<(), Refusal> {
+        let contradictions = self.bench.stage(axis).info().contradictions;
+        if contradictions.is_empty() { Ok(()) } else { Err(Refusal::Contradiction { axis, contradictions }) }
+    }
+
     /// Limits and wall; a move that leads back towards them from outside is allowed.
-    fn check_range(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Result<(), Refusal> {
+    pub(super) fn check_range(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Result<(), Refusal> {
         let config = self.axis(axis);
         let (low, high) = (config.low_limit_mm, config.high_limit_mm);
         let leads_back = |bound_low: f64, bound_high: f64| {
@@ -127,9 +131,8 @@ impl Motion {
     /// # Errors
     /// The rule it breaks.
     pub fn check_home(&self, axis: AxisName) -> Result<(), ServiceError> {
-        if self.stopped.load(Ordering::SeqCst) {
-            return Err(Refusal::Stopped.into());
-        }
+        self.check_latch()?;
+        self.check_controller(axis)?;
         let shell = match self.shell() {
             ShellState::Off => return Ok(()),
             ShellState::On => "on",

@@ -1,6 +1,8 @@
 //! A recording's own thread: from entries to a file. Whoever hands entries over never waits for the disk.
 
 use std::collections::BTreeMap;
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -19,6 +21,8 @@ use crate::record::{Limits, Topic, WriteError, Writer, raw_message, stamp};
 
 /// Entries that may wait for the disk.
 const QUEUE: usize = 4096;
+/// A folder made for recordings: their owner and their group may look into it.
+const FOLDER_MODE: u32 = 0o750;
 /// Bytes of frames that may wait for the disk; one frame may always.
 const MOST_WAITING_BYTES: u64 = 256 << 20;
 
@@ -199,7 +203,11 @@ impl Scribe {
         let RecordConfig { max_file_mb, keep_free_mb, .. } = self.config.record;
         let limits = Limits { max_bytes: u64::from(max_file_mb) << 20, keep_free_bytes: u64::from(keep_free_mb) << 20 };
         if let Some(folder) = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(|source| WriteError::Disk { path: folder.to_owned(), source })?;
+            DirBuilder::new()
+                .recursive(true)
+                .mode(FOLDER_MODE)
+                .create(folder)
+                .map_err(|source| WriteError::Disk { path: folder.to_owned(), source })?;
         }
         let seed = self.config.bench.simulation.seed.to_string();
         let metadata = [

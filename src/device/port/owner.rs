@@ -22,7 +22,8 @@ struct Pending<M> {
     parts: Vec<M>,
     allowed: Duration,
     deadline: Instant,
-    generation: u64,
+    /// `None` of a question, which no stop makes outdated.
+    generation: Option<u64>,
     resync: bool,
     asked: Instant,
     reply: oneshot::Sender<Result<Answer<M>, PortError>>,
@@ -77,6 +78,7 @@ impl<P: Protocol> Owner<P> {
         let (mut reader, mut writer) = tokio::io::split(io);
         let mut buffer = [0u8; 1024];
         let reason = loop {
+            self.cancel_outdated();
             let deadline = self.pending.as_ref().map(|pending| pending.deadline);
             let front: Vec<u8> = self.out.iter().copied().take(64).collect();
             // Writing comes before reading: a device that never falls silent must not keep a stop from it.
@@ -127,22 +129,27 @@ impl<P: Protocol> Owner<P> {
             self.end_pending(Err(PortError::Restarted));
             self.in_step = false;
         }
-        let outdated = self.generation.load(Ordering::SeqCst);
-        let unsent = self.out.len() - self.begun - self.urgent_left;
-        let cancelled = self.pending.as_ref().is_some_and(|pending| {
-            !P::URGENT_ANYWHERE && pending.generation != outdated && unsent == pending.request.len()
-        });
-        if cancelled {
-            // Written after the stop it would begin a motion.
-            self.drop_unsent();
-            self.end_pending(Err(PortError::Cancelled));
-        }
+        self.cancel_outdated();
         let at = self.begun + self.urgent_left;
         for (offset, &byte) in message.bytes.iter().enumerate() {
             self.out.insert(at + offset, byte);
         }
         self.urgent_left += message.bytes.len();
         self.urgent_acks.push(message.written);
+    }
+
+    /// Cancels a command of which nothing has been written yet, where a stop has come: written after it, it would begin a
+    /// motion.
+    fn cancel_outdated(&mut self) {
+        let newest = self.generation.load(Ordering::SeqCst);
+        let unsent = self.out.len() - self.begun - self.urgent_left;
+        let cancelled = self.pending.as_ref().is_some_and(|pending| {
+            pending.generation.is_some_and(|given| given != newest) && unsent == pending.request.len()
+        });
+        if cancelled {
+            self.drop_unsent();
+            self.end_pending(Err(PortError::Cancelled));
+        }
     }
 
     /// Forgets the request that waits to be written, but for one begun that must be completed.
@@ -161,7 +168,7 @@ impl<P: Protocol> Owner<P> {
                 parts: Vec::new(),
                 allowed: request.allowed,
                 deadline: Instant::now() + request.allowed,
-                generation: request.generation.unwrap_or_else(|| self.generation.load(Ordering::SeqCst)),
+                generation: request.generation,
                 resync: request.resync,
                 asked: Instant::now(),
                 reply: request.reply,

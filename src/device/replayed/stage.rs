@@ -120,6 +120,7 @@ impl Stage for ReplayedStage {
             identity: "REPLAY".to_owned(),
             location: self.path.display().to_string(),
             disagreements: self.tape.start[index(self.axis)].disagreements.clone(),
+            contradictions: vec![],
             firmware_limits: None,
         }
     }
@@ -138,20 +139,25 @@ impl Stage for ReplayedStage {
         AxisName::ALL.into_iter().find(|axis| axis.name() == also)
     }
 
+    /// What is replayed moves nothing: there is nothing to stop.
+    fn generation(&self) -> u64 {
+        0
+    }
+
     fn move_time(&self, _: Millimetres, _: Millimetres) -> MoveTime {
         MoveTime { predicted: Duration::ZERO, maximum: Duration::ZERO }
     }
 
-    async fn home(&self) -> Result<(), DeviceError> {
+    async fn home(&self, _: u64) -> Result<(), DeviceError> {
         self.recorded("home")
     }
 
-    async fn set_position(&self, _: Millimetres) -> Result<(), DeviceError> {
+    async fn set_position(&self, _: Millimetres, _: u64) -> Result<(), DeviceError> {
         self.recorded("set_position")
     }
 
     /// At the end of a recorded move the axis stands where it stood then; on the way there, where it is sent.
-    async fn move_at(&self, target: Millimetres, _: f64) -> Result<Millimetres, DeviceError> {
+    async fn move_at(&self, target: Millimetres, _: f64, _: u64) -> Result<Millimetres, DeviceError> {
         let Some(answer) = self.tape.next(self.axis, "move", Some(target)) else {
             self.tape.states[index(self.axis)].send_modify(|state| state.position = target);
             return Ok(target);
@@ -162,7 +168,7 @@ impl Stage for ReplayedStage {
         }
     }
 
-    async fn release(&self) -> Result<(), DeviceError> {
+    async fn release(&self, _: u64) -> Result<(), DeviceError> {
         self.recorded("release")
     }
 

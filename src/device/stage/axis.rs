@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use crate::config::AxisConfig;
-use crate::device::{AxisName, DeviceError, MoveTime, StageState};
+use crate::device::{AxisName, MoveTime, StageState};
 use crate::units::Millimetres;
 
 /// A firmware limit this far beyond the configured one is no wider, mm: limits are written with two decimals.
@@ -61,11 +61,12 @@ impl AxisSetup {
         self.config.home_side.sign() * self.direction() < 0.0
     }
 
-    /// A controller's own limits (coordinate, mm) against the configured ones: a sentence where they differ.
+    /// A controller's own limits (coordinate, mm) against the configured ones: a sentence where they differ and that does
+    /// no harm.
     ///
     /// # Errors
-    /// [`DeviceError::Refused`] when the controller's are wider and that is not accepted.
-    pub fn compare_limits(&self, device: &str, low: f64, high: f64) -> Result<Option<String>, DeviceError> {
+    /// A sentence when the controller's are wider and that is not accepted: a contradiction.
+    pub fn compare_limits(&self, low: f64, high: f64) -> Result<Option<String>, String> {
         let config = &self.config;
         let (wanted_low, wanted_high) = (config.low_limit_mm, config.high_limit_mm);
         let axis = self.axis;
@@ -73,13 +74,10 @@ impl AxisSetup {
         let narrower = low > wanted_low + LIMIT_TOLERANCE_MM || high < wanted_high - LIMIT_TOLERANCE_MM;
         let ranges = format!("from {low:.3} to {high:.3} mm, the configuration from {wanted_low} to {wanted_high} mm");
         if wider && !config.accept_wider_firmware_limits {
-            return Err(DeviceError::Refused {
-                device: device.to_owned(),
-                reason: format!(
-                    "its own limits let the {axis} axis travel {ranges}; narrow the controller's, or set \
-                     bench.{axis}.accept_wider_firmware_limits = true"
-                ),
-            });
+            return Err(format!(
+                "The controller's own limits let the {axis} axis travel {ranges}; narrow the controller's, or set \
+                 bench.{axis}.accept_wider_firmware_limits = true."
+            ));
         }
         Ok(match (wider, narrower) {
             (true, _) => Some(format!(
@@ -253,14 +251,14 @@ mod tests {
     fn wider_limits_are_refused_until_accepted_and_then_told() {
         let mut config = BenchConfig::default().e;
         let setup = |config: &AxisConfig| AxisSetup::new(AxisName::E, config);
-        let same = setup(&config).compare_limits("controller", -5.0, 32.005);
+        let same = setup(&config).compare_limits(-5.0, 32.005);
         assert_eq!(same, Ok(None));
-        let narrower = setup(&config).compare_limits("controller", -4.0, 32.0).unwrap().unwrap();
+        let narrower = setup(&config).compare_limits(-4.0, 32.0).unwrap().unwrap();
         assert!(narrower.contains("-4.000 to 32.000"), "{narrower}");
-        let error = setup(&config).compare_limits("controller", -5.0, 33.0).unwrap_err();
-        assert!(error.to_string().contains("bench.e.accept_wider_firmware_limits = true"), "{error}");
+        let error = setup(&config).compare_limits(-5.0, 33.0).unwrap_err();
+        assert!(error.contains("bench.e.accept_wider_firmware_limits = true"), "{error}");
         config.accept_wider_firmware_limits = true;
-        let told = setup(&config).compare_limits("controller", -5.0, 33.0).unwrap().unwrap();
+        let told = setup(&config).compare_limits(-5.0, 33.0).unwrap().unwrap();
         assert!(told.contains("wider") && told.contains("33.000"), "{told}");
     }
 

@@ -39,7 +39,7 @@ impl Drop for UnderWay {
 }
 
 impl Orders {
-    /// What a command given now should carry.
+    /// What a command that is admitted now carries.
     #[must_use]
     pub fn generation(&self) -> u64 {
         self.generation.load(Ordering::SeqCst)

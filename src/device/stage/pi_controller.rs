@@ -157,7 +157,7 @@ impl PiDialogue {
             DeviceError::Refused { device: device.clone(), reason }
         })?;
         let scale = config.steps_per_mm;
-        let mut disagreements = Vec::new();
+        let (mut disagreements, mut contradictions) = (Vec::new(), Vec::new());
         // Not every controller knows the question: then the unit stays untold.
         if let Ok(answer) = self.exchange.ask("name its unit", pi::question("PUN?", &name)).await {
             let line = last(&self.exchange, answer)?;
@@ -168,9 +168,9 @@ impl PiDialogue {
                 _ => None,
             };
             match told {
-                Some(told) if f64::abs(told / scale - 1.0) > 1e-9 => disagreements.push(format!(
+                Some(told) if f64::abs(told / scale - 1.0) > 1e-9 => contradictions.push(format!(
                     "The controller counts the {axis} axis in {unit} (PUN?), {told} a millimetre; the configuration \
-                     says {scale}."
+                     says {scale} (bench.{axis}.steps_per_mm)."
                 )),
                 None => disagreements.push(format!(
                     "The controller counts the {axis} axis in `{unit}` (PUN?), whose length is not known here."
@@ -183,7 +183,6 @@ impl PiDialogue {
         // A reference move to a limit ends there; should it end elsewhere, the limits are compared again after it.
         let home = if homes_negative { limits.0 } else { limits.1 };
         let limits_mm = setup.range(limits, home);
-        disagreements.extend(setup.compare_limits(device, limits_mm.0, limits_mm.1)?);
         let acceleration = self.number("ACC?", &name).await.map(|acceleration| acceleration / scale);
         if let Ok(acceleration) = acceleration
             && (acceleration / config.acceleration_mm_per_s2 - 1.0).abs() > 0.01
@@ -197,13 +196,15 @@ impl PiDialogue {
         // A question that it does not know leaves an error behind.
         self.error().await?;
         let acceleration = acceleration.unwrap_or(config.acceleration_mm_per_s2);
-        let facts = AxisFacts {
+        let mut facts = AxisFacts {
             disagreements,
+            contradictions,
             homes_also: None,
             speed_mm_per_s: config.speed_mm_per_s,
             acceleration_mm_per_s2: acceleration.min(config.acceleration_mm_per_s2).max(1e-6),
             limits_mm: Some(limits_mm),
         };
+        facts.note(setup.compare_limits(limits_mm.0, limits_mm.1));
         Ok(Axis { name, bit: 1 << index, scale, facts, limits, homes_negative })
     }
 }

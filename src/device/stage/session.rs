@@ -48,8 +48,11 @@ pub trait Driver: Send + Sync {
 /// What is known of an axis from connecting.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct AxisFacts {
-    /// What differs between the controller's settings and the configuration, one sentence each.
+    /// What differs between the controller's settings and the configuration and does no harm, one sentence each.
     pub disagreements: Vec<String>,
+    /// Where the controller's settings would take the axis elsewhere than the configuration says (the end it homes to,
+    /// its direction, its scale, its limits), and what to change, one sentence each. While there is one, nothing moves.
+    pub contradictions: Vec<String>,
     /// The other axis, where the controller can home only both at once.
     pub homes_also: Option<AxisName>,
     /// Speed that the axis really has, mm/s.
@@ -58,6 +61,29 @@ pub struct AxisFacts {
     pub acceleration_mm_per_s2: f64,
     /// The controller's own limits, in the axis's coordinate, where it has some.
     pub limits_mm: Option<(f64, f64)>,
+}
+
+impl AxisFacts {
+    /// Takes what a comparison of the controller's limits with the configured ones came to
+    /// ([`AxisSetup::compare_limits`](super::axis::AxisSetup::compare_limits)).
+    pub fn note(&mut self, compared: Result<Option<String>, String>) {
+        match compared {
+            Ok(sentence) => self.disagreements.extend(sentence),
+            Err(sentence) => self.contradictions.push(sentence),
+        }
+    }
+
+    /// Refuses motion while controller and configuration contradict each other. `device` is the controller's name.
+    ///
+    /// # Errors
+    /// [`DeviceError::Refused`] with every contradiction.
+    pub fn check_motion(&self, device: &str) -> Result<(), DeviceError> {
+        if self.contradictions.is_empty() {
+            return Ok(());
+        }
+        let reason = format!("nothing moves until one of the two is changed: {}", self.contradictions.join(" "));
+        Err(DeviceError::Refused { device: device.to_owned(), reason })
+    }
 }
 
 /// A controller that is connected and identified. Axes are numbered as in [`Wanted`].
@@ -78,19 +104,19 @@ pub trait Session: Send + Sync {
     /// As there.
     async fn read_state(&self, axis: usize) -> Result<StageState, DeviceError>;
 
-    /// See [`Stage::home`](crate::device::Stage::home); `generation` is when it was commanded.
+    /// See [`Stage::home`](crate::device::Stage::home); `generation` is what it was admitted under.
     ///
     /// # Errors
     /// As there.
     async fn home(&self, axis: usize, generation: u64) -> Result<(), DeviceError>;
 
-    /// See [`Stage::set_position`](crate::device::Stage::set_position); `generation` is when it was commanded.
+    /// See [`Stage::set_position`](crate::device::Stage::set_position); `generation` is what it was admitted under.
     ///
     /// # Errors
     /// As there.
     async fn set_position(&self, axis: usize, position: Millimetres, generation: u64) -> Result<(), DeviceError>;
 
-    /// See [`Stage::move_at`](crate::device::Stage::move_at); `generation` is when it was commanded.
+    /// See [`Stage::move_at`](crate::device::Stage::move_at); `generation` is what it was admitted under.
     ///
     /// # Errors
     /// As there.
@@ -102,7 +128,7 @@ pub trait Session: Send + Sync {
         generation: u64,
     ) -> Result<Millimetres, DeviceError>;
 
-    /// See [`Stage::release`](crate::device::Stage::release); `generation` is when it was commanded.
+    /// See [`Stage::release`](crate::device::Stage::release); `generation` is what it was admitted under.
     ///
     /// # Errors
     /// As there.

@@ -253,16 +253,38 @@ impl ControllerStage {
     }
 
     /// Runs a command in a task of its own, so that dropping its caller neither cuts it nor leaves a motion unwatched.
-    async fn run<R, F>(&self, command: impl FnOnce(Arc<dyn Session>, usize, u64) -> F) -> Result<R, DeviceError>
+    async fn run<R, F>(&self, command: impl FnOnce(Arc<dyn Session>, usize) -> F) -> Result<R, DeviceError>
     where
         R: Send + 'static,
         F: Future<Output = Result<R, DeviceError>> + Send + 'static,
     {
-        let generation = self.shared.orders.generation();
-        let task = tokio::spawn(command(self.shared.session().await?, self.index, generation));
-        task.await.unwrap_or_else(|_| {
-            Err(DeviceError::Disconnected { device: self.shared.name.clone(), reason: "its task has ended".to_owned() })
+        let task = tokio::spawn(command(self.shared.session().await?, self.index));
+        match task.await {
+            Ok(ended) => ended,
+            Err(_) => {
+                // What it had moving is watched by nobody.
+                self.stop().await;
+                let device = self.shared.name.clone();
+                Err(DeviceError::Disconnected { device, reason: "its task has ended".to_owned() })
+            }
+        }
+    }
+
+    /// [`Self::run`] for what leads to motion: refused while the connected controller contradicts the configuration.
+    async fn run_motion<R, F>(
+        &self,
+        command: impl FnOnce(Arc<dyn Session>, usize) -> F + Send + 'static,
+    ) -> Result<R, DeviceError>
+    where
+        R: Send + 'static,
+        F: Future<Output = Result<R, DeviceError>> + Send + 'static,
+    {
+        let device = self.shared.name.clone();
+        self.run(move |session, axis| async move {
+            session.facts(axis).check_motion(&device)?;
+            command(session, axis).await
         })
+        .await
     }
 }
 
@@ -277,6 +299,7 @@ impl Stage for ControllerStage {
             identity: identity.unwrap_or_default(),
             location: self.shared.dial.location(),
             disagreements: facts.disagreements,
+            contradictions: facts.contradictions,
             firmware_limits: facts.limits_mm.map(|(low, high)| (Millimetres(low), Millimetres(high))),
         }
     }
@@ -293,6 +316,10 @@ impl Stage for ControllerStage {
         self.shared.facts(self.index)?.homes_also
     }
 
+    fn generation(&self) -> u64 {
+        self.shared.orders.generation()
+    }
+
     fn move_time(&self, from: Millimetres, to: Millimetres) -> MoveTime {
         let config = &self.axis().setup.config;
         let (speed, acceleration) = match self.shared.facts(self.index) {
@@ -302,24 +329,29 @@ impl Stage for ControllerStage {
         MoveTime::of_trapezoid((to - from).abs().value(), speed, acceleration)
     }
 
-    async fn home(&self) -> Result<(), DeviceError> {
-        self.run(|session, axis, generation| async move { session.home(axis, generation).await }).await
+    async fn home(&self, generation: u64) -> Result<(), DeviceError> {
+        self.run_motion(move |session, axis| async move { session.home(axis, generation).await }).await
     }
 
-    async fn set_position(&self, position: Millimetres) -> Result<(), DeviceError> {
-        self.run(move |session, axis, generation| async move { session.set_position(axis, position, generation).await })
+    async fn set_position(&self, position: Millimetres, generation: u64) -> Result<(), DeviceError> {
+        self.run_motion(move |session, axis| async move { session.set_position(axis, position, generation).await })
             .await
     }
 
-    async fn move_at(&self, target: Millimetres, speed_mm_per_s: f64) -> Result<Millimetres, DeviceError> {
-        self.run(move |session, axis, generation| async move {
-            session.move_at(axis, target, speed_mm_per_s, generation).await
-        })
+    async fn move_at(
+        &self,
+        target: Millimetres,
+        speed_mm_per_s: f64,
+        generation: u64,
+    ) -> Result<Millimetres, DeviceError> {
+        self.run_motion(
+            move |session, axis| async move { session.move_at(axis, target, speed_mm_per_s, generation).await },
+        )
         .await
     }
 
-    async fn release(&self) -> Result<(), DeviceError> {
-        self.run(|session, axis, generation| async move { session.release(axis, generation).await }).await
+    async fn release(&self, generation: u64) -> Result<(), DeviceError> {
+        self.run(move |session, axis| async move { session.release(axis, generation).await }).await
     }
 
     fn stop_sent(&self) -> Option<Instant> {

@@ -54,6 +54,8 @@ pub mod parameter {
     pub const LEFT_DISABLED: u8 = 13;
     /// Whether speeds are microsteps a second (1) or numbers of the module's own (0), where it has the choice.
     pub const UNIT_MODE: u8 = 255;
+    /// Whether the motor turns the other way round, where it can.
+    pub const REVERSE_SHAFT: u8 = 251;
     /// How the reference is searched.
     pub const SEARCH_MODE: u8 = 193;
 }

@@ -1,7 +1,7 @@
 //! A connected Trinamic module: the questions and commands of TMCL.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -44,7 +44,20 @@ struct TmclDialogue {
     identity: String,
     /// What the mark was set to.
     mark: i32,
+    turn: tokio::sync::Mutex<Turn>,
+    /// How many stops have been sent.
+    stops: Mutex<u64>,
     axes: Vec<Axis>,
+}
+
+/// What keeps one exchange's answer from being taken for another's, whichever tasks ask: an answer names its command and
+/// no motor or parameter, and may come late or doubled. So no two exchanges with the same command are neighbours: the
+/// answer to the one between them comes after every answer to the first.
+struct Turn {
+    /// Command of the last exchange.
+    last: u8,
+    /// How many stops had been sent before the last exchange that was put between two.
+    stops: u64,
 }
 
 #[async_trait]
@@ -71,6 +84,8 @@ impl Driver for TmclDriver {
             identity,
             // Another one at every connection, and never 0.
             mark: i32::from(rand::random::<u16>()) + 1,
+            turn: tokio::sync::Mutex::new(Turn { last: command::VERSION, stops: 0 }),
+            stops: Mutex::default(),
             axes: Vec::new(),
         };
         for link in &wanted.axes {
@@ -82,8 +97,7 @@ impl Driver for TmclDriver {
             let axis = dialogue.learn(link.setup()).await?;
             dialogue.axes.push(axis);
         }
-        let request = dialogue.request(command::SGP, MARK, tmcl::USER_BANK, dialogue.mark);
-        dialogue.exchange.ask("take a mark", request).await?;
+        dialogue.ask("take a mark", (command::SGP, MARK, tmcl::USER_BANK), dialogue.mark).await?;
         Polled::start(dialogue, wanted).await
     }
 
@@ -135,28 +149,50 @@ impl TmclDialogue {
         Request { address: self.address, command, kind, motor, value }.frame()
     }
 
-    async fn ask(&self, what: &str, command: u8, kind: u8, motor: u8) -> Result<i32, DeviceError> {
-        let answer = self.exchange.ask(what, self.request(command, kind, motor, 0)).await?;
+    /// Waits until an exchange with a command may begin, and puts one with another command before it if need be. The
+    /// exchange lasts as long as what is returned is held.
+    async fn turn(&self, command: u8) -> Result<tokio::sync::MutexGuard<'_, Turn>, DeviceError> {
+        let mut turn = self.turn.lock().await;
+        // A stop is written past every queue, and what it is made of is answered like any exchange.
+        let in_stop = matches!(command, command::RFS | command::MST) && turn.stops != *self.stops();
+        if turn.last == command || in_stop {
+            let (other, kind, bank) = match [command, turn.last].contains(&command::GGP) {
+                true => (command::VERSION, 1, 0),
+                false => (command::GGP, MARK, tmcl::USER_BANK),
+            };
+            let stops = *self.stops();
+            // Before it is written: dropped from here on, it is written all the same.
+            turn.last = other;
+            self.exchange.ask("answer", self.request(other, kind, bank, 0)).await?;
+            turn.stops = stops;
+        }
+        turn.last = command;
+        Ok(turn)
+    }
+
+    fn stops(&self) -> MutexGuard<'_, u64> {
+        self.stops.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Asks, once more if no answer came; also for what no stop makes outdated.
+    async fn ask(&self, what: &str, (command, kind, motor): (u8, u8, u8), value: i32) -> Result<i32, DeviceError> {
+        let _turn = self.turn(command).await?;
+        let answer = self.exchange.ask(what, self.request(command, kind, motor, value)).await?;
         Ok(reply(&self.exchange, &answer)?.value)
     }
 
     async fn parameter(&self, motor: u8, number: u8) -> Result<i32, DeviceError> {
-        let value = self.ask(&format!("tell its parameter {number}"), command::GAP, number, motor).await?;
-        // Which parameter an answer is about it does not say: another question between two of these keeps a doubled
-        // answer from being taken for the next one's.
-        self.marked().await?;
-        Ok(value)
+        self.ask(&format!("tell its parameter {number}"), (command::GAP, number, motor), 0).await
     }
 
     /// Whether the module has kept its mark, and so has not been switched off and on.
     async fn marked(&self) -> Result<bool, DeviceError> {
-        Ok(self.ask("tell its mark", command::GGP, MARK, tmcl::USER_BANK).await? == self.mark)
+        Ok(self.ask("tell its mark", (command::GGP, MARK, tmcl::USER_BANK), 0).await? == self.mark)
     }
 
     async fn stop_motor(&self, motor: u8) -> Result<(), DeviceError> {
-        // Stops: no stop makes them outdated.
-        self.exchange.ask("end a search", self.request(command::RFS, 1, motor, 0)).await?;
-        self.exchange.ask("stop", self.request(command::MST, 0, motor, 0)).await.map(|_| ())
+        self.ask("end a search", (command::RFS, 1, motor), 0).await?;
+        self.ask("stop", (command::MST, 0, motor), 0).await.map(|_| ())
     }
 
     async fn command(
@@ -166,6 +202,7 @@ impl TmclDialogue {
         value: i32,
         generation: u64,
     ) -> Result<(), DeviceError> {
+        let _turn = self.turn(command).await?;
         self.exchange.command(what, self.request(command, kind, motor, value), generation).await.map(|_| ())
     }
 
@@ -181,7 +218,21 @@ impl TmclDialogue {
                 reason: format!("its speeds are numbers of its own; set axis parameter 255 of motor {motor} to 1"),
             });
         }
-        let mut disagreements = Vec::new();
+        let (mut disagreements, mut contradictions) = (Vec::new(), Vec::new());
+        // A module that cannot turn its motors the other way round refuses the question.
+        let inverted = match self.parameter(motor, parameter::REVERSE_SHAFT).await {
+            Ok(value) => value != 0,
+            Err(DeviceError::Refused { .. }) => false,
+            Err(error) => return Err(error),
+        };
+        if inverted != config.motor_inverted {
+            contradictions.push(format!(
+                "The controller {} the {axis} axis's motor the other way round (axis parameter 251), the configuration \
+                 says that it {} (bench.{axis}.motor_inverted).",
+                if inverted { "turns" } else { "does not turn" },
+                if inverted { "does not" } else { "does" },
+            ));
+        }
         let acceleration = f64::from(self.parameter(motor, parameter::ACCELERATION).await?) / scale;
         if (acceleration / config.acceleration_mm_per_s2 - 1.0).abs() > 0.01 {
             disagreements.push(format!(
@@ -200,6 +251,7 @@ impl TmclDialogue {
         }
         let facts = AxisFacts {
             disagreements,
+            contradictions,
             homes_also: None,
             speed_mm_per_s: config.speed_mm_per_s,
             acceleration_mm_per_s2: acceleration.min(config.acceleration_mm_per_s2).max(1e-6),
@@ -244,8 +296,8 @@ impl Dialogue for TmclDialogue {
     async fn read(&self, axis: usize) -> Result<AxisReading, DeviceError> {
         let Axis { motor, scale, .. } = &self.axes[axis];
         let speed = self.parameter(*motor, parameter::ACTUAL_SPEED).await?;
-        let position = self.ask("tell its position", command::GAP, parameter::POSITION, *motor).await?;
-        let searching = self.ask("tell of its search", command::RFS, 2, *motor).await? != 0;
+        let searching = self.ask("tell of its search", (command::RFS, 2, *motor), 0).await? != 0;
+        let position = self.parameter(*motor, parameter::POSITION).await?;
         let marked = self.marked().await?;
         Ok(AxisReading {
             position: f64::from(position) / scale,
@@ -327,6 +379,9 @@ impl Dialogue for TmclDialogue {
             bytes.extend(self.request(command::RFS, 1, axis.motor, 0));
             bytes.extend(self.request(command::MST, 0, axis.motor, 0));
         }
+        // Counted together with its being queued: what is asked once it counts is written after it.
+        let mut stops = self.stops();
+        *stops += 1;
         self.exchange.port.urgent(&bytes, false)
     }
 }

@@ -154,11 +154,11 @@ impl ZaberDialogue {
         let acceleration = self.value(number, "accel").await? / ACCELERATION_UNIT / scale;
         // Zaber's homing ends at position 0, at the negative end.
         let limits_mm = setup.range(limits, 0.0);
-        let mut disagreements = Vec::new();
-        disagreements.extend(setup.compare_limits(device, limits_mm.0, limits_mm.1)?);
+        let (mut disagreements, mut contradictions) = (Vec::new(), Vec::new());
         if !setup.homes_negative() {
-            disagreements.push(format!(
-                "The controller homes the {name} axis towards its negative end, the configuration says the other."
+            contradictions.push(format!(
+                "The controller homes the {name} axis towards its negative end, the configuration says the other \
+                 (bench.{name}.home_side and reversed)."
             ));
         }
         if speed < config.speed_mm_per_s * 0.999 {
@@ -169,14 +169,11 @@ impl ZaberDialogue {
             ));
         }
         if speed > config.speed_mm_per_s * 1.001 && !self.speed_in_move {
-            return Err(DeviceError::Refused {
-                device: device.clone(),
-                reason: format!(
-                    "its firmware moves the {name} axis at {speed:.3} mm/s whatever a move asks for, faster than the \
-                     configured {} mm/s; lower its maxspeed, or update its firmware to 7.25 or later",
-                    config.speed_mm_per_s
-                ),
-            });
+            contradictions.push(format!(
+                "The controller's firmware moves the {name} axis at {speed:.3} mm/s whatever a move asks for, faster than \
+                 the configured {} mm/s; lower its maxspeed, or update its firmware to 7.25 or later.",
+                config.speed_mm_per_s
+            ));
         }
         // The protocol counts in whole units: half of one is none's fault.
         let unit = 1.0 / ACCELERATION_UNIT / scale;
@@ -187,13 +184,15 @@ impl ZaberDialogue {
                 config.acceleration_mm_per_s2
             ));
         }
-        let facts = AxisFacts {
+        let mut facts = AxisFacts {
             disagreements,
+            contradictions,
             homes_also: None,
             speed_mm_per_s: speed.min(config.speed_mm_per_s).max(1e-6),
             acceleration_mm_per_s2: acceleration.min(config.acceleration_mm_per_s2).max(1e-6),
             limits_mm: Some(limits_mm),
         };
+        facts.note(setup.compare_limits(limits_mm.0, limits_mm.1));
         Ok(Axis { number, scale, facts, limits })
     }
 }

@@ -31,6 +31,8 @@ pub struct DriveConfig {
     pub high_mm: f64,
     /// Whether the home switch is at the negative end.
     pub homes_negative: bool,
+    /// Whether its motor is wired the other way round, which the controller makes good.
+    pub motor_inverted: bool,
 }
 
 impl DriveConfig {
@@ -49,6 +51,7 @@ impl DriveConfig {
             low_mm: a.min(b),
             high_mm: a.max(b),
             homes_negative: setup.homes_negative(),
+            motor_inverted: config.motor_inverted,
         }
     }
 }
@@ -101,9 +104,11 @@ pub struct Drive {
     pub acceleration: f64,
     /// Travel of the motor since power-up, mm.
     motor: f64,
-    /// What of it a stalled motor did not follow.
-    lost: f64,
+    /// What the motor turned of it, in its own direction, mm: a stalled one turns nothing.
+    turned: f64,
     told: f64,
+    /// Whether the controller turns the motor the other way round.
+    pub inverted: bool,
     /// Whether the motor stands still whatever steps it is given.
     pub stalled: bool,
     /// Position less travel.
@@ -123,18 +128,19 @@ impl Drive {
         Self {
             speed: config.speed_mm_per_s,
             acceleration: config.acceleration_mm_per_s2,
-            config,
             plant,
             axis,
             motor: 0.0,
-            lost: 0.0,
+            turned: 0.0,
             told: 0.0,
+            inverted: config.motor_inverted,
             stalled: false,
             origin: 0.0,
             velocity: 0.0,
             task: Task::Rest,
             limit_closed,
             positive_limit: false,
+            config,
         }
     }
 
@@ -213,6 +219,7 @@ impl Drive {
     pub fn power_cycle(&mut self) {
         self.halt();
         self.origin = -self.motor;
+        self.inverted = self.config.motor_inverted;
         self.speed = self.config.speed_mm_per_s;
         self.acceleration = self.config.acceleration_mm_per_s2;
     }
@@ -331,11 +338,11 @@ impl Drive {
 
     fn turn(&mut self, way: f64) {
         self.motor += way;
-        if self.stalled {
-            self.lost += way;
+        if !self.stalled {
+            self.turned += if self.inverted == self.config.motor_inverted { way } else { -way };
         }
         let step = self.config.step_mm;
-        let position = ((self.motor - self.lost) / step).round() * step;
+        let position = (self.turned / step).round() * step;
         if position != self.told {
             self.told = position;
             self.plant.motor_moved(self.axis, position);

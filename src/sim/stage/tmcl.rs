@@ -58,6 +58,7 @@ fn parameters(config: &DriveConfig) -> BTreeMap<u8, i32> {
         (parameter::SEARCH_MODE, 1),
         (194, pps(config.speed_mm_per_s)),
         (195, pps(config.speed_mm_per_s) / 4),
+        (parameter::REVERSE_SHAFT, i32::from(config.motor_inverted)),
         (parameter::UNIT_MODE, 1),
     ])
 }
@@ -179,7 +180,12 @@ impl Axis {
             }
             2 => self.drive.run(f64::from(value) / self.units()),
             parameter::SPEED | parameter::ACCELERATION if value <= 0 => return Err(INVALID_VALUE),
-            _ => *self.parameters.get_mut(&number).ok_or(WRONG_TYPE)? = value,
+            _ => {
+                *self.parameters.get_mut(&number).ok_or(WRONG_TYPE)? = value;
+                if number == parameter::REVERSE_SHAFT {
+                    self.drive.inverted = value != 0;
+                }
+            }
         }
         Ok(())
     }

@@ -184,24 +184,23 @@ impl FjellDialogue {
         if !["A", "B", "C", "D"].contains(&letter.as_str()) {
             return Err(refused(format!("it has no axis `{letter}`; its axes are A to D")));
         }
-        if !setup.homes_negative() {
-            return Err(refused(format!(
-                "it homes the {axis} axis to its negative end, the configuration says the other; set `home_side` or \
-                 `reversed` in [bench.{axis}] as the stage is mounted"
-            )));
-        }
         let [low, high] = self.numbers(format!("{letter}L")).await?;
         let limits = (low / scale, high / scale);
         let limits_mm = setup.range(limits, HOME_MM);
-        // Limits that are wider than the configured ones are refused here, unless that is accepted.
-        let told = setup.compare_limits(device, limits_mm.0, limits_mm.1)?;
-        let facts = AxisFacts {
-            disagreements: told.into_iter().collect(),
-            homes_also: None,
+        let mut facts = AxisFacts {
             speed_mm_per_s: config.speed_mm_per_s,
             acceleration_mm_per_s2: config.acceleration_mm_per_s2,
             limits_mm: Some(limits_mm),
+            ..AxisFacts::default()
         };
+        if !setup.homes_negative() {
+            facts.contradictions.push(format!(
+                "It homes the {axis} axis to its negative end, the configuration says the other; set `home_side` or \
+                 `reversed` in [bench.{axis}] as the stage is mounted."
+            ));
+        }
+        // Limits that are wider than the configured ones contradict them, unless that is accepted.
+        facts.note(setup.compare_limits(limits_mm.0, limits_mm.1));
         Ok(Axis { letter, scale, facts, limits })
     }
 }

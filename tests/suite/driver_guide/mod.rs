@@ -7,7 +7,7 @@ mod twin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::config::{BenchConfig, ControllerDriver};
+use plenalign::config::{BenchConfig, ControllerDriver, Side};
 use plenalign::device::port::Protocol;
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
@@ -58,11 +58,11 @@ async fn it_homes_and_moves_to_where_it_says() {
     let [focus, e] = connect(&bench, &twin).await.unwrap();
     assert_eq!(e.info().identity, "Fjell F2 1.04 00317");
     assert_eq!(e.info().disagreements, Vec::<String>::new());
-    assert_eq!(e.move_to(Millimetres(12.0)).await, Err(DeviceError::NotHomed { axis: AxisName::E }));
+    assert_eq!(e.move_to(Millimetres(12.0), e.generation()).await, Err(DeviceError::NotHomed { axis: AxisName::E }));
     for (stage, axis, home, target) in [(&focus, 0, 0.0, 2.2), (&e, 1, 30.0, 12.0)] {
-        stage.home().await.unwrap();
+        stage.home(stage.generation()).await.unwrap();
         assert!((slides.at(axis) - home).abs() < 0.004, "home: {}", slides.at(axis));
-        let reached = stage.move_to(Millimetres(target)).await.unwrap();
+        let reached = stage.move_to(Millimetres(target), stage.generation()).await.unwrap();
         assert!((reached.value() - target).abs() < 0.001, "it says {reached}");
         assert!((slides.at(axis) - target).abs() < 0.004, "it is at {}", slides.at(axis));
     }
@@ -73,11 +73,11 @@ async fn a_stop_ends_a_move_and_what_waits() {
     let bench = bench();
     let (twin, slides) = twin(&bench);
     let [focus, e] = connect(&bench, &twin).await.unwrap();
-    focus.home().await.unwrap();
-    e.home().await.unwrap();
+    focus.home(focus.generation()).await.unwrap();
+    e.home(e.generation()).await.unwrap();
     let moving = tokio::spawn({
         let e = e.clone();
-        async move { e.move_to(Millimetres(5.0)).await }
+        async move { e.move_to(Millimetres(5.0), e.generation()).await }
     });
     sleep(Duration::from_secs(2)).await;
     let at = slides.at(1);
@@ -102,8 +102,8 @@ async fn a_bad_line_costs_time_and_nothing_else() {
         let (twin, slides) = twin(&bench);
         twin.set_line(line.clone());
         let [_, e] = connect(&bench, &twin).await.unwrap();
-        e.home().await.unwrap();
-        e.move_to(Millimetres(12.0)).await.unwrap();
+        e.home(e.generation()).await.unwrap();
+        e.move_to(Millimetres(12.0), e.generation()).await.unwrap();
         assert!((slides.at(1) - 12.0).abs() < 0.004, "{line:?}: {}", slides.at(1));
     }
 }
@@ -121,26 +121,32 @@ async fn what_is_wrong_is_said() {
     "X".clone_into(&mut other.e.axis);
     let error = connect(&other, &twin(&bench).0).await.err().unwrap();
     assert!(error.to_string().contains("its axes are A to D"), "{error}");
-    // Limits that are wider than the configured ones.
-    let mut narrow = bench.clone();
+    // Limits that are wider than the configured ones, and an end to home to that is not the configured one.
+    let (mut narrow, mut other_end) = (bench.clone(), bench.clone());
     narrow.e.low_limit_mm += 1.0;
-    let error = connect(&narrow, &twin(&bench).0).await.err().unwrap();
-    assert!(error.to_string().contains("bench.e.accept_wider_firmware_limits"), "{error}");
+    other_end.e.home_side = Side::Low;
+    for (contradicted, words) in [(narrow, "bench.e.accept_wider_firmware_limits"), (other_end, "negative end")] {
+        let (twin, slides) = twin(&bench);
+        let [_, e] = connect(&contradicted, &twin).await.unwrap();
+        let (before, error) = (slides.at(1), e.home(e.generation()).await.unwrap_err());
+        assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains(words)), "{error}");
+        assert_eq!(slides.at(1), before);
+    }
     // A target beyond them: its own words, and nothing moves.
     let (twin, slides) = twin(&bench);
     let [focus, _] = connect(&bench, &twin).await.unwrap();
-    focus.home().await.unwrap();
-    let error = focus.move_to(Millimetres(7.0)).await.unwrap_err();
+    focus.home(focus.generation()).await.unwrap();
+    let error = focus.move_to(Millimetres(7.0), focus.generation()).await.unwrap_err();
     assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("E3")), "{error}");
     assert!(slides.at(0).abs() < 0.004);
     // A motor that lost steps runs into its limit switch.
     twin.stall(0, true);
-    focus.move_to(Millimetres(3.0)).await.unwrap();
+    focus.move_to(Millimetres(3.0), focus.generation()).await.unwrap();
     twin.stall(0, false);
-    let error = focus.move_to(Millimetres(-2.0)).await.unwrap_err();
+    let error = focus.move_to(Millimetres(-2.0), focus.generation()).await.unwrap_err();
     assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("limit switch")), "{error}");
-    focus.home().await.unwrap();
-    assert!(focus.move_to(Millimetres(1.0)).await.is_ok());
+    focus.home(focus.generation()).await.unwrap();
+    assert!(focus.move_to(Millimetres(1.0), focus.generation()).await.is_ok());
 }
 
 proptest! {

@@ -50,23 +50,26 @@ async fn it_says_what_it_is_and_moves_nothing_before_homing(driver: ControllerDr
     }
     let state = rig.e.read_state().await.unwrap();
     assert!(state.connected && !state.homed && !state.moving, "{state:?}");
-    assert_eq!(rig.focus.move_to(Millimetres(1.0)).await, Err(DeviceError::NotHomed { axis: AxisName::Focus }));
+    assert_eq!(
+        rig.focus.move_to(Millimetres(1.0), rig.focus.generation()).await,
+        Err(DeviceError::NotHomed { axis: AxisName::Focus })
+    );
     assert_eq!([rig.slides.at(0), rig.slides.at(1)], START);
 }
 
 async fn homing_and_moves_end_where_they_say_and_when(driver: ControllerDriver) {
     let rig = Kit::new(driver).connect().await.unwrap();
-    rig.focus.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
     assert!(near(rig.slides.at(0), 0.0, 0.004), "{}", rig.slides.at(0));
     assert_eq!(rig.slides.at(1), START[1], "the other axis is left alone");
     assert!(!rig.e.read_state().await.unwrap().homed);
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.slides.at(1), 30.0, 0.004), "{}", rig.slides.at(1));
     let mut from = Millimetres(0.0);
     for target in [0.7, 0.05, 4.9, 4.9] {
         let target = Millimetres(target);
         let (time, began) = (rig.focus.move_time(from, target), Instant::now());
-        let readback = rig.focus.move_to(target).await.unwrap();
+        let readback = rig.focus.move_to(target, rig.focus.generation()).await.unwrap();
         let took = began.elapsed();
         assert!(near(readback.value(), target.value(), 0.003), "{readback}");
         assert!(near(rig.slides.at(0), target.value(), 0.006), "{}", rig.slides.at(0));
@@ -75,7 +78,7 @@ async fn homing_and_moves_end_where_they_say_and_when(driver: ControllerDriver) 
         assert!(took + Duration::from_millis(5) >= time.predicted && took < longest, "{took:?} against {time:?}");
         from = target;
     }
-    let readback = rig.e.move_to(Millimetres(12.0)).await.unwrap();
+    let readback = rig.e.move_to(Millimetres(12.0), rig.e.generation()).await.unwrap();
     assert!(near(readback.value(), 12.0, 0.003) && near(rig.slides.at(1), 12.0, 0.006), "{readback}");
     let state = rig.e.read_state().await.unwrap();
     assert!(state.homed && state.connected && !state.moving && state.at_rest_since.is_some(), "{state:?}");
@@ -85,7 +88,7 @@ async fn homing_and_moves_end_where_they_say_and_when(driver: ControllerDriver) 
 async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver: ControllerDriver) {
     let rig = homed(driver).await;
     let mover = rig.e.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
     sleep(Duration::from_secs(2)).await;
     assert!(rig.e.state().borrow().moving);
     let (asked, at) = (Instant::now(), rig.slides.at(1));
@@ -117,7 +120,7 @@ async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver
     assert!(state.homed && near(state.position.value(), stopped, 0.004), "{state:?}");
     assert_eq!(state.fault, None);
     // It goes on from there.
-    let readback = rig.e.move_to(Millimetres(25.0)).await.unwrap();
+    let readback = rig.e.move_to(Millimetres(25.0), rig.e.generation()).await.unwrap();
     assert!(near(readback.value(), 25.0, 0.003) && near(rig.slides.at(1), 25.0, 0.006));
 }
 
@@ -125,16 +128,16 @@ async fn a_stop_passes_what_waits(driver: ControllerDriver) {
     let rig = homed(driver).await;
     let first = tokio::spawn({
         let stage = rig.e.clone();
-        async move { stage.move_to(Millimetres(5.0)).await }
+        async move { stage.move_to(Millimetres(5.0), stage.generation()).await }
     });
     sleep(Duration::from_millis(500)).await;
     let second = tokio::spawn({
         let stage = rig.e.clone();
-        async move { stage.move_to(Millimetres(29.0)).await }
+        async move { stage.move_to(Millimetres(29.0), stage.generation()).await }
     });
     sleep(Duration::from_millis(10)).await;
     // In the same moment as the stop, before its task can have run.
-    let third = rig.focus.move_to(Millimetres(3.0));
+    let third = rig.focus.move_to(Millimetres(3.0), rig.focus.generation());
     let (third, a, b) = tokio::join!(third, rig.focus.stop(), rig.e.stop());
     assert_eq!((a, b), (StopDelivery::Confirmed, StopDelivery::Confirmed));
     assert_eq!(third, Err(DeviceError::Stopped { axis: AxisName::Focus }));
@@ -152,7 +155,7 @@ async fn a_stop_while_homing_leaves_the_position_unknown(driver: ControllerDrive
     let rig = Kit::new(driver).connect().await.unwrap();
     let homing = tokio::spawn({
         let stage = rig.e.clone();
-        async move { stage.home().await }
+        async move { stage.home(stage.generation()).await }
     });
     sleep(Duration::from_secs(1)).await;
     assert!(rig.e.state().borrow().moving);
@@ -162,7 +165,7 @@ async fn a_stop_while_homing_leaves_the_position_unknown(driver: ControllerDrive
     sleep(Duration::from_secs(3)).await;
     assert_eq!(rig.slides.at(1), at);
     assert!(!rig.e.read_state().await.unwrap().homed);
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.slides.at(1), 30.0, 0.004));
 }
 
@@ -172,7 +175,7 @@ async fn a_motion_commanded_during_a_stop_begins_after_it(driver: ControllerDriv
         let (delivery, reached) = tokio::join!(rig.focus.stop(), async {
             sleep(Duration::from_millis(delay_ms)).await;
             // Not the very moment of the stop: what is commanded then is stopped.
-            rig.e.move_to(Millimetres(30.0)).await
+            rig.e.move_to(Millimetres(30.0), rig.e.generation()).await
         });
         assert_eq!(delivery, StopDelivery::Confirmed);
         assert!(reached.is_ok(), "a move commanded {delay_ms} ms after the stop: {reached:?}");
@@ -182,10 +185,16 @@ async fn a_motion_commanded_during_a_stop_begins_after_it(driver: ControllerDriv
 async fn a_slower_move_is_slower(driver: ControllerDriver) {
     let rig = homed(driver).await;
     let began = Instant::now();
-    rig.e.move_at(Millimetres(29.0), 0.5).await.unwrap();
+    rig.e.move_at(Millimetres(29.0), 0.5, rig.e.generation()).await.unwrap();
     assert!(began.elapsed() > Duration::from_millis(1950), "{:?}", began.elapsed());
     for speed in [0.0, -1.0, f64::NAN] {
-        assert!(matches!(rig.e.move_at(Millimetres(28.0), speed).await, Err(DeviceError::Refused { .. })), "{speed}");
+        assert!(
+            matches!(
+                rig.e.move_at(Millimetres(28.0), speed, rig.e.generation()).await,
+                Err(DeviceError::Refused { .. })
+            ),
+            "{speed}"
+        );
     }
     assert!(near(rig.slides.at(1), 29.0, 0.006));
 }
@@ -195,9 +204,10 @@ async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
     let stage: Arc<dyn Stage> = Arc::new(rig.e.clone());
     let hold = Duration::from_millis(500);
     let (grip, dead) = deadman(hold);
+    let to_ten = |_| Ok::<_, DeviceError>(Millimetres(10.0));
     let jogging = tokio::spawn({
         let stage = stage.clone();
-        async move { jog(&stage, Millimetres(10.0), 2.0, dead, |_| Millimetres(10.0)).await }
+        async move { jog(&stage, Millimetres(10.0), 2.0, dead, stage.generation(), to_ten).await }
     });
     for _ in 0..8 {
         sleep(Duration::from_millis(250)).await;
@@ -214,7 +224,8 @@ async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
 
     // Dropped, with its caller: it stops at once.
     let (grip, dead) = deadman(Duration::from_secs(60));
-    let caller = tokio::spawn(async move { jog(&stage, Millimetres(10.0), 2.0, dead, |_| Millimetres(10.0)).await });
+    let caller =
+        tokio::spawn(async move { jog(&stage, Millimetres(10.0), 2.0, dead, stage.generation(), to_ten).await });
     sleep(Duration::from_secs(1)).await;
     caller.abort();
     drop(grip);
@@ -225,25 +236,25 @@ async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
 
 async fn dropping_the_caller_of_a_move_leaves_it_in_step(driver: ControllerDriver) {
     let rig = homed(driver).await;
-    assert!(timeout(Duration::from_millis(700), rig.e.move_to(Millimetres(20.0))).await.is_err());
-    let readback = rig.e.move_to(Millimetres(22.0)).await.unwrap();
+    assert!(timeout(Duration::from_millis(700), rig.e.move_to(Millimetres(20.0), rig.e.generation())).await.is_err());
+    let readback = rig.e.move_to(Millimetres(22.0), rig.e.generation()).await.unwrap();
     assert!(near(readback.value(), 22.0, 0.003) && near(rig.slides.at(1), 22.0, 0.006));
 }
 
 async fn a_released_motor_has_to_be_homed(driver: ControllerDriver) {
     let rig = homed(driver).await;
-    rig.e.release().await.unwrap();
+    rig.e.release(rig.e.generation()).await.unwrap();
     assert!(!rig.e.read_state().await.unwrap().homed);
-    let refused = rig.e.move_to(Millimetres(20.0)).await.unwrap_err();
+    let refused = rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap_err();
     assert!(matches!(refused, DeviceError::NotHomed { .. } | DeviceError::Alarm { .. }), "{refused}");
     assert!(near(rig.slides.at(1), 30.0, 0.004));
-    rig.e.home().await.unwrap();
-    assert!(near(rig.e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.003));
+    rig.e.home(rig.e.generation()).await.unwrap();
+    assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
 }
 
 async fn a_position_is_set_where_the_controller_can_do_without_homing(driver: ControllerDriver) {
     let rig = Kit::new(driver).connect().await.unwrap();
-    let set = rig.e.set_position(Millimetres(START[1])).await;
+    let set = rig.e.set_position(Millimetres(START[1]), rig.e.generation()).await;
     if matches!(driver, ControllerDriver::Zaber | ControllerDriver::Pi) {
         assert!(matches!(&set, Err(DeviceError::Refused { reason, .. }) if reason.contains("home")), "{set:?}");
         assert!(!rig.e.read_state().await.unwrap().homed);
@@ -254,14 +265,14 @@ async fn a_position_is_set_where_the_controller_can_do_without_homing(driver: Co
     assert!(state.homed && near(state.position.value(), START[1], 1e-3), "{state:?}");
     assert_eq!(rig.slides.at(1), START[1], "nothing moves");
     // Machine space is negative on Grbl: unhomed, its soft limits allow that way only.
-    let readback = rig.e.move_to(Millimetres(START[1] - 2.0)).await.unwrap();
+    let readback = rig.e.move_to(Millimetres(START[1] - 2.0), rig.e.generation()).await.unwrap();
     assert!(near(readback.value(), 18.4, 0.003) && near(rig.slides.at(1), 18.4, 0.006), "{readback}");
 }
 
 async fn the_state_is_renewed_five_times_a_second_in_motion(driver: ControllerDriver) {
     let rig = homed(driver).await;
     let mover = rig.e.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(15.0)).await });
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(15.0), mover.generation()).await });
     sleep(Duration::from_millis(500)).await;
     let (mut state, mut count, until) = (rig.e.state(), 0, Instant::now() + Duration::from_secs(2));
     let mut last = state.borrow().position;
@@ -281,8 +292,10 @@ async fn wider_limits_are_refused_until_accepted(driver: ControllerDriver) {
     }
     let mut kit = Kit::new(driver);
     kit.bench.e.low_limit_mm += 1.0;
-    let error = kit.connect().await.err().unwrap();
+    let rig = kit.connect().await.unwrap();
+    let error = rig.e.home(rig.e.generation()).await.unwrap_err();
     assert!(error.to_string().contains("accept_wider_firmware_limits"), "{error}");
+    assert_eq!(rig.slides.at(1), START[1]);
     let mut kit = Kit::with(driver, bench(driver));
     kit.bench.e.low_limit_mm += 1.0;
     kit.bench.e.accept_wider_firmware_limits = true;
@@ -290,7 +303,7 @@ async fn wider_limits_are_refused_until_accepted(driver: ControllerDriver) {
     let told = rig.e.info().disagreements.join(" ");
     assert!(told.contains("wider") && told.contains("-5.000"), "{told}");
     assert_eq!(rig.focus.info().disagreements, Vec::<String>::new());
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
 }
 
 async fn a_target_beyond_the_controllers_limits_is_refused_without_motion(driver: ControllerDriver) {
@@ -299,7 +312,7 @@ async fn a_target_beyond_the_controllers_limits_is_refused_without_motion(driver
     }
     let rig = homed(driver).await;
     let at = rig.slides.at(1);
-    let error = rig.e.move_to(Millimetres(40.0)).await.unwrap_err();
+    let error = rig.e.move_to(Millimetres(40.0), rig.e.generation()).await.unwrap_err();
     let words = match driver {
         ControllerDriver::Grbl => "error:15",
         ControllerDriver::Zaber => "BADDATA",
@@ -308,5 +321,5 @@ async fn a_target_beyond_the_controllers_limits_is_refused_without_motion(driver
     assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains(words)), "{error}");
     assert_eq!(rig.slides.at(1), at);
     assert!(rig.e.read_state().await.unwrap().homed);
-    assert!(near(rig.e.move_to(Millimetres(29.0)).await.unwrap().value(), 29.0, 0.003));
+    assert!(near(rig.e.move_to(Millimetres(29.0), rig.e.generation()).await.unwrap().value(), 29.0, 0.003));
 }

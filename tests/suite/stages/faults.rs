@@ -31,9 +31,9 @@ async fn a_limit_switch_is_an_alarm_that_homing_leaves(driver: ControllerDriver)
     let rig = homed(driver).await;
     // The motor loses five millimetres of steps: the switch now comes that much early.
     rig.twin.stall(1, true);
-    rig.e.move_to(Millimetres(25.0)).await.unwrap();
+    rig.e.move_to(Millimetres(25.0), rig.e.generation()).await.unwrap();
     rig.twin.stall(1, false);
-    let error = rig.e.move_to(Millimetres(29.9)).await.unwrap_err();
+    let error = rig.e.move_to(Millimetres(29.9), rig.e.generation()).await.unwrap_err();
     let words = match driver {
         ControllerDriver::Grbl => "ALARM:1",
         ControllerDriver::Zaber => "WL",
@@ -43,43 +43,43 @@ async fn a_limit_switch_is_an_alarm_that_homing_leaves(driver: ControllerDriver)
     assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains(words)), "{error}");
     assert!(near(rig.slides.at(1), 32.0, 0.1), "it stands at the switch: {}", rig.slides.at(1));
     assert!(!rig.e.state().borrow().homed);
-    let error = rig.e.move_to(Millimetres(20.0)).await.unwrap_err();
+    let error = rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap_err();
     assert!(matches!(error, DeviceError::Alarm { .. } | DeviceError::NotHomed { .. }), "{error}");
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     assert_eq!(rig.e.read_state().await.unwrap().fault, None);
-    assert!(near(rig.e.move_to(Millimetres(20.0)).await.unwrap().value(), 20.0, 0.003));
+    assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
     assert!(near(rig.slides.at(1), 20.0, 0.006), "{}", rig.slides.at(1));
 }
 
 async fn homing_without_a_switch_fails_in_words(driver: ControllerDriver) {
     let rig = Kit::new(driver).connect().await.unwrap();
     rig.twin.stall(0, true);
-    let error = rig.focus.home().await.unwrap_err();
+    let error = rig.focus.home(rig.focus.generation()).await.unwrap_err();
     assert!(matches!(error, DeviceError::Alarm { .. } | DeviceError::Timeout { .. }), "{error}");
     assert!(!rig.focus.state().borrow().homed && !rig.focus.read_state().await.unwrap().moving);
     rig.twin.stall(0, false);
-    rig.focus.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
     assert!(near(rig.slides.at(0), 0.0, 0.004));
 }
 
 async fn a_power_failure_at_rest_makes_the_position_unknown(driver: ControllerDriver) {
     let rig = homed(driver).await;
-    rig.e.move_to(Millimetres(20.0)).await.unwrap();
+    rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap();
     rig.twin.power_cycle();
     let seen = wait_for(&rig.e, "unknown after a power failure", |state| !state.homed).await;
     assert!(seen < Duration::from_secs(2), "{seen:?}");
-    let error = rig.e.move_to(Millimetres(25.0)).await.unwrap_err();
+    let error = rig.e.move_to(Millimetres(25.0), rig.e.generation()).await.unwrap_err();
     assert!(matches!(error, DeviceError::NotHomed { .. }), "{error}");
     assert!(near(rig.slides.at(1), 20.0, 0.006), "nothing moved");
-    rig.e.home().await.unwrap();
-    assert!(near(rig.e.move_to(Millimetres(25.0)).await.unwrap().value(), 25.0, 0.003));
+    rig.e.home(rig.e.generation()).await.unwrap();
+    assert!(near(rig.e.move_to(Millimetres(25.0), rig.e.generation()).await.unwrap().value(), 25.0, 0.003));
     assert!(near(rig.slides.at(1), 25.0, 0.006));
 }
 
 async fn a_power_failure_in_mid_move_ends_it(driver: ControllerDriver) {
     let rig = homed(driver).await;
     let mover = rig.e.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
     sleep(Duration::from_secs(1)).await;
     rig.twin.power_cycle();
     let at = rig.slides.at(1);
@@ -88,7 +88,7 @@ async fn a_power_failure_in_mid_move_ends_it(driver: ControllerDriver) {
     sleep(Duration::from_secs(5)).await;
     assert_eq!(rig.slides.at(1), at, "nothing resumes");
     assert!(!rig.e.read_state().await.unwrap().homed);
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.slides.at(1), 30.0, 0.004));
 }
 
@@ -96,7 +96,7 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerD
     let rig = homed(driver).await;
     let moving = tokio::spawn({
         let stage = rig.e.clone();
-        async move { stage.move_to(Millimetres(-4.0)).await }
+        async move { stage.move_to(Millimetres(-4.0), stage.generation()).await }
     });
     sleep(Duration::from_secs(1)).await;
     rig.twin.unplug();
@@ -106,7 +106,10 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerD
     let state = rig.e.state().borrow().clone();
     assert!(!state.homed && !state.moving && state.fault.is_some(), "{state:?}");
     assert!(matches!(rig.e.read_state().await, Err(DeviceError::Disconnected { .. })));
-    assert!(matches!(rig.focus.move_to(Millimetres(1.0)).await, Err(DeviceError::Disconnected { .. })));
+    assert!(matches!(
+        rig.focus.move_to(Millimetres(1.0), rig.focus.generation()).await,
+        Err(DeviceError::Disconnected { .. })
+    ));
     assert_eq!(rig.e.stop().await, StopDelivery::Undeliverable);
 
     // The controller goes on by itself meanwhile; the first thing after the reconnection is a stop.
@@ -131,7 +134,7 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerD
     if kept {
         assert!(near(state.position.value(), at, 0.004), "{state:?} at {at}");
     }
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.slides.at(1), 30.0, 0.004));
 
     // Unplugged and without power: no controller keeps its reference then.
@@ -152,7 +155,7 @@ async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(dri
     let rig = kit.rig(&controller);
     let state = rig.focus.state().borrow().clone();
     assert_eq!(state.fault.as_deref(), Some("it is unplugged"));
-    assert_eq!(rig.focus.home().await, Err(error));
+    assert_eq!(rig.focus.home(rig.focus.generation()).await, Err(error));
     assert_eq!(rig.focus.info().identity, "");
     sleep(Duration::from_secs(60)).await;
     kit.twin.plug_in();
@@ -161,7 +164,7 @@ async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(dri
     assert!(came < Duration::from_secs(8), "{came:?}");
     let fault = rig.focus.read_state().await.unwrap().fault;
     assert!(!fault.as_deref().unwrap_or_default().contains("unplugged"), "{fault:?}");
-    rig.focus.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
     assert!(!rig.focus.info().identity.is_empty());
 }
 
@@ -236,7 +239,7 @@ async fn a_controller_exchanged_for_another_is_refused() {
     };
     wait_for(&rig.e, "refused", refused).await;
     assert!(!rig.e.state().borrow().connected);
-    assert!(matches!(rig.e.home().await, Err(DeviceError::WrongDevice { .. })));
+    assert!(matches!(rig.e.home(rig.e.generation()).await, Err(DeviceError::WrongDevice { .. })));
 }
 
 /// Cannot be opened, for this reason, and notes when that was tried.
@@ -281,27 +284,29 @@ async fn an_old_zaber_firmware_that_is_too_fast_is_refused() {
     let plant: Arc<dyn plenalign::sim::plant::Plant> = kit.slides.clone();
     kit.twin = ControllerTwin::new(ZaberFirmware::new(drives, &plant).with_version("6.28"));
     let rig = kit.connect().await.unwrap();
-    rig.focus.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
     let (began, time) = (Instant::now(), rig.focus.move_time(Millimetres(0.0), Millimetres(4.0)));
-    rig.focus.move_to(Millimetres(4.0)).await.unwrap();
+    rig.focus.move_to(Millimetres(4.0), rig.focus.generation()).await.unwrap();
     assert!(began.elapsed() < time.predicted + Duration::from_millis(600));
     // Without a speed in the move the device's own would be taken.
     kit.bench.focus.speed_mm_per_s = 1.0;
     drop(rig);
     sleep(Duration::from_millis(10)).await;
-    let error = kit.connect().await.err().unwrap();
+    let rig = kit.connect().await.unwrap();
+    let error = rig.focus.move_to(Millimetres(3.0), rig.focus.generation()).await.unwrap_err();
     assert!(error.to_string().contains("maxspeed") && error.to_string().contains("7.25"), "{error}");
+    assert!(near(rig.slides.at(0), 4.0, 0.006));
 }
 
 #[tokio::test(start_paused = true)]
 async fn two_controllers_of_different_kinds_share_no_stop() {
     let (zaber, pi) = (Kit::new(ControllerDriver::Zaber), Kit::new(ControllerDriver::Pi));
     let (first, second) = (zaber.connect().await.unwrap(), pi.connect().await.unwrap());
-    first.focus.home().await.unwrap();
-    second.e.home().await.unwrap();
+    first.focus.home(first.focus.generation()).await.unwrap();
+    second.e.home(second.e.generation()).await.unwrap();
     let moving = tokio::spawn({
         let stage = second.e.clone();
-        async move { stage.move_to(Millimetres(20.0)).await }
+        async move { stage.move_to(Millimetres(20.0), stage.generation()).await }
     });
     sleep(Duration::from_millis(500)).await;
     assert_eq!(first.focus.stop().await, StopDelivery::Confirmed);

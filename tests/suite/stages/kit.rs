@@ -116,8 +116,8 @@ impl Kit {
 /// A connected rig with both axes homed.
 pub(super) async fn homed(driver: ControllerDriver) -> Rig {
     let rig = Kit::new(driver).connect().await.unwrap();
-    rig.focus.home().await.unwrap();
-    rig.e.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     rig
 }
 

@@ -25,13 +25,13 @@ async fn works_over(driver: ControllerDriver, line: Line) {
     let kit = Kit::new(driver);
     kit.twin.set_line(line);
     let rig = kit.connect().await.unwrap();
-    rig.focus.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
     for target in [2.5, 1.0] {
-        let readback = rig.focus.move_to(Millimetres(target)).await.unwrap();
+        let readback = rig.focus.move_to(Millimetres(target), rig.focus.generation()).await.unwrap();
         assert!(near(readback.value(), target, 0.003) && near(rig.slides.at(0), target, 0.006), "{readback}");
     }
     let mover = rig.focus.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(4.9)).await });
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(4.9), mover.generation()).await });
     sleep(Duration::from_secs(1)).await;
     assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
     assert!(matches!(moving.await.unwrap(), Err(DeviceError::Stopped { .. })));
@@ -76,8 +76,8 @@ async fn lost_bytes_cost_commands_but_never_the_truth(driver: ControllerDriver) 
         if !state.connected {
             sleep(Duration::from_secs(1)).await;
         } else if !state.homed {
-            let _ = rig.focus.home().await;
-        } else if let Ok(readback) = rig.focus.move_to(Millimetres(*target)).await {
+            let _ = rig.focus.home(rig.focus.generation()).await;
+        } else if let Ok(readback) = rig.focus.move_to(Millimetres(*target), rig.focus.generation()).await {
             // What is said to have arrived has.
             assert!(near(readback.value(), *target, 0.003) && near(rig.slides.at(0), *target, 0.006), "{readback}");
             reached += 1;

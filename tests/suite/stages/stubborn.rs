@@ -107,10 +107,10 @@ async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: Controlle
     let armed = Arc::new(AtomicBool::new(false));
     kit.twin = ControllerTwin::new(Stubborn::new(&kit, &armed));
     let rig = kit.connect().await.unwrap();
-    rig.focus.home().await.unwrap();
-    rig.e.home().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     let mover = rig.e.clone();
-    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0)).await });
+    let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
     sleep(Duration::from_secs(1)).await;
     armed.store(true, Ordering::SeqCst);
     let asked = Instant::now();
@@ -125,9 +125,9 @@ async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: Controlle
     // Steps may have been lost: no axis's position is believed.
     for stage in [&rig.focus, &rig.e] {
         assert!(!stage.read_state().await.unwrap().homed);
-        let refused = stage.move_to(Millimetres(1.0)).await.unwrap_err();
+        let refused = stage.move_to(Millimetres(1.0), stage.generation()).await.unwrap_err();
         assert!(matches!(refused, DeviceError::NotHomed { .. } | DeviceError::Alarm { .. }), "{refused}");
     }
-    rig.e.home().await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.slides.at(1), 30.0, 0.004), "{}", rig.slides.at(1));
 }

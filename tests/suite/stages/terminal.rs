@@ -46,18 +46,18 @@ async fn works_over_a_terminal(driver: ControllerDriver) {
     let busy = dial.open().await.err().unwrap();
     assert!(matches!(busy, DeviceError::Busy { .. }), "{busy}");
     let rig = kit.rig(&controller);
-    rig.focus.home().await.unwrap();
-    let readback = rig.focus.move_to(Millimetres(3.0)).await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    let readback = rig.focus.move_to(Millimetres(3.0), rig.focus.generation()).await.unwrap();
     assert!(near(readback.value(), 3.0, 0.003) && near(rig.slides.at(0), 3.0, 0.006), "{readback}");
     let mover = rig.focus.clone();
-    let moving = tokio::spawn(async move { mover.move_at(Millimetres(1.0), 1.0).await });
+    let moving = tokio::spawn(async move { mover.move_at(Millimetres(1.0), 1.0, mover.generation()).await });
     sleep(Duration::from_millis(400)).await;
     assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
     assert!(matches!(moving.await.unwrap(), Err(DeviceError::Stopped { .. })));
 
     if !rig.focus.state().borrow().homed {
         // On a machine with much else to do the stop may have been seen too late to believe the position.
-        rig.focus.home().await.unwrap();
+        rig.focus.home(rig.focus.generation()).await.unwrap();
     }
     kit.twin.unplug();
     let mut state = rig.focus.state();
@@ -81,8 +81,8 @@ async fn works_over_a_terminal(driver: ControllerDriver) {
     point(&link, &kit.twin.serve_on_terminal().unwrap());
     let found = timeout(Duration::from_secs(10), state.wait_for(|state| state.connected)).await.is_ok();
     assert!(found, "{:?}", rig.focus.state().borrow().clone());
-    rig.focus.home().await.unwrap();
-    assert!(near(rig.focus.move_to(Millimetres(2.0)).await.unwrap().value(), 2.0, 0.003));
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    assert!(near(rig.focus.move_to(Millimetres(2.0), rig.focus.generation()).await.unwrap().value(), 2.0, 0.003));
     assert!(near(rig.slides.at(0), 2.0, 0.006));
 }
 
@@ -109,7 +109,7 @@ async fn a_bench_of_two_kinds_of_controllers_opens_with_one_of_them_absent() {
     assert_eq!((focus.info().driver.as_str(), e.info().driver.as_str()), ("zaber", "tmcl"));
     let state = e.state().borrow().clone();
     assert!(!state.connected && state.fault.as_ref().is_some_and(|fault| fault.contains("there-is-none")), "{state:?}");
-    let error = e.home().await.unwrap_err();
+    let error = e.home(e.generation()).await.unwrap_err();
     assert!(matches!(&error, DeviceError::Disconnected { device, .. } if device.contains("shell")), "{error}");
 }
 

@@ -52,7 +52,8 @@ export interface paths {
     put?: never;
     /**
      * Jogs one axis: it moves for 0.3 s from this request, and on for as long as the request is repeated in time.
-     * @description It goes in short pieces, no further than the limit of travel, the e wall and the greatest step.
+     * @description It goes in short pieces, no further than the limit of travel, the e wall and the greatest step. A press that a stop
+     *     has ended is refused for good (`press-ended`).
      */
     post: operations["jog_axis"];
     /** Ends a jog at once. Needs no lease; may be repeated. */
@@ -241,7 +242,8 @@ export interface paths {
     /**
      * Starts a job.
      * @description A bench does one job at a time: while one is under way another is refused, and the refusal names it. The job holds
-     *     the control lease that was shown until its end, and needs no heartbeat for it.
+     *     the control lease that was shown until its end, and needs no heartbeat for it. What it asks of the operator is
+     *     confirmed with that lease's key, or with the confirm key that this answers with.
      */
     post: operations["create_job"];
     delete?: never;
@@ -280,8 +282,32 @@ export interface paths {
     };
     get?: never;
     put?: never;
-    /** Confirms that the operator has done what the job asks. */
+    /**
+     * Confirms that the operator has done what the job asks.
+     * @description It has to show the key of the lease that the job has, or the job's confirm key. Wrong keys are counted like wrong
+     *     tokens.
+     */
     post: operations["confirm_step"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/jobs/{id}/confirm-key": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /**
+     * Makes another confirm key for a job, where one is lost; the one before is dead, and the job goes on.
+     * @description For administrators, and for whoever shows the key of the job's lease.
+     */
+    post: operations["renew_confirm_key"];
     delete?: never;
     options?: never;
     head?: never;
@@ -443,7 +469,10 @@ export interface paths {
      *     started with it keeps it until the job's end.
      */
     post: operations["take_lease"];
-    /** Gives the control lease back; where a job holds it, at that job's end. May be repeated. */
+    /**
+     * Gives the control lease back; where a job holds it, at that job's end. May be repeated.
+     * @description What moves under it by hand is stopped.
+     */
     delete: operations["release_lease"];
     options?: never;
     head?: never;
@@ -478,7 +507,7 @@ export interface paths {
     put?: never;
     /**
      * Takes the control lease from whoever has it.
-     * @description A job under way is cancelled first, and an axis that moves is stopped.
+     * @description The former key opens nothing from here on; a job under way is cancelled, and an axis that moves is stopped.
      */
     post: operations["take_over_lease"];
     delete?: never;
@@ -516,8 +545,8 @@ export interface paths {
     put?: never;
     /**
      * Measures the spacing in one frame of full quality; nothing moves.
-     * @description It is kept in the history beside those of the jobs. A white frame has to have been taken, which every alignment and
-     *     calibration begins with.
+     * @description It is kept in the history beside those of the jobs; a token of scope `view` may ask for ten a minute. A white frame has
+     *     to have been taken, which every alignment and calibration begins with.
      */
     post: operations["measure"];
     delete?: never;
@@ -653,7 +682,7 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** Whether the stop is latched. */
+    /** Whether the stop is latched, who stopped, and who reset it last. */
     get: operations["get_stop"];
     put?: never;
     /**
@@ -661,7 +690,11 @@ export interface paths {
      * @description Answers in every state of the bench, and says for each axis how far the stop got.
      */
     post: operations["stop"];
-    /** Resets the stop; nothing moves by it. Asked again, nothing more happens. */
+    /**
+     * Resets the stop, by somebody who says why.
+     * @description Nothing moves by it, and nothing goes on that was held while the bench was stopped. It is in force once the history
+     *     has it. Asked again, nothing more happens; stopped again meanwhile, the stop stays latched.
+     */
     delete: operations["reset_stop"];
     options?: never;
     head?: never;
@@ -1166,6 +1199,7 @@ export interface components {
        *         "home_side": "high",
        *         "low_limit_mm": -5,
        *         "max_step_mm": 40,
+       *         "motor_inverted": false,
        *         "reversed": false,
        *         "scale_uncertainty": 0.05,
        *         "settle_ms": 200,
@@ -1185,6 +1219,7 @@ export interface components {
        *         "home_side": "low",
        *         "low_limit_mm": -2,
        *         "max_step_mm": 40,
+       *         "motor_inverted": false,
        *         "reversed": false,
        *         "scale_uncertainty": 0.05,
        *         "settle_ms": 200,
@@ -1295,6 +1330,11 @@ export interface components {
        *     }
        */
       foxglove: components["schemas"]["Config.FoxgloveConfig"];
+      /**
+       * @description How long the history keeps what.
+       * @default {}
+       */
+      history: components["schemas"]["Config.HistoryConfig"];
       /**
        * @description The main lens.
        * @default {
@@ -1538,6 +1578,12 @@ export interface components {
        */
       max_step_mm: number;
       /**
+       * @description Whether the controller is set to turn the motor the other way round (Grbl: the axis's bit of `$3`; TMCL: axis
+       *     parameter 251): a controller that is set otherwise moves nothing.
+       * @default false
+       */
+      motor_inverted: boolean;
+      /**
        * @description Whether the controller's positive direction is the coordinate's negative one.
        * @default false
        */
@@ -1617,6 +1663,7 @@ export interface components {
        *       "home_side": "high",
        *       "low_limit_mm": -5,
        *       "max_step_mm": 40,
+       *       "motor_inverted": false,
        *       "reversed": false,
        *       "scale_uncertainty": 0.05,
        *       "settle_ms": 200,
@@ -1640,6 +1687,7 @@ export interface components {
        *       "home_side": "low",
        *       "low_limit_mm": -2,
        *       "max_step_mm": 40,
+       *       "motor_inverted": false,
        *       "reversed": false,
        *       "scale_uncertainty": 0.05,
        *       "settle_ms": 200,
@@ -1918,6 +1966,24 @@ export interface components {
        * @default []
        */
       origins: string[];
+    };
+    /** @description `[history]` */
+    "Config.HistoryConfig": {
+      /**
+       * Format: uint32
+       * @description Days that entries of the audit log are kept; without it, for ever.
+       */
+      keep_audit_days?: number | null;
+      /**
+       * Format: uint32
+       * @description Days that jobs are kept after their end, and moves and measurements by hand; without it, for ever.
+       */
+      keep_days?: number | null;
+      /**
+       * Format: uint32
+       * @description What the file may grow to before the oldest jobs, moves and measurements are deleted, MB; without it, to any size.
+       */
+      keep_mb?: number | null;
     };
     /** @description Where l_bound comes from. */
     "Config.LBoundSource": "configured" | "measure";
@@ -2634,6 +2700,16 @@ export interface components {
       /** @description Keys of the file that take effect when the daemon starts again; nothing takes effect before. */
       restart_required: string[];
     };
+    /** @description A job's confirm key, just made. Told here once. */
+    ConfirmKeyGrant: {
+      /** @description The key. */
+      confirm_key: string;
+      /**
+       * Format: uuid
+       * @description The job's id.
+       */
+      job: string;
+    };
     /** @description A confirmation of an operator step. */
     ConfirmRequest: {
       /**
@@ -3081,6 +3157,15 @@ export interface components {
      * @enum {string}
      */
     IterationKind: "start" | "probe" | "move" | "verify" | "sample";
+    /** @description A job that has been asked for. */
+    JobCreated: components["schemas"]["JobResource"] & {
+      /**
+       * @description The job's confirm key, to be handed on to whoever is to confirm what it asks. It does nothing else, and ends with
+       *     the job. Told here once; `null` where the job had been asked for before, and then
+       *     `POST /api/v1/jobs/{id}/confirm-key` makes another.
+       */
+      confirm_key?: string | null;
+    };
     /** @description Everything that is kept of a job. */
     JobExport: {
       /**
@@ -3399,6 +3484,11 @@ export interface components {
     };
     /** @description A jog of one axis. */
     JogRequest: {
+      /**
+       * @description A name of the caller's own for this press of the button, another one for each: one that a stop has ended is
+       *     refused from then on, so that a button held down all the while does not move the axis again after the reset.
+       */
+      press?: string | null;
       /**
        * Format: double
        * @description How fast, mm/s; the axis's greatest speed where it is not given.
@@ -4153,6 +4243,13 @@ export interface components {
       /** @description The simulated truth, on a simulated bench. */
       truth?: Record<string, never> | null;
     };
+    /** @description Why the stop is reset. */
+    ResetRequest: {
+      /** @description Who resets it, where no token says so. */
+      owner?: string | null;
+      /** @description Why motion is to be possible again: shown to everybody, and kept. */
+      why: string;
+    };
     /** @description The run of the program that a job belongs to. */
     RunView: {
       /** @description The bench's name. */
@@ -4599,15 +4696,39 @@ export interface components {
        */
       latency_ms?: number | null;
     };
+    /** @description A reset of the stop. */
+    StopReset: {
+      /**
+       * Format: date-time
+       * @description When, RFC 3339.
+       */
+      at: string;
+      /** @description Who reset it. */
+      by: string;
+      /**
+       * Format: date-time
+       * @description Since when it had been stopped, RFC 3339; absent where that could not be read.
+       */
+      stopped_at?: string | null;
+      /** @description Who had stopped; absent where that could not be read. */
+      stopped_by?: string | null;
+      /** @description Why, in their words. */
+      why: string;
+    };
     /** @description The stop's latch. */
     StopView: {
+      /** @description Who stopped; absent while nobody has. */
+      by?: string | null;
       /** @description Whether motion is refused until the stop is reset. */
       latched: boolean;
+      reset?: components["schemas"]["StopReset"] | null;
       /**
        * Format: date-time
        * @description Since when, RFC 3339.
        */
       since?: string | null;
+      /** @description Why it is not known whether an earlier run left the stop latched: it counts as latched until it is read, or reset. */
+      unread?: string | null;
     };
     /** @description A ticket. */
     Ticket: {
@@ -6011,7 +6132,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/json": components["schemas"]["JobResource"];
+          "application/json": components["schemas"]["JobCreated"];
         };
       };
       201: {
@@ -6021,7 +6142,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/json": components["schemas"]["JobResource"];
+          "application/json": components["schemas"]["JobCreated"];
         };
       };
       /** @description The body is not JSON */
@@ -6262,7 +6383,12 @@ export interface operations {
   confirm_step: {
     parameters: {
       query?: never;
-      header?: never;
+      header?: {
+        /** @description Key of the lease that the job has. */
+        "Plenalign-Lease"?: string | null;
+        /** @description The job's confirm key. */
+        "Plenalign-Confirm"?: string | null;
+      };
       path: {
         /** @description The job's id */
         id: string;
@@ -6301,7 +6427,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks may not do this */
+      /** @description The key confirms nothing of this job */
       403: {
         headers: {
           [name: string]: unknown;
@@ -6357,6 +6483,103 @@ export interface operations {
       };
       /** @description The request does not say what it must; `field` names where */
       422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No key was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many keys were wrong */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  renew_confirm_key: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["ConfirmKeyGrant"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Neither an administrator nor the job's lease */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description There is nothing under this name */
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The job has ended */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is of none in force */
+      412: {
         headers: {
           [name: string]: unknown;
         };
@@ -7180,15 +7403,6 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The job that holds it did not end in time */
-      409: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
       /** @description The body is too large */
       413: {
         headers: {
@@ -7417,7 +7631,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Too many requests; Retry-After says when to try again */
+      /** @description Too many requests, or more than ten a minute by the scope `view`; Retry-After says when to try again */
       429: {
         headers: {
           [name: string]: unknown;
@@ -8253,14 +8467,28 @@ export interface operations {
       path?: never;
       cookie?: never;
     };
-    requestBody?: never;
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["ResetRequest"];
+      };
+    };
     responses: {
+      /** @description The stop as it is now */
       200: {
         headers: {
           [name: string]: unknown;
         };
         content: {
           "application/json": components["schemas"]["StopView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
         };
       };
       /** @description Who asks is not known */
@@ -8281,8 +8509,53 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be written: the stop stays latched */
+      503: {
         headers: {
           [name: string]: unknown;
         };

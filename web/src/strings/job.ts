@@ -102,6 +102,16 @@ export const job = {
   axes: "Axes",
   cancel: "Cancel the job",
   confirm: "Done",
+  noKey: (owner: string) =>
+    `Only ${owner || "whoever started the job"} confirms this, or who has been handed the job's confirm key.`,
+  confirmKey: "Confirm key, or the link with it",
+  useKey: "Use the key",
+  noSuchKey: "There is no key in it: one is “confirm_” and 64 digits and letters.",
+  handOn: "Let somebody else confirm",
+  handOnMore:
+    "Whoever opens the link confirms what this job asks, and can do nothing else by it. It ends with the job.",
+  link: "Link",
+  renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
   progress: (step: number, of: number) => `step ${step} of about ${of}`,
   left: (text: string) => `about ${text} left`,

@@ -1,8 +1,10 @@
+import { useState } from "preact/hooks";
 import * as api from "../api";
-import { stop } from "../stopping";
-import { may } from "../state";
 import { clock } from "../format";
+import { may, newsOfReset } from "../state";
+import { stop } from "../stopping";
 import { strings } from "../strings";
+import type { Bench } from "../wire";
 import type { Scene } from "./scene";
 
 /** STOP, on every page, for everybody. */
@@ -15,9 +17,10 @@ export function Stop({ state, update }: Scene) {
   );
 }
 
-/** That the bench is stopped, or that it could not be. */
-export function StopNotices({ state, update, act }: Scene) {
-  const since = state.bench?.stop.since;
+/** That the bench is stopped, or that it could not be, and who reset it last. */
+export function StopNotices(scene: Scene) {
+  const { state, update, now } = scene;
+  const reset = newsOfReset(state, now);
   return (
     <>
       {state.stopFailed && (
@@ -34,27 +37,69 @@ export function StopNotices({ state, update, act }: Scene) {
           </button>
         </div>
       )}
-      {state.bench?.stop.latched && (
-        <div class="stopped" role="alert">
+      {state.bench?.stop.latched && <Stopped {...scene} stop={state.bench.stop} />}
+      {reset && (
+        <div class="was-reset" role="status">
           <p>
-            <b>{since ? strings.stop.stoppedSince(clock(since)) : strings.stop.stopped}.</b>{" "}
-            {state.stopSent &&
-              strings.stop.sent(
-                strings.stop.delivery[state.stopSent.focus],
-                strings.stop.delivery[state.stopSent.e],
-              )}{" "}
-            {strings.stop.stoppedMore}
+            <b>{strings.stop.wasReset(reset.by, clock(reset.at))}:</b> {reset.why}
+            {reset.stopped_at &&
+              ` (${strings.stop.hadStopped(reset.stopped_by ?? "", clock(reset.stopped_at))})`}
           </p>
-          <button
-            type="button"
-            id="reset"
-            disabled={!may(state, "control")}
-            onClick={() => void act(api.resetStop())}
-          >
-            {strings.stop.reset}
+          <button type="button" onClick={() => update({ resetSeen: reset.at })}>
+            {strings.dismiss}
           </button>
         </div>
       )}
     </>
+  );
+}
+
+/** Since when the bench is stopped and by whom; and the question why it may move again. */
+function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
+  const [asking, ask] = useState(false);
+  const [why, setWhy] = useState("");
+  const { since, by, unread } = stop;
+  const submit = async (event: Event) => {
+    event.preventDefault();
+    if (await act(api.resetStop(why.trim()))) ask(false);
+  };
+  return (
+    <div class="stopped" role="alert">
+      <p>
+        <b>{since ? strings.stop.stoppedSince(clock(since), by ?? "") : strings.stop.stopped}.</b>{" "}
+        {unread && `${strings.stop.unread(unread)} `}
+        {state.stopSent &&
+          strings.stop.sent(
+            strings.stop.delivery[state.stopSent.focus],
+            strings.stop.delivery[state.stopSent.e],
+          )}{" "}
+        {strings.stop.stoppedMore}
+      </p>
+      {asking ? (
+        <form class="why" aria-label={strings.stop.reset} onSubmit={(event) => void submit(event)}>
+          <label>
+            {strings.stop.why}{" "}
+            <input
+              id="why"
+              required
+              maxLength={200}
+              value={why}
+              placeholder={strings.stop.whyMore}
+              onInput={(event) => setWhy(event.currentTarget.value)}
+            />
+          </label>
+          <button type="submit" id="reset-now" disabled={why.trim() === ""}>
+            {strings.stop.reset}
+          </button>
+          <button type="button" onClick={() => ask(false)}>
+            {strings.stop.stay}
+          </button>
+        </form>
+      ) : (
+        <button type="button" id="reset" disabled={!may(state, "control")} onClick={() => ask(true)}>
+          {strings.stop.resetAsk}
+        </button>
+      )}
+    </div>
   );
 }

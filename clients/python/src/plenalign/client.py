@@ -43,6 +43,7 @@ from .models import (
     MeasurementView,
     PicturesRequest,
     PlanInForce,
+    ResetRequest,
     SingleMeasurement,
     StopReport,
     StopView,
@@ -141,9 +142,14 @@ class Client:
         """Whether the stop is latched."""
         return self._transport.ask(op.GET_STOP).as_(StopView)
 
-    def reset_stop(self) -> StopView:
-        """Resets the stop; nothing moves by it."""
-        return self._transport.ask(op.RESET_STOP).as_(StopView)
+    def reset_stop(self, why: str, *, owner: str | None = None) -> StopView:
+        """Resets the stop; nothing moves by it, and nothing goes on that was held meanwhile.
+
+        `why` is shown to everybody, and so is who: the token's name, or where there is no token `owner`, which is user
+        and machine unless given.
+        """
+        body = ResetRequest(why=why, owner=owner or _owner())
+        return self._transport.ask(op.RESET_STOP, body=body).as_(StopView)
 
     # The lease, through which everything moves.
 
@@ -208,9 +214,10 @@ class Client:
             if cursor is None:
                 return
 
-    def job(self, id: UUID | str) -> Job:
-        """One job."""
-        return Job(self._transport, self._transport.ask(op.GET_JOB, path={"id": id}).as_(JobResource))
+    def job(self, id: UUID | str, *, confirm_key: str | None = None) -> Job:
+        """One job. `confirm_key` is what whoever started it has handed on, for what it asks to be confirmed."""
+        resource = self._transport.ask(op.GET_JOB, path={"id": id}).as_(JobResource)
+        return Job(self._transport, resource, confirm_key=confirm_key)
 
     def measurement(self) -> MeasurementView:
         """The newest measurement of the live picture or of a job; `NotFoundError` before there is one."""

@@ -22,6 +22,8 @@ class Config(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Stages, camera and limits."""
     foxglove: FoxgloveConfig | UnsetType = UNSET
     """The live bridge for Foxglove and Lichtblick."""
+    history: HistoryConfig | UnsetType = UNSET
+    """How long the history keeps what."""
     main_lens: MainLensConfig | UnsetType = UNSET
     """The main lens."""
     mla: MlaConfig | UnsetType = UNSET
@@ -121,6 +123,10 @@ class AxisConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Least position, mm."""
     max_step_mm: float | UnsetType = UNSET
     """Greatest single move, mm."""
+    motor_inverted: bool | UnsetType = UNSET
+    """Whether the controller is set to turn the motor the other way round (Grbl: the axis's bit of `$3`; TMCL: axis
+    parameter 251): a controller that is set otherwise moves nothing.
+    """
     reversed: bool | UnsetType = UNSET
     """Whether the controller's positive direction is the coordinate's negative one."""
     scale_uncertainty: float | UnsetType = UNSET
@@ -279,6 +285,19 @@ class FoxgloveConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Where the bridge listens: an address of loopback with its port; empty for no bridge."""
     origins: list[str] | UnsetType = UNSET
     """Origins of pages that may look on, as `https://app.foxglove.dev`, beside those served by this machine itself."""
+
+
+class HistoryConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[history]`"""
+
+    keep_audit_days: int | None = None
+    """Days that entries of the audit log are kept; without it, for ever."""
+    keep_days: int | None = None
+    """Days that jobs are kept after their end, and moves and measurements by hand; without it, for ever."""
+    keep_mb: int | None = None
+    """What the file may grow to before the oldest jobs, moves and measurements are deleted, MB; without it, to any
+    size.
+    """
 
 
 class LBoundSource(str, Enum):

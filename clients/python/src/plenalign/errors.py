@@ -11,6 +11,7 @@ __all__ = [
     "AddressError",
     "BusyError",
     "ConfigChangedError",
+    "ConfirmKeyError",
     "ConnectionLostError",
     "ForbiddenError",
     "InvalidError",
@@ -127,9 +128,15 @@ class InvalidError(ProblemError):
 
 
 class StoppedError(ProblemError):
-    """The stop is latched: nothing moves until it is reset."""
+    """The stop is latched: nothing moves until it is reset; or it has ended a jog, which its reset does not resume."""
 
-    kinds = ("stopped",)
+    kinds = ("stopped", "press-ended")
+
+
+class ConfirmKeyError(ProblemError):
+    """What a job asks is confirmed with its confirm key or its lease; neither was shown, or a wrong one."""
+
+    kinds = ("confirm-key-required", "confirm-key-wrong")
 
 
 class BusyError(ProblemError):
@@ -153,7 +160,7 @@ class LeaseLostError(ProblemError):
 class OutOfReachError(ProblemError):
     """The move would go beyond the axis's travel, the e wall, the greatest step or speed."""
 
-    kinds = ("limit", "wall", "step", "speed", "not-homed", "homing-towards-shell")
+    kinds = ("limit", "wall", "step", "speed", "not-homed", "homing-towards-shell", "contradiction")
 
 
 class ConfigChangedError(ProblemError):

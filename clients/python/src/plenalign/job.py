@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
@@ -23,6 +23,7 @@ from .errors import (
     UnavailableError,
 )
 from .models import (
+    ConfirmKeyGrant,
     ConfirmRequest,
     Iteration,
     JobExport,
@@ -38,6 +39,7 @@ from .models import (
     OperatorStep,
 )
 
+CONFIRM_HEADER = "Plenalign-Confirm"
 GOOD = frozenset({JobState.CONVERGED, JobState.SUCCEEDED})
 """Where a job ends that did what was wanted."""
 FINAL = GOOD | {JobState.NOT_CONVERGED, JobState.CANCELLED, JobState.FAILED, JobState.INTERRUPTED}
@@ -50,9 +52,19 @@ OnStep: TypeAlias = Callable[[OperatorStep], "bool | None"]
 class Job:
     """A job of this run of the daemon or of an earlier one."""
 
-    def __init__(self, transport: Transport, resource: JobResource) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        resource: JobResource,
+        *,
+        confirm_key: str | None = None,
+        shown: Mapping[str, str] | None = None,
+    ) -> None:
         self._transport = transport
         self._resource = resource
+        self._confirm_key = confirm_key
+        # The lease of whoever started it here.
+        self._lease_shown = dict(shown or {})
 
     def __repr__(self) -> str:
         """Which, and how it was when it was last looked at."""
@@ -74,6 +86,14 @@ class Job:
         return self._resource.state
 
     @property
+    def confirm_key(self) -> str | None:
+        """What confirms what it asks, and does nothing else, until it is over: to be handed on, or kept from others.
+
+        Known where the job was started here, handed on by `Client.job`, or made by `renew_confirm_key`.
+        """
+        return self._confirm_key
+
+    @property
     def is_over(self) -> bool:
         """Whether it was over when it was last looked at."""
         return self.state in FINAL
@@ -84,13 +104,29 @@ class Job:
         return self._resource
 
     def confirm(self, step: OperatorStep | int | None = None) -> JobResource:
-        """Confirms that the operator has done what the job asks: this step, or the one that was last seen."""
+        """Confirms that the operator has done what the job asks: this step, or the one that was last seen.
+
+        It takes the job's confirm key, or the lease that it was started with; `ConfirmKeyError` without.
+        """
         step = self._resource.operator_step if step is None else step
         if step is None:
             raise ValueError(f"the job {self.id} asked nothing of the operator when it was last looked at")
         body = ConfirmRequest(step=step if isinstance(step, int) else step.number)
-        self._resource = self._transport.ask(op.CONFIRM_STEP, path=self._path, body=body).as_(JobResource)
+        shown = dict(self._lease_shown)
+        if self._confirm_key is not None:
+            shown[CONFIRM_HEADER] = self._confirm_key
+        answer = self._transport.ask(op.CONFIRM_STEP, path=self._path, headers=shown, body=body)
+        self._resource = answer.as_(JobResource)
         return self._resource
+
+    def renew_confirm_key(self) -> str:
+        """Makes another confirm key, where one is lost; the one before is dead, and the job goes on.
+
+        For administrators, and for whoever started the job here.
+        """
+        answer = self._transport.ask(op.RENEW_CONFIRM_KEY, path=self._path, headers=self._lease_shown)
+        self._confirm_key = answer.as_(ConfirmKeyGrant).confirm_key
+        return self._confirm_key
 
     def cancel(self) -> JobResource:
         """Cancels the job, which returns at once: `wait` for its end. May be repeated."""

@@ -27,6 +27,7 @@ from .models import (
     AxisName,
     AxisView,
     BenchView,
+    JobCreated,
     JobRequest,
     JobResource,
     JogRequest,
@@ -125,11 +126,13 @@ class Lease:
         key = idempotency_key or str(uuid4())
         headers = {**self._shown(), "Idempotency-Key": key}
         try:
-            resource = self._transport.ask(op.CREATE_JOB, headers=headers, body=job).as_(JobResource)
+            answer = self._transport.ask(op.CREATE_JOB, headers=headers, body=job)
         except OutcomeUnknownError as error:
             error.idempotency_key = key
             raise
-        return Job(self._transport, resource)
+        # Without the key, so that it is not printed with the job.
+        resource, confirm_key = answer.as_(JobResource), answer.as_(JobCreated).confirm_key
+        return Job(self._transport, resource, confirm_key=confirm_key, shown=self._shown())
 
     def move(
         self, axis: AxisName | str, position_mm: float, *, wait: bool = True, timeout_s: float = 300.0
@@ -169,7 +172,8 @@ class Lease:
         name = _axis(axis)
         if speed_mm_per_s is not None:
             _finite("speed_mm_per_s", speed_mm_per_s)
-        body = JogRequest(towards=Side(towards), speed_mm_per_s=speed_mm_per_s)
+        # By its name a stop ends it for good, also where it is reset before the next request.
+        body = JogRequest(towards=Side(towards), speed_mm_per_s=speed_mm_per_s, press=str(uuid4()))
         until = time.monotonic() + _finite("duration_s", duration_s)
         limit = min(_JOG_ANSWER_S, self._transport.timeout_s)
         try:

@@ -247,6 +247,15 @@ class ConfigWritten(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Keys of the file that take effect when the daemon starts again; nothing takes effect before."""
 
 
+class ConfirmKeyGrant(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A job's confirm key, just made. Told here once."""
+
+    confirm_key: str
+    """The key."""
+    job: UUID
+    """The job's id."""
+
+
 class ConfirmRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A confirmation of an operator step."""
 
@@ -850,6 +859,10 @@ class JobSummary(Struct, frozen=True, kw_only=True, omit_defaults=True):
 class JogRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A jog of one axis."""
 
+    press: str | None = None
+    """A name of the caller's own for this press of the button, another one for each: one that a stop has ended is
+    refused from then on, so that a button held down all the while does not move the axis again after the reset.
+    """
     speed_mm_per_s: float | None = None
     """How fast, mm/s; the axis's greatest speed where it is not given."""
     towards: Side
@@ -1378,6 +1391,15 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The simulated truth, on a simulated bench."""
 
 
+class ResetRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Why the stop is reset."""
+
+    owner: str | None = None
+    """Who resets it, where no token says so."""
+    why: str
+    """Why motion is to be possible again: shown to everybody, and kept."""
+
+
 class RunView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The run of the program that a job belongs to."""
 
@@ -1675,13 +1697,36 @@ class StopReport(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """
 
 
+class StopReset(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A reset of the stop."""
+
+    at: datetime
+    """When, RFC 3339."""
+    by: str
+    """Who reset it."""
+    stopped_at: datetime | None = None
+    """Since when it had been stopped, RFC 3339; absent where that could not be read."""
+    stopped_by: str | None = None
+    """Who had stopped; absent where that could not be read."""
+    why: str
+    """Why, in their words."""
+
+
 class StopView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The stop's latch."""
 
+    by: str | None = None
+    """Who stopped; absent while nobody has."""
     latched: bool
     """Whether motion is refused until the stop is reset."""
+    reset: StopReset | None = None
+    """The newest reset; absent while there was none."""
     since: datetime | None = None
     """Since when, RFC 3339."""
+    unread: str | None = None
+    """Why it is not known whether an earlier run left the stop latched: it counts as latched until it is read, or
+    reset.
+    """
 
 
 class Ticket(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1850,6 +1895,16 @@ class ViewReport(DepthFigures, frozen=True, kw_only=True, omit_defaults=True):
     """Columns and rows of the central view."""
     white_frame: bool
     """Whether grid and vignetting come from a white frame; without, they come from the frame itself."""
+
+
+class JobCreated(JobResource, frozen=True, kw_only=True, omit_defaults=True):
+    """A job that has been asked for."""
+
+    confirm_key: str | None = None
+    """The job's confirm key, to be handed on to whoever is to confirm what it asks. It does nothing else, and ends
+    with the job. Told here once; `null` where the job had been asked for before, and then `POST
+    /api/v1/jobs/{id}/confirm-key` makes another.
+    """
 
 
 JobRequest: TypeAlias = (

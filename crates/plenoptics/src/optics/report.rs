@@ -68,6 +68,54 @@ pub struct DesignReport {
     pub e_tolerance: Option<EInterval>,
 }
 
+impl SolutionReport {
+    fn numbers(&self) -> [f64; 11] {
+        let Solution { e, delta_v, equivalent_distance, image_distance, aperture, aperture_change, main_lens_f_number } =
+            self.solution;
+        [
+            delta_v,
+            e,
+            equivalent_distance,
+            image_distance,
+            aperture,
+            aperture_change,
+            main_lens_f_number,
+            self.aperture_ring_f_number,
+            self.fov_inner,
+            self.fov_water.unwrap_or(0.0),
+            self.half_width.unwrap_or(0.0),
+        ]
+    }
+}
+
+impl DesignReport {
+    /// Whether every number that there is is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let depth = self.depth_of_field.map(|depth| [Some(depth.near), depth.far]);
+        let tolerance = self.e_tolerance.map(|e| [e.low, e.high]);
+        let optional =
+            [[self.direct_fov_water, self.direct_half_width], depth.unwrap_or_default(), tolerance.unwrap_or_default()];
+        let alone = [
+            self.air_image_distance,
+            self.air_fov,
+            self.air_half_width,
+            self.air_aperture,
+            self.fov_optimal_e,
+            self.spacing_target,
+            self.e_max,
+        ];
+        let all = [
+            &alone[..],
+            &self.clarity.numbers(),
+            &self.joint.numbers(),
+            &self.depth_resolution_air,
+            &self.depth_resolution_water,
+        ];
+        all.concat().into_iter().chain(optional.into_iter().flatten().flatten()).all(f64::is_finite)
+    }
+}
+
 impl CameraDesign {
     /// Works the whole design out.
     #[must_use]

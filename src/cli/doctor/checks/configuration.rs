@@ -1,6 +1,6 @@
 //! The configuration: whether it is read, and what is wrong with it.
 
-use crate::cli::doctor::facts::{ConfigurationFacts, Facts, Unusable, quoted};
+use crate::cli::doctor::facts::{ConfigurationFacts, Facts, quoted};
 use crate::cli::doctor::finding::Finding;
 use crate::config::{Config, ConfigError, PRESET_ORIGIN, Position};
 
@@ -10,13 +10,7 @@ pub(super) fn check(facts: &Facts) -> Vec<Finding> {
     let configuration = &facts.configuration;
     let mut found = match &configuration.config {
         Ok(config) => usable(configuration, config),
-        Err(Unusable::File(error)) => unusable(configuration, error),
-        Err(Unusable::Set(assignment, why)) => vec![Finding::problem(
-            "configuration.set",
-            format!("--set {assignment}"),
-            why,
-            "plenalign --set assembly.initial_e_mm=25 doctor    # KEY=VALUE, as in deploy/plenalign.toml",
-        )],
+        Err(error) => unusable(configuration, error),
     };
     if let Some(service) = &configuration.service_file {
         found.push(
@@ -73,9 +67,15 @@ fn unusable(configuration: &ConfigurationFacts, error: &ConfigError) -> Vec<Find
         ConfigError::Invalid { violations, .. } => violations
             .iter()
             .map(|violation| {
+                let (key, message) = (&violation.key, &violation.message);
+                if error.is_of_set() || violation.is_of_set() {
+                    let mend =
+                        "plenalign --set assembly.initial_e_mm=25 doctor    # KEY=VALUE, as in deploy/plenalign.toml";
+                    return Finding::problem("configuration.set", format!("--set {key}"), violation.to_string(), mend);
+                }
                 let place = violation.position.map_or_else(String::new, |position| format!("{position}: "));
                 let mend = edit(configuration, violation.position);
-                Finding::problem("configuration.key", &violation.key, format!("{place}{}", violation.message), mend)
+                Finding::problem("configuration.key", key, format!("{place}{message}"), mend)
             })
             .collect(),
     }

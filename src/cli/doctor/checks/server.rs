@@ -4,6 +4,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use crate::cli::doctor::facts::{CertificateFacts, DaemonFacts, Facts, PortState, TokenFacts, quoted};
 use crate::cli::doctor::finding::Finding;
+use crate::cli::open_files::needed;
 use crate::config::{Auth, Config};
 
 /// A certificate that ends sooner is to be renewed.
@@ -17,6 +18,7 @@ pub(super) fn check(facts: &Facts) -> Vec<Finding> {
     if let Some(config) = facts.configuration.config() {
         found.extend(exposure(config, facts));
         found.extend(alpaca(config));
+        found.extend(facts.server.open_files.map(|limit| open_files(config, limit)));
     }
     found.extend(facts.server.certificate.as_ref().map(|certificate| of_certificate(certificate, facts.system.now)));
     found
@@ -139,6 +141,30 @@ fn alpaca(config: &Config) -> Option<Finding> {
         ),
         format!("[alpaca] listen = \"127.0.0.1:{}\"", address.port()),
     ))
+}
+
+/// Whether the connections that are to be served fit into the limit on open files.
+fn open_files(config: &Config, limit: u64) -> Finding {
+    const ID: &str = "server.open_files";
+    let what = "open files";
+    let connections = config.server.max_connections;
+    let needed = needed(connections as usize);
+    if limit >= needed {
+        return Finding::ok(
+            ID,
+            what,
+            format!("{limit} for a process, of which {connections} connections need {needed}"),
+        );
+    }
+    Finding::warning(
+        ID,
+        what,
+        format!(
+            "a process of this user may have {limit}, and server.max_connections = {connections} needs {needed}: the \
+             daemon serves fewer, or does not start"
+        ),
+        format!("ulimit -n {needed}    # the service: LimitNOFILE={needed}, by: sudo systemctl edit plenalign"),
+    )
 }
 
 fn of_certificate(certificate: &CertificateFacts, now: Timestamp) -> Finding {

@@ -5,8 +5,8 @@ use jiff::Timestamp;
 use super::all;
 use crate::cli::doctor::facts::{
     Account, CameraSource, CertificateFacts, ConfigurationFacts, ControllerFacts, DaemonFacts, DeviceFile, Facts,
-    FolderFacts, FolderKind, PortFacts, PortState, Process, ServerFacts, StateFacts, SystemFacts, TokenFacts, Unusable,
-    UsbFacts, VideoFacts,
+    FolderFacts, FolderKind, PortFacts, PortState, Process, ServerFacts, StateFacts, SystemFacts, TokenFacts, UsbFacts,
+    VideoFacts,
 };
 use crate::cli::doctor::finding::{Finding, Level};
 use crate::config::Config;
@@ -17,6 +17,12 @@ use crate::store::Inspection;
 
 const BY_ID: &str = "/dev/serial/by-id/usb-FTDI_FT232R_A50285BI-if00-port0";
 
+/// What has to be said of a hardware bench's camera.
+const CAMERA: &str = "[main_lens]\nfocal_length_mm = 20\n\
+    [mla]\narray = \"square\"\npitch_mm = 0.1\nfocal_length_mm = 0.5\nangular_resolution = 3.13\nmode = \"galilean\"\n\
+    [sensor]\npixel_um = 3.45\nwidth_px = 1160\nheight_px = 1160\n\
+    [shell]\nouter_radius_mm = 59\ninner_radius_mm = 51\nrefractive_index = 1.49\n";
+
 fn config(text: &str) -> Config {
     Config::from_toml(text, "bench.toml").unwrap()
 }
@@ -24,7 +30,7 @@ fn config(text: &str) -> Config {
 /// A hardware bench with one controller.
 fn hardware() -> Config {
     config(&format!(
-        "[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = {BY_ID:?}\n\
+        "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"grbl\"\nport = {BY_ID:?}\n\
          [bench.camera]\ndevice = \"usb:A1\"\n"
     ))
 }
@@ -129,6 +135,7 @@ fn well() -> Facts {
             address: Ok("127.0.0.1:8080".parse().unwrap()),
             port: PortState::Free,
             certificate: None,
+            open_files: Some(524_288),
         },
     }
 }
@@ -207,7 +214,7 @@ fn a_simulated_bench_needs_no_device() {
 fn what_is_wrong_with_the_configuration_is_told_key_by_key() {
     let mut facts = well();
     let refused = |text: &str| {
-        let config = Config::from_toml(text, "bench.toml").map_err(Unusable::File);
+        let config = Config::from_toml(text, "bench.toml");
         ConfigurationFacts { file: Some("bench.toml".into()), service_file: None, config }
     };
     (facts.controllers, facts.camera) = (Vec::new(), None);
@@ -220,10 +227,10 @@ fn what_is_wrong_with_the_configuration_is_told_key_by_key() {
 
     facts.configuration = refused("[shell\n");
     problem(&facts, "configuration.syntax", "not TOML", "${EDITOR:-nano} +1 bench.toml");
-    let missing = Config::open(Some("/nowhere/bench.toml".as_ref())).map(|(config, _)| config);
-    facts.configuration.config = missing.map_err(Unusable::File);
+    let missing = Config::open(Some("/nowhere/bench.toml".as_ref()), &[]).map(|(config, _)| config);
+    facts.configuration.config = missing;
     problem(&facts, "configuration.file", "is not there", "ls -l bench.toml");
-    facts.configuration.config = Err(Unusable::Set("a.b".to_owned(), "expected KEY=VALUE".to_owned()));
+    facts.configuration.config = Config::open(None, &["a.b".to_owned()]).map(|(config, _)| config);
     problem(&facts, "configuration.set", "expected KEY=VALUE", "--set assembly.initial_e_mm=25");
     // The devices there are are listed all the same.
     assert!(all(&facts).iter().any(|finding| finding.id == "stages.found" && finding.detail.contains(BY_ID)));
@@ -443,6 +450,17 @@ fn a_daemon_that_runs_is_asked_how_it_is() {
     problem(&facts, "server.port", "404 Not Found", "sport = :8080");
     facts.server.port = PortState::Refused("permission denied".to_owned());
     problem(&facts, "server.port", "permission denied", "--listen");
+}
+
+#[test]
+fn too_few_open_files_for_the_connections_are_told_with_what_they_need() {
+    let mut facts = well();
+    facts.server.open_files = Some(736);
+    well_enough(&facts);
+    facts.server.open_files = Some(735);
+    warning(&facts, "server.open_files", "server.max_connections = 256 needs 736", "LimitNOFILE=736");
+    facts.server.open_files = None;
+    well_enough(&facts);
 }
 
 #[test]

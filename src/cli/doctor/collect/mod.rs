@@ -10,7 +10,7 @@ mod system;
 
 use std::path::{Path, PathBuf};
 
-use super::facts::{ConfigurationFacts, ControllerFacts, Facts, Unusable};
+use super::facts::{ConfigurationFacts, ControllerFacts, Facts};
 use crate::config::{BenchDriver, Config};
 use crate::device::open::identify;
 
@@ -78,23 +78,8 @@ fn configuration(file: Option<&Path>, set: &[String]) -> ConfigurationFacts {
     ConfigurationFacts {
         file: file.map(Path::to_owned),
         service_file: (!is_named && service_file.exists()).then_some(service_file),
-        config: read(file, set),
+        config: Config::open(file, set).map(|(config, _)| config),
     }
-}
-
-/// The configuration in force, as every command has it.
-fn read(file: Option<&Path>, set: &[String]) -> Result<Config, Unusable> {
-    let (mut config, _) = Config::open(file).map_err(Unusable::File)?;
-    let wrong = |assignment: &str, why: String| Unusable::Set(assignment.to_owned(), why);
-    let mut assignments = Vec::new();
-    for assignment in set {
-        let (key, value) = assignment
-            .split_once('=')
-            .ok_or_else(|| wrong(assignment, "expected KEY=VALUE, e.g. assembly.initial_e_mm=25".to_owned()))?;
-        assignments.push((key.trim(), value.trim()));
-    }
-    config.set_all(assignments).map_err(|error| wrong(&set.join(" --set "), error.to_string()))?;
-    Ok(config)
 }
 
 /// Whether the bench is real.

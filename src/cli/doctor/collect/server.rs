@@ -16,6 +16,7 @@ use x509_parser::parse_x509_certificate;
 use crate::api::server::read_certificate;
 use crate::api::types::Health;
 use crate::cli::doctor::facts::{CertificateFacts, DaemonFacts, PortState, ServerFacts};
+use crate::cli::open_files;
 use crate::cli::remote::{Daemon, RemoteArgs};
 use crate::cli::tls::OwnFiles;
 use crate::config::Config;
@@ -39,7 +40,7 @@ pub(super) async fn server(listen: &str, config: Option<&Config>) -> ServerFacts
         Ok(address) => port(*address, tls, ca).await,
         Err(why) => PortState::Refused(why.clone()),
     };
-    ServerFacts { listen: listen.to_owned(), address, port, certificate }
+    ServerFacts { listen: listen.to_owned(), address, port, certificate, open_files: open_files::hard_limit() }
 }
 
 async fn resolve(listen: &str) -> Result<SocketAddr, String> {

@@ -3,33 +3,29 @@
 use super::super::axis::AxisSetup;
 use super::super::grbl::{Letter, Settings};
 use super::super::session::AxisFacts;
-use crate::device::DeviceError;
+
+/// Grbl prints a setting rounded to three decimals: it may differ by half of the last one.
+const PRINTED: f64 = 0.5e-3;
+/// Grbl keeps a setting in 32 bits: a number of any size may be this much off, relative.
+const KEPT: f64 = 1.2e-7;
 
 /// What the settings say of an axis. `zero` says that the firmware was built to make home the machine's zero.
-///
-/// # Errors
-/// [`DeviceError::Refused`] when the firmware's soft limits are wider than the configured limits and that is not accepted.
-pub(super) fn facts(
-    device: &str,
-    setup: &AxisSetup,
-    letter: Letter,
-    settings: &Settings,
-    zero: bool,
-) -> Result<AxisFacts, DeviceError> {
-    let mut disagreements = disagreements(setup, letter, settings);
+pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, zero: bool) -> AxisFacts {
     let limits_mm = soft_limits(setup, letter, settings, zero);
-    if let Some((low, high)) = limits_mm {
-        disagreements.extend(setup.compare_limits(device, low, high)?);
-    }
     let rate = settings.of_axis(110, letter).map_or(f64::INFINITY, |rate| rate / 60.0);
     let acceleration = settings.of_axis(120, letter).unwrap_or(f64::INFINITY);
-    Ok(AxisFacts {
-        disagreements,
+    let mut facts = AxisFacts {
+        disagreements: disagreements(setup, letter, settings),
+        contradictions: contradictions(setup, letter, settings),
         homes_also: None,
         speed_mm_per_s: setup.config.speed_mm_per_s.min(rate).max(1e-6),
         acceleration_mm_per_s2: setup.config.acceleration_mm_per_s2.min(acceleration).max(1e-6),
         limits_mm,
-    })
+    };
+    if let Some((low, high)) = limits_mm {
+        facts.note(setup.compare_limits(low, high));
+    }
+    facts
 }
 
 /// The soft limits in the axis's coordinate, where they are on.
@@ -48,25 +44,62 @@ fn soft_limits(setup: &AxisSetup, letter: Letter, settings: &Settings, zero: boo
     Some(setup.range((low, high), home))
 }
 
-fn homes_negative(letter: Letter, settings: &Settings) -> bool {
-    settings.get(23).is_some_and(|mask| (mask as u32) & (1 << letter.index()) != 0)
+/// An axis's bit in a setting that is a mask.
+fn bit(letter: Letter, settings: &Settings, number: u16) -> Option<bool> {
+    settings.get(number).map(|mask| (mask as u32) & (1 << letter.index()) != 0)
 }
 
-/// What differs between a controller's settings and an axis's configuration, one sentence each.
+fn homes_negative(letter: Letter, settings: &Settings) -> bool {
+    bit(letter, settings, 23).unwrap_or(false)
+}
+
+/// Where the settings would take an axis elsewhere than its configuration says, one sentence each.
+fn contradictions(setup: &AxisSetup, letter: Letter, settings: &Settings) -> Vec<String> {
+    let AxisSetup { axis, config } = setup;
+    let mut sentences = Vec::new();
+    let number = 100 + letter.index() as u16;
+    match settings.of_axis(100, letter) {
+        Some(steps) if (steps - config.steps_per_mm).abs() > PRINTED + KEPT * config.steps_per_mm => {
+            sentences.push(format!(
+                "The controller makes {steps} steps/mm on {} (${number}), the configuration of the {axis} axis says {} \
+                 (bench.{axis}.steps_per_mm).",
+                letter.name(),
+                config.steps_per_mm
+            ));
+        }
+        Some(_) => {}
+        None => sentences.push(format!("The controller tells no setting ${number}, the scale of the {axis} axis.")),
+    }
+    match bit(letter, settings, 3) {
+        Some(inverted) if inverted != config.motor_inverted => sentences.push(format!(
+            "The controller {} the direction of {} ($3), the configuration of the {axis} axis says that it {} \
+             (bench.{axis}.motor_inverted).",
+            if inverted { "inverts" } else { "does not invert" },
+            letter.name(),
+            if inverted { "does not" } else { "does" },
+        )),
+        Some(_) => {}
+        None => sentences.push(format!("The controller tells no setting $3, the direction of the {axis} axis.")),
+    }
+    match bit(letter, settings, 23) {
+        Some(negative) if negative != setup.homes_negative() => sentences.push(format!(
+            "The controller homes the {axis} axis towards its {} end ($23), the configuration says the other \
+             (bench.{axis}.home_side and reversed).",
+            if negative { "negative" } else { "positive" }
+        )),
+        None if settings.is_on(22) => {
+            sentences.push(format!("The controller tells no setting $23, the end that the {axis} axis homes to."));
+        }
+        _ => {}
+    }
+    sentences
+}
+
+/// What else differs between a controller's settings and an axis's configuration, one sentence each.
 fn disagreements(setup: &AxisSetup, letter: Letter, settings: &Settings) -> Vec<String> {
     let AxisSetup { axis, config } = setup;
     let number = |group: u16| group + letter.index() as u16;
     let mut sentences = Vec::new();
-    match settings.of_axis(100, letter) {
-        Some(steps) if (steps / config.steps_per_mm - 1.0).abs() > 1e-6 => sentences.push(format!(
-            "The controller makes {steps} steps/mm on {} (${}), the configuration of the {axis} axis says {}.",
-            letter.name(),
-            number(100),
-            config.steps_per_mm
-        )),
-        None => sentences.push(format!("The controller has no setting ${} for the {axis} axis.", number(100))),
-        Some(_) => {}
-    }
     if let Some(rate) = settings.of_axis(110, letter).map(|rate| rate / 60.0).filter(|r| *r < config.speed_mm_per_s) {
         sentences.push(format!(
             "The controller moves the {axis} axis at {rate:.3} mm/s at most (${}), the configuration says {} mm/s.",
@@ -90,13 +123,6 @@ fn disagreements(setup: &AxisSetup, letter: Letter, settings: &Settings) -> Vec<
     }
     if !settings.is_on(20) {
         sentences.push(format!("Soft limits are off in the controller ($20): it does not bound the {axis} axis."));
-    }
-    let homes_negative = homes_negative(letter, settings);
-    if homes_negative != setup.homes_negative() {
-        sentences.push(format!(
-            "The controller homes the {axis} axis towards its {} end ($23), the configuration says the other.",
-            if homes_negative { "negative" } else { "positive" }
-        ));
     }
     sentences
 }

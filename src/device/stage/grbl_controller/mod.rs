@@ -108,8 +108,10 @@ impl Session for Controller {
         let _operation = self.operation.lock().await;
         let Axis { link, letter, .. } = &self.axes[axis];
         self.ready(link.name(), generation).await?;
-        self.unlock().await?;
+        self.unlock(generation).await?;
         let reading = self.rest(self.latest_line()).await?;
+        // A stop meanwhile may have cost the position.
+        self.ready(link.name(), generation).await?;
         let offset = position.value() - link.setup().config.home_position_mm;
         link.set_home(reading.machine[letter.index()] - link.setup().direction() * offset);
         self.fresh_reading(self.latest_line()).await.map(|_| ())

@@ -48,9 +48,10 @@ impl Controller {
         if let Some(alarm) = *self.alarm.borrow() {
             return Err(DeviceError::Alarm { device: self.name.clone(), reason: alarm.to_string() });
         }
-        let Some(home) = axis.link.home() else { return Err(DeviceError::NotHomed { axis: name }) };
         let _watching = self.watching();
         let from = self.fresh_reading(self.latest_line()).await?;
+        // Only now: a reset meanwhile has lost it.
+        let Some(home) = axis.link.home() else { return Err(DeviceError::NotHomed { axis: name }) };
         let letter = axis.letter;
         let machine = axis.link.setup().machine(target.value(), home);
         let distance = (machine - from.machine[letter.index()]).abs();
@@ -169,12 +170,12 @@ impl Controller {
     }
 
     /// Leaves the lock that the controller starts in, without homing; an alarm that needs a reset stays.
-    pub(super) async fn unlock(&self) -> Result<(), DeviceError> {
+    pub(super) async fn unlock(&self, generation: u64) -> Result<(), DeviceError> {
         if let Some(alarm) = *self.alarm.borrow() {
             return Err(DeviceError::Alarm { device: self.name.clone(), reason: alarm.to_string() });
         }
         if self.fresh_reading(self.latest_line()).await?.mode == Mode::Alarm {
-            let answer = self.port.ask(grbl::UNLOCK, ANSWER).await;
+            let answer = self.port.request(grbl::UNLOCK, ANSWER, generation).await;
             answer.map_err(|error| device_error(&self.name, "unlock", error))?;
         }
         Ok(())

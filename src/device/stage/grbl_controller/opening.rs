@@ -47,9 +47,14 @@ impl Driver for GrblDriver {
         for link in wanted.axes {
             let letter = letter(&name, link.setup())?;
             let homes_also = names.iter().copied().find(|other| *other != link.name() && !homes_single_axes);
-            let facts = AxisFacts { homes_also, ..checks::facts(&name, link.setup(), letter, &settings, zero)? };
+            let facts = AxisFacts { homes_also, ..checks::facts(link.setup(), letter, &settings, zero) };
             link.forget_home();
             axes.push(Axis { link, letter, facts });
+        }
+        if !homes_single_axes {
+            // To home one is to home the other: what contradicts one keeps both from moving.
+            let all: Vec<String> = axes.iter().flat_map(|axis| axis.facts.contradictions.clone()).collect();
+            axes.iter_mut().for_each(|axis| axis.facts.contradictions.clone_from(&all));
         }
         let controller = Arc::new(Controller {
             name,

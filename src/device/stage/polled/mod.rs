@@ -218,6 +218,7 @@ impl<D: Dialogue> Session for Polled<D> {
             return Err(DeviceError::Alarm { device: self.name.clone(), reason });
         }
         self.dialogue.prepare(axis, generation).await?;
+        self.ready(axis, generation).await?;
         let link = &self.axis(axis).link;
         let offset = position.value() - link.setup().config.home_position_mm;
         link.set_home(reading.position - link.setup().direction() * offset);

@@ -144,7 +144,7 @@ impl<D: Dialogue> Polled<D> {
             // Only now is it certain where the controller's own limits lie.
             let setup = axis.link.setup();
             let (low, high) = setup.range(ends, home);
-            setup.compare_limits(&self.name, low, high)?;
+            setup.compare_limits(low, high).map_err(|sentence| self.refused(sentence))?;
         }
         axis.link.set_home(home);
         self.look(index).await.map(|_| ())

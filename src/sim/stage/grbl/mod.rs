@@ -59,8 +59,8 @@ pub struct GrblFirmware {
     alarm_at_rest: Option<u8>,
     /// Motor positions since power-up.
     steps: [i64; 3],
-    /// Steps that a stalled motor did not follow.
-    lost: [i64; 3],
+    /// Steps that the motors made, counted in their own direction: a stalled one makes none.
+    turned: [i64; 3],
     /// Whether a motor follows its steps.
     stalled: [bool; 3],
     limit_closed: [bool; 3],
@@ -162,7 +162,7 @@ impl GrblFirmware {
             owed_ok: false,
             alarm_at_rest: None,
             steps: [0; 3],
-            lost: [0; 3],
+            turned: [0; 3],
             stalled: [false; 3],
             limit_closed: [false; 3],
             origin: [0; 3],
@@ -401,12 +401,11 @@ impl GrblFirmware {
             return;
         }
         self.steps[axis] = steps;
-        if self.stalled[axis] {
-            self.lost[axis] += made;
-        } else if let Some(fitted) = &self.config.axes[axis] {
-            let millimetres = (steps - self.lost[axis]) as f64 / fitted.steps_per_mm;
-            self.plant.motor_moved(axis, millimetres);
-        }
+        let Some(fitted) = self.config.axes[axis].as_ref().filter(|_| !self.stalled[axis]) else { return };
+        // The wires' direction, and what the firmware makes of it.
+        let inverted = (self.settings.get(3) as u32) & (1 << axis) != 0;
+        self.turned[axis] += if inverted == fitted.motor_inverted { made } else { -made };
+        self.plant.motor_moved(axis, self.turned[axis] as f64 / fitted.steps_per_mm);
     }
 
     /// Whether a limit switch has just closed.

@@ -18,6 +18,8 @@ pub struct FirmwareAxis {
     pub travel_mm: f64,
     /// Whether the home switch is at the firmware's negative end.
     pub homes_negative: bool,
+    /// Whether its motor is wired the other way round, which the firmware makes good.
+    pub motor_inverted: bool,
 }
 
 /// What the firmware was built with and configured for.
@@ -73,6 +75,7 @@ impl FirmwareAxis {
             // What lies beyond the switch is none of it.
             travel_mm: far.max(0.0) + PULL_OFF_MM,
             homes_negative: axis.home_side.sign() * direction < 0.0,
+            motor_inverted: axis.motor_inverted,
         }
     }
 }
@@ -83,15 +86,14 @@ pub(super) struct Settings(BTreeMap<u16, f64>);
 
 impl Settings {
     pub(super) fn new(config: &FirmwareConfig) -> Self {
-        let direction_mask = (0..3)
-            .filter(|&i| config.axes[i].as_ref().is_some_and(|axis| axis.homes_negative))
-            .map(|i| f64::from(1u8 << i))
-            .sum();
+        let mask = |is: fn(&FirmwareAxis) -> bool| -> f64 {
+            (0..3).filter(|&i| config.axes[i].as_ref().is_some_and(is)).map(|i| f64::from(1u8 << i)).sum()
+        };
         let mut values = BTreeMap::from([
             (0, 10.0),
             (1, 255.0),
             (2, 0.0),
-            (3, 0.0),
+            (3, mask(|axis| axis.motor_inverted)),
             (4, 0.0),
             (5, 0.0),
             (6, 0.0),
@@ -102,7 +104,7 @@ impl Settings {
             (20, 1.0),
             (21, if config.hard_limits { 1.0 } else { 0.0 }),
             (22, 1.0),
-            (23, direction_mask),
+            (23, mask(|axis| axis.homes_negative)),
             (24, config.locate_rate_mm_per_min),
             (25, config.seek_rate_mm_per_min),
             (26, 250.0),

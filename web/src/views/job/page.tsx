@@ -9,6 +9,7 @@ import type { Job } from "../../wire";
 import { Meter } from "../live/meter";
 import type { Scene } from "../scene";
 import { Downloads } from "./downloads";
+import { HandOn } from "./hand-on";
 import { Iterations } from "./iterations";
 import { OperatorStep } from "./operator-step";
 import { Outcome } from "./outcome";
@@ -66,9 +67,9 @@ function useEarlier({ state, act }: Scene, id: string | undefined): Job | null {
   return earlier?.id === id ? earlier : null;
 }
 
-function JobCard({ job, ...scene }: Scene & { job: Job }) {
+function JobCard(scene: Scene & { job: Job }) {
+  const { act, job } = scene;
   const over = isFinal(job.state);
-  const { act } = scene;
   const { unit } = scene.state.preferences;
   return (
     <section class="card job" aria-label={strings.job.title} data-state={job.state}>
@@ -81,7 +82,7 @@ function JobCard({ job, ...scene }: Scene & { job: Job }) {
         {job.request.note && ` · ${job.request.note}`}
       </p>
       {!over && <Progress job={job} unit={unit} />}
-      <OperatorStep job={job} act={act} unit={unit} />
+      <OperatorStep {...scene} />
       {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
       {!over && (
         <p class="actions">
@@ -95,6 +96,7 @@ function JobCard({ job, ...scene }: Scene & { job: Job }) {
           </button>
         </p>
       )}
+      {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}
     </section>
   );

@@ -7,7 +7,8 @@ import { OperatorStep } from "./operator-step";
 import { Progress } from "./progress";
 
 /** The job under way, beside the picture. */
-export function JobStrip({ state, act }: Scene) {
+export function JobStrip(scene: Scene) {
+  const { state, act } = scene;
   const job = currentJob(state);
   if (!job) return null;
   const over = isFinal(job.state);
@@ -19,7 +20,7 @@ export function JobStrip({ state, act }: Scene) {
         <a href={addressOf("alignment")}>{strings.job.see}</a>
       </h2>
       {!over && <Progress job={job} unit={state.preferences.unit} />}
-      <OperatorStep job={job} act={act} unit={state.preferences.unit} />
+      <OperatorStep {...scene} job={job} />
       {!over && (
         <button
           type="button"

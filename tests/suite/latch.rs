@@ -1,0 +1,205 @@
+//! The stop's latch over restarts: what cannot be read of it counts as latched, nobody gets past its first reading, and
+//! neither a stop nor a reset is taken for kept before it is.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::config::Config;
+use plenalign::control::{Refusal, Service, ServiceError};
+use plenalign::device::AxisName;
+use plenalign::store::{Hindrance, Store};
+use plenalign::units::Millimetres;
+use reqwest::{Method, Response};
+use serde_json::{Value, json};
+
+use super::bench::permit;
+use super::daemon::{Daemon, problem};
+use super::fakes::{Fakes, fakes};
+
+const STOP: &str = "/api/v1/stop";
+const MOVE: &str = "/api/v1/axes/e/move";
+
+/// A daemon over stand-ins with its history in a folder.
+async fn daemon(folder: &Path) -> (Daemon, Fakes, Store) {
+    let (fakes, store) = (fakes(), Store::open(folder));
+    let daemon = Daemon::start_keeping(Config::default(), fakes.bench.clone(), store.clone()).await;
+    (daemon, fakes, store)
+}
+
+/// Waits until the stop is as wanted.
+async fn until(daemon: &Daemon, what: &str, is: impl Fn(&Value) -> bool) -> Value {
+    let mut last = Value::Null;
+    for _ in 0..500 {
+        let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
+        last = bench;
+        if is(&last) {
+            return last["stop"].clone();
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    panic!("never {what}: {last}");
+}
+
+async fn writable(daemon: &Daemon) -> Value {
+    until(daemon, "writable", |bench| bench["history_fault"].is_null()).await
+}
+
+async fn stop(daemon: &Daemon) {
+    assert_eq!(daemon.request(Method::POST, STOP).send().await.unwrap().status(), 200);
+}
+
+async fn go(daemon: &Daemon) -> Response {
+    daemon.command(Method::POST, MOVE, &json!({ "position_mm": 29.0 })).await
+}
+
+/// A folder in which a run has left its stop latched.
+async fn left_latched() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes, _store) = daemon(folder.path()).await;
+    stop(&first).await;
+    first.written().await;
+    // It writes nothing more.
+    first.service.shut_down().await;
+    folder
+}
+
+/// Does something to the history's file that no program of ours does.
+fn spoil(folder: &Path, sql: &str) {
+    let database = rusqlite::Connection::open(folder.join("history.db")).unwrap();
+    database.execute_batch(sql).unwrap();
+}
+
+/// That nothing moves, however often it is asked for.
+async fn refused(daemon: &Daemon, fakes: &Fakes) {
+    for _ in 0..3 {
+        problem(go(daemon).await, 409, "stopped").await;
+        problem(daemon.command(Method::POST, "/api/v1/axes/e/home", &Value::Null).await, 409, "stopped").await;
+        problem(daemon.command(Method::POST, "/api/v1/jobs", &json!({ "kind": "homing" })).await, 409, "stopped").await;
+    }
+    assert!(fakes.e.told.lock().unwrap().is_empty(), "the axis was told to move");
+}
+
+#[tokio::test]
+async fn a_kept_stop_that_makes_no_sense_counts_as_latched_until_it_is_reset() {
+    for value in ["{", "{\"latched\": \"perhaps\"}", "7"] {
+        let folder = left_latched().await;
+        spoil(folder.path(), &format!("UPDATE kept SET value = '{value}' WHERE key = 'stop'"));
+        let (second, fakes, _store) = daemon(folder.path()).await;
+        refused(&second, &fakes).await;
+        let found = writable(&second).await;
+        assert_eq!(found["latched"], true, "{value}: {found}");
+        assert!(found["unread"].as_str().is_some_and(|why| !why.is_empty()), "{value}: {found}");
+        assert_eq!((&found["since"], &found["by"]), (&Value::Null, &Value::Null), "{value}");
+
+        // A person's reset overwrites it.
+        assert_eq!(second.reset_stop().await.status(), 200);
+        assert_eq!(go(&second).await.status(), 202);
+        second.written().await;
+        let (third, _fakes, _store) = daemon(folder.path()).await;
+        assert_eq!(go(&third).await.status(), 202);
+    }
+}
+
+#[tokio::test]
+async fn a_stop_that_cannot_be_read_counts_as_latched_until_it_is_read() {
+    for (left, latched) in [(left_latched().await, true), (tempfile::tempdir().unwrap(), false)] {
+        if !latched {
+            let (first, _fakes, _store) = daemon(left.path()).await;
+            assert_eq!(go(&first).await.status(), 202);
+            first.service.shut_down().await;
+        }
+        spoil(
+            left.path(),
+            "CREATE TABLE away AS SELECT * FROM kept; UPDATE kept SET value = CAST(x'ff' AS TEXT) WHERE key = 'stop'",
+        );
+        let (second, fakes, _store) = daemon(left.path()).await;
+        refused(&second, &fakes).await;
+        let found = writable(&second).await;
+        assert!(
+            found["latched"] == true && found["unread"].as_str().is_some_and(|why| why.contains("cannot be read")),
+            "{found}"
+        );
+        let value = "SELECT value FROM away WHERE away.bench = kept.bench AND away.key = kept.key";
+        spoil(left.path(), &format!("UPDATE kept SET value = ({value}) WHERE key = 'stop'"));
+        // Nobody has to ask for it.
+        let found = until(&second, "read", |bench| bench["stop"]["unread"].is_null()).await;
+        assert_eq!((&found["latched"], found["since"].is_string()), (&json!(latched), latched));
+        assert_eq!(go(&second).await.status().as_u16(), if latched { 409 } else { 202 });
+    }
+}
+
+/// Who asks first reads it, and everybody else waits for that: on real threads, with nothing between the start and the
+/// first commands.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn nobody_gets_past_the_first_reading_of_the_stop() {
+    let folder = left_latched().await;
+    for round in 0..10 {
+        let fakes = fakes();
+        let config = Arc::new(Config::default());
+        let store = Store::open(folder.path());
+        let service = Service::start(config, "a test's configuration".to_owned(), fakes.bench.clone(), store);
+        let permit = permit(&service);
+        let mut asked = tokio::task::JoinSet::new();
+        for n in 0..16 {
+            let (service, permit) = (Arc::clone(&service), permit.clone());
+            let axis = AxisName::ALL[n % 2];
+            asked.spawn(async move { service.move_axis(&permit, axis, Millimetres(1.0)).await });
+        }
+        while let Some(answer) = asked.join_next().await {
+            let refused = answer.unwrap().unwrap_err();
+            let known = matches!(&refused, ServiceError::Refused(Refusal::Stopped | Refusal::Moving { .. }));
+            assert!(known, "round {round}: {refused}");
+        }
+        assert!(fakes.e.told.lock().unwrap().is_empty(), "round {round}");
+        service.shut_down().await;
+    }
+}
+
+#[tokio::test]
+async fn a_reset_that_cannot_be_written_releases_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, fakes, store) = daemon(folder.path()).await;
+    first.written().await;
+    stop(&first).await;
+    store.hinder(Hindrance { full: true, ..Hindrance::default() });
+    let found = problem(first.reset_stop().await, 503, "not-kept").await;
+    assert!(found["detail"].as_str().unwrap().contains("the disk is full"), "{found}");
+    store.hinder(Hindrance::default());
+    let seen = writable(&first).await;
+    assert_eq!((&seen["latched"], &seen["reset"]), (&json!(true), &Value::Null));
+    refused(&first, &fakes).await;
+    first.written().await;
+    let (second, fakes, _store) = daemon(folder.path()).await;
+    writable(&second).await;
+    refused(&second, &fakes).await;
+    assert_eq!(second.reset_stop().await.status(), 200);
+    assert_eq!(go(&second).await.status(), 202);
+}
+
+#[tokio::test]
+async fn a_stop_that_could_not_be_written_is_written_when_it_can_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes, store) = daemon(folder.path()).await;
+    assert_eq!(go(&first).await.status(), 202);
+    store.hinder(Hindrance { full: true, ..Hindrance::default() });
+    until(&first, "full", |bench| bench["history_fault"].is_string()).await;
+    stop(&first).await;
+    // It has been tried, and failed.
+    first.written().await;
+    store.hinder(Hindrance::default());
+    let stopped = writable(&first).await;
+    let database = rusqlite::Connection::open(folder.path().join("history.db")).unwrap();
+    let kept =
+        || -> String { database.query_row("SELECT value FROM kept WHERE key = 'stop'", [], |row| row.get(0)).unwrap() };
+    let from = tokio::time::Instant::now();
+    while !kept().contains("\"latched\":true") {
+        assert!(from.elapsed() < Duration::from_secs(10), "{}", kept());
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    first.service.shut_down().await;
+    let (second, fakes, _store) = daemon(folder.path()).await;
+    let found = until(&second, "read", |bench| bench["stop"]["since"].is_string()).await;
+    assert_eq!(found, stopped);
+    refused(&second, &fakes).await;
+}

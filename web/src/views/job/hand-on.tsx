@@ -1,0 +1,42 @@
+import { useState } from "preact/hooks";
+import * as api from "../../api";
+import { linkWith } from "../../confirm-key";
+import { may } from "../../state";
+import { strings } from "../../strings";
+import type { Job } from "../../wire";
+import type { Scene } from "../scene";
+
+/** The link by which somebody else confirms what the job asks, for whoever has it or may make another. */
+export function HandOn({ state, act, job }: Scene & { job: Job }) {
+  const [, renewed] = useState(0);
+  const held = state.bench?.lease ?? null;
+  const key = api.confirmKeys.of(job.id);
+  const mine = held?.job === job.id && api.lease.isMine(held);
+  const mayRenew = may(state, "admin") || (mine && may(state, "control"));
+  if (key === null && !mayRenew) return null;
+  const renew = async () => {
+    if (await act(api.renewConfirmKey(job))) renewed((times) => times + 1);
+  };
+  return (
+    <details class="hand-on">
+      <summary>{strings.job.handOn}</summary>
+      <p class="quiet">{strings.job.handOnMore}</p>
+      {key !== null && (
+        <label>
+          {strings.job.link}{" "}
+          <input
+            id="confirm-link"
+            readOnly
+            value={linkWith(`${location.origin}/`, { job: job.id, key })}
+            onFocus={(event) => event.currentTarget.select()}
+          />
+        </label>
+      )}
+      {mayRenew && (
+        <button type="button" id="renew-key" onClick={() => void renew()}>
+          {strings.job.renewKey}
+        </button>
+      )}
+    </details>
+  );
+}
