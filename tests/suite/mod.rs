@@ -1,4 +1,4 @@
-//! The suite, a module for each subject; `bench`, `daemon`, `fakes` and `program` are what they share.
+//! The suite, a module for each subject; `bench`, `daemon`, `fakes`, `program` and `steps` are what they share.
 
 mod access;
 mod alignment;
@@ -24,6 +24,7 @@ mod docs;
 mod doctor;
 mod draft;
 mod driver_guide;
+mod every_poll;
 mod export;
 mod fakes;
 mod faults;
@@ -47,6 +48,7 @@ mod measure_cli;
 mod measurements;
 mod metrics;
 mod microlenses;
+mod model;
 mod motion;
 mod no_frame;
 mod older_history;
@@ -65,6 +67,7 @@ mod spacing;
 mod spans;
 mod stages;
 mod state_folder;
+mod steps;
 mod stop;
 mod stop_latency;
 mod store;

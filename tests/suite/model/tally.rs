@@ -1,0 +1,103 @@
+//! What was exercised: a model that nothing happens in proves nothing.
+
+use std::fmt;
+use std::ops::AddAssign;
+
+/// How often each of it happened.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Tally {
+    pub(super) sequences: u64,
+    pub(super) steps: u64,
+    pub(super) requests: u64,
+    pub(super) refusals: u64,
+    pub(super) at_once: u64,
+    pub(super) commands: u64,
+    pub(super) orders: u64,
+    pub(super) jobs: u64,
+    pub(super) confirmations: u64,
+    pub(super) stops: u64,
+    pub(super) stops_in_motion: u64,
+    pub(super) resets: u64,
+    pub(super) expiries_in_motion: u64,
+    pub(super) releases_in_motion: u64,
+    pub(super) takeovers_in_motion: u64,
+    pub(super) connections: u64,
+    pub(super) troubles: u64,
+    pub(super) full_disks: u64,
+    pub(super) kills: u64,
+    pub(super) kills_in_motion: u64,
+    pub(super) restarts: u64,
+    pub(super) latched_restarts: u64,
+    pub(super) checks: u64,
+}
+
+impl AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        let Self {
+            sequences,
+            steps,
+            requests,
+            refusals,
+            at_once,
+            commands,
+            orders,
+            jobs,
+            confirmations,
+            stops,
+            stops_in_motion,
+            resets,
+            expiries_in_motion,
+            releases_in_motion,
+            takeovers_in_motion,
+            connections,
+            troubles,
+            full_disks,
+            kills,
+            kills_in_motion,
+            restarts,
+            latched_restarts,
+            checks,
+        } = other;
+        self.sequences += sequences;
+        self.steps += steps;
+        self.requests += requests;
+        self.refusals += refusals;
+        self.at_once += at_once;
+        self.commands += commands;
+        self.orders += orders;
+        self.jobs += jobs;
+        self.confirmations += confirmations;
+        self.stops += stops;
+        self.stops_in_motion += stops_in_motion;
+        self.resets += resets;
+        self.expiries_in_motion += expiries_in_motion;
+        self.releases_in_motion += releases_in_motion;
+        self.takeovers_in_motion += takeovers_in_motion;
+        self.connections += connections;
+        self.troubles += troubles;
+        self.full_disks += full_disks;
+        self.kills += kills;
+        self.kills_in_motion += kills_in_motion;
+        self.restarts += restarts;
+        self.latched_restarts += latched_restarts;
+        self.checks += checks;
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { sequences, steps, requests, refusals, at_once, commands, orders, jobs, confirmations, .. } = self;
+        let Self { stops, stops_in_motion, resets, expiries_in_motion, releases_in_motion, .. } = self;
+        let Self { takeovers_in_motion, connections, troubles, full_disks, kills, kills_in_motion, .. } = self;
+        let Self { restarts, latched_restarts, checks, .. } = self;
+        write!(
+            f,
+            "{sequences} sequences, {steps} steps, {requests} requests ({refusals} refused, {at_once} two at a time), \
+             {commands} commands, {orders} orders on the wire, {jobs} jobs, {confirmations} confirmations, \
+             {stops} stops ({stops_in_motion} in motion), {resets} resets, in motion {expiries_in_motion} expiries, \
+             {releases_in_motion} releases, {takeovers_in_motion} takeovers; {connections} connections, \
+             {troubles} troubles, {full_disks} full disks, {kills} kills ({kills_in_motion} in motion), \
+             {restarts} restarts, {latched_restarts} of all starts latched; {checks} checks of invariants"
+        )
+    }
+}
