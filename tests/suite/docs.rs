@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::program::plenalign;
 
 /// What looks like a key and is the name of one of `plenalign doctor`'s findings.
-const FINDINGS: [&str; 4] = ["bench.lock", "server.access", "server.alpaca", "server.certificate"];
+const FINDINGS: [&str; 5] = ["bench.lock", "server.access", "server.alpaca", "server.certificate", "server.open_files"];
 /// Folders that hold what others have written, or what was made.
 const NOT_OURS: [&str; 4] = [".git", "target", "node_modules", "dist"];
 /// What `plenalign` may be followed by where it is a word of prose and no command.
@@ -387,4 +387,40 @@ fn is_path(word: &str) -> bool {
     let extension = word.rsplit('.').next().unwrap_or_default();
     FIELDS.contains(&word)
         || ["md", "rs", "json", "toml", "jpg", "png", "py", "sh", "db", "html", "csv", "mcap"].contains(&extension)
+}
+
+/// The tests that stand beside the claims of docs/security.md are there: a claim whose test was renamed or taken away has
+/// none.
+#[test]
+fn every_test_named_beside_a_claim_is_there() {
+    let text = fs::read_to_string(root().join("docs/security.md")).unwrap();
+    let table = text.split_once("## What shows it").unwrap().1;
+    let mut named = 0;
+    let tests = table.lines().filter_map(|line| line.strip_prefix('|')?.split_once('|')).map(|(_, tests)| tests);
+    for name in tests.flat_map(|tests| tests.split('`').skip(1).step_by(2)) {
+        named += 1;
+        let first = name.split_whitespace().next().unwrap();
+        if first.contains('/') {
+            assert!(root().join(first).exists(), "{name} is not there");
+            for file in name.split_whitespace().skip(1) {
+                assert!(root().join(file).exists(), "{file} is not there");
+            }
+            continue;
+        }
+        let path: Vec<_> = name.split("::").collect();
+        let is_there = ["tests/suite", "src"].iter().any(|folder| {
+            (1..=path.len()).any(|cut| {
+                let module = root().join(folder).join(path[..cut].join("/"));
+                let files = [module.with_extension("rs"), module.join("mod.rs")];
+                let function = path[cut..].last();
+                files.iter().filter_map(|file| fs::read_to_string(file).ok()).any(|source| match function {
+                    Some(function) if path.len() - cut == 1 => source.contains(&format!("fn {function}(")),
+                    Some(_) => false,
+                    None => source.contains("test"),
+                })
+            })
+        });
+        assert!(is_there, "no test {name}");
+    }
+    assert!(named > 40, "{named}");
 }
