@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The long counts: the daemon killed at many random moments, jobs among faults, random sequences of requests against a
-# model of what may be true, the contract tried with many examples,
-# then the reference bench aligned for many seeds; each result is kept, so that a broken run goes on where it ended.
+# model of what may be true, the contract tried with many examples, then the reference bench aligned for many seeds; each
+# result is kept, so that a broken run goes on where it ended.
 #
 #   tests/long.sh            kills 1 to 200, faults and sequences of seeds 1 to 300, 200 examples, seeds 1 to 20
 #   KILLS=201-400 SOAK=301-600 MODEL=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh

@@ -570,38 +570,23 @@ mod tests {
 
     #[test]
     fn a_jobs_state_is_spelt_as_in_the_job() {
-        use JobState::{
-            Cancelled, Cancelling, Converged, Failed, Interrupted, NotConverged, Pending, Running, Succeeded,
-            WaitingForOperator,
-        };
-        let word = |state: JobState| match state {
-            Pending => "pending",
-            Running => "running",
-            WaitingForOperator => "waiting_for_operator",
-            Cancelling => "cancelling",
-            Converged => "converged",
-            Succeeded => "succeeded",
-            NotConverged => "not_converged",
-            Cancelled => "cancelled",
-            Failed => "failed",
-            Interrupted => "interrupted",
-        };
-        for state in [
-            Pending,
-            Running,
-            WaitingForOperator,
-            Cancelling,
-            Converged,
-            Succeeded,
-            NotConverged,
-            Cancelled,
-            Failed,
-            Interrupted,
-        ] {
+        let spelt = [
+            (JobState::Pending, "pending"),
+            (JobState::Running, "running"),
+            (JobState::WaitingForOperator, "waiting_for_operator"),
+            (JobState::Cancelling, "cancelling"),
+            (JobState::Converged, "converged"),
+            (JobState::Succeeded, "succeeded"),
+            (JobState::NotConverged, "not_converged"),
+            (JobState::Cancelled, "cancelled"),
+            (JobState::Failed, "failed"),
+            (JobState::Interrupted, "interrupted"),
+        ];
+        for (state, word) in spelt {
             let problem = serde_json::to_value(Problem::from(Refusal::JobState { state, why: "why".into() })).unwrap();
-            assert_eq!(problem["state"], word(state));
+            assert_eq!(problem["state"], word);
             assert_eq!(problem["state"], json!(state), "in the job itself");
-            assert_eq!(problem["detail"], format!("the job is {}: why", word(state)));
+            assert_eq!(problem["detail"], format!("the job is {word}: why"));
         }
     }
 
