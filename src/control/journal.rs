@@ -266,10 +266,10 @@ impl Journal {
         Ok(Underway { journal: Arc::clone(self), id, open: true })
     }
 
-    /// Keeps a value for this bench beyond the run, without waiting.
-    pub(super) fn put(&self, key: &str, value: Value) {
+    /// Keeps a value for this bench beyond the run, without waiting. Returns whether the history has taken it.
+    pub(super) fn put(&self, key: &str, value: Value) -> bool {
         let (bench, key) = (self.bench.clone(), key.to_owned());
-        self.store.queue(move |writer| writer.keep_for(&bench, &key, value));
+        self.store.queue(move |writer| writer.keep_for(&bench, &key, value))
     }
 
     /// The values kept for this bench, that of its devices first: [`BenchName::kept`].
@@ -289,15 +289,20 @@ impl Journal {
         Ok(found.into_iter().filter(|(bench, _)| bench != BenchConfig::SIMULATED).map(|(_, value)| value).collect())
     }
 
-    /// Keeps the stop's latch.
-    pub(super) fn put_stop(&self, stop: &StopView) {
-        self.put(STOP_KEY, document(stop));
+    /// Keeps the stop's latch. Returns whether the history has taken it.
+    pub(super) fn put_stop(&self, stop: &StopView) -> bool {
+        self.put(STOP_KEY, document(stop))
     }
 
-    /// Writes the stop's latch, and returns once it is on the disk.
-    pub(super) async fn write_stop(&self, stop: StopView) -> Result<(), StoreError> {
+    /// Writes the stop's latch where it is still so when its turn comes, and returns once it is on the disk.
+    pub(super) async fn write_stop(
+        &self,
+        stop: StopView,
+        still: impl FnOnce() -> bool + Send + 'static,
+    ) -> Result<(), StoreError> {
         let (bench, value) = (self.bench.clone(), document(&stop));
-        self.store.write(move |writer| writer.keep_for(&bench, STOP_KEY, value)).await
+        let write = move |writer: &Writer<'_>| if still() { writer.keep_for(&bench, STOP_KEY, value) } else { Ok(()) };
+        self.store.write(write).await
     }
 
     /// The stop's latch as an earlier run left it, or why it cannot be read. Where it may be one of several, one that is
@@ -318,7 +323,8 @@ impl Journal {
 
     /// Keeps the control lease.
     pub(super) fn put_lease(&self, lease: Option<&KeptLease>) {
-        self.put(LEASE_KEY, document(&lease));
+        // What is lost of it was only to spare its holder another request.
+        let _ = self.put(LEASE_KEY, document(&lease));
     }
 
     /// The control lease as an earlier run left it. One that cannot be read is none: it would only keep others out.

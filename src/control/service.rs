@@ -50,8 +50,8 @@ pub struct Service {
     pub(super) accepting: tokio::sync::Mutex<()>,
     /// One at a time takes up what an earlier run has left, or resets its stop: whoever comes second finds it done.
     pub(super) recalling: tokio::sync::Mutex<()>,
-    /// One at a time has the stop's latch kept.
-    pub(super) keeping: Mutex<()>,
+    /// One at a time has the stop's latch kept; whether the history has yet to take it.
+    pub(super) untaken: Mutex<bool>,
     pub(super) events: broadcast::Sender<Event>,
     pub(super) jobs: Mutex<Vec<Arc<Job>>>,
     pub(super) measurement: Mutex<Option<MeasurementView>>,
@@ -95,7 +95,7 @@ impl Service {
             journal,
             accepting: tokio::sync::Mutex::default(),
             recalling: tokio::sync::Mutex::default(),
-            keeping: Mutex::default(),
+            untaken: Mutex::default(),
             events,
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),

@@ -1,6 +1,6 @@
 //! The stop beyond motion: kept over a restart, taken up again after it, and reset by a person who says why.
 
-use std::sync::PoisonError;
+use std::sync::{Arc, PoisonError};
 
 use tokio::time::Instant;
 
@@ -37,9 +37,11 @@ impl Service {
         let recalled = self.recalling.lock().await;
         let Some(reset) = self.motion.reset_of(by, why) else { return Ok(None) };
         let made = reset.made.clone();
-        let written = self.journal.write_stop(reset.view()).await;
+        // The disk may take its time, and what is stopped meanwhile is not to be found reset there.
+        let (motion, turns) = (Arc::clone(&self.motion), reset.turns());
+        let written = self.journal.write_stop(reset.view(), move || motion.turns() == turns).await;
         let done = written.is_ok() && self.motion.reset_stop(reset);
-        // Behind what was written, which may come to the disk late: the latch as it is.
+        // Behind what was written: the latch as it is.
         self.keep_stop();
         drop(recalled);
         self.publish_bench();
@@ -47,13 +49,18 @@ impl Service {
         Ok(done.then_some(made))
     }
 
-    /// Has the history keep the latch as it is, without waiting.
+    /// Has the history keep the latch as it is, without waiting. Where it takes nothing now, that is tried again.
     pub(super) fn keep_stop(&self) {
         // One at a time, so that the last to be written is the newest.
-        let _one = self.keeping.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut untaken = self.untaken.lock().unwrap_or_else(PoisonError::into_inner);
         if !self.motion.is_stop_unread() {
-            self.journal.put_stop(&self.motion.stop_view());
+            *untaken = !self.journal.put_stop(&self.motion.stop_view());
         }
+    }
+
+    /// Whether the history has yet to take the latch as it is.
+    pub(super) fn is_stop_untaken(&self) -> bool {
+        *self.untaken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes up the stop of an earlier run, where that has not been done. What cannot be read stays unknown, which

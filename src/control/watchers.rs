@@ -19,7 +19,7 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 /// Between two signs of life of a watcher, at most.
 const PULSE: Duration = Duration::from_millis(500);
 /// Between two attempts to read how an earlier run left the stop.
-const READ_AGAIN: Duration = Duration::from_secs(1);
+const TRY_AGAIN: Duration = Duration::from_secs(1);
 /// Rest between two measurements of the live picture.
 const LIVE_INTERVAL: Duration = Duration::from_millis(500);
 
@@ -75,7 +75,17 @@ impl Service {
             self.publish_bench();
             tokio::select! {
                 changed = health.changed() => if changed.is_err() { return },
-                () = tokio::time::sleep(READ_AGAIN), if self.motion.is_stop_unread() => {}
+                () = self.stop_left_over() => {}
+            }
+        }
+    }
+
+    /// Waits until the stop's latch, as an earlier run left it or as it is to be kept, is to be tried again.
+    async fn stop_left_over(&self) {
+        loop {
+            tokio::time::sleep(TRY_AGAIN).await;
+            if self.motion.is_stop_unread() || self.is_stop_untaken() {
+                return;
             }
         }
     }

@@ -20,6 +20,7 @@ mod worker;
 pub mod write;
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -147,8 +148,9 @@ impl Store {
         self.shared.health.clone()
     }
 
-    /// Queues a command and returns at once. Lost with a word in the log where the queue is full.
-    pub fn queue(&self, command: impl FnOnce(&Writer<'_>) -> rusqlite::Result<()> + Send + 'static) {
+    /// Queues a command and returns at once. Lost with a word in the log where the queue is full; returns whether it was
+    /// taken.
+    pub fn queue(&self, command: impl FnOnce(&Writer<'_>) -> rusqlite::Result<()> + Send + 'static) -> bool {
         let mut command = Some(command);
         let act = Box::new(move |transact: &mut Transact<'_>| {
             let done = transact(&mut |writer| command.take().map_or(Ok(()), |command| command(writer)));
@@ -158,18 +160,20 @@ impl Store {
             done
         });
         let command = Command::Write { needs_room: false, act };
-        match self.shared.commands.try_send(command) {
+        let taken = self.shared.commands.try_send(command);
+        match &taken {
             Ok(()) => {}
             Err(TrySendError::Full(_)) => tracing::error!("the disk takes no more: a record is not in the history"),
             Err(TrySendError::Disconnected(_)) => tracing::error!("the history's thread has ended"),
         }
+        taken.is_ok()
     }
 
     /// Carries a command out, after every one queued before it, and returns once it is on the disk.
     ///
     /// # Errors
-    /// [`StoreError`] where it is not there, or not in time; it may still come to be there then. Also where the disk
-    /// has little room left: what is to come would not fit.
+    /// [`StoreError`] where it is not there, or not in time. What was given up never comes to be there later, unless it
+    /// hung while the disk was writing it. Also where the disk has little room left: what is to come would not fit.
     pub async fn write<T: Send + 'static>(
         &self,
         command: impl FnOnce(&Writer<'_>) -> rusqlite::Result<T> + Send + 'static,
@@ -184,11 +188,14 @@ impl Store {
     ) -> Result<T, StoreError> {
         let (answer, answered) = sync_channel(1);
         let mut command = Some(command);
+        let wanted = Arc::<Wanted>::default();
+        let asked = Arc::clone(&wanted);
         let act = Box::new(move |transact: &mut Transact<'_>| {
             let mut value = None;
             let done = transact(&mut |writer| {
                 value = command.take().map(|command| command(writer)).transpose()?;
-                Ok(())
+                // The last that is done before it counts.
+                asked.settle()
             });
             let told = done.clone().and_then(|()| value.ok_or(StoreError::Ended));
             // Whoever asked may have given up.
@@ -196,7 +203,7 @@ impl Store {
             done
         });
         match self.shared.commands.try_send(Command::Write { needs_room, act }) {
-            Ok(()) => wait(answered).await,
+            Ok(()) => wait(answered, wanted).await,
             Err(TrySendError::Full(_)) => Err(StoreError::Late(WRITE_ALLOWED)),
             Err(TrySendError::Disconnected(_)) => Err(StoreError::Ended),
         }
@@ -257,12 +264,43 @@ impl Store {
     }
 }
 
+/// Whether a command is still waited for: it counts, or whoever asked for it has given it up, and never both.
+#[derive(Debug, Default)]
+struct Wanted(AtomicU8);
+
+impl Wanted {
+    const OPEN: u8 = 0;
+    const COUNTS: u8 = 1;
+    const GIVEN_UP: u8 = 2;
+
+    fn turn(&self, what: u8) -> bool {
+        self.0.compare_exchange(Self::OPEN, what, Ordering::SeqCst, Ordering::SeqCst).is_ok()
+    }
+
+    /// Has the command count from here on.
+    fn settle(&self) -> rusqlite::Result<()> {
+        let given_up = || rusqlite::Error::ToSqlConversionFailure("whoever asked for it has given it up".into());
+        self.turn(Self::COUNTS).then_some(()).ok_or_else(given_up)
+    }
+
+    /// Gives the command up; returns whether that was in time.
+    fn give_up(&self) -> bool {
+        self.turn(Self::GIVEN_UP)
+    }
+}
+
 /// Waits on a thread for blocking work: by the real clock, which is the disk's, and with tokio's clock held where it is
 /// paused.
-async fn wait<T: Send + 'static>(answered: Receiver<Result<T, StoreError>>) -> Result<T, StoreError> {
+async fn wait<T: Send + 'static>(
+    answered: Receiver<Result<T, StoreError>>,
+    wanted: Arc<Wanted>,
+) -> Result<T, StoreError> {
+    let late = Err(StoreError::Late(WRITE_ALLOWED));
     let waited = tokio::task::spawn_blocking(move || match answered.recv_timeout(WRITE_ALLOWED) {
         Ok(done) => done,
-        Err(RecvTimeoutError::Timeout) => Err(StoreError::Late(WRITE_ALLOWED)),
+        Err(RecvTimeoutError::Timeout) if wanted.give_up() => late,
+        // The disk is writing it: what comes of that is waited for, so that it is not denied.
+        Err(RecvTimeoutError::Timeout) => answered.recv_timeout(WRITE_ALLOWED).unwrap_or(late),
         Err(RecvTimeoutError::Disconnected) => Err(StoreError::Ended),
     });
     waited.await.map_err(|_| StoreError::Ended)?

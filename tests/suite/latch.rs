@@ -189,12 +189,9 @@ async fn a_stop_that_could_not_be_written_is_written_when_it_can_be() {
     first.written().await;
     store.hinder(Hindrance::default());
     let stopped = writable(&first).await;
-    let database = rusqlite::Connection::open(folder.path().join("history.db")).unwrap();
-    let kept =
-        || -> String { database.query_row("SELECT value FROM kept WHERE key = 'stop'", [], |row| row.get(0)).unwrap() };
     let from = tokio::time::Instant::now();
-    while !kept().contains("\"latched\":true") {
-        assert!(from.elapsed() < Duration::from_secs(10), "{}", kept());
+    while !kept(folder.path()).contains("\"latched\":true") {
+        assert!(from.elapsed() < Duration::from_secs(10), "{}", kept(folder.path()));
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
     first.service.shut_down().await;
@@ -202,4 +199,54 @@ async fn a_stop_that_could_not_be_written_is_written_when_it_can_be() {
     let found = until(&second, "read", |bench| bench["stop"]["since"].is_string()).await;
     assert_eq!(found, stopped);
     refused(&second, &fakes).await;
+}
+
+/// What is kept of the stop.
+fn kept(folder: &Path) -> String {
+    let database = rusqlite::Connection::open(folder.join("history.db")).unwrap();
+    database.query_row("SELECT value FROM kept WHERE key = 'stop'", [], |row| row.get(0)).unwrap()
+}
+
+#[tokio::test]
+async fn a_reset_that_was_given_up_does_not_come_to_the_disk_later() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes, store) = daemon(folder.path()).await;
+    writable(&first).await;
+    stop(&first).await;
+    first.written().await;
+    // Slower than anybody waits; what comes after this one finds the disk full, as if the power had failed.
+    store.hinder(Hindrance { delay: Duration::from_secs(6), ..Hindrance::default() });
+    let late = problem(first.reset_stop().await, 503, "not-kept").await;
+    assert!(late["detail"].as_str().unwrap().contains("within 5s"), "{late}");
+    store.hinder(Hindrance { full: true, ..Hindrance::default() });
+    until(&first, "full", |bench| bench["history_fault"].is_string()).await;
+    assert!(kept(folder.path()).contains("\"latched\":true"), "{}", kept(folder.path()));
+    first.service.end().await;
+    let (second, fakes, _store) = daemon(folder.path()).await;
+    writable(&second).await;
+    refused(&second, &fakes).await;
+}
+
+#[tokio::test]
+async fn a_stop_that_the_full_queue_did_not_take_is_written_when_it_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes, store) = daemon(folder.path()).await;
+    writable(&first).await;
+    assert_eq!(go(&first).await.status(), 202);
+    first.written().await;
+    let (held, let_go) = std::sync::mpsc::channel::<()>();
+    store.queue(move |_| {
+        // Until the test lets it go.
+        let _ = let_go.recv();
+        Ok(())
+    });
+    while store.queue(|_| Ok(())) {}
+    stop(&first).await;
+    assert!(!kept(folder.path()).contains("\"latched\":true"), "there was no room for it");
+    drop(held);
+    let from = tokio::time::Instant::now();
+    while !kept(folder.path()).contains("\"latched\":true") {
+        assert!(from.elapsed() < Duration::from_secs(20), "{}", kept(folder.path()));
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
 }

@@ -35,6 +35,11 @@ pub(in crate::control) struct Reset {
 }
 
 impl Reset {
+    /// How often the bench had been stopped, or a stop reset, when it was asked for.
+    pub(in crate::control) const fn turns(&self) -> u64 {
+        self.turns
+    }
+
     /// The latch as it is once the reset is in force.
     pub(in crate::control) fn view(&self) -> StopView {
         StopView { latched: false, since: None, by: None, unread: None, reset: Some(self.made.clone()) }
