@@ -295,14 +295,20 @@ impl Leases {
         self.with(key, |lease| Permit { lease: lease.id, owner: lease.owner.clone() })
     }
 
+    /// Runs `change` on the lease that `key` opens and that was not given back: one that was ends with the job that
+    /// still holds it, whoever asks for more.
+    fn with_kept<T>(&self, key: Option<&str>, change: impl FnOnce(&mut Held) -> T) -> Result<T, Refusal> {
+        let given_back = |lease: &Held| Refusal::LeaseLost { holder: Some(lease.owner.clone()) };
+        self.with(key, |lease| if lease.given_back { Err(given_back(lease)) } else { Ok(change(lease)) })?
+    }
+
     /// Renews the lease for its time to live.
     ///
     /// # Errors
-    /// As [`Leases::permit`].
+    /// As [`Leases::permit`], and [`Refusal::LeaseLost`] where it was given back.
     pub fn renew(&self, key: Option<&str>) -> Result<LeaseView, Refusal> {
-        let view = self.with(key, |lease| {
+        let view = self.with_kept(key, |lease| {
             lease.until = Instant::now() + lease.ttl;
-            lease.given_back = false;
             lease.view()
         })?;
         self.changed();
@@ -334,9 +340,9 @@ impl Leases {
     /// A connection holds the lease until [`Leases::disconnect`].
     ///
     /// # Errors
-    /// As [`Leases::permit`].
+    /// As [`Leases::renew`].
     pub fn connect(&self, key: &str) -> Result<Permit, Refusal> {
-        let permit = self.with(Some(key), |lease| {
+        let permit = self.with_kept(Some(key), |lease| {
             lease.connections += 1;
             Permit { lease: lease.id, owner: lease.owner.clone() }
         })?;
@@ -387,10 +393,10 @@ impl Leases {
         }
     }
 
-    /// What to keep over a restart.
+    /// What to keep over a restart: nothing of a lease that was given back, whose job ends with the program.
     #[must_use]
     pub fn keep(&self) -> Option<KeptLease> {
-        self.now().as_ref().map(|lease| KeptLease {
+        self.now().as_ref().filter(|lease| !lease.given_back).map(|lease| KeptLease {
             id: lease.id,
             key: lease.key,
             owner: lease.owner.clone(),
@@ -553,6 +559,24 @@ mod tests {
         assert!(leases.view().is_none());
         assert_eq!(leases.take_run_out(), [], "it was given back");
         leases.release(Some(&grant.key)).unwrap();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn given_back_under_a_job_it_ends_with_that_whatever_is_asked() {
+        let leases = Leases::default();
+        let grant = leases.acquire(request("ada")).unwrap();
+        let permit = leases.permit(Some(&grant.key)).unwrap();
+        let job = Uuid::now_v7();
+        leases.bind(&permit, job).unwrap();
+        leases.release(Some(&grant.key)).unwrap();
+        let lost = Refusal::LeaseLost { holder: Some("ada".into()) };
+        assert_eq!(leases.renew(Some(&grant.key)), Err(lost.clone()), "a heartbeat on its way is no word to keep it");
+        assert_eq!(leases.connect(&grant.key), Err(lost));
+        assert!(leases.permit(Some(&grant.key)).is_ok(), "until then its key is the job's");
+        assert!(leases.keep().is_none(), "a restart ends the job, and it with that");
+        leases.unbind(job);
+        assert!(leases.view().is_none() && leases.permit(Some(&grant.key)).is_err());
+        assert_eq!(leases.take_run_out(), []);
     }
 
     #[tokio::test(start_paused = true)]
