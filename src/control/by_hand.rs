@@ -126,7 +126,7 @@ impl Service {
     /// greatest speed where none is given. `press` tells one press of a button from the next.
     ///
     /// # Errors
-    /// Every motion rule, before anything moves; a jog another way while one is under way; a press that a stop has ended.
+    /// Every motion rule, before anything moves; a jog another way while one is under way; a press that is over.
     pub async fn jog(
         self: &Arc<Self>,
         permit: &Permit,
@@ -146,15 +146,16 @@ impl Service {
             return Err(Refusal::Speed { axis, speed, max: greatest }.into());
         }
         let admission = self.motion.admit(permit);
-        if self.renew_jog(&admission, axis, towards, speed) {
+        if self.renew_jog(&admission, axis, towards, speed, press)? {
             return Ok((self.bench_view(), Acceptance::Before));
         }
         self.history_ready().await?;
-        // The disk took its time, in which a stop may have come and been reset.
-        self.presses.go_on(axis, press, self.motion.turns())?;
         let mut jogs = self.jogs();
+        // The disk took its time, in which the button may have been let go, or a stop have come and been reset.
+        self.presses.go_on(axis, press, self.motion.turns())?;
         let claim = self.claim_for_hand(&admission, axis)?;
         self.motion.jog_end(axis, towards)?;
+        self.presses.moves(axis, press);
         let (grip, deadman) = deadman(JOG_HOLD);
         jogs.insert(axis, Jogging { admission, towards, speed, grip });
         drop(jogs);
@@ -169,18 +170,36 @@ impl Service {
 
     /// Has a jog that is under way go on, where it began under the same lease and no stop has come since; the disk is
     /// not waited for. Returns whether there is one this way.
-    fn renew_jog(&self, admission: &Admission, axis: AxisName, towards: Side, speed: f64) -> bool {
+    ///
+    /// # Errors
+    /// A press that is over.
+    fn renew_jog(
+        &self,
+        admission: &Admission,
+        axis: AxisName,
+        towards: Side,
+        speed: f64,
+        press: Option<&str>,
+    ) -> Result<bool, ServiceError> {
         let jogs = self.jogs();
+        self.presses.go_on(axis, press, self.motion.turns())?;
         let same = jogs.get(&axis).filter(|jog| (jog.towards, jog.speed) == (towards, speed));
         let same = same.filter(|jog| jog.admission == *admission && self.motion.in_force(admission, axis).is_ok());
-        same.inspect(|jog| jog.grip.renew(JOG_HOLD)).is_some()
+        let renewed = same.inspect(|jog| jog.grip.renew(JOG_HOLD)).is_some();
+        if renewed {
+            self.presses.moves(axis, press);
+        }
+        Ok(renewed)
     }
 
     /// Lets a jog go: the axis is stopped. Nothing happens where there is none.
     pub fn end_jog(&self, axis: AxisName) -> BenchView {
-        if let Some(jog) = self.jogs().get(&axis) {
+        let jogs = self.jogs();
+        self.presses.let_go(axis);
+        if let Some(jog) = jogs.get(&axis) {
             jog.grip.renew(Duration::ZERO);
         }
+        drop(jogs);
         self.bench_view()
     }
 

@@ -179,7 +179,8 @@ pub enum Refusal {
     },
     /// A jog's press that a stop has ended.
     #[error(
-        "a stop has ended this press of the {axis} axis's jog, and a reset does not resume it: let go and press again"
+        "this press of the {axis} axis's jog is over, by a stop, another press or its end, and does not go on: let go and \
+         press again"
     )]
     PressEnded {
         /// Which axis.

@@ -28,6 +28,7 @@ export class Jog {
   private name = "";
   private timer: ReturnType<typeof setInterval> | null = null;
   private onTheWay = false;
+  private ends = 0;
 
   constructor(private readonly calls: JogCalls) {}
 
@@ -39,7 +40,7 @@ export class Jog {
   begin(press: Press): void {
     this.release();
     this.press = press;
-    // By it the daemon tells a press that a stop has ended from a new one, although both are the same button's.
+    // By it the daemon tells a press that is over from a new one, although both are the same button's.
     this.name = `${Date.now().toString(36)}-${Math.random().toString(36).slice(2)}`;
     this.calls.changed(press);
     this.timer = setInterval(() => void this.tell(press), BEAT_MS);
@@ -58,7 +59,8 @@ export class Jog {
 
   private async tell(press: Press): Promise<void> {
     // A slow answer is waited for: words do not pile up, and the deadman decides meanwhile.
-    if (this.onTheWay || this.press !== press) return;
+    // And an end of the press before must not overtake this one's beginning, or it would be its own.
+    if (this.onTheWay || this.ends > 0 || this.press !== press) return;
     this.onTheWay = true;
     const problem = await this.calls.go(press, this.name);
     this.onTheWay = false;
@@ -72,7 +74,10 @@ export class Jog {
   }
 
   private async end(press: Press): Promise<void> {
+    this.ends += 1;
     const problem = await this.calls.end(press.axis);
+    this.ends -= 1;
     if (problem) this.calls.failed(problem);
+    if (this.press !== null) await this.tell(this.press);
   }
 }

@@ -53,6 +53,32 @@ describe("press and hold", () => {
     expect(others[3]).not.toBe(first);
   });
 
+  it("does not begin before the press before it has ended", async () => {
+    const told: string[] = [];
+    let ended: () => void = () => undefined;
+    const jog = new Jog({
+      go: (asked, name) => {
+        told.push(`go ${asked.axis} ${name}`);
+        return Promise.resolve(null);
+      },
+      end: () => {
+        told.push("end");
+        return new Promise((resolve) => (ended = () => resolve(null)));
+      },
+      failed: () => undefined,
+      changed: () => undefined,
+    });
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(10);
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(3 * BEAT_MS);
+    expect(told.slice(1)).toEqual(["end"]);
+    ended();
+    await vi.advanceTimersByTimeAsync(10);
+    expect(told).toHaveLength(3);
+    expect(told[2]).not.toBe(told[0]);
+  });
+
   it("does not begin again by itself once the daemon has refused it", async () => {
     let answer: Problem | null = null;
     const { jog, told } = held(() => Promise.resolve(answer));
