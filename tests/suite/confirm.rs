@@ -208,6 +208,7 @@ async fn a_lost_confirm_key_is_replaced_without_ending_the_job() {
     assert_eq!(seen.json::<Value>().await.unwrap()["state"], "waiting_for_operator", "the job goes on");
     assert_eq!(confirm(&keys[2]).await.status(), 200);
 
+    daemon.written().await;
     let log = daemon.request(Method::GET, "/api/v1/audit").bearer_auth(&root).send().await.unwrap();
     let log: Value = log.json().await.unwrap();
     let entries = log["entries"].as_array().unwrap();

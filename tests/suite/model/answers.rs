@@ -7,9 +7,9 @@ use serde_json::Value;
 
 use super::commands::{Command, Death, REST_ALLOWED, What};
 use super::exchange::Exchange;
-use super::known::{Entry, Known, LONGEST};
+use super::known::{ConfirmKey, Entry, Known, LONGEST, NamedPress};
 use super::leases::{Lease, Why};
-use super::requests::{Ask, Who};
+use super::requests::{Answer, Ask, Who};
 
 /// How long a jog goes on from a request, with the time of an answer.
 const JOG_HELD: Duration = Duration::from_millis(330);
@@ -27,6 +27,7 @@ impl Known {
         for exchange in &sorted {
             self.take_in_one(exchange);
         }
+        self.end_presses(&sorted);
         let accepted = |wanted: fn(&Ask) -> bool| sorted.iter().any(|e| e.answer.accepted() && wanted(&e.ask));
         if accepted(|ask| matches!(ask, Ask::Stop)) && accepted(|ask| matches!(ask, Ask::Reset { .. })) {
             (self.latched, self.kept_latch) = (None, None);
@@ -34,14 +35,19 @@ impl Known {
     }
 
     fn take_in_one(&mut self, exchange: &Exchange) {
-        let Exchange { who, ask, key, sent, answered, answer, .. } = exchange;
+        let Exchange { who, ask, shown, sent, answered, answer, .. } = exchange;
+        if let Ask::Jog { axis, press: Some(name), .. } = ask
+            && !self.presses.iter().any(|known| (known.axis, &known.name) == (*axis, name))
+        {
+            self.presses.push(NamedPress { axis: *axis, name: name.clone(), over: false });
+        }
         if !answer.accepted() {
             if matches!(ask, Ask::TakeOver { .. }) && answer.status == 409 {
                 self.expect("lease.take_over", *who, true);
             }
             return;
         }
-        let lease = self.leases.iter().position(|lease| Some(&lease.key) == key.as_ref());
+        let lease = self.leases.iter().position(|lease| Some(&lease.key) == shown.lease.as_ref());
         match ask {
             Ask::Stop => {
                 self.expect("stop", *who, false);
@@ -104,7 +110,6 @@ impl Known {
             Ask::Renew => {
                 if let Some(lease) = lease.and_then(|at| self.leases.get_mut(at)) {
                     lease.until = (sent.at + lease.ttl, answered.at + lease.ttl);
-                    lease.given_back = false;
                 }
             }
             Ask::Release => {
@@ -153,7 +158,11 @@ impl Known {
             Ask::Jog { axis, .. } => {
                 let until = answered.at + JOG_HELD;
                 match self.jog(*axis) {
-                    Some(at) => self.commands[at].what = What::Jog { until },
+                    Some(at) => {
+                        // At the end of its way it begins anew each time.
+                        self.expect("axis.jog", *who, true);
+                        self.commands[at].what = What::Jog { until };
+                    }
                     None => {
                         self.command(exchange, Some(*axis), What::Jog { until }, lease, "axis.jog");
                     }
@@ -161,14 +170,50 @@ impl Known {
             }
             Ask::Job(_) => {
                 let id = answer.body["id"].as_str().unwrap_or_default().to_owned();
-                self.secrets.extend(answer.body["confirm_key"].as_str().map(str::to_owned));
+                self.confirm_key(&id, answer);
                 if let Some(lease) = lease.and_then(|at| self.leases.get_mut(at)) {
                     lease.job = Some(id.clone());
                 }
                 self.own_jobs.insert(id.clone());
                 self.command(exchange, None, What::Job(id), lease, "job.create");
             }
+            Ask::NewKey { job } => {
+                self.expect("job.confirm_key", *who, false);
+                self.confirm_key(job, answer);
+            }
             Ask::ReadStop | Ask::ReadLease | Ask::ReadAudit | Ask::ReadTokens => {}
+        }
+    }
+
+    /// A confirm key was told, in the place of what the job had before.
+    fn confirm_key(&mut self, job: &str, answer: &Answer) {
+        let Some(key) = answer.body["confirm_key"].as_str().map(str::to_owned) else { return };
+        for known in self.confirm_keys.iter_mut().filter(|known| known.job == job) {
+            known.replaced = true;
+        }
+        self.secrets.push(key.clone());
+        self.confirm_keys.push(ConfirmKey { job: job.to_owned(), key, replaced: false });
+    }
+
+    /// What was asked at a time ends presses. Which of two that came together gave way to the other cannot be told.
+    fn end_presses(&mut self, exchanges: &[&Exchange]) {
+        let jogs: Vec<_> = exchanges
+            .iter()
+            .filter_map(|exchange| match &exchange.ask {
+                Ask::Jog { axis, press, .. } => Some((*axis, press.as_ref())),
+                _ => None,
+            })
+            .collect();
+        for exchange in exchanges.iter().filter(|exchange| exchange.answer.accepted()) {
+            for known in &mut self.presses {
+                known.over |= match &exchange.ask {
+                    Ask::Stop => true,
+                    Ask::Jog { axis, .. } | Ask::EndJog(axis) => {
+                        *axis == known.axis && !jogs.contains(&(known.axis, Some(&known.name)))
+                    }
+                    _ => false,
+                };
+            }
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use plenalign::config::ControllerDriver;
 use plenalign::device::AxisName;
 use serde_json::Value;
 
@@ -56,10 +57,9 @@ pub(super) fn a_stop_is_obeyed(moment: &Moment) -> Option<String> {
 }
 
 pub(super) fn motion_needs_the_lease(moment: &Moment) -> Option<String> {
-    let needs = |ask: &Ask| ask.moves() || matches!(ask, Ask::Shell(_) | Ask::Renew);
     let without = |exchange: &&Exchange| {
-        let lease = moment.known.by_key(exchange.key.as_deref());
-        needs(&exchange.ask) && lease.is_none_or(|lease| !lease.maybe_at(exchange.sent))
+        let lease = moment.known.by_key(exchange.shown.lease.as_deref());
+        exchange.ask.needs_lease() && lease.is_none_or(|lease| !lease.maybe_at(exchange.sent))
     };
     accepted(moment).find(without).map(told)
 }
@@ -110,6 +110,20 @@ pub(super) fn a_job_holds_its_lease(moment: &Moment) -> Option<String> {
     (still && holder != lease.id.as_str()).then(|| format!("job {id} runs and the lease is {holder}"))
 }
 
+pub(super) fn given_back_is_over(moment: &Moment) -> Option<String> {
+    let renewed = accepted(moment).find(|e| {
+        let lease = moment.known.by_key(e.shown.lease.as_deref());
+        e.alone && matches!(e.ask, Ask::Renew) && lease.is_some_and(|lease| lease.given_back)
+    });
+    let there = &moment.after.bench["lease"];
+    // Its end may have been seen between the job's and this.
+    let stays = moment.known.leases.iter().find(|lease| {
+        let job_over = lease.job.is_none() && lease.over.is_some();
+        lease.given_back && job_over && there["id"] == lease.id.as_str()
+    });
+    renewed.map(told).or_else(|| stays.map(|_| format!("given back, its job over, and there is {there}")))
+}
+
 pub(super) fn homed_before_moved(moment: &Moment) -> Option<String> {
     for exchange in accepted(moment).filter(|e| e.alone && !moment.anew) {
         let (Ask::Move { axis, .. } | Ask::Jog { axis, .. }) = &exchange.ask else { continue };
@@ -122,7 +136,9 @@ pub(super) fn homed_before_moved(moment: &Moment) -> Option<String> {
         }
     }
     let homed_since = accepted(moment).any(|e| matches!(e.ask, Ask::Home(_) | Ask::Job(_)));
-    if !moment.restarted || homed_since {
+    // It may have kept its reference, which is for ever the same place; where that is not true the position shows it.
+    let kept = moment.driver == ControllerDriver::Zaber;
+    if !moment.restarted || homed_since || kept {
         return None;
     }
     let known = |axis: &AxisName| axis_of(&moment.after.bench, *axis)["homed"] == true;
@@ -225,7 +241,7 @@ pub(super) fn scopes_hold(moment: &Moment) -> Option<String> {
         match exchange.who.scope() {
             None => status != 401,
             Some(scope) if scope < exchange.ask.needs() => status != 403,
-            Some(_) => matches!(status, 401 | 403) && !matches!(exchange.ask, Ask::Confirm { .. }),
+            Some(_) => matches!(status, 401 | 403) && !matches!(exchange.ask, Ask::Confirm { .. } | Ask::NewKey { .. }),
         }
     };
     moment.exchanges.iter().find(wrong).map(told)
@@ -236,7 +252,7 @@ pub(super) fn no_secret_in_an_answer(moment: &Moment) -> Option<String> {
         // Said once, to whoever it is made for.
         let made = match exchange.ask {
             Ask::Take { .. } | Ask::TakeOver { .. } => exchange.answer.body["key"].as_str(),
-            Ask::Job(_) => exchange.answer.body["confirm_key"].as_str(),
+            Ask::Job(_) | Ask::NewKey { .. } => exchange.answer.body["confirm_key"].as_str(),
             _ => None,
         };
         let mut others = moment.known.secrets.iter().filter(|secret| made != Some(secret.as_str()));
@@ -254,7 +270,7 @@ pub(super) fn no_secret_in_an_answer(moment: &Moment) -> Option<String> {
 }
 
 /// What of the log is compared; what is done by the program itself is elsewhere.
-const COMPARED: [&str; 12] = [
+const COMPARED: [&str; 13] = [
     "stop",
     "stop.reset",
     "lease.take",
@@ -267,6 +283,7 @@ const COMPARED: [&str; 12] = [
     "job.create",
     "job.cancel",
     "job.confirm",
+    "job.confirm_key",
 ];
 
 pub(super) fn audited(moment: &Moment) -> Option<String> {

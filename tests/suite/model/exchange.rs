@@ -2,7 +2,7 @@
 
 use tokio::time::Instant;
 
-use super::requests::{Answer, Ask, Who};
+use super::requests::{Answer, Ask, Shown, Who};
 
 /// A moment: how much had been seen below the daemon, and when it was.
 #[derive(Debug, Clone, Copy)]
@@ -16,7 +16,7 @@ pub(super) struct Mark {
 pub(super) struct Exchange {
     pub(super) who: Who,
     pub(super) ask: Ask,
-    pub(super) key: Option<String>,
+    pub(super) shown: Shown,
     pub(super) sent: Mark,
     pub(super) answered: Mark,
     pub(super) answer: Answer,
@@ -28,13 +28,28 @@ pub(super) struct Exchange {
     pub(super) while_unwritable: bool,
     /// Whether a jog of its axis was or may have been under way.
     pub(super) while_jogging: bool,
-    /// The job that it names was this one's, and that job's lease was this.
-    pub(super) key_of_job: Option<String>,
+    /// What is shown of the job that it names.
+    pub(super) of_job: OfJob,
+    /// Whether the press that it names was over for certain.
+    pub(super) press_over: bool,
+}
+
+/// What a request shows of the job that it names, as it was known when it was sent.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct OfJob {
+    /// The key of the lease that the job was started with.
+    pub(super) lease: bool,
+    /// The job's confirm key: the newest, of a job that had not been seen to have ended.
+    pub(super) confirm: bool,
+    /// A confirm key of the job's that another has replaced.
+    pub(super) replaced: bool,
+    /// The job had been seen to have ended.
+    pub(super) ended: bool,
 }
 
 /// An exchange in words.
 pub(super) fn told(exchange: &Exchange) -> String {
-    let Exchange { who, ask, key, answer, .. } = exchange;
+    let Exchange { who, ask, shown, answer, .. } = exchange;
     let text: String = answer.text.chars().take(200).collect();
-    format!("{who:?} asked {ask:?} with key {key:?} and was answered {} {text}", answer.status)
+    format!("{who:?} asked {ask:?} with {shown:?} and was answered {} {text}", answer.status)
 }

@@ -8,8 +8,9 @@ use serde_json::Value;
 use tokio::time::Instant;
 
 use super::commands::{Command, Death, REST_ALLOWED, Stray, What};
-use super::exchange::Mark;
+use super::exchange::{Mark, OfJob};
 use super::leases::{Lease, NOTICED, Why};
+use super::requests::Shown;
 use super::rig::Seen;
 
 /// How long a lease outlives a connection or a job that held it.
@@ -29,6 +30,24 @@ pub(super) struct Entry {
     pub(super) optional: bool,
 }
 
+/// A confirm key that was told.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ConfirmKey {
+    pub(super) job: String,
+    pub(super) key: String,
+    /// Whether another of its job's was made later.
+    pub(super) replaced: bool,
+}
+
+/// A press of a jog's button that was named in this life.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct NamedPress {
+    pub(super) axis: AxisName,
+    pub(super) name: String,
+    /// Whether it is over for certain.
+    pub(super) over: bool,
+}
+
 /// Everything that is known.
 pub(super) struct Known {
     pub(super) leases: Vec<Lease>,
@@ -46,6 +65,10 @@ pub(super) struct Known {
     /// Jobs of this life.
     pub(super) own_jobs: BTreeSet<String>,
     pub(super) secrets: Vec<String>,
+    /// Oldest first.
+    pub(super) confirm_keys: Vec<ConfirmKey>,
+    /// Oldest first.
+    pub(super) presses: Vec<NamedPress>,
     /// From which place on an order to home an axis makes its place known.
     pub(super) unknown_since: [usize; 2],
     /// Until when a controller may go its own way.
@@ -66,6 +89,8 @@ impl Known {
             ended: BTreeMap::new(),
             own_jobs: BTreeSet::new(),
             secrets: Vec::new(),
+            confirm_keys: Vec::new(),
+            presses: Vec::new(),
             unknown_since: [0; 2],
             trouble_until: None,
             group: 0,
@@ -91,6 +116,25 @@ impl Known {
         let of = |command: &&Command| matches!(&command.what, What::Job(id) if id == job);
         let lease = self.commands.iter().find(of)?.lease?;
         Some(self.leases[lease].key.clone())
+    }
+
+    /// What a request shows of a job.
+    pub(super) fn of_job(&self, job: &str, shown: &Shown) -> OfJob {
+        let ended = self.ended.contains_key(job) || !self.own_jobs.contains(job);
+        let told =
+            self.confirm_keys.iter().filter(|known| known.job == job && Some(&known.key) == shown.confirm.as_ref());
+        let replaced = told.clone().any(|known| known.replaced);
+        OfJob {
+            lease: shown.lease.is_some() && shown.lease == self.key_of_job(job),
+            confirm: !ended && !replaced && told.count() > 0,
+            replaced,
+            ended,
+        }
+    }
+
+    /// Whether a press is over for certain.
+    pub(super) fn is_press_over(&self, axis: AxisName, name: &str) -> bool {
+        self.presses.iter().any(|known| known.axis == axis && known.name == name && known.over)
     }
 
     pub(super) fn in_trouble(&self, at: Instant) -> bool {
@@ -230,6 +274,7 @@ impl Known {
         }
         self.latched = None;
         self.own_jobs.clear();
+        self.presses.clear();
         self.unknown_since = [up.index; 2];
     }
 

@@ -21,7 +21,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_util::sync::CancellationToken;
 
 use super::super::daemon::client;
-use super::requests::{Answer, Ask, Who, send};
+use super::requests::{Answer, Ask, Shown, Who, send};
 use super::rig::Rig;
 
 /// So much simulated time passes at a time while an answer is waited for.
@@ -78,16 +78,16 @@ impl Life {
     }
 
     /// Asks and waits for the answer.
-    pub(super) async fn ask(&self, who: Who, key: Option<&str>, ask: &Ask) -> Answer {
+    pub(super) async fn ask(&self, who: Who, shown: &Shown, ask: &Ask) -> Answer {
         let token = self.tokens.get(&who).map(String::as_str);
-        in_grains(send(&self.client, &self.base, token, key, ask.on_the_wire(who))).await
+        in_grains(send(&self.client, &self.base, token, shown, ask.on_the_wire(who))).await
     }
 
     /// Reads something as an administrator.
     pub(super) async fn read(&self, path: &str) -> Answer {
         let token = self.tokens.get(&Who::Root).map(String::as_str);
-        in_grains(send(&self.client, &self.base, token, None, (reqwest::Method::GET, path.to_owned(), Value::Null)))
-            .await
+        let what = (reqwest::Method::GET, path.to_owned(), Value::Null);
+        in_grains(send(&self.client, &self.base, token, &Shown::default(), what)).await
     }
 
     /// The audit log, oldest first, once all that happened so far is in it.

@@ -6,11 +6,11 @@ use plenalign::device::AxisName;
 use serde_json::Value;
 use tokio::time::{Instant, sleep};
 
-use super::exchange::{Exchange, Mark};
-use super::requests::{Ask, Who};
+use super::exchange::{Exchange, Mark, OfJob};
+use super::requests::{Ask, Shown, Who};
 use super::rig::{Seen, Trouble};
 use super::run::Run;
-use super::steps::{By, Key, Step, Wish};
+use super::steps::{By, Key, Press, Step, Wish};
 
 /// Between two requests of a jog that is held.
 const HELD_EVERY: Duration = Duration::from_millis(100);
@@ -52,12 +52,33 @@ impl Run {
                 all
             }
             Step::Outlast { axis } => self.outlast(*axis).await,
-            Step::DuringJob { kind, by, ms, then } => {
+            Step::DuringJob { kind, by, renewed, ms, then } => {
                 let mut all = self.have_lease(2).await;
                 all.extend(self.ask(By::Holder, &Wish::Job(*kind)).await);
+                if *renewed {
+                    self.bench = self.life().read("/api/v1/bench").await.body;
+                    all.extend(self.ask(By::Other(Who::Root, Key::None), &Wish::NewKey).await);
+                }
                 all.extend(self.confirm_all(*by).await);
                 sleep(Duration::from_millis((*ms).into())).await;
                 all.extend(self.ask(then.0, &then.1).await);
+                all
+            }
+            Step::GiveBack { kind, ms } => {
+                let mut all = self.have_lease(60).await;
+                for wish in [Wish::Job(*kind), Wish::Release, Wish::Renew, Wish::Cancel] {
+                    all.extend(self.ask(By::Holder, &wish).await);
+                    sleep(Duration::from_millis((*ms).into())).await;
+                    self.bench = self.life().read("/api/v1/bench").await.body;
+                }
+                all
+            }
+            Step::Presses { axis, towards, ms } => {
+                let mut all = self.have_lease(60).await;
+                for press in [Press::Fresh, Press::Fresh, Press::Former] {
+                    all.extend(self.ask(By::Holder, &Wish::Jog(*axis, towards, press)).await);
+                    sleep(Duration::from_millis((*ms).into())).await;
+                }
                 all
             }
             Step::Ready { ttl_s } => self.ready(*ttl_s).await,
@@ -103,76 +124,25 @@ impl Run {
         }
     }
 
-    /// Who asks for what, with which key.
-    pub(super) async fn resolve(&self, by: By, wish: &Wish) -> Option<(Who, Option<String>, Ask)> {
-        let held = self.known.lease();
-        let (who, key) = match by {
-            By::Holder => (held.map_or(Who::Cleo, |lease| lease.owner), held.map(|lease| lease.key.clone())),
-            By::Other(who, Key::Newest) => (who, held.map(|lease| lease.key.clone())),
-            By::Other(who, Key::Former) => (who, self.known.former().map(|lease| lease.key.clone())),
-            By::Other(who, Key::Guess) => (who, Some("0123456789abcdef0123456789abcdef".to_owned())),
-            By::Other(who, Key::None) => (who, None),
-        };
-        let current = || self.bench["job"].as_str().map(str::to_owned);
-        let newest = || self.view.jobs.first()?["id"].as_str().map(str::to_owned);
-        let ask = match wish {
-            Wish::Move(axis, share) => Ask::Move { axis: *axis, mm: self.target_mm(*axis, *share) },
-            Wish::Home(axis) => Ask::Home(*axis),
-            Wish::Jog(axis, towards) => Ask::Jog { axis: *axis, towards },
-            Wish::EndJog(axis) => Ask::EndJog(*axis),
-            Wish::Shell(state) => Ask::Shell(state),
-            Wish::Stop => Ask::Stop,
-            Wish::Reset { why } => Ask::Reset { why: *why },
-            Wish::Take { ttl_s } => Ask::Take { ttl_s: f64::from(*ttl_s) },
-            Wish::Renew => Ask::Renew,
-            Wish::Release => Ask::Release,
-            Wish::TakeOver { ttl_s } => Ask::TakeOver { ttl_s: f64::from(*ttl_s) },
-            Wish::Job(kind) => Ask::Job(*kind),
-            Wish::Cancel => Ask::Cancel { job: current().or_else(newest)? },
-            Wish::Confirm { late } => {
-                let job = current().or_else(newest)?;
-                let asked = self.life().read(&format!("/api/v1/jobs/{job}")).await;
-                let step = asked.body["operator_step"]["number"].as_u64().unwrap_or(1) + u64::from(*late);
-                Ask::Confirm { job, step }
-            }
-            Wish::ReadStop => Ask::ReadStop,
-            Wish::ReadLease => Ask::ReadLease,
-            Wish::ReadAudit => Ask::ReadAudit,
-            Wish::ReadTokens => Ask::ReadTokens,
-        };
-        Some((who, key, ask))
-    }
-
-    /// A place along an axis's travel, or a little beyond.
-    pub(super) fn target_mm(&self, axis: AxisName, share: u8) -> f64 {
-        let limit = |name: &str| self.of_axis(axis)[name].as_f64().unwrap_or(0.0);
-        let (low, high) = (limit("low_limit_mm"), limit("high_limit_mm"));
-        let target = low + (f64::from(share) / 255.0 * 1.06 - 0.03) * (high - low);
-        (target * 1000.0).round() / 1000.0
-    }
-
-    pub(super) async fn exchange(
-        &self,
-        who: Who,
-        key: Option<String>,
-        ask: Ask,
-        alone: bool,
-        later: Duration,
-    ) -> Exchange {
+    pub(super) async fn exchange(&self, who: Who, shown: Shown, ask: Ask, alone: bool, later: Duration) -> Exchange {
         sleep(later).await;
         let sent = self.mark();
         let while_jogging = matches!(ask, Ask::Jog { axis, .. } if self.known.may_jog_on(axis));
-        let key_of_job = match &ask {
-            Ask::Confirm { job, .. } => self.known.key_of_job(job),
-            _ => None,
+        let of_job = match &ask {
+            Ask::Confirm { job, .. } | Ask::NewKey { job } => self.known.of_job(job, &shown),
+            _ => OfJob::default(),
         };
-        let answer = self.life().ask(who, key.as_deref(), &ask).await;
+        let press_over = match &ask {
+            Ask::Jog { axis, press: Some(name), .. } => self.known.is_press_over(*axis, name),
+            _ => false,
+        };
+        let answer = self.life().ask(who, &shown, &ask).await;
         let while_latched = self.known.latched == Some(true) && alone;
         let (while_unwritable, answered) = (self.known.unwritable, self.mark());
         Exchange {
             who,
             ask,
-            key,
+            shown,
             sent,
             answered,
             answer,
@@ -180,7 +150,8 @@ impl Run {
             while_latched,
             while_unwritable,
             while_jogging,
-            key_of_job,
+            of_job,
+            press_over,
         }
     }
 
@@ -190,6 +161,9 @@ impl Run {
         self.known.pass(now);
         for exchange in &exchanges {
             self.tally.requests += 1;
+            let dead = exchange.of_job.replaced || exchange.of_job.ended && exchange.shown.confirm.is_some();
+            self.tally.dead_confirm_keys += u64::from(dead);
+            self.tally.presses_over += u64::from(exchange.press_over);
             if !exchange.answer.accepted() {
                 self.tally.refusals += 1;
                 continue;
@@ -205,7 +179,11 @@ impl Run {
                     self.tally.stops_in_motion += u64::from(moving);
                 }
                 Ask::Reset { .. } => self.tally.resets += 1,
-                Ask::Confirm { .. } => self.tally.confirmations += 1,
+                Ask::Confirm { .. } => {
+                    self.tally.confirmations += 1;
+                    self.tally.by_confirm_key += u64::from(exchange.shown.lease.is_none());
+                }
+                Ask::NewKey { .. } => self.tally.new_confirm_keys += 1,
                 Ask::Release => self.tally.releases_in_motion += u64::from(moving),
                 Ask::TakeOver { .. } => self.tally.takeovers_in_motion += u64::from(moving),
                 _ => {}
@@ -254,7 +232,7 @@ impl Run {
                 }
                 sleep(Duration::from_millis(250)).await;
             }
-            let confirmed = self.ask(by, &Wish::Confirm { late: false }).await;
+            let confirmed = self.ask(by, &Wish::Confirm { late: false, former: false }).await;
             let refused = confirmed.iter().all(|exchange| !exchange.answer.accepted());
             all.extend(confirmed);
             if refused {
@@ -303,10 +281,15 @@ impl Run {
     }
 
     pub(super) async fn hold_jog(&mut self, step: &Step) -> Vec<Exchange> {
-        let Step::Hold { axis, towards, times, at, ms, then } = step else { return Vec::new() };
+        let Step::Hold { axis, towards, named, times, at, ms, then } = step else { return Vec::new() };
         let mut all = self.have_lease(3).await;
         for time in 0..*times {
-            let Some(jog) = self.resolve(By::Holder, &Wish::Jog(*axis, towards)).await else { break };
+            let press = match (named, time) {
+                (false, _) => Press::None,
+                (true, 0) => Press::Fresh,
+                (true, _) => Press::Newest,
+            };
+            let Some(jog) = self.resolve(By::Holder, &Wish::Jog(*axis, towards, press)).await else { break };
             let other = if time == *at { self.resolve(then.0, &then.1).await } else { None };
             let alone = other.is_none();
             let jogged = async {

@@ -1,7 +1,7 @@
 //! Who asks for what, and how that is said over HTTP: the one file to change where the API does.
 
 use plenalign::access::Scope;
-use plenalign::api::error::LEASE_HEADER;
+use plenalign::api::error::{CONFIRM_HEADER, LEASE_HEADER};
 use plenalign::device::AxisName;
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -42,24 +42,55 @@ impl Who {
 /// What is asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Ask {
-    Move { axis: AxisName, mm: f64 },
+    Move {
+        axis: AxisName,
+        mm: f64,
+    },
     Home(AxisName),
-    Jog { axis: AxisName, towards: &'static str },
+    Jog {
+        axis: AxisName,
+        towards: &'static str,
+        press: Option<String>,
+    },
     EndJog(AxisName),
     Shell(&'static str),
     Stop,
-    Reset { why: bool },
-    Take { ttl_s: f64 },
+    Reset {
+        why: bool,
+    },
+    Take {
+        ttl_s: f64,
+    },
     Renew,
     Release,
-    TakeOver { ttl_s: f64 },
+    TakeOver {
+        ttl_s: f64,
+    },
     Job(Kind),
-    Cancel { job: String },
-    Confirm { job: String, step: u64 },
+    Cancel {
+        job: String,
+    },
+    Confirm {
+        job: String,
+        step: u64,
+    },
+    /// Another confirm key for a job.
+    NewKey {
+        job: String,
+    },
     ReadStop,
     ReadLease,
     ReadAudit,
     ReadTokens,
+}
+
+/// The keys that a request shows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Shown {
+    /// As a lease's.
+    pub(super) lease: Option<String>,
+    /// As a confirm key.
+    pub(super) confirm: Option<String>,
 }
 
 /// A job to start.
@@ -79,6 +110,11 @@ impl Ask {
         matches!(self, Self::Move { .. } | Self::Home(_) | Self::Jog { .. } | Self::Job(_))
     }
 
+    /// Whether it needs the key of a lease, whoever asks.
+    pub(super) const fn needs_lease(&self) -> bool {
+        self.moves() || matches!(self, Self::Shell(_) | Self::Renew)
+    }
+
     /// The scope that it needs.
     pub(super) const fn needs(&self) -> Scope {
         match self {
@@ -96,7 +132,9 @@ impl Ask {
         match self {
             Self::Move { axis, mm } => (Method::POST, of_axis(axis, "move"), json!({ "position_mm": mm })),
             Self::Home(axis) => (Method::POST, of_axis(axis, "home"), none),
-            Self::Jog { axis, towards } => (Method::POST, of_axis(axis, "jog"), json!({ "towards": towards })),
+            Self::Jog { axis, towards, press } => {
+                (Method::POST, of_axis(axis, "jog"), json!({ "towards": towards, "press": press }))
+            }
             Self::EndJog(axis) => (Method::DELETE, of_axis(axis, "jog"), none),
             Self::Shell(state) => (Method::PUT, "/api/v1/shell".to_owned(), json!({ "state": state })),
             Self::Stop => (Method::POST, "/api/v1/stop".to_owned(), none),
@@ -113,6 +151,7 @@ impl Ask {
             Self::Confirm { job, step } => {
                 (Method::POST, format!("/api/v1/jobs/{job}/confirm"), json!({ "step": step }))
             }
+            Self::NewKey { job } => (Method::POST, format!("/api/v1/jobs/{job}/confirm-key"), none),
             Self::ReadStop => (Method::GET, "/api/v1/stop".to_owned(), none),
             Self::ReadLease => (Method::GET, "/api/v1/lease".to_owned(), none),
             Self::ReadAudit => (Method::GET, "/api/v1/audit?limit=20".to_owned(), none),
@@ -160,15 +199,17 @@ pub(super) async fn send(
     client: &reqwest::Client,
     base: &str,
     token: Option<&str>,
-    key: Option<&str>,
+    shown: &Shown,
     (method, path, body): (Method, String, Value),
 ) -> Answer {
     let mut request = client.request(method, format!("{base}{path}"));
     if let Some(token) = token {
         request = request.bearer_auth(token);
     }
-    if let Some(key) = key {
-        request = request.header(LEASE_HEADER, key);
+    for (header, key) in [(LEASE_HEADER, &shown.lease), (CONFIRM_HEADER, &shown.confirm)] {
+        if let Some(key) = key {
+            request = request.header(header, key);
+        }
     }
     if !body.is_null() {
         request = request.json(&body);

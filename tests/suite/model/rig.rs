@@ -4,23 +4,22 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use async_trait::async_trait;
-use plenalign::config::{Config, Side};
+use plenalign::config::{Config, ControllerConfig, ControllerDriver, Side};
 use plenalign::device::faults::Faults;
-use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::axis::AxisSetup;
-use plenalign::device::stage::grbl_controller::GrblDriver;
 use plenalign::device::stage::supervisor::Controller;
-use plenalign::device::{AxisName, Bench, DeviceError, Setup, SimulatedOperator, Stage};
+use plenalign::device::{AxisName, Bench, Setup, SimulatedOperator, Stage, open};
 use plenalign::sim::camera::SimulatedCamera;
 use plenalign::sim::plant::Plant;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::line::Line;
-use plenalign::sim::stage::{ControllerTwin, TwinDial};
+use plenalign::sim::stage::{ControllerTwin, firmware};
 use plenalign::sim::truth::Truth;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
+
+use super::super::stages::kit::suit;
+use super::wire::Tapped;
 
 /// Where the e axis stands beyond the simulated start, mm: clear of a home switch on the shell's side.
 const CLEAR_OF_SWITCH_MM: f64 = 15.0;
@@ -28,7 +27,7 @@ const CLEAR_OF_SWITCH_MM: f64 = 15.0;
 /// What a daemon told the controller to move, or the place that an axis came to.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Seen {
-    /// A line that begins a motion went out.
+    /// An order that begins a motion went out.
     Order { axis: AxisName, homing: bool, line: String },
     /// An axis stands elsewhere than before, true coordinate, mm.
     Moved { axis: AxisName, at_mm: f64 },
@@ -45,7 +44,7 @@ impl Record {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn note(&self, seen: Seen) {
+    pub(super) fn note(&self, seen: Seen) {
         self.lock().push((Instant::now(), seen));
     }
 
@@ -105,77 +104,6 @@ impl Plant for Watched {
     }
 }
 
-/// A way to the twin that notes what moves on it, and that a killed daemon loses for good.
-struct Tapped {
-    dial: TwinDial,
-    record: Arc<Record>,
-    cut: CancellationToken,
-}
-
-#[async_trait]
-impl Dial for Tapped {
-    fn location(&self) -> String {
-        "tapped".to_owned()
-    }
-
-    async fn open(&self) -> Result<Wire, DeviceError> {
-        if self.cut.is_cancelled() {
-            let (device, reason) = ("tapped wire".to_owned(), "its daemon was killed".to_owned());
-            return Err(DeviceError::Disconnected { device, reason });
-        }
-        let controller = self.dial.open().await?;
-        let (near, far) = tokio::io::duplex(1024);
-        let (record, cut) = (Arc::clone(&self.record), self.cut.clone());
-        tokio::spawn(async move { cut.run_until_cancelled(pass(far, controller, &record)).await });
-        Ok(Box::new(near))
-    }
-}
-
-/// Passes bytes both ways, and notes each line that begins a motion.
-async fn pass(mut daemon: tokio::io::DuplexStream, mut controller: Wire, record: &Record) {
-    let (mut down, mut up, mut line) = ([0u8; 256], [0u8; 256], Vec::new());
-    loop {
-        tokio::select! {
-            biased;
-            read = daemon.read(&mut down) => {
-                let Ok(count @ 1..) = read else { return };
-                for &byte in &down[..count] {
-                    match byte {
-                        b'\n' => {
-                            if let Some(order) = order(&std::mem::take(&mut line)) {
-                                record.note(order);
-                            }
-                        }
-                        // Real-time bytes are no part of a line.
-                        b'?' | b'!' | b'~' | 0x18 | 0x80.. => {}
-                        byte => line.push(byte),
-                    }
-                }
-                if controller.write_all(&down[..count]).await.is_err() {
-                    return;
-                }
-            }
-            read = controller.read(&mut up) => {
-                let Ok(count @ 1..) = read else { return };
-                if daemon.write_all(&up[..count]).await.is_err() {
-                    return;
-                }
-            }
-        }
-    }
-}
-
-/// The motion that a line begins, if it does.
-fn order(line: &[u8]) -> Option<Seen> {
-    let line = String::from_utf8_lossy(line).into_owned();
-    let homing = line.starts_with("$H");
-    if !homing && !line.starts_with("$J=") {
-        return None;
-    }
-    let axis = if line.contains('Y') { AxisName::E } else { AxisName::Focus };
-    Some(Seen::Order { axis, homing, line })
-}
-
 /// What is done to the bench behind the daemon's back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Trouble {
@@ -188,6 +116,7 @@ pub(super) enum Trouble {
 
 /// The bench below the daemon.
 pub(super) struct Rig {
+    pub(super) driver: ControllerDriver,
     pub(super) config: Arc<Config>,
     pub(super) record: Arc<Record>,
     truth: Arc<Truth>,
@@ -197,7 +126,7 @@ pub(super) struct Rig {
 impl Rig {
     /// A bench whose true places are what its controller counts, and which homes quickly: what is tried here is who may
     /// move what, and not how well. `low` has the e axis home towards the shell.
-    pub(super) fn new(seed: u64, low: bool) -> Self {
+    pub(super) fn new(seed: u64, low: bool, driver: ControllerDriver) -> Self {
         let mut config = super::super::bench::small_config(seed);
         (config.sensor.width_px, config.sensor.height_px) = (160, 160);
         let simulation = &mut config.bench.simulation;
@@ -207,16 +136,22 @@ impl Rig {
         if low {
             (config.bench.e.home_side, config.bench.e.home_position_mm) = (Side::Low, 3.0);
         }
+        suit(driver, &mut config.bench);
         let config = Arc::new(config);
         let (truth, record) = (Truth::new(&config), Arc::<Record>::default());
         let turned_mm = [0.0, if low { CLEAR_OF_SWITCH_MM } else { 0.0 }];
         truth.motor_moved(1, turned_mm[1]);
         let last_mm = Mutex::new(places(&truth));
         let watched = Watched { truth: Arc::clone(&truth), record: Arc::clone(&record), last_mm, turned_mm };
-        let mut firmware = FirmwareConfig::for_axes(&[&config.bench.focus, &config.bench.e]);
-        (firmware.seek_rate_mm_per_min, firmware.locate_rate_mm_per_min) = (1200.0, 240.0);
-        let twin = ControllerTwin::new(GrblFirmware::new(firmware, Arc::new(watched)));
-        Self { config, record, truth, twin }
+        let (axes, plant) = ([&config.bench.focus, &config.bench.e], Arc::new(watched));
+        let twin = if driver == ControllerDriver::Grbl {
+            let mut settings = FirmwareConfig::for_axes(&axes);
+            (settings.seek_rate_mm_per_min, settings.locate_rate_mm_per_min) = (1200.0, 240.0);
+            ControllerTwin::new(GrblFirmware::new(settings, plant))
+        } else {
+            firmware(driver, &axes, plant)
+        };
+        Self { driver, config, record, truth, twin }
     }
 
     /// The devices as one daemon has them, until they are cut.
@@ -228,8 +163,10 @@ impl Rig {
         for axis in &mut axes {
             axis.config.accept_wider_firmware_limits = true;
         }
-        let dial = Tapped { dial: self.twin.dial(), record: Arc::clone(&self.record), cut: cut.clone() };
-        let controller = Controller::start("tapped controller", Box::new(GrblDriver), Arc::new(dial), None, axes);
+        let (driver, record, cut) = (self.driver, Arc::clone(&self.record), cut.clone());
+        let dial = Arc::new(Tapped { driver, dial: self.twin.dial(), record, cut });
+        let config = ControllerConfig { driver, port: "/dev/null".into(), baud: None, identity: None, address: 1 };
+        let controller = Controller::start("tapped controller", open::driver(&config), dial, None, axes);
         // A controller that is not there now comes later.
         let _ = controller.first_attempt().await;
         let stage = |axis| Arc::new(controller.stage(axis).unwrap()) as Arc<dyn Stage>;

@@ -50,7 +50,7 @@ pub(super) struct Run {
 
 /// Carries a sequence out. Ends with the first step after which an invariant named by `counts` is broken.
 pub(super) async fn run(sequence: &Sequence, counts: impl Fn(&str) -> bool, go_on: bool) -> Outcome {
-    let mut run = Run::begin(sequence.low).await;
+    let mut run = Run::begin(sequence).await;
     let mut broken = Vec::new();
     broken.extend(run.judge(&[], None).await.into_iter().filter(|b| counts(b.name)));
     let steps = run.prelude(sequence).into_iter().map(|step| (None, step));
@@ -71,11 +71,12 @@ pub(super) async fn run(sequence: &Sequence, counts: impl Fn(&str) -> bool, go_o
         }
     }
     if broken.is_empty() || go_on {
-        let file = run.file_with_a_key();
-        let found = run.judge(&[], file.as_deref()).await;
+        let files = run.files_with_a_key();
+        let found = run.judge(&[], Some(&files)).await;
         broken.extend(found.into_iter().filter(|b| counts(b.name)));
     }
     run.tally.sequences = 1;
+    run.tally.of_protocol[sequence.driver as usize] = 1;
     run.tally.orders = run.orders();
     if let Some(life) = run.life.take() {
         life.kill(false).await;
@@ -90,8 +91,9 @@ fn folder() -> tempfile::TempDir {
 }
 
 impl Run {
-    async fn begin(low: bool) -> Self {
-        let (rig, state) = (Rig::new(1, low), folder());
+    async fn begin(sequence: &Sequence) -> Self {
+        let low = sequence.low;
+        let (rig, state) = (Rig::new(1, low, sequence.driver), folder());
         let life = Life::start(&rig, &state.path().join("state")).await;
         let mut known = Known::new();
         known.secrets.extend(life.tokens.values().cloned());
@@ -154,21 +156,23 @@ impl Run {
         View { at: self.mark(), bench, jobs, audit }
     }
 
-    /// The file of the history in which a lease's key stands.
-    fn file_with_a_key(&self) -> Option<String> {
+    /// The files of the history in which a lease's key stands, and a confirm key.
+    fn files_with_a_key(&self) -> [Option<String>; 2] {
         let folder = if self.known.unwritable { self.state.path().join("away") } else { self.folder() };
-        let files = std::fs::read_dir(folder).ok()?.flatten();
-        let holds = |bytes: &[u8]| {
-            let has = |secret: &String| bytes.windows(secret.len()).any(|window| window == secret.as_bytes());
-            self.known.leases.iter().any(|lease| has(&lease.key))
-        };
-        let named = files.filter(|file| file.file_name().to_string_lossy().starts_with("history.db"));
-        let mut found = named.filter(|file| std::fs::read(file.path()).is_ok_and(|bytes| holds(&bytes)));
-        found.next().map(|file| file.file_name().to_string_lossy().into_owned())
+        let leases: Vec<&str> = self.known.leases.iter().map(|lease| lease.key.as_str()).collect();
+        let confirm: Vec<&str> = self.known.confirm_keys.iter().map(|known| known.key.as_str()).collect();
+        [leases, confirm].map(|keys| {
+            let holds =
+                |bytes: &[u8]| keys.iter().any(|key| bytes.windows(key.len()).any(|window| window == key.as_bytes()));
+            let files = std::fs::read_dir(&folder).ok()?.flatten();
+            let named = files.filter(|file| file.file_name().to_string_lossy().starts_with("history.db"));
+            let mut found = named.filter(|file| std::fs::read(file.path()).is_ok_and(|bytes| holds(&bytes)));
+            found.next().map(|file| file.file_name().to_string_lossy().into_owned())
+        })
     }
 
     /// Checks every invariant on what the step has left, then takes that in.
-    async fn judge(&mut self, exchanges: &[Exchange], key_on_disk: Option<&str>) -> Vec<Broken> {
+    async fn judge(&mut self, exchanges: &[Exchange], on_disk: Option<&[Option<String>; 2]>) -> Vec<Broken> {
         let after = self.look().await;
         self.known.pass(after.at);
         let seen = self.rig.record.since(self.judged)[..after.at.index - self.judged].to_vec();
@@ -182,9 +186,11 @@ impl Run {
             after: &after,
             anew: std::mem::take(&mut self.anew),
             restarted: self.restarted && !self.known.unwritable,
+            driver: self.rig.driver,
             low: self.low,
             places_mm: AxisName::ALL.map(|axis| self.rig.place_mm(axis)),
-            key_on_disk,
+            lease_key_on_disk: on_disk.and_then(|[lease, _]| lease.as_deref()),
+            confirm_key_on_disk: on_disk.and_then(|[_, confirm]| confirm.as_deref()),
         };
         let mut broken = Vec::new();
         for invariant in ALL {

@@ -1,5 +1,7 @@
 //! What a sequence is made of, and how it is drawn.
 
+use clap::ValueEnum as _;
+use plenalign::config::ControllerDriver;
 use plenalign::device::AxisName;
 use proptest::prelude::*;
 
@@ -13,6 +15,8 @@ pub(super) enum By {
     Holder,
     /// Somebody, with a key.
     Other(Who, Key),
+    /// Somebody with what they take for a confirm key, and with no lease.
+    Confirmer(Who, Confirm),
 }
 
 /// Which key is shown.
@@ -22,8 +26,35 @@ pub(super) enum Key {
     Newest,
     /// That of the lease before.
     Former,
+    /// The newest confirm key: another kind of key.
+    Confirm,
     Guess,
     None,
+}
+
+/// Which confirm key is shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Confirm {
+    /// The newest.
+    Newest,
+    /// One of the newest job's that another has replaced.
+    Replaced,
+    /// That of the job before.
+    Former,
+    /// The key of the lease in force: another kind of key.
+    Lease,
+    Guess,
+}
+
+/// Which name a jog gives its press of the button.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Press {
+    None,
+    Fresh,
+    /// The newest of its axis.
+    Newest,
+    /// One before the newest.
+    Former,
 }
 
 /// What is asked for; what depends on the bench's state is filled in when it is asked.
@@ -32,7 +63,7 @@ pub(super) enum Wish {
     /// To a share of the axis's travel, a little beyond it at both ends.
     Move(AxisName, u8),
     Home(AxisName),
-    Jog(AxisName, &'static str),
+    Jog(AxisName, &'static str, Press),
     EndJog(AxisName),
     Shell(&'static str),
     Stop,
@@ -49,10 +80,13 @@ pub(super) enum Wish {
     },
     Job(Kind),
     Cancel,
-    /// Of the step that is asked for, or of the one after.
+    /// Of the step that is asked for, or of the one after; of the job before, or of the newest.
     Confirm {
         late: bool,
+        former: bool,
     },
+    /// Another confirm key.
+    NewKey,
     ReadStop,
     ReadLease,
     ReadAudit,
@@ -69,6 +103,7 @@ pub(super) enum Step {
     Hold {
         axis: AxisName,
         towards: &'static str,
+        named: bool,
         times: u8,
         at: u8,
         ms: u8,
@@ -84,12 +119,25 @@ pub(super) enum Step {
         ms: u16,
         then: (By, Wish),
     },
-    /// A job by the holder, each of its steps confirmed by somebody as it comes, and something else so many ms later.
+    /// A job by the holder, whose confirm key is replaced or not, each of its steps confirmed by somebody as it comes, and
+    /// something else so many ms later.
     DuringJob {
         kind: Kind,
         by: By,
+        renewed: bool,
         ms: u16,
         then: (By, Wish),
+    },
+    /// The lease given back under a job, a heartbeat so many ms later all the same, and the job's end.
+    GiveBack {
+        kind: Kind,
+        ms: u16,
+    },
+    /// A press of a jog's button, another one so many ms later, and a late word of the first.
+    Presses {
+        axis: AxisName,
+        towards: &'static str,
+        ms: u16,
     },
     /// A move by the holder, and the end of the daemon meanwhile, orderly or not.
     Fall {
@@ -122,6 +170,7 @@ pub(super) enum Step {
 /// A whole sequence.
 #[derive(Debug, Clone)]
 pub(super) struct Sequence {
+    pub(super) driver: ControllerDriver,
     /// Whether e homes towards the shell.
     pub(super) low: bool,
     /// Whether both axes are homed under a lease before it begins.
@@ -134,11 +183,25 @@ fn axis() -> impl Strategy<Value = AxisName> {
 }
 
 fn by() -> impl Strategy<Value = By> {
-    let key = prop_oneof![3 => Just(Key::Former), 2 => Just(Key::None), 1 => Just(Key::Guess), 2 => Just(Key::Newest)];
+    let key = prop_oneof![
+        3 => Just(Key::Former), 2 => Just(Key::None), 1 => Just(Key::Guess), 2 => Just(Key::Newest),
+        1 => Just(Key::Confirm),
+    ];
     prop_oneof![
-        8 => Just(By::Holder),
-        2 => (prop::sample::select(&Who::ALL[..]), key).prop_map(|(who, key)| By::Other(who, key)),
+        16 => Just(By::Holder),
+        1 => confirmer(),
+        4 => (prop::sample::select(&Who::ALL[..]), key).prop_map(|(who, key)| By::Other(who, key)),
     ]
+}
+
+/// Whoever stands at the bench with a confirm key, the right one as a rule.
+fn confirmer() -> impl Strategy<Value = By> {
+    let key = prop_oneof![
+        6 => Just(Confirm::Newest), 2 => Just(Confirm::Replaced), 2 => Just(Confirm::Former), 1 => Just(Confirm::Lease),
+        1 => Just(Confirm::Guess),
+    ];
+    let who = prop_oneof![6 => Just(Who::Carl), 2 => Just(Who::Cleo), 1 => Just(Who::Vera), 1 => Just(Who::Nobody)];
+    (who, key).prop_map(|(who, key)| By::Confirmer(who, key))
 }
 
 /// Somebody who may, as a rule.
@@ -178,12 +241,22 @@ fn meanwhile() -> impl Strategy<Value = (By, Wish)> {
     ]
 }
 
+/// As a rule of what is asked for now.
+fn confirm() -> impl Strategy<Value = Wish> {
+    let rarely = || prop_oneof![6 => Just(false), 1 => Just(true)];
+    (rarely(), rarely()).prop_map(|(late, former)| Wish::Confirm { late, former })
+}
+
+fn press() -> impl Strategy<Value = Press> {
+    prop_oneof![4 => Just(Press::None), 2 => Just(Press::Fresh), 2 => Just(Press::Newest), 1 => Just(Press::Former)]
+}
+
 /// A wish and who may have it, drawn as often as it teaches something.
 fn asked() -> impl Strategy<Value = (By, Wish)> {
     prop_oneof![
         12 => (by(), (axis(), any::<u8>()).prop_map(|(axis, share)| Wish::Move(axis, share))),
         6 => (by(), axis().prop_map(Wish::Home)),
-        4 => (by(), (axis(), towards()).prop_map(|(axis, towards)| Wish::Jog(axis, towards))),
+        5 => (by(), (axis(), towards(), press()).prop_map(|(axis, towards, press)| Wish::Jog(axis, towards, press))),
         1 => (by(), axis().prop_map(Wish::EndJog)),
         2 => (by(), prop_oneof![Just("off"), Just("on"), Just("unknown")].prop_map(Wish::Shell)),
         6 => (anybody(), Just(Wish::Stop)),
@@ -194,7 +267,9 @@ fn asked() -> impl Strategy<Value = (By, Wish)> {
         3 => (anybody(), ttl().prop_map(|ttl_s| Wish::TakeOver { ttl_s })),
         7 => (by(), kind().prop_map(Wish::Job)),
         2 => (by(), Just(Wish::Cancel)),
-        7 => (by(), prop_oneof![5 => Just(false), 1 => Just(true)].prop_map(|late| Wish::Confirm { late })),
+        5 => (by(), confirm()),
+        4 => (confirmer(), confirm()),
+        2 => (prop_oneof![3 => by(), 2 => Just(By::Other(Who::Root, Key::None))], Just(Wish::NewKey)),
         1 => (anybody(), prop_oneof![
             Just(Wish::ReadStop), Just(Wish::ReadLease), Just(Wish::ReadAudit), Just(Wish::ReadTokens)
         ]),
@@ -207,18 +282,21 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (5u16..150).prop_map(Trouble::Late), 2 => Just(Trouble::InTime),
     ];
     let during = (axis(), any::<u8>(), 1u16..1500, meanwhile());
-    let during_job = (kind(), by(), 1u16..6000, meanwhile());
+    let during_job = (kind(), prop_oneof![by(), confirmer()], any::<bool>(), 1u16..6000, meanwhile());
     let fall = (axis(), any::<u8>(), 1u16..1500, any::<bool>());
-    let hold = (axis(), towards(), 2u8..10, 0u8..8, 0u8..100, meanwhile());
+    let hold = (axis(), towards(), any::<bool>(), 2u8..10, (0u8..8, 0u8..100), meanwhile());
+    let held = |(axis, towards, named, times, (at, ms), then)| Step::Hold { axis, towards, named, times, at, ms, then };
     prop_oneof![
         26 => asked().prop_map(|(by, wish)| Step::Ask(by, wish)),
         6 => (asked(), asked(), 0u8..4).prop_map(|(one, two, ms)| Step::Both(one, two, ms)),
         14 => during.prop_map(|(axis, share, ms, then)| Step::During { axis, share, ms, then }),
-        5 => during_job.prop_map(|(kind, by, ms, then)| Step::DuringJob { kind, by, ms, then }),
+        7 => during_job.prop_map(|(kind, by, renewed, ms, then)| Step::DuringJob { kind, by, renewed, ms, then }),
+        2 => (kind(), 1u16..500).prop_map(|(kind, ms)| Step::GiveBack { kind, ms }),
+        2 => (axis(), towards(), 1u16..500).prop_map(|(axis, towards, ms)| Step::Presses { axis, towards, ms }),
         3 => axis().prop_map(|axis| Step::Outlast { axis }),
         2 => fall.prop_map(|(axis, share, ms, kill)| Step::Fall { axis, share, ms, kill }),
         7 => ttl().prop_map(|ttl_s| Step::Ready { ttl_s }),
-        6 => hold.prop_map(|(axis, towards, times, at, ms, then)| Step::Hold { axis, towards, times, at, ms, then }),
+        6 => hold.prop_map(held),
         7 => prop_oneof![3 => 1u16..300, 1 => 300u16..3000].prop_map(|ms| Step::Wait { ms }),
         2 => Just(Step::Expire),
         2 => Just(Step::Rest),
@@ -234,7 +312,9 @@ fn step() -> impl Strategy<Value = Step> {
 
 /// A sequence of so many steps at most.
 pub(super) fn sequence(most: usize) -> impl Strategy<Value = Sequence> {
+    let driver = prop::sample::select(ControllerDriver::value_variants());
     let low = prop_oneof![3 => Just(false), 1 => Just(true)];
     let homed = prop_oneof![4 => Just(true), 1 => Just(false)];
-    (low, homed, prop::collection::vec(step(), 1..=most)).prop_map(|(low, homed, steps)| Sequence { low, homed, steps })
+    let steps = prop::collection::vec(step(), 1..=most);
+    (driver, low, homed, steps).prop_map(|(driver, low, homed, steps)| Sequence { driver, low, homed, steps })
 }

@@ -8,6 +8,7 @@ use tokio::time::{Instant, sleep, sleep_until};
 use super::exchange::Mark;
 use super::leases::Why;
 use super::life::Life;
+use super::requests::Shown;
 use super::rig::Trouble;
 use super::run::Run;
 use super::steps::{By, Wish};
@@ -48,7 +49,7 @@ impl Run {
     }
 
     pub(super) async fn connect(&mut self, by: By) {
-        let Some((who, Some(key), _)) = self.resolve(by, &Wish::Renew).await else { return };
+        let Some((who, Shown { lease: Some(key), .. }, _)) = self.resolve(by, &Wish::Renew).await else { return };
         let held = self.life.as_mut().unwrap().hold(who, &key).await;
         let now = self.mark();
         self.known.pass(now);

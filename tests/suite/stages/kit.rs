@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::ValueEnum as _;
-use plenalign::config::{AxisConfig, BenchConfig, ControllerConfig, ControllerDriver};
+use plenalign::config::{AxisConfig, BenchConfig, ControllerConfig, ControllerDriver, Side};
 use plenalign::device::serial::Dial;
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
@@ -36,24 +36,33 @@ fn every_protocol_is_in_the_list() {
 /// A bench whose axes a controller of this kind can have.
 pub(super) fn bench(driver: ControllerDriver) -> BenchConfig {
     let mut bench = BenchConfig::default();
+    suit(driver, &mut bench);
+    bench
+}
+
+/// Makes a bench's axes ones that a controller of this kind can have.
+pub(crate) fn suit(driver: ControllerDriver, bench: &mut BenchConfig) {
     for (axis, name) in [&mut bench.focus, &mut bench.e].into_iter().zip(driver.first_axes()) {
         name.clone_into(&mut axis.axis);
     }
     match driver {
         // Zaber's homing runs towards the controller's negative end.
         ControllerDriver::Zaber => {
-            bench.e.reversed = true;
+            for axis in [&mut bench.focus, &mut bench.e] {
+                axis.reversed = axis.home_side == Side::High;
+            }
             (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (20_000.0, 20_000.0);
         }
         ControllerDriver::Pi => {
             // It counts in mm, and its limits begin where a reference move ends.
             (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (1.0, 1.0);
-            bench.focus.low_limit_mm = bench.focus.home_position_mm;
-            bench.e.high_limit_mm = bench.e.home_position_mm;
+            for axis in [&mut bench.focus, &mut bench.e] {
+                let limit = if axis.home_side == Side::High { &mut axis.high_limit_mm } else { &mut axis.low_limit_mm };
+                *limit = axis.home_position_mm;
+            }
         }
         ControllerDriver::Grbl | ControllerDriver::Tmcl => {}
     }
-    bench
 }
 
 /// A twin and what its motors turn.

@@ -5,7 +5,7 @@ mod contradictions;
 mod faults;
 mod identify;
 mod interleaved;
-mod kit;
+pub(crate) mod kit;
 mod lines;
 mod program;
 mod stopped_at_every_poll;
