@@ -113,8 +113,9 @@ pub struct JogRequest {
     /// How fast, mm/s; the axis's greatest speed where it is not given.
     #[schema(exclusive_minimum = 0)]
     pub speed_mm_per_s: Option<f64>,
-    /// A name of the caller's own for this press of the button, another one for each: one that a stop has ended is
-    /// refused from then on, so that a button held down all the while does not move the axis again after the reset.
+    /// A name of the caller's own for this press of the button, another one for each: one that a stop, another press or
+    /// its own end has ended is refused from then on, so that no word that comes late, and no button held down all the
+    /// while, moves the axis again.
     #[schema(min_length = 1, max_length = 64)]
     pub press: Option<String>,
 }
