@@ -91,8 +91,9 @@ impl Format {
 }
 
 fn state(word: &str) -> Result<JobState, String> {
-    serde_json::from_value(serde_json::Value::from(word))
-        .map_err(|_| "there is no such state; there are converged, not_converged, cancelled, failed, interrupted, pending, running, waiting_for_operator and cancelling".to_owned())
+    serde_json::from_value(serde_json::Value::from(word)).map_err(|_| {
+        format!("there is no such state; there are {}", JobState::ALL.map(|state| state.to_string()).join(", "))
+    })
 }
 
 pub(super) fn run(_: Context, args: Args) -> anyhow::Result<ExitCode> {
@@ -232,6 +233,20 @@ impl Source {
             Self::Daemon(daemon) => {
                 Ok(daemon.get::<crate::api::types::JobResource>(&job_href(id)).await?.job.simulated)
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_state_is_taken_and_named_to_who_types_another() {
+        let refused = state("done").unwrap_err();
+        for each in JobState::ALL {
+            assert_eq!(state(&each.to_string()), Ok(each));
+            assert!(refused.contains(&format!(" {each}")), "{refused}");
         }
     }
 }

@@ -94,7 +94,7 @@ pub struct JobQuery {
 impl JobQuery {
     fn filter(&self, without: Vec<Uuid>) -> JobFilter {
         JobFilter {
-            states: self.states.iter().map(word).collect(),
+            states: self.states.iter().map(JobState::to_string).collect(),
             kinds: self.kinds.iter().map(word).collect(),
             since: self.since,
             until: self.until,

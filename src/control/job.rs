@@ -55,6 +55,20 @@ impl fmt::Display for JobState {
 }
 
 impl JobState {
+    /// Every state, in the order of a job's life.
+    pub const ALL: [Self; 10] = [
+        Self::Pending,
+        Self::Running,
+        Self::WaitingForOperator,
+        Self::Cancelling,
+        Self::Converged,
+        Self::Succeeded,
+        Self::NotConverged,
+        Self::Cancelled,
+        Self::Failed,
+        Self::Interrupted,
+    ];
+
     /// Whether the job is over.
     #[must_use]
     pub const fn is_final(self) -> bool {
@@ -372,4 +386,20 @@ pub struct Report {
     /// The simulated truth, on a simulated bench.
     #[schema(value_type = Option<Object>)]
     pub truth: Option<serde_json::Value>,
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_state_is_spelt_in_one_way_wherever_it_is_written() {
+        for state in JobState::ALL {
+            assert_eq!(json!(state), json!(state.to_string()), "on the wire");
+            assert_eq!(serde_json::from_value::<JobState>(json!(state.to_string())).unwrap(), state, "read back");
+            assert_eq!(JobState::ALL.into_iter().filter(|other| other.to_string() == state.to_string()).count(), 1);
+        }
+    }
 }

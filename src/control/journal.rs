@@ -10,7 +10,7 @@ use uuid::Uuid;
 
 use super::bench_name::bench_name;
 use super::events::{MeasurementView, StopView};
-use super::job::{JobSnapshot, OperatorStep};
+use super::job::{JobSnapshot, JobState, OperatorStep};
 use super::lease::KeptLease;
 use super::measurement::SingleMeasurement;
 use super::recording::{Happening, Sink};
@@ -110,7 +110,8 @@ impl Journal {
             .store
             .write(move |writer| {
                 writer.begin_run(&run)?;
-                let interrupted = writer.interrupt(&run, &bench, INTERRUPTED_REASON)?;
+                let interrupted =
+                    writer.interrupt(&run, &bench, &JobState::Interrupted.to_string(), INTERRUPTED_REASON)?;
                 for job in jobs {
                     job.write(writer)?;
                 }
@@ -200,7 +201,7 @@ impl Journal {
             id: snapshot.id,
             run: self.run.id,
             kind: word(&snapshot.kind),
-            state: word(&snapshot.state),
+            state: snapshot.state.to_string(),
             simulated: snapshot.simulated,
             generation: snapshot.generation,
             created_at: snapshot.created_at,

@@ -69,7 +69,7 @@ pub(super) async fn break_off(context: &JobContext, motion: &Motion, why: String
         Err(_) => context.log("the axes could not be told to stop"),
     }
     if !context.snapshot().state.is_final() {
-        telemetry::job_ended(&word(&context.snapshot().kind), &word(&JobState::Failed));
+        telemetry::job_ended(&word(&context.snapshot().kind), &JobState::Failed.to_string());
         context.end(JobState::Failed, why, None).await;
     }
 }

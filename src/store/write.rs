@@ -10,9 +10,6 @@ use super::bench::BenchName;
 use super::prune::OF_JOB;
 use super::records::{Audit, Entry, Job, Kept, Line, Move, OperatorStep, Picture, Run};
 
-/// What a job's state is called when its program ended without ending it.
-pub const INTERRUPTED: &str = "interrupted";
-
 /// The connection that writes, within a transaction.
 pub struct Writer<'a> {
     connection: &'a Connection,
@@ -64,24 +61,25 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Ends what earlier runs on the same bench have left open: they can have it no more.
-    pub fn interrupt(&self, run: &Run, name: &BenchName, reason: &str) -> Result<Interrupted> {
+    /// Ends what earlier runs on the same bench have left open: they can have it no more. `state` is the word for a job
+    /// that its program's end cut short, and the outcome of a motion that it did.
+    pub fn interrupt(&self, run: &Run, name: &BenchName, state: &str, reason: &str) -> Result<Interrupted> {
         let benches = Value::from_iter(name.all(self.connection)?).to_string();
         let others = "run IN (SELECT id FROM runs WHERE bench IN (SELECT value FROM json_each(?1)) AND id <> ?2)";
         // The last sign of life is when it ended, as far as can be told.
         let sql = format!(
-            "UPDATE jobs SET state = '{INTERRUPTED}', generation = generation + 1, ended_at = max(changed_at,
+            "UPDATE jobs SET state = ?4, generation = generation + 1, ended_at = max(changed_at,
                 ifnull((SELECT max(at) FROM log WHERE job = jobs.id), 0),
                 ifnull((SELECT max(at) FROM iterations WHERE job = jobs.id), 0)),
                 reason = ?3 WHERE {others} AND ended_at IS NULL RETURNING id"
         );
         let mut statement = self.connection.prepare_cached(&sql)?;
         let jobs = statement
-            .query_map(params![benches, text(run.id), reason], |row| uuid(row, 0))?
+            .query_map(params![benches, text(run.id), reason, state], |row| uuid(row, 0))?
             .collect::<Result<Vec<_>>>()?;
         // When the motion came to rest nobody knows.
-        let sql = format!("UPDATE moves SET outcome = '{INTERRUPTED}' WHERE {others} AND outcome IS NULL");
-        let moves = self.run(&sql, params![benches, text(run.id)])?;
+        let sql = format!("UPDATE moves SET outcome = ?3 WHERE {others} AND outcome IS NULL");
+        let moves = self.run(&sql, params![benches, text(run.id), state])?;
         Ok(Interrupted { jobs, moves })
     }
 

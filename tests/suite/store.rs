@@ -131,7 +131,7 @@ async fn what_an_earlier_run_on_the_same_bench_left_open_is_interrupted() {
         .await
         .unwrap();
     let name = BenchName { spelled: "one".to_owned(), devices: None };
-    let found = store.write(move |writer| writer.interrupt(&now, &name, "gone")).await.unwrap();
+    let found = store.write(move |writer| writer.interrupt(&now, &name, "interrupted", "gone")).await.unwrap();
     assert_eq!((found.jobs, found.moves), (vec![left.id], 1));
     let interrupted = store.read(move |c| read::find_job(c, id)).await.unwrap().unwrap();
     assert_eq!((interrupted.state.as_str(), interrupted.reason.as_deref()), ("interrupted", Some("gone")));

@@ -6,7 +6,7 @@ use super::figures::figures;
 use super::plot::{Point, Series, by_iteration, field_map};
 use crate::config::Config;
 use crate::control::history::JobArchive;
-use crate::control::job::{Iteration, JobState};
+use crate::control::job::Iteration;
 use crate::text::{data_uri, escape, time};
 
 const STYLE: &str = "
@@ -76,14 +76,10 @@ fn banner(page: &mut String, archive: &JobArchive) {
     }
 }
 
-/// The word for a state, as on the wire: also a class of the style sheet.
-fn state_word(state: JobState) -> String {
-    serde_json::to_value(state).ok().and_then(|word| word.as_str().map(str::to_owned)).unwrap_or_default()
-}
-
 fn head(page: &mut String, archive: &JobArchive) {
     let job = &archive.job;
-    let state = state_word(job.state);
+    // Also a class of the style sheet.
+    let state = job.state.to_string();
     let kind =
         serde_json::to_value(job.kind).ok().and_then(|word| word.as_str().map(str::to_owned)).unwrap_or_default();
     let _ = writeln!(page, "<h1>{}</h1>", escape(&kind.replace('_', " ")));

@@ -202,7 +202,7 @@ pub(super) fn answer(answer: &Answer, at: jiff::Timestamp) -> messages::Answer {
 pub(super) fn end(end: &End, at: jiff::Timestamp) -> messages::JobEnd {
     messages::JobEnd {
         timestamp: Some(stamp(at)),
-        state: word(&end.state),
+        state: end.state.to_string(),
         reason: end.reason.clone(),
         report_json: end.report.as_ref().and_then(|report| serde_json::to_string(report).ok()),
         outcome_json: end.outcome.as_ref().and_then(|outcome| serde_json::to_string(outcome).ok()),
