@@ -1,9 +1,10 @@
 //! A whole simulated bench for a test: small sensor, simulated time.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::config::Config;
+use plenalign::config::{BenchDriver, Config, ControllerConfig, ControllerDriver};
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot};
 use plenalign::control::lease::{LeaseRequest, Leases, Permit};
@@ -20,6 +21,25 @@ pub(crate) fn small_config(seed: u64) -> Config {
     config.sensor.height_px = 560;
     config.bench.simulation.seed = seed;
     config.bench.simulation.rays = 16;
+    config
+}
+
+/// A configuration's bench with real drivers: both axes on one Grbl controller at a port, and no camera.
+pub(crate) fn grbl_hardware(mut config: Config, port: &Path) -> Config {
+    config.bench.driver = BenchDriver::Hardware;
+    let controller = ControllerConfig {
+        driver: ControllerDriver::Grbl,
+        port: port.to_owned(),
+        baud: None,
+        identity: None,
+        address: 1,
+    };
+    config.bench.controllers.insert("main".to_owned(), controller);
+    config.bench.camera.device = "/dev/there-is-no-camera".to_owned();
+    for axis in [&mut config.bench.focus, &mut config.bench.e] {
+        "main".clone_into(&mut axis.controller);
+        axis.accept_wider_firmware_limits = true;
+    }
     config
 }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use plenalign::api::error::LEASE_HEADER;
-use plenalign::config::{BenchDriver, Config, ControllerConfig, ControllerDriver};
+use plenalign::config::Config;
 use plenalign::store::records::Move;
 use plenalign::store::{Store, read};
 use rand::{RngExt, SeedableRng};
@@ -18,7 +18,7 @@ use reqwest::{Client, Method};
 use serde_json::{Value, json};
 use tokio::time::{Instant, sleep, timeout};
 
-use super::bench::small_config;
+use super::bench::{grbl_hardware, small_config};
 use super::daemon::client;
 use super::program::{Program, plenalign};
 
@@ -234,22 +234,9 @@ async fn kill_in_an_alignment(ground: &mut Ground, seed: u64) -> String {
     )
 }
 
-/// A bench with real drivers, and no camera.
 fn hardware(port: &Path) -> Config {
-    let mut config = quick(1);
-    config.bench.driver = BenchDriver::Hardware;
-    let controller = ControllerConfig {
-        driver: ControllerDriver::Grbl,
-        port: port.to_owned(),
-        baud: None,
-        identity: None,
-        address: 1,
-    };
-    config.bench.controllers.insert("main".to_owned(), controller);
-    config.bench.camera.device = "/dev/there-is-no-camera".to_owned();
+    let mut config = grbl_hardware(quick(1), port);
     for axis in [&mut config.bench.focus, &mut config.bench.e] {
-        "main".clone_into(&mut axis.controller);
-        axis.accept_wider_firmware_limits = true;
         axis.speed_mm_per_s = SPEED_MM_PER_S;
     }
     config

@@ -3,32 +3,16 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use plenalign::config::{BenchDriver, Config, ControllerConfig, ControllerDriver};
 use reqwest::{Client, Method};
 use rusqlite::Connection;
 use serde_json::{Value, json};
 
-use super::bench::small_config;
+use super::bench::{grbl_hardware, small_config};
 use super::daemon::client;
 use super::program::{Program, plenalign};
 
-fn hardware(file: &Path, port: &Path) {
-    let mut config: Config = small_config(1);
-    config.bench.driver = BenchDriver::Hardware;
-    let controller = ControllerConfig {
-        driver: ControllerDriver::Grbl,
-        port: port.to_owned(),
-        baud: None,
-        identity: None,
-        address: 1,
-    };
-    config.bench.controllers.insert("main".to_owned(), controller);
-    config.bench.camera.device = "/dev/there-is-no-camera".to_owned();
-    for axis in [&mut config.bench.focus, &mut config.bench.e] {
-        "main".clone_into(&mut axis.controller);
-        axis.accept_wider_firmware_limits = true;
-    }
-    std::fs::write(file, toml::to_string(&config).unwrap()).unwrap();
+fn write_hardware(file: &Path, port: &Path) {
+    std::fs::write(file, toml::to_string(&grbl_hardware(small_config(1), port)).unwrap()).unwrap();
 }
 
 /// A twin behind a pseudo-terminal, a second name for it, and a configuration for either.
@@ -41,8 +25,8 @@ impl Rig {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("by-id");
-        hardware(&folder.path().join("by-id.toml"), &link);
-        hardware(&folder.path().join("tty.toml"), &folder.path().join("tty"));
+        write_hardware(&folder.path().join("by-id.toml"), &link);
+        write_hardware(&folder.path().join("tty.toml"), &folder.path().join("tty"));
         let mut command = plenalign(folder.path());
         command.args(["sim-stage", "--json", "--protocol", "grbl", "--link"]).arg(&link).arg("--config");
         command.arg(folder.path().join("by-id.toml"));
