@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # The long counts: the daemon killed at many random moments, jobs among faults, random sequences of requests against a
-# model of what may be true, the contract tried with many examples, then the reference bench aligned for many seeds; each
-# result is kept, so that a broken run goes on where it ended.
+# model of what may be true, every kind of job ended at each of its points, the contract tried with many examples, then the
+# reference bench aligned for many seeds; each result is kept, so that a broken run goes on where it ended.
 #
-#   tests/long.sh            kills 1 to 200, faults and sequences of seeds 1 to 300, 200 examples, seeds 1 to 20
-#   KILLS=201-400 SOAK=301-600 MODEL=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
+#   tests/long.sh            kills 1 to 200, faults and sequences of seeds 1 to 300, every job, 200 examples, seeds 1 to 20
+#   JOBS="homing air_only" KILLS=201-400 SOAK=301-600 MODEL=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -47,6 +47,20 @@ grep -h '^[0-9]* jobs, ' "$results"/soak-*.log | awk '{ jobs += $1; converged +=
 tens MODEL many_sequences "$model_first" "$model_last"
 grep -h '^[0-9]* sequences, ' "$results"/model-*.log | awk '{ sequences += $1; steps += $3; requests += $5 }
   END { print sequences " sequences of " steps " steps with " requests " requests, every promise kept" }'
+# Every kind of job ended at each of its points; the kinds that are there already are not run again.
+jobs=${JOBS:-homing joint_alignment air_only shell_only clarity_only l_bound_measurement focus_sweep spacing_watch calibration release}
+for job in $jobs; do
+  result=$results/points-$job.log test=all_points_of_a_job
+  [[ $job != release ]] || test=all_polls_of_a_release
+  if [[ ! -s $result ]]; then
+    JOB=$job cargo test --release --quiet --test integration "$test" -- --ignored --nocapture >"$result.part" 2>&1 || {
+      tail -n 60 "$result.part" >&2
+      exit 1
+    }
+    mv "$result.part" "$result"
+  fi
+done
+grep -hE '^[a-z_]+[ (:].* ends ' "$results"/points-*.log
 EXAMPLES=${EXAMPLES:-200} tests/schemathesis/run.sh
 for seed in $(seq "$first" "$last"); do
   result=$results/align-$seed.json

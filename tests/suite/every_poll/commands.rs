@@ -14,7 +14,7 @@ use plenalign::device::{AxisName, Bench, StopDelivery};
 use plenalign::store::{Hindrance, Store};
 use plenalign::units::Millimetres;
 use tokio::task::JoinHandle;
-use tokio::time::{Instant, sleep};
+use tokio::time::{Instant, advance, sleep};
 
 use super::super::bench::small_config;
 use super::super::fakes::fakes;
@@ -127,16 +127,19 @@ const COMMANDS: [(&str, Command); 8] = [
 enum End {
     Stop(StopDelivery),
     Release,
+    /// Its time to live runs out.
+    Expiry,
     Takeover,
     Unplugged,
     Reset,
 }
 
-const ENDS: [End; 7] = [
+const ENDS: [End; 8] = [
     End::Stop(StopDelivery::Confirmed),
     End::Stop(StopDelivery::Sent),
     End::Stop(StopDelivery::Undeliverable),
     End::Release,
+    End::Expiry,
     End::Takeover,
     End::Unplugged,
     End::Reset,
@@ -153,6 +156,11 @@ fn ending(rig: &Rig, end: End) -> Ending {
             assert_eq!((report.focus, report.e), (delivery, delivery));
         }),
         End::Release => Box::pin(async move { drop(service.release_lease(Some(&key)).await.unwrap()) }),
+        End::Expiry => Box::pin(async move {
+            if let Some(until) = service.leases().runs_out() {
+                advance(until - Instant::now()).await;
+            }
+        }),
         End::Takeover => Box::pin(async move { drop(service.take_over(request("admin", 3600)).await) }),
         End::Unplugged => Box::pin(async move { far.unplug() }),
         End::Reset => Box::pin(async move { far.reset() }),
@@ -165,6 +173,8 @@ struct Tried {
     orders_before: usize,
     /// Whether the end was one.
     judged: bool,
+    /// Orders that the clock has overtaken.
+    late: usize,
 }
 
 /// Carries a command out and ends the right to move after so many polls. Returns whether it had not ended before, and
@@ -181,12 +191,12 @@ async fn tried(steps: &Steps, name: &str, begin: Command, end: End, polls: usize
     let mut ending = ending(&rig, end);
     let ended = ending.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_ready();
     // A job keeps its lease to its end: given back it is then only, and the job goes on.
-    let kept_by_job = end == End::Release && rig.service.leases().view().is_some();
+    let kept_by_job = matches!(end, End::Release | End::Expiry) && rig.service.leases().view().is_some();
     if kept_by_job {
         drop(ending);
         commanded.await.unwrap();
         rig.service.shut_down().await;
-        return Some(Tried { orders_before: before, judged: false });
+        return Some(Tried { orders_before: before, judged: false, late: 0 });
     }
     rig.far.told().push(Told::Ended);
     if !ended {
@@ -199,15 +209,26 @@ async fn tried(steps: &Steps, name: &str, begin: Command, end: End, polls: usize
     done(&rig.service).await;
     let after = |rig: &Rig| {
         let told = rig.far.told();
-        let ended = told.iter().position(|told| *told == Told::Ended);
-        let orders = told.iter().skip(ended.unwrap_or(told.len())).filter(|told| match told {
-            // Homing is what a controller that was reset needs.
-            Told::Order(_, what) => end != End::Reset || *what == "move",
-            _ => false,
-        });
-        assert_eq!(orders.count(), 0, "{name}, {end:?} after {polls} polls: {told:?}");
+        let ended = told.iter().position(|told| *told == Told::Ended).unwrap_or(told.len());
+        let after = &told[ended..];
+        let orders = |told: &[Told]| {
+            let moves = |told: &&Told| match told {
+                // Homing is what a controller that was reset needs.
+                Told::Order(_, what) => end != End::Reset || *what == "move",
+                _ => false,
+            };
+            told.iter().filter(moves).count()
+        };
+        // Time passes between a look at the clock and the order that it allows: that one has the stop behind it.
+        let late = match (end, after.iter().position(|told| *told == Told::Stop)) {
+            (End::Expiry, Some(stopped)) => orders(&after[..stopped]),
+            _ => 0,
+        };
+        assert!(late <= 1, "{name}, {end:?} after {polls} polls: {told:?}");
+        assert_eq!(orders(after), late, "{name}, {end:?} after {polls} polls: {told:?}");
+        late
     };
-    after(&rig);
+    let late = after(&rig);
     if let End::Stop(_) = end {
         assert!(rig.service.bench_view().stop.latched);
         rig.service.reset_stop("ada", "a test").await.unwrap();
@@ -216,7 +237,7 @@ async fn tried(steps: &Steps, name: &str, begin: Command, end: End, polls: usize
         after(&rig);
     }
     rig.service.shut_down().await;
-    Some(Tried { orders_before: before, judged: true })
+    Some(Tried { orders_before: before, judged: true, late })
 }
 
 /// How many motions the history has.
@@ -254,7 +275,7 @@ async fn tried_without_history(steps: &Steps, name: &str, begin: Command, polls:
 
 #[test]
 fn after_the_end_of_the_right_to_move_no_order_goes_out() {
-    let (mut points, mut amid) = (0, 0);
+    let (mut points, mut amid, mut late) = (0, 0, 0);
     for (name, begin) in COMMANDS {
         let mut of_command = 0;
         for end in ENDS {
@@ -262,7 +283,10 @@ fn after_the_end_of_the_right_to_move_no_order_goes_out() {
                 match stepwise(|steps| async move { tried(&steps, name, begin, end, polls).await }) {
                     None => break,
                     Some(Tried { judged: false, .. }) => continue,
-                    Some(tried) => amid += usize::from(tried.orders_before > 0),
+                    Some(tried) => {
+                        amid += usize::from(tried.orders_before > 0);
+                        late += tried.late;
+                    }
                 }
                 of_command += 1;
             }
@@ -279,5 +303,6 @@ fn after_the_end_of_the_right_to_move_no_order_goes_out() {
     }
     let ends = ENDS.len() + 1;
     println!("{} commands x {ends} ends: {points} points, {amid} of them amid motion", COMMANDS.len());
+    println!("{late} orders were overtaken by a lease that ran out, and stopped");
     assert!(amid > points / 10, "{amid} of {points}");
 }

@@ -7,6 +7,7 @@ mod identify;
 mod interleaved;
 pub(crate) mod kit;
 mod lines;
+mod lost_at_every_poll;
 mod program;
 mod stopped_at_every_poll;
 mod stubborn;

@@ -20,9 +20,9 @@ use super::super::steps::{Steps, stepwise};
 use super::kit::{Kit, Rig, START};
 
 /// Every byte that was written.
-type Written = Arc<Mutex<Vec<u8>>>;
+pub(super) type Written = Arc<Mutex<Vec<u8>>>;
 
-struct Tapped(TwinDial, Written);
+pub(super) struct Tapped(pub(super) TwinDial, pub(super) Written);
 
 #[async_trait]
 impl Dial for Tapped {
@@ -62,7 +62,7 @@ impl AsyncWrite for TappedWire {
 }
 
 /// How many orders that move begin in what was written.
-fn orders(driver: ControllerDriver, written: &[u8]) -> usize {
+pub(super) fn orders(driver: ControllerDriver, written: &[u8]) -> usize {
     let words: &[&str] = match driver {
         ControllerDriver::Grbl => &["$J=", "$H", "$X"],
         ControllerDriver::Zaber => &[" move ", " home"],
@@ -77,14 +77,14 @@ fn orders(driver: ControllerDriver, written: &[u8]) -> usize {
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Command {
+pub(super) enum Command {
     Home,
     Move,
     Release,
     SetPosition,
 }
 
-async fn give(stage: ControllerStage, command: Command, generation: u64) {
+pub(super) async fn give(stage: ControllerStage, command: Command, generation: u64) {
     let at = stage.state().borrow().position;
     // Whether it is carried out or refused is not the point here.
     let _ = match command {
