@@ -222,7 +222,9 @@ fn judge(end: End, left: &Ended, rested: [f64; 2], now: [f64; 2], seen: &[Seen])
             // The motion that is written goes on to its end; another one is not begun.
             let next = after.iter().position(|seen| matches!(seen, Seen::At(Point::Asked | Point::Prompted)));
             let order = |seen: &&Seen| match seen {
-                Seen::At(Point::Arrived(axis, what) | Point::Written(axis, what)) => Some((*axis, *what)),
+                // This controller can switch off all of its motors only, and names none.
+                Seen::At(Point::Arrived(_, "release") | Point::Written(_, "release")) => Some((None, "release")),
+                Seen::At(Point::Arrived(axis, what) | Point::Written(axis, what)) => Some((Some(*axis), *what)),
                 _ => None,
             };
             let own = before.last().as_ref().and_then(order).filter(|_| left.commanded);
