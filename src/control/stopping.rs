@@ -15,12 +15,11 @@ impl Service {
     pub async fn stop(&self, asked: Instant, by: &str) -> StopReport {
         // The job of now: stopping takes a while, in which the stop may be reset and another job begin.
         let job = self.current();
-        let report = self.motion.stop(asked, by).await;
+        // The job behind the latch and the orders, but not behind the axes' answers: it could come to its end meanwhile.
+        let cancelled = async { job.inspect(|job| job.cancel("stopped".to_owned())) };
+        let (report, _) = tokio::join!(biased; self.motion.stop(asked, by), cancelled);
         // After the axes: the disk may be slow, and is not waited for.
         self.keep_stop();
-        if let Some(job) = job {
-            job.cancel("stopped".to_owned());
-        }
         self.publish_bench();
         report
     }

@@ -181,6 +181,9 @@ async fn tried(steps: Steps, case: &Case, cut: Option<Cut>) -> Tried {
     }
     rig.service.shut_down().await;
     let state = job.map_or_else(|| "refused".to_owned(), |job| job.state.to_string());
+    if let End::Stop(_) = end {
+        assert!(["cancelled", "refused"].contains(&state.as_str()), "{}: it ended as {state}", case_of());
+    }
     Tried { seen: rig.points.since(begun), state }
 }
 
