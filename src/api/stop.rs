@@ -29,12 +29,12 @@ pub(super) async fn stop(
     let stopped = tokio::spawn(async move {
         let report = app.service.stop(at, &principal.name).await;
         // After the axes: nothing comes before them.
-        let detail = json!({ "focus": report.focus, "e": report.e });
+        let detail = json!({ "focus": report.focus, "e": report.e, "kept": report.kept });
         app.gate.audit(AuditRecord::of(&principal, "stop", detail));
         report
     });
     let undeliverable = crate::device::StopDelivery::Undeliverable;
-    Json(stopped.await.unwrap_or(StopReport { focus: undeliverable, e: undeliverable, latency_ms: None }))
+    Json(stopped.await.unwrap_or(StopReport { focus: undeliverable, e: undeliverable, latency_ms: None, kept: false }))
 }
 
 /// Whether the stop is latched, who stopped, and who reset it last.

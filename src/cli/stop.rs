@@ -40,6 +40,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     } else {
         println!("focus axis: {}", words(report.focus));
         println!("e axis: {}", words(report.e));
+        if !report.kept {
+            println!("not on the disk yet: a restart now would not know of it");
+        }
     }
     let delivered = ![report.focus, report.e].contains(&StopDelivery::Undeliverable);
     Ok(if delivered { ExitCode::SUCCESS } else { ExitCode::FAILURE })

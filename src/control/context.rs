@@ -238,8 +238,11 @@ impl Job {
         }
         let _ = self.cancelled_why.set(why);
         self.change(|job| {
-            job.state = JobState::Cancelling;
-            job.operator_step = None;
+            // It may have ended since that was looked at, and stays so.
+            if !job.state.is_final() {
+                job.state = JobState::Cancelling;
+                job.operator_step = None;
+            }
         });
         self.cancel.cancel();
     }

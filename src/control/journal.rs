@@ -11,7 +11,7 @@ use uuid::Uuid;
 use super::bench_name::bench_name;
 use super::events::{MeasurementView, StopView};
 use super::job::{JobSnapshot, JobState, OperatorStep};
-use super::lease::KeptLease;
+use super::lease::{KeptLease, Leases};
 use super::measurement::SingleMeasurement;
 use super::recording::{Happening, Sink};
 use super::refusal::{Refusal, ServiceError};
@@ -267,10 +267,16 @@ impl Journal {
         Ok(Underway { journal: Arc::clone(self), id, open: true })
     }
 
-    /// Keeps a value for this bench beyond the run, without waiting. Returns whether the history has taken it.
-    pub(super) fn put(&self, key: &str, value: Value) -> bool {
-        let (bench, key) = (self.bench.clone(), key.to_owned());
-        self.store.queue(move |writer| writer.keep_for(&bench, &key, value))
+    /// Keeps a value for this bench beyond the run, as `value` makes it when its turn comes to be written; nothing where
+    /// that makes none. Returns once it is on the disk.
+    async fn put(
+        &self,
+        key: &'static str,
+        value: impl FnOnce() -> Option<Value> + Send + 'static,
+    ) -> Result<(), StoreError> {
+        let bench = self.bench.clone();
+        let write = move |writer: &Writer<'_>| value().map_or(Ok(()), |value| writer.keep_for(&bench, key, value));
+        self.store.write_reserved(write).await
     }
 
     /// The values kept for this bench, that of its devices first: [`BenchName::kept`].
@@ -290,20 +296,13 @@ impl Journal {
         Ok(found.into_iter().filter(|(bench, _)| bench != BenchConfig::SIMULATED).map(|(_, value)| value).collect())
     }
 
-    /// Keeps the stop's latch. Returns whether the history has taken it.
-    pub(super) fn put_stop(&self, stop: &StopView) -> bool {
-        self.put(STOP_KEY, document(stop))
-    }
-
-    /// Writes the stop's latch where it is still so when its turn comes, and returns once it is on the disk.
+    /// Writes the stop's latch as it is when its turn comes, where it is to be written then, and returns once it is on the
+    /// disk.
     pub(super) async fn write_stop(
         &self,
-        stop: StopView,
-        still: impl FnOnce() -> bool + Send + 'static,
+        stop: impl FnOnce() -> Option<StopView> + Send + 'static,
     ) -> Result<(), StoreError> {
-        let (bench, value) = (self.bench.clone(), document(&stop));
-        let write = move |writer: &Writer<'_>| if still() { writer.keep_for(&bench, STOP_KEY, value) } else { Ok(()) };
-        self.store.write(write).await
+        self.put(STOP_KEY, move || stop().map(|stop| document(&stop))).await
     }
 
     /// The stop's latch as an earlier run left it, or why it cannot be read. Where it may be one of several, one that is
@@ -322,10 +321,9 @@ impl Journal {
         Ok(stops.into_iter().nth(latched.unwrap_or(0)))
     }
 
-    /// Keeps the control lease.
-    pub(super) fn put_lease(&self, lease: Option<&KeptLease>) {
-        // What is lost of it was only to spare its holder another request.
-        let _ = self.put(LEASE_KEY, document(&lease));
+    /// Writes the control lease as it is when its turn comes, and returns once it is on the disk.
+    pub(super) async fn write_lease(&self, leases: Arc<Leases>) -> Result<(), StoreError> {
+        self.put(LEASE_KEY, move || Some(document(&leases.keep()))).await
     }
 
     /// The control lease as an earlier run left it. One that cannot be read is none: it would only keep others out.

@@ -1,11 +1,11 @@
 //! What callers hold: the bench with its motion rules, the one job, and what happens.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::{broadcast, watch};
+use tokio::sync::{Notify, broadcast, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
@@ -22,6 +22,7 @@ use super::look::Looks;
 use super::motion::Motion;
 use super::press::Presses;
 use super::simulated::PlanInForce;
+use super::stopping::KEEP_ALLOWED;
 use super::{Refusal, ServiceError};
 use crate::access::PROGRAM;
 use crate::config::Config;
@@ -50,8 +51,10 @@ pub struct Service {
     pub(super) accepting: tokio::sync::Mutex<()>,
     /// One at a time takes up what an earlier run has left, or resets its stop: whoever comes second finds it done.
     pub(super) recalling: tokio::sync::Mutex<()>,
-    /// One at a time has the stop's latch kept; whether the history has yet to take it.
-    pub(super) untaken: Mutex<bool>,
+    /// How often the bench had been stopped, or the stop reset, as its latch came to the disk last.
+    pub(super) kept_turns: AtomicU64,
+    /// The lease is not on the disk as it is.
+    pub(super) lease_unkept: Notify,
     pub(super) events: broadcast::Sender<Event>,
     pub(super) jobs: Mutex<Vec<Arc<Job>>>,
     pub(super) measurement: Mutex<Option<MeasurementView>>,
@@ -95,7 +98,8 @@ impl Service {
             journal,
             accepting: tokio::sync::Mutex::default(),
             recalling: tokio::sync::Mutex::default(),
-            untaken: Mutex::default(),
+            kept_turns: AtomicU64::default(),
+            lease_unkept: Notify::default(),
             events,
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
@@ -260,7 +264,7 @@ impl Service {
         if let Some(job) = &job {
             job.cancel(why);
         }
-        self.motion.end_uncontrolled().await;
+        tokio::join!(biased; self.motion.end_uncontrolled(), self.lease_kept_soon());
         if let Some(job) = &job {
             ended(job).await;
         }
@@ -274,8 +278,17 @@ impl Service {
     /// [`Refusal::LeaseRequired`] without a key.
     pub async fn release_lease(&self, key: Option<&str>) -> Result<Option<LeaseView>, Refusal> {
         let released = self.leases.release(key)?;
-        self.motion.end_uncontrolled().await;
+        tokio::join!(biased; self.motion.end_uncontrolled(), self.lease_kept_soon());
         Ok(released)
+    }
+
+    /// Has the history know who has the control before that is told, so that a key that is dead is so after a restart,
+    /// too; a slow disk is waited for a moment at most.
+    async fn lease_kept_soon(&self) {
+        let write = self.journal.write_lease(Arc::clone(&self.leases));
+        if !matches!(tokio::time::timeout(KEEP_ALLOWED, write).await, Ok(Ok(()))) {
+            self.lease_unkept.notify_one();
+        }
     }
 
     pub(super) fn open_for_motion(&self) -> Result<(), ServiceError> {
@@ -313,6 +326,12 @@ impl Service {
     /// The second half of the end: stops the watchers and writes the history to its end.
     pub async fn end(&self) {
         self.tasks.cancel();
+        let kept = async { !self.is_stop_unkept() || self.keep_stop().await };
+        let (kept, ()) = tokio::join!(tokio::time::timeout(FLUSH_ALLOWED, kept), self.lease_kept_soon());
+        let kept = kept == Ok(true);
+        if !kept && self.motion.stop_to_keep().latched {
+            tracing::error!("the bench is stopped, and that is not on the disk: the next start does not know of it");
+        }
         if tokio::time::timeout(FLUSH_ALLOWED, self.journal.end()).await.is_err() {
             tracing::error!("the history was not written to its end in time");
         }

@@ -27,10 +27,10 @@ impl Service {
     /// Starts the watchers; they end with the service.
     pub(super) fn watch(self: &Arc<Self>) {
         let (watched, measured, leased) = (Arc::clone(self), Arc::clone(self), Arc::clone(self));
-        let kept = Arc::clone(self);
-        let pruned = Arc::clone(self);
+        let (kept, held, pruned) = (Arc::clone(self), Arc::clone(self), Arc::clone(self));
         tokio::spawn(async move { pruned.tasks.clone().run_until_cancelled(pruned.watch_retention()).await });
         tokio::spawn(async move { kept.tasks.clone().run_until_cancelled(kept.watch_history()).await });
+        tokio::spawn(async move { held.tasks.clone().run_until_cancelled(held.keep_lease()).await });
         tokio::spawn(async move { leased.tasks.clone().run_until_cancelled(leased.watch_lease()).await });
         tokio::spawn(async move { watched.tasks.clone().run_until_cancelled(watched.watch_bench()).await });
         tokio::spawn(async move { measured.tasks.clone().run_until_cancelled(measured.watch_focus()).await });
@@ -67,9 +67,7 @@ impl Service {
         let mut health = self.journal.store().health();
         loop {
             match self.history_ready().await {
-                // The program's own end latches, too, and that is nobody's stop.
-                Ok(()) if self.open_for_motion().is_ok() => self.keep_stop(),
-                Ok(()) => {}
+                Ok(()) => drop(self.keep_stop().await),
                 Err(error) => tracing::warn!(%error, "nothing moves for now"),
             }
             self.publish_bench();
@@ -84,7 +82,7 @@ impl Service {
     async fn stop_left_over(&self) {
         loop {
             tokio::time::sleep(TRY_AGAIN).await;
-            if self.motion.is_stop_unread() || self.is_stop_untaken() {
+            if self.motion.is_stop_unread() || self.is_stop_unkept() {
                 return;
             }
         }
@@ -125,8 +123,19 @@ impl Service {
                     from: None,
                 });
             }
-            self.journal.put_lease(self.leases.keep().as_ref());
+            self.lease_unkept.notify_one();
             self.publish_bench();
+        }
+    }
+
+    /// Has the history know the lease as it is, one write after another: however often it is renewed, none waits for the
+    /// disk behind another.
+    async fn keep_lease(&self) {
+        loop {
+            self.lease_unkept.notified().await;
+            while self.journal.write_lease(Arc::clone(&self.leases)).await.is_err() {
+                tokio::time::sleep(TRY_AGAIN).await;
+            }
         }
     }
 

@@ -12,6 +12,11 @@ use super::write::Writer;
 /// In the place of a value under a spelling: the name of the devices under which it is kept.
 const POINTER: &str = "kept_under";
 
+/// Whether a value is nothing but the name under which another one is kept.
+fn is_pointer(value: &Value) -> bool {
+    value.as_object().is_some_and(|object| object.len() == 1 && object.get(POINTER).is_some_and(Value::is_string))
+}
+
 /// A bench's names.
 ///
 /// A value is kept once, under the devices' name, and under the spelling is where that is: so that it is found while the
@@ -35,7 +40,7 @@ impl BenchName {
     /// Where the values under the spelling are kept instead.
     fn pointed(&self, connection: &Connection) -> Result<Vec<(String, String)>> {
         let sql = "SELECT key, json_extract(value, '$.kept_under') FROM kept
-                   WHERE bench = ? AND json_valid(value) AND json_extract(value, '$.kept_under') IS NOT NULL";
+                   WHERE bench = ? AND json_valid(value) AND json_type(value, '$.kept_under') = 'text'";
         connection.prepare_cached(sql)?.query_map([&self.spelled], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
     }
 
@@ -55,7 +60,7 @@ impl BenchName {
     }
 
     /// The values kept for this bench under a key: the one of these devices first, then that of the devices which had
-    /// this spelling before. Empty where nothing was ever kept.
+    /// this spelling before. Empty where nothing was ever kept; a pointer to what is not there is itself the value.
     pub fn kept(&self, connection: &Connection, key: &str) -> Result<Vec<Value>> {
         let mut names = vec![self.holder(connection, key)?];
         let pointed = self.pointed(connection)?.into_iter().filter(|(pointed, _)| pointed == key).map(|(_, name)| name);
@@ -65,8 +70,10 @@ impl BenchName {
             }
         }
         let values = names.iter().filter_map(|name| read::kept(connection, name, key).transpose());
-        let values: Vec<Value> = values.collect::<Result<_>>()?;
-        Ok(values.into_iter().filter(|value| value.get(POINTER).is_none()).collect())
+        let (mut pointers, values): (Vec<Value>, Vec<Value>) =
+            values.collect::<Result<Vec<_>>>()?.into_iter().partition(is_pointer);
+        pointers.truncate(1);
+        Ok(if values.is_empty() { pointers } else { values })
     }
 
     /// The values kept for all other benches under a key, each with its bench.
@@ -77,7 +84,7 @@ impl BenchName {
             connection.prepare_cached(sql)?.query_map([key], |row| row.get(0))?.collect::<Result<_>>()?;
         let mut others = Vec::new();
         for bench in benches.into_iter().filter(|bench| !own.contains(bench)) {
-            if let Some(value) = read::kept(connection, &bench, key)?.filter(|value| value.get(POINTER).is_none()) {
+            if let Some(value) = read::kept(connection, &bench, key)?.filter(|value| !is_pointer(value)) {
                 others.push((bench, value));
             }
         }
@@ -126,6 +133,25 @@ mod tests {
         // What is changed while they are away is what they come back to, by whatever name.
         writer.keep_for(&name("by-id", None), "stop", json!(2)).unwrap();
         assert_eq!(name("tty", Some("usb 1-2")).kept(&file, "stop").unwrap(), [json!(2)]);
+    }
+
+    #[test]
+    fn a_pointer_to_nothing_and_what_only_looks_like_one_are_values_that_make_no_sense() {
+        let file = file();
+        let writer = Writer::new(&file, 1);
+        let names = [name("tty", None), name("tty", Some("usb 1-2"))];
+        for value in [
+            json!({ "kept_under": "nobody" }),
+            json!({ "kept_under": null }),
+            json!({ "kept_under": 5 }),
+            json!({ "kept_under": null, "latched": true }),
+            json!({ "kept_under": "nobody", "latched": true }),
+        ] {
+            writer.keep(&Kept { bench: "tty".to_owned(), key: "stop".to_owned(), value: value.clone() }).unwrap();
+            for name in &names {
+                assert_eq!(name.kept(&file, "stop").unwrap(), [value.clone()], "{name:?}");
+            }
+        }
     }
 
     #[test]

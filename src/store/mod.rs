@@ -181,6 +181,17 @@ impl Store {
         self.ask(true, command).await
     }
 
+    /// As [`Store::write`], into the room on the disk that is held back from what is to come, too.
+    ///
+    /// # Errors
+    /// [`StoreError`] where it is not there, or not in time, and then it never comes to be there.
+    pub async fn write_reserved<T: Send + 'static>(
+        &self,
+        command: impl FnOnce(&Writer<'_>) -> rusqlite::Result<T> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        self.ask(false, command).await
+    }
+
     async fn ask<T: Send + 'static>(
         &self,
         needs_room: bool,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plenalign::config::Config;
+use plenalign::control::lease::LeaseRequest;
 use plenalign::control::{Refusal, Service, ServiceError};
 use plenalign::device::AxisName;
 use plenalign::store::{Hindrance, Store};
@@ -14,8 +15,9 @@ use reqwest::{Method, Response};
 use serde_json::{Value, json};
 
 use super::bench::permit;
-use super::daemon::{Daemon, problem};
+use super::daemon::{Daemon, client, problem};
 use super::fakes::{Fakes, fakes};
+use super::program::{Program, plenalign};
 
 const STOP: &str = "/api/v1/stop";
 const MOVE: &str = "/api/v1/axes/e/move";
@@ -203,8 +205,71 @@ async fn a_stop_that_could_not_be_written_is_written_when_it_can_be() {
 
 /// What is kept of the stop.
 fn kept(folder: &Path) -> String {
+    kept_under(folder, "stop")
+}
+
+fn kept_under(folder: &Path, key: &str) -> String {
     let database = rusqlite::Connection::open(folder.join("history.db")).unwrap();
-    database.query_row("SELECT value FROM kept WHERE key = 'stop'", [], |row| row.get(0)).unwrap()
+    database.query_row("SELECT value FROM kept WHERE key = ?", [key], |row| row.get(0)).unwrap()
+}
+
+/// A power failure right behind the answer loses nothing that the answer has told.
+#[tokio::test]
+async fn what_is_answered_of_a_stop_and_of_the_lease_is_on_the_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    let (daemon, _fakes, store) = daemon(folder.path()).await;
+    writable(&daemon).await;
+    for _ in 0..20 {
+        let answer: Value = daemon.request(Method::POST, STOP).send().await.unwrap().json().await.unwrap();
+        assert_eq!((&answer["kept"], kept(folder.path()).contains("\"latched\":true")), (&json!(true), true));
+        assert_eq!(daemon.reset_stop().await.status(), 200);
+        assert!(kept(folder.path()).contains("\"latched\":false"));
+
+        let request = || LeaseRequest { owner: "somebody else".to_owned(), note: None, ttl: Duration::from_secs(30) };
+        let grant = daemon.service.take_over(request()).await;
+        assert!(kept_under(folder.path(), "lease").contains("somebody else"));
+        daemon.service.release_lease(Some(&grant.key)).await.unwrap();
+        assert_eq!(kept_under(folder.path(), "lease"), "null");
+    }
+    store.hinder(Hindrance { full: true, ..Hindrance::default() });
+    let answer: Value = daemon.request(Method::POST, STOP).send().await.unwrap().json().await.unwrap();
+    assert_eq!(answer["kept"], false);
+    assert!(kept(folder.path()).contains("\"latched\":false"));
+    store.hinder(Hindrance::default());
+    let from = tokio::time::Instant::now();
+    while !kept(folder.path()).contains("\"latched\":true") {
+        assert!(from.elapsed() < Duration::from_secs(20), "{}", kept(folder.path()));
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+/// A stop given while the program ends is somebody's, too.
+#[tokio::test]
+async fn a_stop_while_the_program_ends_is_kept_and_its_own_end_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _fakes, _store) = daemon(folder.path()).await;
+    writable(&first).await;
+    first.service.come_to_rest().await;
+    assert!(first.service.bench_view().stop.latched);
+    first.service.stop(tokio::time::Instant::now(), "ada").await;
+    first.service.end().await;
+    assert!(kept(folder.path()).contains("\"by\":\"ada\""), "{}", kept(folder.path()));
+}
+
+#[tokio::test]
+async fn the_end_of_the_program_says_that_a_stop_is_not_on_the_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = folder.path().join("state");
+    std::fs::write(&state, "in the way").unwrap();
+    let mut command = plenalign(&state);
+    command.args(["serve", "--simulated", "--json", "--listen", "127.0.0.1:0"]);
+    command.env_remove("RUST_LOG").env("TMPDIR", folder.path()).env_remove("XDG_RUNTIME_DIR");
+    let program = Program::start(command);
+    let answer = client().post(format!("{}{STOP}", program.url())).send().await.unwrap();
+    assert_eq!(answer.json::<Value>().await.unwrap()["kept"], false);
+    program.terminate();
+    let (_, _, log) = program.end(Duration::from_secs(10));
+    assert!(log.contains("the bench is stopped, and that is not on the disk"), "{log}");
 }
 
 #[tokio::test]

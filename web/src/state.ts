@@ -50,7 +50,7 @@ export interface State {
   /** When the newest reset was that has been read and dismissed. */
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
-  stopSent: Pick<StopReport, "focus" | "e"> | null;
+  stopSent: Pick<StopReport, "focus" | "e" | "kept"> | null;
   route: Route;
   preferences: Preferences;
   /** The design of the configured camera, where it has been asked for. */

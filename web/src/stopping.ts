@@ -18,8 +18,8 @@ export async function stop(update: (change: Partial<State>) => void): Promise<vo
     result = await api.stopAll();
   }
   if (!result.ok) return update({ stopFailed: result.problem });
-  const { focus, e } = result.value;
-  return update({ stopFailed: null, stopSent: { focus, e } });
+  const { focus, e, kept } = result.value;
+  return update({ stopFailed: null, stopSent: { focus, e, kept } });
 }
 
 /** Has the stop key stop the bench, before anything else on the page sees it. */

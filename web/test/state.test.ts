@@ -170,9 +170,9 @@ describe("the bench anew", () => {
   });
 
   it("forgets what became of a stop once it is reset, and not before it is known", () => {
-    const sent: State = { ...open(), stopSent: { focus: "confirmed", e: "undeliverable" } };
+    const sent: State = { ...open(), stopSent: { focus: "confirmed", e: "undeliverable", kept: true } };
     const before = receive(sent, said({}), 6000);
-    expect(before.stopSent).toEqual({ focus: "confirmed", e: "undeliverable" });
+    expect(before.stopSent).toEqual({ focus: "confirmed", e: "undeliverable", kept: true });
     const latched = receive(before, said({ stop: { latched: true, since: "2026-01-01T00:00:00Z" } }), 6000);
     expect(latched.stopSent).not.toBeNull();
     expect(receive(latched, said({}), 7000).stopSent).toBeNull();

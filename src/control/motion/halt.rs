@@ -22,6 +22,8 @@ pub struct StopReport {
     /// From the request until the last byte of the stop order was handed to the operating system, on every axis reached,
     /// ms; 0 where an earlier stop was being carried out already, absent where no axis was reached.
     pub latency_ms: Option<f64>,
+    /// Whether the latch is on the disk already, so that it outlives a restart. Where it is not, that is tried on.
+    pub kept: bool,
 }
 
 impl Motion {
@@ -51,7 +53,7 @@ impl Motion {
             .filter_map(|(axis, _)| self.bench.stage(axis).stop_sent())
             .map(|sent| sent.saturating_duration_since(asked).as_secs_f64() * 1000.0)
             .reduce(f64::max);
-        StopReport { focus, e, latency_ms }
+        StopReport { focus, e, latency_ms, kept: false }
     }
 
     /// Stops one axis, latching nothing, and ends the command that the axis is under.

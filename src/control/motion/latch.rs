@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 use jiff::Timestamp;
 
 use super::Motion;
+use crate::access::PROGRAM;
 use crate::control::events::{StopReset, StopView};
 
 /// What is known of the latch beside whether it is set.
@@ -68,12 +69,21 @@ impl Motion {
         self.state().latch.turns
     }
 
-    /// Latches for somebody who stops; whoever did so first is kept.
+    /// The latch as it is to be kept beyond this run. The program's own end latches, too, and that is nobody's stop.
+    pub(in crate::control) fn stop_to_keep(&self) -> StopView {
+        let view = self.stop_view();
+        if view.by.as_deref() == Some(PROGRAM) {
+            return StopView { latched: false, since: None, by: None, ..view };
+        }
+        view
+    }
+
+    /// Latches for somebody who stops; whoever did so first is kept, but for the program that ends.
     pub(super) fn latch(&self, by: &str) {
         let mut state = self.state();
         let latch = &mut state.latch;
         latch.turns += 1;
-        if latch.since.is_none() {
+        if latch.since.is_none() || latch.by.as_deref() == Some(PROGRAM) {
             latch.since = Some(Timestamp::now());
             latch.by = Some(by.to_owned());
             latch.unread = None;

@@ -3485,8 +3485,9 @@ export interface components {
     /** @description A jog of one axis. */
     JogRequest: {
       /**
-       * @description A name of the caller's own for this press of the button, another one for each: one that a stop has ended is
-       *     refused from then on, so that a button held down all the while does not move the axis again after the reset.
+       * @description A name of the caller's own for this press of the button, another one for each: one that a stop, another press or
+       *     its own end has ended is refused from then on, so that no word that comes late, and no button held down all the
+       *     while, moves the axis again.
        */
       press?: string | null;
       /**
@@ -4689,6 +4690,8 @@ export interface components {
       e: components["schemas"]["StopDelivery"];
       /** @description The focus axis. */
       focus: components["schemas"]["StopDelivery"];
+      /** @description Whether the latch is on the disk already, so that it outlives a restart. Where it is not, that is tried on. */
+      kept: boolean;
       /**
        * Format: double
        * @description From the request until the last byte of the stop order was handed to the operating system, on every axis reached,

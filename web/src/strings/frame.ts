@@ -43,6 +43,7 @@ export const stop = {
   stopped: "Stopped",
   stoppedSince: (time: string, by: string) => `Stopped at ${time}${by && ` by ${by}`}`,
   unread: (why: string) => `How an earlier run left the stop is not known: ${why}.`,
+  notKept: "It is not on the disk yet: after a restart the bench would not be stopped.",
   stoppedMore: "Motion is refused until the stop is reset.",
   sent: (focus: string, e: string) => `Focus axis: ${focus}; e axis: ${e}.`,
   reset: "Reset stop",

@@ -73,6 +73,7 @@ function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
             strings.stop.delivery[state.stopSent.focus],
             strings.stop.delivery[state.stopSent.e],
           )}{" "}
+        {state.stopSent && !state.stopSent.kept && `${strings.stop.notKept} `}
         {strings.stop.stoppedMore}
       </p>
       {asking ? (
