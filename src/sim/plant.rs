@@ -5,7 +5,7 @@ use std::io::{self, Write as _};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::stage::PULL_OFF_MM;
+use super::stage::{FAR_SWITCH_MM, PULL_OFF_MM};
 use crate::config::AxisConfig;
 
 /// Motors and switches of one controller's axes, numbered from 0 as the controller numbers them.
@@ -21,12 +21,22 @@ pub trait Plant: Send + Sync {
     fn limit_switch_closed(&self, axis: usize) -> bool;
 }
 
-/// Plain slides, one an axis: a motor, a home switch, a hard stop's switch at either end. Positions are the axes' own
-/// coordinates.
+/// Distance of a slide's hard stop beyond the switch before it, mm.
+pub const END_MM: f64 = 1.0;
+
+/// Plain slides, one an axis: a motor, a home switch, and a switch and a hard stop at either end, against which the
+/// motor loses steps. Positions are the axes' own coordinates.
 #[derive(Debug)]
 pub struct Slides {
     slides: Vec<Slide>,
-    at: Mutex<Vec<f64>>,
+    at: Mutex<Vec<At>>,
+}
+
+/// Where a slide stands, and how far it stands from where its motor's steps would have brought it, mm.
+#[derive(Debug)]
+struct At {
+    mm: f64,
+    lost: f64,
 }
 
 #[derive(Debug)]
@@ -36,6 +46,8 @@ struct Slide {
     home_switch: f64,
     homes_below: bool,
     far_switch: f64,
+    /// Whether the switches close at all.
+    switches: bool,
 }
 
 impl Slides {
@@ -43,6 +55,16 @@ impl Slides {
     /// [`PULL_OFF_MM`] beyond the home position, the other end's a millimetre beyond the limit of travel.
     #[must_use]
     pub fn new(axes: &[(&AxisConfig, f64)]) -> Arc<Self> {
+        Self::made(axes, true)
+    }
+
+    /// The same with switches that never close.
+    #[must_use]
+    pub fn without_switches(axes: &[(&AxisConfig, f64)]) -> Arc<Self> {
+        Self::made(axes, false)
+    }
+
+    fn made(axes: &[(&AxisConfig, f64)], switches: bool) -> Arc<Self> {
         let slides = axes.iter().map(|(config, start)| {
             let side = config.home_side.sign();
             Slide {
@@ -50,18 +72,29 @@ impl Slides {
                 direction: if config.reversed { -1.0 } else { 1.0 },
                 home_switch: config.home_position_mm + side * PULL_OFF_MM,
                 homes_below: side < 0.0,
-                far_switch: if side < 0.0 { config.high_limit_mm + 1.0 } else { config.low_limit_mm - 1.0 },
+                far_switch: if side < 0.0 {
+                    config.high_limit_mm + FAR_SWITCH_MM
+                } else {
+                    config.low_limit_mm - FAR_SWITCH_MM
+                },
+                switches,
             }
         });
         let slides: Vec<Slide> = slides.collect();
-        let at = Mutex::new(slides.iter().map(|slide| slide.start).collect());
+        let at = Mutex::new(slides.iter().map(|slide| At { mm: slide.start, lost: 0.0 }).collect());
         Arc::new(Self { slides, at })
     }
 
     /// Where a slide stands, mm.
     #[must_use]
     pub fn at(&self, axis: usize) -> f64 {
-        self.at.lock().unwrap_or_else(PoisonError::into_inner).get(axis).copied().unwrap_or(f64::NAN)
+        self.at.lock().unwrap_or_else(PoisonError::into_inner).get(axis).map_or(f64::NAN, |at| at.mm)
+    }
+
+    /// How far an axis's motor has turned against a hard stop, mm: positive beyond the coordinate's upper end.
+    #[must_use]
+    pub fn lost(&self, axis: usize) -> f64 {
+        self.at.lock().unwrap_or_else(PoisonError::into_inner).get(axis).map_or(f64::NAN, |at| at.lost)
     }
 }
 
@@ -70,20 +103,26 @@ impl Plant for Slides {
         if let (Some(slide), Some(at)) =
             (self.slides.get(axis), self.at.lock().unwrap_or_else(PoisonError::into_inner).get_mut(axis))
         {
-            *at = slide.start + slide.direction * position_mm;
+            let (a, b) = (slide.home_switch, slide.far_switch);
+            let free = slide.start + slide.direction * position_mm - at.lost;
+            at.mm = free.clamp(a.min(b) - END_MM, a.max(b) + END_MM);
+            at.lost += free - at.mm;
         }
     }
 
     fn home_switch_closed(&self, axis: usize) -> bool {
         let at = self.at(axis);
-        self.slides.get(axis).is_some_and(|s| if s.homes_below { at <= s.home_switch } else { at >= s.home_switch })
+        let closed = |s: &Slide| if s.homes_below { at <= s.home_switch } else { at >= s.home_switch };
+        self.slides.get(axis).is_some_and(|s| s.switches && closed(s))
     }
 
     fn limit_switch_closed(&self, axis: usize) -> bool {
         // A micrometre beyond, so that a soft limit, which is at the home switch, can be reached.
         let at = self.at(axis);
         self.slides.get(axis).is_some_and(|s| {
-            if s.homes_below {
+            if !s.switches {
+                false
+            } else if s.homes_below {
                 at < s.home_switch - 1e-3 || at > s.far_switch
             } else {
                 at > s.home_switch + 1e-3 || at < s.far_switch

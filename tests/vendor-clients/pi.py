@@ -3,7 +3,7 @@
 import sys
 import time
 
-from pipython import GCSDevice, GCSError, gcserror
+from pipython import GCSDevice, GCSError, gcserror, pitools
 from pipython.pidevice.interfaces.piserial import PISerial
 
 
@@ -61,9 +61,30 @@ def main(port: str) -> None:
         refused(device.StopAll, gcserror.E10_PI_CNTR_STOP, "a stop without its error")
         at = device.qPOS("1")["1"]
         assert not device.IsMoving("1")["1"] and 1.6 < at < 3.5, at
+        # Where it was stopped is its target from then on, however it was.
+        for name, stop in {"#24": device.StopAll, "STP": device.STP, "HLT": device.HLT}.items():
+            device.MOV("1", 4.5 if device.qPOS("1")["1"] < 2.5 else 0.5)
+            time.sleep(0.3)
+            refused(stop, gcserror.E10_PI_CNTR_STOP, f"{name} without its error")
+            wait(device, "1")
+            at, target = device.qPOS("1")["1"], device.qMOV("1")["1"]
+            assert abs(at - target) < 1e-3 and device.qONT("1")["1"], f"after {name} at {at} on the way to {target}"
+
+        # A start anew, and everything that PI's own start-up does: limits, references, servos.
+        device.RBT()
+        assert not any(device.qFRF().values()) and not any(device.qSVO().values())
+        assert "V1.2.5.3" in device.qVER(), device.qVER()
+        assert device.qSPA("1", 0x3C)["1"][0x3C] == "M-404.42S", device.qSPA("1", 0x3C)
+        device.SPA("1", 0x49, 12.5)
+        assert device.qVEL("1")["1"] == device.qSPA("1", 0x49)["1"][0x49] == 12.5
+        refused(lambda: device.SPA("1", 0x7F, 1), gcserror.E54_PI_CNTR_UNKNOWN_PARAMETER, "a parameter not there")
+        pitools.startup(device, stages=["M-404.42S", "M-404.42S"], refmodes=["FNL", "FPL"])
+        assert all(device.qFRF().values()) and all(device.qSVO().values()) and all(device.qRON().values())
+        pitools.moveandwait(device, "1", 2.0)
+        assert device.qONT("1")["1"] and abs(device.qPOS("1")["1"] - 2.0) < 1e-3
         # An answer of several lines.
         assert set(device.qPOS()) == {"1", "2"}
-    print("pipython: connected, homed, moved, stopped, read limits, was refused rightly")
+    print("pipython: connected, homed, moved, stopped, started up anew, read limits, was refused rightly")
 
 
 main(sys.argv[1])

@@ -49,6 +49,21 @@ def main(port: str) -> None:
         assert motor.get_axis_parameter(motor.AP.RightEndstop) == 0
         assert motor.get_axis_parameter(motor.AP.RightLimitSwitchDisable) == 0
 
+        # A reference search towards the end that is not home: it ends at that end's switch, 9 mm from the other, and the
+        # module never goes far.
+        motor.set_axis_parameter(motor.AP.ReferenceSearchMode, 65)
+        before, farthest = motor.actual_position, 0
+        interface.reference_search(0, 0, 1)
+        while interface.reference_search(2, 0, 1) != 0:
+            farthest = max(farthest, abs(motor.actual_position - before))
+            assert time.monotonic() < deadline and farthest < 9 * SCALE, f"it searches on, {farthest / SCALE} mm so far"
+            time.sleep(0.02)
+        assert motor.actual_position == 0, motor.actual_position
+        motor.move_to(-5 * SCALE, velocity=10 * SCALE)
+        while not motor.get_position_reached():
+            assert time.monotonic() < deadline, "it never arrives"
+            time.sleep(0.02)
+
         for what, command, kind in [("a parameter not there", TMCLCommand.GAP, 254), ("a command not there", 99, 0)]:
             try:
                 interface.send(command, kind, 0, 0)
@@ -56,7 +71,7 @@ def main(port: str) -> None:
                 assert refused.status_code in (2, 3), refused
             else:
                 raise AssertionError(f"{what} was taken")
-    print("pytrinamic: connected, homed, moved, stopped, read limit switches, was refused rightly")
+    print("pytrinamic: connected, homed to either end, moved, stopped, read limit switches, was refused rightly")
 
 
 main(sys.argv[1])

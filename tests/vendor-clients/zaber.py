@@ -1,12 +1,36 @@
 """zaber-motion, Zaber's own library, against the twin, over the pseudo-terminal."""
 
 import sys
+import threading
 import time
 
-from zaber_motion import CommandFailedException
+from zaber_motion import CommandFailedException, MovementInterruptedException
 from zaber_motion.ascii import Connection
 
 SCALE = 400.0
+
+
+def interrupted_by(axis, command) -> None:
+    """A move that is waited for ends as interrupted when `command` comes in its midst."""
+    ended = []
+
+    def move() -> None:
+        try:
+            axis.move_absolute(SCALE * (4 if axis.get_position() < 2 * SCALE else 0), velocity=2 * SCALE * 1.6384)
+        except MovementInterruptedException as interrupted:
+            ended.append(interrupted)
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    time.sleep(0.4)
+    command()
+    mover.join(20)
+    assert not mover.is_alive() and len(ended) == 1, f"the move was not interrupted: {ended}"
+    # The flag goes with the next motion that begins at rest, and not before.
+    assert "NI" in axis.warnings.get_flags() and "NI" in axis.warnings.clear_flags()
+    assert "NI" in axis.warnings.get_flags()
+    axis.move_relative(10)
+    assert "NI" not in axis.warnings.get_flags(), axis.warnings.get_flags()
 
 
 def main(port: str) -> None:
@@ -65,11 +89,31 @@ def main(port: str) -> None:
         at = other.get_position()
         assert not other.is_busy() and -3 * SCALE < at < -0.2 * SCALE, at
 
+        # What ends a move that is waited for: a stop, and other commands of motion.
+        interrupted_by(axis, axis.stop)
+        interrupted_by(axis, lambda: axis.generic_command("move rel 40"))
+        interrupted_by(axis, lambda: axis.generic_command("move vel 400") and axis.stop())
+
+        # Alerts, once they are on: one at the end of every motion.
+        alerts = []
+        connection.alert.subscribe(alerts.append)
+        axis.move_absolute(SCALE)
+        assert not alerts, alerts
+        connection.enable_alerts()
+        assert device.settings.get("comm.alert") == 1
+        axis.move_absolute(2 * SCALE)
+        deadline = time.monotonic() + 5
+        while not alerts:
+            assert time.monotonic() < deadline, "no alert came"
+            time.sleep(0.01)
+        assert [(a.axis_number, a.status, a.warning_flag) for a in alerts] == [(1, "IDLE", "--")], alerts
+        connection.disable_alerts()
+
         axis.driver_disable()
         assert "FO" in axis.warnings.get_flags()
         axis.driver_enable()
         assert axis.generic_command("tools echo a b").data == "a b"
-    print("zaber-motion: connected, homed, moved, stopped, read limits, was refused rightly")
+    print("zaber-motion: connected, homed, moved, stopped, was interrupted, alerted, read limits, refused")
 
 
 main(sys.argv[1])

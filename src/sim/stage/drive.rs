@@ -115,6 +115,8 @@ pub struct Drive {
     origin: f64,
     velocity: f64,
     task: Task,
+    /// Whether the switch that homing looks for is at the negative end.
+    seeks_negative: bool,
     limit_closed: bool,
     /// Whether the limit switch that closed last is the positive one.
     pub positive_limit: bool,
@@ -138,6 +140,7 @@ impl Drive {
             origin: 0.0,
             velocity: 0.0,
             task: Task::Rest,
+            seeks_negative: config.homes_negative,
             limit_closed,
             positive_limit: false,
             config,
@@ -180,6 +183,17 @@ impl Drive {
         self.plant.limit_switch_closed(self.axis)
     }
 
+    /// Whether it homes, or has homed last, to its home switch and not to the one at the other end.
+    #[must_use]
+    pub fn seeks_home(&self) -> bool {
+        self.seeks_negative == self.config.homes_negative
+    }
+
+    /// Whether the switch that homing looks for is closed now.
+    fn sought_switch_closed(&self) -> bool {
+        if self.seeks_home() { self.home_switch_closed() } else { self.at_limit() && !self.home_switch_closed() }
+    }
+
     /// Whether the home switch is closed now.
     #[must_use]
     pub fn home_switch_closed(&self) -> bool {
@@ -196,8 +210,14 @@ impl Drive {
         self.task = Task::At(velocity);
     }
 
-    /// Starts homing: fast to the switch, off it, slowly to it, off it; its end is [`Event::Homed`].
+    /// Starts homing: fast to the home switch, off it, slowly to it, off it; its end is [`Event::Homed`].
     pub fn home(&mut self) {
+        self.home_towards(self.config.homes_negative);
+    }
+
+    /// Starts homing to the switch at one of the ends.
+    pub fn home_towards(&mut self, negative: bool) {
+        self.seeks_negative = negative;
         self.velocity = 0.0;
         self.task = Task::Home(Phase::Seek(self.motor));
     }
@@ -267,11 +287,11 @@ impl Drive {
     }
 
     fn step_home(&mut self, phase: Phase, dt: f64) -> Option<Event> {
-        let towards = if self.config.homes_negative { -1.0 } else { 1.0 };
+        let towards = if self.seeks_negative { -1.0 } else { 1.0 };
         let (fast, slow) = (self.speed, self.speed / 4.0);
         match phase {
             Phase::Seek(from) => {
-                if self.home_switch_closed() {
+                if self.sought_switch_closed() {
                     self.velocity = 0.0;
                     self.task = Task::Home(Phase::PullOff(self.motor - towards * PULL_OFF_MM));
                 } else if (self.motor - from).abs() > 1.5 * (self.config.high_mm - self.config.low_mm) + 10.0 {
@@ -288,7 +308,7 @@ impl Drive {
                 }
             }
             Phase::Locate => {
-                if self.home_switch_closed() {
+                if self.sought_switch_closed() {
                     self.velocity = 0.0;
                     self.task = Task::Home(Phase::Settle(self.motor - towards * PULL_OFF_MM));
                 } else {

@@ -8,6 +8,7 @@ pub mod drive;
 pub mod grbl;
 pub mod line;
 pub mod pi;
+mod pi_parameters;
 pub mod tmcl;
 pub mod zaber;
 
@@ -43,6 +44,8 @@ const TICK: Duration = Duration::from_millis(5);
 const PAUSE: Duration = Duration::from_millis(50);
 /// Distance from the home switch after homing, mm: an axis's `home_position_mm` is this far off its switch.
 pub const PULL_OFF_MM: f64 = 2.0;
+/// Distance of the switch at the end opposite to home from the limit of travel, mm.
+pub const FAR_SWITCH_MM: f64 = 1.0;
 
 /// A controller's firmware: bytes in, bytes out, motors turned as time passes. No I/O and no clock of its own.
 pub trait Firmware: Send {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::Firmware;
 use super::drive::{Drive, DriveConfig, Event};
-use crate::device::stage::tmcl::{FRAME, Frame, OK, Reply, Request, command, is_whole, parameter};
+use crate::device::stage::tmcl::{FRAME, Frame, OK, Reply, Request, SEARCH_RIGHT, command, is_whole, parameter};
 use crate::sim::plant::Plant;
 
 /// Address of the module, and of the host that it answers.
@@ -133,9 +133,8 @@ impl TmclFirmware {
             (command::MVP, _) => return Err(WRONG_TYPE),
             (command::RFS, 0) => {
                 let mode = axis.parameters[&parameter::SEARCH_MODE];
-                axis.drive.config.homes_negative = mode & 64 == 0;
                 axis.drive.speed = f64::from(axis.parameters[&194]) / units;
-                axis.drive.home();
+                axis.drive.home_towards(mode & SEARCH_RIGHT == 0);
             }
             (command::RFS, 1) => {
                 if axis.drive.is_homing() {
@@ -219,8 +218,10 @@ impl Firmware for TmclFirmware {
                     (axis.target, axis.reached) = (0, true);
                 }
                 Some(Event::Arrived) => axis.reached = true,
-                // A module searches on for ever.
-                Some(Event::HomingFailed) => axis.drive.home(),
+                // A module searches on for ever, also against the end of the slide.
+                Some(Event::HomingFailed) => {
+                    axis.drive.home_towards(axis.parameters[&parameter::SEARCH_MODE] & SEARCH_RIGHT == 0);
+                }
                 Some(Event::Stopped | Event::Limit) | None => {}
             }
         }

@@ -18,7 +18,7 @@ struct Axis {
     /// A limit switch was hit, or homing found none.
     limit: bool,
     lost: bool,
-    /// The last motion was interrupted.
+    /// A motion was interrupted by another command, and none has begun at rest since: no clearing takes that away.
     interrupted: bool,
     low: f64,
     high: f64,
@@ -51,6 +51,8 @@ pub struct ZaberFirmware {
     axes: Vec<Axis>,
     /// What it says its version is.
     version: String,
+    /// Whether it says by itself when an axis has come to rest.
+    alerts: bool,
     line: Vec<u8>,
     out: Vec<u8>,
 }
@@ -69,7 +71,7 @@ impl ZaberFirmware {
             lost: false,
             interrupted: false,
         });
-        Self { axes: axes.collect(), version: "7.36".to_owned(), line: Vec::new(), out: Vec::new() }
+        Self { axes: axes.collect(), version: "7.36".to_owned(), alerts: false, line: Vec::new(), out: Vec::new() }
     }
 
     /// Makes it say that it is another version.
@@ -110,9 +112,7 @@ impl ZaberFirmware {
     fn reply(&mut self, axis: usize, id: Option<&str>, answer: &Result<String, &'static str>) {
         let scope = self.scope(axis.min(self.axes.len()));
         let busy = self.axes[scope.clone()].iter().any(|axis| axis.drive.is_moving());
-        let flags: Vec<&str> = self.axes[scope].iter().flat_map(Axis::flags).collect();
-        let order = ["FO", "FE", "WL", "WR", "NI"];
-        let flag = order.into_iter().find(|flag| flags.contains(flag)).unwrap_or("--");
+        let flag = self.gravest(scope);
         let (word, data) = match answer {
             Ok(data) if data.is_empty() => ("OK", "0"),
             Ok(data) => ("OK", data.as_str()),
@@ -121,6 +121,21 @@ impl ZaberFirmware {
         let id = id.map(|id| format!(" {id}")).unwrap_or_default();
         let busy = if busy { "BUSY" } else { "IDLE" };
         self.out.extend(format!("@01 {axis}{id} {word} {busy} {flag} {data}\r\n").bytes());
+    }
+
+    /// The gravest flag of some axes.
+    fn gravest(&self, scope: std::ops::Range<usize>) -> &'static str {
+        let flags: Vec<&str> = self.axes[scope].iter().flat_map(Axis::flags).collect();
+        let order = ["FO", "FE", "WL", "WR", "NI"];
+        order.into_iter().find(|flag| flags.contains(flag)).unwrap_or("--")
+    }
+
+    /// Says that an axis has come to rest, where that is wanted.
+    fn alert(&mut self, index: usize) {
+        if self.alerts {
+            let flag = self.gravest(index..index + 1);
+            self.out.extend(format!("!01 {} IDLE {flag}\r\n", index + 1).bytes());
+        }
     }
 
     fn execute(&mut self, axis: usize, words: &[&str]) -> Result<String, &'static str> {
@@ -138,25 +153,26 @@ impl ZaberFirmware {
                 let flags: Vec<&str> = self.axes[scope.clone()].iter().flat_map(Axis::flags).collect();
                 if *rest == ["clear"] {
                     for axis in &mut self.axes[scope] {
-                        (axis.limit, axis.lost, axis.interrupted) = (false, false, false);
+                        (axis.limit, axis.lost) = (false, false);
                     }
                 }
                 Ok(format!("{:02} {}", flags.len(), flags.join(" ")).trim().to_owned())
             }
             ["driver", word @ ("enable" | "disable")] => {
-                for axis in &mut self.axes[scope] {
-                    axis.enabled = *word == "enable";
-                    if !axis.enabled {
-                        axis.drive.halt();
+                for index in scope {
+                    self.axes[index].enabled = *word == "enable";
+                    if *word == "disable" {
+                        self.halt(index);
                     }
                 }
                 Ok(String::new())
             }
             ["stop"] | ["estop"] => {
-                for axis in &mut self.axes[scope] {
+                for index in scope {
+                    let axis = &mut self.axes[index];
                     axis.interrupted |= axis.drive.is_moving();
                     if words == ["estop"] {
-                        axis.drive.halt();
+                        self.halt(index);
                     } else {
                         axis.drive.stop();
                     }
@@ -176,6 +192,14 @@ impl ZaberFirmware {
         }
     }
 
+    fn halt(&mut self, index: usize) {
+        let moved = self.axes[index].drive.is_moving();
+        self.axes[index].drive.halt();
+        if moved {
+            self.alert(index);
+        }
+    }
+
     fn begin(&mut self, index: usize, words: &[&str]) -> Result<(), &'static str> {
         let axis = &mut self.axes[index];
         let units = axis.units();
@@ -183,6 +207,7 @@ impl ZaberFirmware {
         let now = axis.position() as f64;
         let (target, rest) = match words {
             ["home"] => {
+                axis.interrupted = axis.drive.is_moving();
                 axis.referenced = false;
                 axis.limit = false;
                 axis.drive.speed = axis.drive.config.speed_mm_per_s;
@@ -190,8 +215,10 @@ impl ZaberFirmware {
                 return Ok(());
             }
             ["move", "vel", velocity, ..] => {
+                let velocity = number(velocity)?;
+                axis.interrupted = axis.drive.is_moving();
                 axis.drive.acceleration = axis.drive.config.acceleration_mm_per_s2;
-                axis.drive.run(number(velocity)? / SPEED_UNIT / units);
+                axis.drive.run(velocity / SPEED_UNIT / units);
                 return Ok(());
             }
             ["move", "abs", target, rest @ ..] if axis.referenced => (number(target)?, rest),
@@ -221,7 +248,8 @@ impl ZaberFirmware {
             "system.access" => Some("1".to_owned()),
             "system.platform" => Some("50081".to_owned()),
             "comm.address" => Some("1".to_owned()),
-            "comm.checksum" | "comm.alert" => Some("0".to_owned()),
+            "comm.checksum" => Some("0".to_owned()),
+            "comm.alert" => Some(u8::from(self.alerts).to_string()),
             "comm.packet.size.max" => Some("80".to_owned()),
             "version.build" => Some("13914".to_owned()),
             _ => None,
@@ -257,6 +285,10 @@ impl ZaberFirmware {
 
     fn set(&mut self, axis: usize, name: &str, value: &str) -> Result<String, &'static str> {
         let value: f64 = value.parse().ok().filter(|value: &f64| value.is_finite()).ok_or("BADDATA")?;
+        if name == "comm.alert" {
+            self.alerts = if value == 0.0 || value == 1.0 { value == 1.0 } else { return Err("BADDATA") };
+            return Ok(String::new());
+        }
         let scope = self.scope(axis);
         for axis in &mut self.axes[scope] {
             let units = axis.units();
@@ -301,16 +333,21 @@ impl Firmware for ZaberFirmware {
     }
 
     fn advance(&mut self, seconds: f64) {
-        for axis in &mut self.axes {
-            match axis.drive.advance(seconds) {
+        for index in 0..self.axes.len() {
+            let axis = &mut self.axes[index];
+            let event = axis.drive.advance(seconds);
+            match event {
                 Some(Event::Homed) => {
                     axis.drive.set_position(0.0);
                     axis.referenced = true;
-                    (axis.limit, axis.lost, axis.interrupted) = (false, false, false);
+                    (axis.limit, axis.lost) = (false, false);
                 }
                 Some(Event::HomingFailed) => axis.lost = true,
                 Some(Event::Limit) => axis.limit = true,
                 Some(Event::Arrived | Event::Stopped) | None => {}
+            }
+            if event.is_some() {
+                self.alert(index);
             }
         }
     }
