@@ -331,7 +331,7 @@ impl Dialogue for TmclDialogue {
     async fn homing(&self, axis: usize) -> Result<Homing, DeviceError> {
         let reading = self.read(axis).await?;
         Ok(match reading {
-            AxisReading { moving: true, .. } => Homing::Running,
+            AxisReading { moving: true, position, .. } => Homing::Running(position),
             AxisReading { referenced: Some(false), .. } => {
                 Homing::Failed("it was switched off and on while homing; home it again".to_owned())
             }

@@ -256,6 +256,17 @@ pub fn fault(flag: &str) -> Option<String> {
     Some(format!("{flag}: {words}"))
 }
 
+/// What a flag says of a motion that did not end as commanded, although nothing is wrong with the axis.
+#[must_use]
+pub fn interruption(flag: &str) -> Option<String> {
+    let by = match flag {
+        "NI" => "another program's command",
+        "NC" => "its knob",
+        _ => return None,
+    };
+    Some(format!("{flag}: its motion was interrupted by {by}"))
+}
+
 /// Whether a flag lets an axis's position be believed: it has a reference, and from its own homing. `None` for a flag
 /// that may hide one of less weight.
 #[must_use]

@@ -276,6 +276,10 @@ impl Dialogue for ZaberDialogue {
         zaber::fault(&self.question(self.axes[axis].number, "get pos").await.ok()?.flag)
     }
 
+    async fn interrupted(&self, axis: usize) -> Option<String> {
+        zaber::interruption(&self.question(self.axes[axis].number, "get pos").await.ok()?.flag)
+    }
+
     async fn switch_off(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {
         self.command(axis, "driver disable", generation).await.map(|_| ())
     }

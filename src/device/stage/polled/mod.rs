@@ -38,7 +38,7 @@ impl AxisReading {
     #[must_use]
     pub fn homing(self, what: &str) -> Homing {
         match self {
-            Self { moving: true, .. } => Homing::Running,
+            Self { moving: true, position, .. } => Homing::Running(position),
             Self { fault: Some(fault), .. } => Homing::Failed(fault),
             Self { referenced: Some(true), position, .. } => Homing::Done(position),
             _ => Homing::Failed(format!("it came to rest without having found its {what}; check it, home again")),
@@ -49,8 +49,8 @@ impl AxisReading {
 /// How far homing is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Homing {
-    /// Not at its end.
-    Running,
+    /// Not at its end: the controller's own coordinate now, mm.
+    Running(f64),
     /// At its end: the controller's own coordinate there, mm.
     Done(f64),
     /// At rest without having found its reference, for this reason.
@@ -99,6 +99,11 @@ pub trait Dialogue: Send + Sync + 'static {
 
     /// Why a motion ended short of its target, if the controller knows.
     async fn why_short(&self, axis: usize) -> Option<String>;
+
+    /// How another command than this program's interrupted the last motion, if the controller knows that one did.
+    async fn interrupted(&self, _axis: usize) -> Option<String> {
+        None
+    }
 
     /// Switches the motor off.
     async fn switch_off(&self, axis: usize, generation: u64) -> Result<(), DeviceError>;

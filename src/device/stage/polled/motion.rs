@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::watch::POLL_MOVING;
 use super::{Dialogue, Homing, Polled};
-use crate::device::{DeviceError, MoveTime, StopDelivery};
+use crate::device::{AxisName, DeviceError, MoveTime, StopDelivery};
 use crate::units::Millimetres;
 
 /// Distance between target and readback that is no arrival, mm.
@@ -14,8 +14,18 @@ const ARRIVAL_MM: f64 = 0.01;
 const STOP_SPARE: Duration = Duration::from_millis(200);
 /// Time for the harder stop to show.
 const HARD_STOP: Duration = Duration::from_secs(1);
+/// Way beyond one and a half times the axis's travel that homing may take: to and fro at the switch.
+const SEARCH_SPARE_MM: f64 = 10.0;
 /// Answers in a row that say that homing has failed: between its phases a controller may seem to be at rest.
 const FAILED_HOMING: u32 = 3;
+
+/// Why homing has been given up.
+fn lost(axis: AxisName, way: f64, travel: f64) -> String {
+    format!(
+        "it has gone {way:.1} mm and not found the switch that it homes to, on an axis of {travel:.1} mm; check the \
+         switch, the direction (bench.{axis}.home_side, reversed) and the scale (steps_per_mm), then home again"
+    )
+}
 
 impl<D: Dialogue> Polled<D> {
     /// Waits until no stop is under way, and tells what keeps an operation from starting.
@@ -109,9 +119,10 @@ impl<D: Dialogue> Polled<D> {
             if let Some(reason) = self.dialogue.why_short(index).await {
                 return Err(self.alarm(index, reason));
             }
-            return Err(DeviceError::Protocol {
-                device: self.name.clone(),
-                detail: format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}"),
+            let detail = format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}");
+            return Err(match self.dialogue.interrupted(index).await {
+                Some(reason) => self.refused(format!("{reason}; {detail}")),
+                None => DeviceError::Protocol { device: self.name.clone(), detail },
             });
         }
         Ok(Millimetres(reached))
@@ -160,10 +171,19 @@ impl<D: Dialogue> Polled<D> {
             self.dialogue.prepare(index, generation).await?;
             self.dialogue.start_homing(index, generation).await?;
             let mut failed = 0;
+            let (farthest, mut way, mut last) = (1.5 * travel + SEARCH_SPARE_MM, 0.0, None);
             loop {
                 tokio::time::sleep(POLL_MOVING).await;
                 match self.dialogue.homing(index).await? {
-                    Homing::Running => failed = 0,
+                    Homing::Running(at) => {
+                        failed = 0;
+                        let step = f64::abs(at - last.replace(at).unwrap_or(at));
+                        // More at once is no way: the coordinate was set anew.
+                        way += if step < 0.25 * farthest { step } else { 0.0 };
+                        if way > farthest {
+                            return Err(self.alarm(index, lost(setup.axis, way, travel)));
+                        }
+                    }
                     Homing::Done(home) => return Ok(home),
                     Homing::Failed(reason) if failed + 1 == FAILED_HOMING => {
                         return Err(DeviceError::Alarm { device: self.name.clone(), reason });
