@@ -122,8 +122,8 @@ impl Service {
         self.jogs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Moves an axis towards a side for 0.3 s from now on: asked again in time, it goes on. At the axis's
-    /// greatest speed where none is given. `press` tells one press of a button from the next.
+    /// Moves an axis towards a side for 0.3 s from now on: asked again in time, it goes on. At the
+    /// greatest speed at which the axis jogs where none is given, or a greater one. `press` tells one press of a button from the next.
     ///
     /// # Errors
     /// Every motion rule, before anything moves; a jog another way while one is under way; a press that is over.

@@ -33,6 +33,8 @@ pub struct AxisView {
     pub low_limit_mm: f64,
     /// Greatest position allowed, mm.
     pub high_limit_mm: f64,
+    /// Greatest speed at which it jogs, mm/s: a jog that is asked to go faster goes at this.
+    pub jog_speed_mm_per_s: f64,
     /// Why it cannot move now.
     pub fault: Option<String>,
     /// Why the last move or homing by hand did not end as commanded; absent once another is commanded.

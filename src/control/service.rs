@@ -209,6 +209,7 @@ impl Service {
             moving,
             low_limit_mm,
             high_limit_mm,
+            jog_speed_mm_per_s: self.motion.jog_speed_mm_per_s(axis),
             fault,
             failure: self.failures().get(&axis).cloned(),
             disagreements: info.disagreements,

@@ -1,6 +1,6 @@
 //! Motion that goes on only while somebody holds it: a jog with a deadman.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::watch;
@@ -14,7 +14,7 @@ use crate::units::Millimetres;
 pub struct Grip(watch::Sender<Instant>);
 
 /// What a jog looks at.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Deadman(watch::Receiver<Instant>);
 
 /// A grip that holds for `hold` from now on, and what it holds.
@@ -51,43 +51,68 @@ impl Deadman {
     }
 }
 
-/// Moves an axis towards `end` at `speed_mm_per_s` while the deadman is held, then stops it (and whatever else its
-/// controller moves), and returns where it stands. It goes in pieces, one told when the one before has ended: `next`
-/// says where the piece that begins at a position ends, or why it must not begin. `end` and `next` are the caller's
-/// bounds: they are not checked here. `generation` is what the jog was admitted under. Dropping this future does not
-/// let go: dropping the grip does.
+/// What is certain of an axis on its way: it has come this far and goes this fast, or is farther and faster.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Where it is.
+    pub at: Millimetres,
+    /// Its speed on its way, mm/s.
+    pub speed_mm_per_s: f64,
+}
+
+/// How far an axis is told to go, and how fast.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Next {
+    /// Where its way ends unless it is told more.
+    pub to: Millimetres,
+    /// Greatest speed on it, mm/s.
+    pub speed_mm_per_s: f64,
+}
+
+/// Asked again and again how far an axis may go, given what is seen of it; `None` ends the motion where it was told to go.
+pub type Course = Box<dyn FnMut(Seen) -> Option<Next> + Send>;
+
+/// Moves an axis towards `end` while the deadman is held, then stops it (and whatever else its controller moves), and
+/// returns where it stands. Of its way it is told a little at a time, and more before it has come to the end of that:
+/// `next` says how far, or why it must not go on. `end` and `next` are the caller's bounds: they are not checked here.
+/// `generation` is what the jog was admitted under. Dropping this future does not let go: dropping the grip does.
 ///
 /// # Errors
-/// As [`Stage::move_at`], but for the stop that a release is; and what `next` says.
+/// As [`Stage::follow`], but for the stop that a release is; and what `next` says.
 pub async fn jog<E: From<DeviceError> + Send + 'static>(
     stage: &Arc<dyn Stage>,
     end: Millimetres,
-    speed_mm_per_s: f64,
     mut deadman: Deadman,
     generation: u64,
-    next: impl Fn(Millimetres) -> Result<Millimetres, E> + Send + 'static,
+    mut next: impl FnMut(Seen) -> Result<Next, E> + Send + 'static,
 ) -> Result<Millimetres, E> {
     let (stage, watched) = (Arc::clone(stage), stage);
     let task = tokio::spawn(async move {
-        let mut at = stage.state().borrow().position;
-        while at != end && deadman.held() {
-            let piece = next(at)?;
-            let motion = stage.move_at(piece, speed_mm_per_s, generation);
-            tokio::pin!(motion);
-            tokio::select! {
-                biased;
-                () = deadman.released() => {
-                    stage.stop().await;
-                    return match motion.await {
-                        Err(DeviceError::Stopped { .. }) => Ok(stage.read_state().await?.position),
-                        ended => Ok(ended?),
-                    };
-                }
-                ended = &mut motion => ended?,
-            };
-            at = piece;
+        let refused = Arc::new(Mutex::new(None));
+        let (held, refusal) = (deadman.clone(), Arc::clone(&refused));
+        let course = Box::new(move |seen: Seen| {
+            if seen.at == end || !held.held() {
+                return None;
+            }
+            next(seen).map_err(|error| *refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(error)).ok()
+        });
+        let motion = stage.follow(course, generation);
+        tokio::pin!(motion);
+        let (ended, released) = tokio::select! {
+            biased;
+            () = deadman.released() => {
+                stage.stop().await;
+                (motion.await, true)
+            }
+            ended = &mut motion => (ended, false),
+        };
+        if let Some(error) = refused.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            return Err(error);
         }
-        Ok(stage.read_state().await?.position)
+        match ended {
+            Err(DeviceError::Stopped { .. }) if released => Ok(stage.read_state().await?.position),
+            ended => Ok(ended?),
+        }
     });
     match task.await {
         Ok(ended) => ended,

@@ -11,6 +11,7 @@ pub mod jog;
 pub mod open;
 pub mod port;
 pub mod position;
+pub mod ramp;
 pub mod replayed;
 pub mod serial;
 pub mod stage;
@@ -26,6 +27,8 @@ use tokio::time::Instant;
 use crate::raw::RawImage;
 use crate::units::Millimetres;
 use faults::Faults;
+use jog::{Course, Seen};
+use ramp::Ramp;
 
 /// Which of the bench's two axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
@@ -223,6 +226,11 @@ pub trait Stage: Send + Sync {
     /// What a move between two positions takes, at the speed and acceleration that the axis really has.
     fn move_time(&self, from: Millimetres, to: Millimetres) -> MoveTime;
 
+    /// Speed and acceleration that the axis really has.
+    fn ramp(&self) -> Ramp {
+        Ramp::RIGID
+    }
+
     /// Runs the controller's homing on this axis and returns at its end.
     ///
     /// # Errors
@@ -256,6 +264,21 @@ pub trait Stage: Send + Sync {
     /// As there.
     async fn move_to(&self, target: Millimetres, generation: u64) -> Result<Millimetres, DeviceError> {
         self.move_at(target, f64::INFINITY, generation).await
+    }
+
+    /// Moves along a course, which is asked while the axis moves how much farther it may be told to go: it does not come to
+    /// rest between one piece of its way and the next where its controller can be told of more in motion. Returns at rest
+    /// at the end of it, with the readback. Checks what [`Stage::move_at`] does.
+    ///
+    /// # Errors
+    /// As [`Stage::move_at`].
+    async fn follow(&self, mut course: Course, generation: u64) -> Result<Millimetres, DeviceError> {
+        let mut at = self.state().borrow().position;
+        while let Some(next) = course(Seen { at, speed_mm_per_s: 0.0 }) {
+            self.move_at(next.to, next.speed_mm_per_s, generation).await?;
+            at = next.to;
+        }
+        Ok(self.read_state().await?.position)
     }
 
     /// Switches the motor off so that the axis can be moved by hand. The position is unknown until homed again.

@@ -17,6 +17,7 @@ export const bench: Bench = {
       moving: false,
       low_limit_mm: -2,
       high_limit_mm: 5,
+      jog_speed_mm_per_s: 4,
       disagreements: [],
     },
     {
@@ -30,6 +31,7 @@ export const bench: Bench = {
       moving: false,
       low_limit_mm: -0.1,
       high_limit_mm: 32,
+      jog_speed_mm_per_s: 4,
       disagreements: [],
     },
   ],

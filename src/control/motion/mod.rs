@@ -20,14 +20,14 @@ use self::admission::Commands;
 pub use self::admission::{Admission, Claim};
 pub use self::halt::StopReport;
 use self::latch::Latch;
-use self::pieces::Pieces;
+use self::pieces::{Ahead, Pieces};
 use super::events::ShellState;
 use super::journal::{Journal, Underway};
 use super::lease::Leases;
 use super::recording::{Answer, Happening};
 use super::refusal::{Refusal, ServiceError};
 use crate::config::{AxisConfig, Config, Side};
-use crate::device::jog::{Deadman, jog};
+use crate::device::jog::{Deadman, Seen, jog};
 use crate::device::{AxisName, Bench, DeviceError, StageInfo, StageState};
 use crate::units::Millimetres;
 
@@ -235,7 +235,8 @@ impl Motion {
         let stage = self.bench.stage(axis);
         let mut at = from;
         loop {
-            at = self.next_piece(claim, pieces::MOVE, f64::INFINITY, at, target)?;
+            let wall = self.may_go_on(claim, at, target)?;
+            at = Pieces::within(pieces::MOVE, &**stage, wall).next(at, target);
             let readback = stage.move_to(at, claim.generation()).await?;
             if (readback - at).abs().value() > READBACK_TOLERANCE_MM {
                 return Err(DeviceError::Protocol {
@@ -250,27 +251,27 @@ impl Motion {
         }
     }
 
-    /// Where the next piece on the way to `target` ends, where it may begin: whatever could forbid it may have changed
-    /// during the one before.
-    fn next_piece(
-        &self,
-        claim: &Claim,
-        time: Duration,
-        speed_mm_per_s: f64,
-        at: Millimetres,
-        target: Millimetres,
-    ) -> Result<Millimetres, ServiceError> {
+    /// Whether the next piece on the way to `target` may begin: whatever could forbid it may have changed during the one
+    /// before. Returns the wall that it must be told little at a time towards.
+    fn may_go_on(&self, claim: &Claim, at: Millimetres, target: Millimetres) -> Result<Option<f64>, ServiceError> {
         let axis = claim.axis();
         self.in_force(claim.admission(), axis)?;
         self.position_mm(axis)?;
         self.check_range(axis, at, target)?;
         let guarded = axis == AxisName::E && self.shell() != ShellState::Off;
-        let wall = guarded.then(|| self.e_wall_mm());
-        Ok(Pieces::within(time, &**self.bench.stage(axis), speed_mm_per_s, wall).next(at, target))
+        Ok(guarded.then(|| self.e_wall_mm()))
     }
 
-    /// Moves an axis towards a side at `speed_mm_per_s`, in short pieces, while the deadman is held: no further than the limit of travel,
-    /// the e wall or the greatest step, and not at all while another command has the axis. Returns where it stands.
+    /// The greatest speed (mm/s) at which an axis jogs: its own, or what it can keep while it is told so little at a time
+    /// that it is at rest in time whatever becomes of the program.
+    #[must_use]
+    pub fn jog_speed_mm_per_s(&self, axis: AxisName) -> f64 {
+        pieces::jog_speed(self.bench.stage(axis).ramp(), self.axis(axis).speed_mm_per_s)
+    }
+
+    /// Moves an axis towards a side at `speed_mm_per_s`, or [as fast as it jogs](Motion::jog_speed_mm_per_s) where that is
+    /// less, while the deadman is held: no further than the limit of travel, the e wall or the greatest step, and not at all
+    /// while another command has the axis. Returns where it stands.
     ///
     /// # Errors
     /// A refusal before anything moves; a device's error, or a stop, in mid-move.
@@ -315,8 +316,11 @@ impl Motion {
         let end = self.jog_end(axis, towards)?;
         self.state().approached[index(axis)] = false;
         let (motion, held) = (Arc::clone(self), claim.clone());
-        let next = move |at| motion.next_piece(&held, pieces::JOG, speed, at, end);
-        jog(self.bench.stage(axis), end, speed, deadman, claim.generation(), next).await
+        let next = move |seen: Seen| {
+            let wall = motion.may_go_on(&held, seen.at, end)?;
+            Ok::<_, ServiceError>(Ahead::new(motion.bench.stage(axis).ramp(), speed, wall).next(seen, end))
+        };
+        jog(self.bench.stage(axis), end, deadman, claim.generation(), next).await
     }
 
     /// Homes an axis.

@@ -14,5 +14,6 @@ pub mod session;
 pub mod supervisor;
 pub mod tmcl;
 pub mod tmcl_controller;
+pub mod track;
 pub mod zaber;
 pub mod zaber_controller;

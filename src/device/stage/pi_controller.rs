@@ -251,6 +251,14 @@ impl Dialogue for PiDialogue {
         Ok(AxisReading { position, moving, referenced: Some(referenced), fault: self.fault() })
     }
 
+    /// Its neighbours are orders, whose answers have another form. That it is not referenced, or has failed, these tell.
+    async fn glance(&self, axis: usize) -> Result<AxisReading, DeviceError> {
+        let Axis { name, bit, scale, .. } = &self.axes[axis];
+        let moving = self.moving().await? & bit != 0;
+        let position = self.number("POS?", name).await? / scale;
+        Ok(AxisReading { position, moving, referenced: None, fault: self.fault() })
+    }
+
     async fn prepare(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {
         self.set_fault(None);
         self.error().await?;

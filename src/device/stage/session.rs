@@ -7,6 +7,7 @@ use tokio::sync::watch;
 
 use super::axis::AxisLink;
 use super::orders::Orders;
+use crate::device::jog::Course;
 use crate::device::serial::Wire;
 use crate::device::{AxisName, DeviceError, StageState, StopDelivery};
 use crate::units::Millimetres;
@@ -127,6 +128,12 @@ pub trait Session: Send + Sync {
         speed_mm_per_s: f64,
         generation: u64,
     ) -> Result<Millimetres, DeviceError>;
+
+    /// See [`Stage::follow`](crate::device::Stage::follow); `generation` is what it was admitted under.
+    ///
+    /// # Errors
+    /// As there.
+    async fn follow(&self, axis: usize, course: Course, generation: u64) -> Result<Millimetres, DeviceError>;
 
     /// See [`Stage::release`](crate::device::Stage::release); `generation` is what it was admitted under.
     ///

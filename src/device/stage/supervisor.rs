@@ -22,6 +22,8 @@ use tokio::time::Instant;
 use super::axis::{Axis, AxisLink, AxisSetup};
 use super::orders::Orders;
 use super::session::{AxisFacts, Driver, Session, Wanted};
+use crate::device::jog::Course;
+use crate::device::ramp::Ramp;
 use crate::device::serial::Dial;
 use crate::device::{AxisName, DeviceError, MoveTime, Stage, StageInfo, StageState, StopDelivery};
 use crate::telemetry;
@@ -321,12 +323,17 @@ impl Stage for ControllerStage {
     }
 
     fn move_time(&self, from: Millimetres, to: Millimetres) -> MoveTime {
+        let Ramp { speed_mm_per_s, acceleration_mm_per_s2 } = self.ramp();
+        MoveTime::of_trapezoid((to - from).abs().value(), speed_mm_per_s, acceleration_mm_per_s2)
+    }
+
+    fn ramp(&self) -> Ramp {
         let config = &self.axis().setup.config;
-        let (speed, acceleration) = match self.shared.facts(self.index) {
+        let (speed_mm_per_s, acceleration_mm_per_s2) = match self.shared.facts(self.index) {
             Some(facts) => (facts.speed_mm_per_s, facts.acceleration_mm_per_s2),
             None => (config.speed_mm_per_s, config.acceleration_mm_per_s2),
         };
-        MoveTime::of_trapezoid((to - from).abs().value(), speed, acceleration)
+        Ramp { speed_mm_per_s, acceleration_mm_per_s2 }
     }
 
     async fn home(&self, generation: u64) -> Result<(), DeviceError> {
@@ -348,6 +355,10 @@ impl Stage for ControllerStage {
             move |session, axis| async move { session.move_at(axis, target, speed_mm_per_s, generation).await },
         )
         .await
+    }
+
+    async fn follow(&self, course: Course, generation: u64) -> Result<Millimetres, DeviceError> {
+        self.run_motion(move |session, axis| async move { session.follow(axis, course, generation).await }).await
     }
 
     async fn release(&self, generation: u64) -> Result<(), DeviceError> {

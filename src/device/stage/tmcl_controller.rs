@@ -308,6 +308,14 @@ impl Dialogue for TmclDialogue {
         })
     }
 
+    async fn glance(&self, axis: usize) -> Result<AxisReading, DeviceError> {
+        let Axis { motor, scale, .. } = &self.axes[axis];
+        // A module that has been switched off and on counts from 0 again.
+        let marked = self.marked().await?;
+        let position = f64::from(self.parameter(*motor, parameter::POSITION).await?) / scale;
+        Ok(AxisReading { position, moving: true, referenced: (!marked).then_some(false), fault: None })
+    }
+
     async fn prepare(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {
         if !self.marked().await? {
             let mark = (command::SGP, MARK, tmcl::USER_BANK);
@@ -342,11 +350,16 @@ impl Dialogue for TmclDialogue {
     async fn start_move(&self, axis: usize, position: f64, speed: f64, generation: u64) -> Result<(), DeviceError> {
         let Axis { motor, scale, .. } = &self.axes[axis];
         let speed = (speed * scale).round().clamp(1.0, f64::from(i32::MAX)) as i32;
+        self.command("take a speed", (command::SAP, parameter::SPEED, *motor), speed, generation).await?;
+        self.go_on(axis, position, 0.0, generation).await
+    }
+
+    async fn go_on(&self, axis: usize, position: f64, _: f64, generation: u64) -> Result<(), DeviceError> {
+        let Axis { motor, scale, .. } = &self.axes[axis];
         let target = (position * scale).round();
         if target.abs() > f64::from(i32::MAX) {
             return Err(self.exchange.senseless(format!("a target of {target} microsteps")));
         }
-        self.command("take a speed", (command::SAP, parameter::SPEED, *motor), speed, generation).await?;
         self.command("take a move", (command::MVP, 0, *motor), target as i32, generation).await
     }
 

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use async_trait::async_trait;
+use plenalign::device::jog::{Course, Seen};
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::axis::{AxisLink, AxisSetup};
 use plenalign::device::stage::orders::Orders;
@@ -239,6 +240,15 @@ impl Session for NearEnd {
         self.order(axis, "move", generation).await?;
         put(&self.axes[axis], target);
         Ok(target)
+    }
+
+    /// Every piece is told where the one before has ended.
+    async fn follow(&self, axis: usize, mut course: Course, generation: u64) -> Result<Millimetres, DeviceError> {
+        loop {
+            let at = self.axes[axis].state().position;
+            let Some(next) = course(Seen { at, speed_mm_per_s: 0.0 }) else { return Ok(at) };
+            self.move_at(axis, next.to, next.speed_mm_per_s, generation).await?;
+        }
     }
 
     async fn release(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plenalign::config::ControllerDriver;
-use plenalign::device::jog::{deadman, jog};
+use plenalign::device::jog::{Next, deadman, jog};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep, timeout};
@@ -204,10 +204,10 @@ async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
     let stage: Arc<dyn Stage> = Arc::new(rig.e.clone());
     let hold = Duration::from_millis(500);
     let (grip, dead) = deadman(hold);
-    let to_ten = |_| Ok::<_, DeviceError>(Millimetres(10.0));
+    let to_ten = |_| Ok::<_, DeviceError>(Next { to: Millimetres(10.0), speed_mm_per_s: 2.0 });
     let jogging = tokio::spawn({
         let stage = stage.clone();
-        async move { jog(&stage, Millimetres(10.0), 2.0, dead, stage.generation(), to_ten).await }
+        async move { jog(&stage, Millimetres(10.0), dead, stage.generation(), to_ten).await }
     });
     for _ in 0..8 {
         sleep(Duration::from_millis(250)).await;
@@ -224,8 +224,7 @@ async fn a_jog_goes_on_while_it_is_held(driver: ControllerDriver) {
 
     // Dropped, with its caller: it stops at once.
     let (grip, dead) = deadman(Duration::from_secs(60));
-    let caller =
-        tokio::spawn(async move { jog(&stage, Millimetres(10.0), 2.0, dead, stage.generation(), to_ten).await });
+    let caller = tokio::spawn(async move { jog(&stage, Millimetres(10.0), dead, stage.generation(), to_ten).await });
     sleep(Duration::from_secs(1)).await;
     caller.abort();
     drop(grip);

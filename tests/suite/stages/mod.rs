@@ -6,6 +6,7 @@ mod faults;
 mod identify;
 mod interleaved;
 mod interrupted;
+mod jogs;
 pub(crate) mod kit;
 mod lines;
 mod lost_at_every_poll;

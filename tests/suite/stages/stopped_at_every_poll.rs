@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use plenalign::config::ControllerDriver;
+use plenalign::device::jog::{Next, Seen};
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::supervisor::ControllerStage;
 use plenalign::device::stage::tmcl::command;
@@ -80,6 +81,7 @@ pub(super) fn orders(driver: ControllerDriver, written: &[u8]) -> usize {
 pub(super) enum Command {
     Home,
     Move,
+    Follow,
     Release,
     SetPosition,
 }
@@ -90,6 +92,14 @@ pub(super) async fn give(stage: ControllerStage, command: Command, generation: u
     let _ = match command {
         Command::Home => stage.home(generation).await,
         Command::Move => stage.move_to(at + Millimetres(0.05), generation).await.map(drop),
+        Command::Follow => {
+            let end = at + Millimetres(0.3);
+            let course = move |seen: Seen| {
+                let to = Millimetres((seen.at.value() + 0.1).min(end.value()));
+                (seen.at < end).then_some(Next { to, speed_mm_per_s: 2.0 })
+            };
+            stage.follow(Box::new(course), generation).await.map(drop)
+        }
         Command::Release => stage.release(generation).await,
         Command::SetPosition => stage.set_position(at, generation).await,
     };
@@ -135,11 +145,11 @@ fn at_every_poll(driver: ControllerDriver) {
         controller.first_attempt().await.unwrap();
         let rig = kit.rig(&controller);
         let (mut points, mut amid) = (0, 0);
-        for what in [Command::Move, Command::SetPosition, Command::Release, Command::Home] {
+        for what in [Command::Move, Command::Follow, Command::SetPosition, Command::Release, Command::Home] {
             let mut polls = 0;
             loop {
                 let homed = rig.focus.state().borrow().homed;
-                if matches!(what, Command::Move) && !homed
+                if matches!(what, Command::Move | Command::Follow) && !homed
                     || (rig.focus.state().borrow().position.value() - START[0]).abs() > 2.0
                 {
                     rig.focus.home(rig.focus.generation()).await.unwrap();
@@ -155,7 +165,7 @@ fn at_every_poll(driver: ControllerDriver) {
         }
         (points, amid)
     });
-    println!("{driver:?}: 4 commands, {points} points, {amid} of them with an order on its way");
+    println!("{driver:?}: 5 commands, {points} points, {amid} of them with an order on its way");
     assert!(points > 100 && amid > points / 10, "{points}, {amid}");
 }
 

@@ -1033,6 +1033,11 @@ export interface components {
       homed: boolean;
       /** @description What the controller says it is. */
       identity: string;
+      /**
+       * Format: double
+       * @description Greatest speed at which it jogs, mm/s: a jog that is asked to go faster goes at this.
+       */
+      jog_speed_mm_per_s: number;
       /** @description Where it is. */
       location: string;
       /**

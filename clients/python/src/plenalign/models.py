@@ -99,6 +99,8 @@ class AxisView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Whether the position is known."""
     identity: str
     """What the controller says it is."""
+    jog_speed_mm_per_s: float
+    """Greatest speed at which it jogs, mm/s: a jog that is asked to go faster goes at this."""
     location: str
     """Where it is."""
     low_limit_mm: float

@@ -4,6 +4,7 @@
 //! single byte ends them. Everything that moves runs one at a time; a stop passes them all.
 
 mod checks;
+mod follow;
 mod moves;
 mod opening;
 mod reports;
@@ -21,6 +22,7 @@ use super::axis::AxisLink;
 use super::grbl::{self, Alarm, Letter, Mode, Settings};
 use super::orders::Orders;
 use super::session::{AxisFacts, Session};
+use crate::device::jog::Course;
 use crate::device::port::{Port, PortError};
 use crate::device::{DeviceError, StageState, StopDelivery};
 use crate::units::Millimetres;
@@ -125,6 +127,10 @@ impl Session for Controller {
         generation: u64,
     ) -> Result<Millimetres, DeviceError> {
         self.move_axis(axis, target, speed_mm_per_s, generation).await
+    }
+
+    async fn follow(&self, axis: usize, course: Course, generation: u64) -> Result<Millimetres, DeviceError> {
+        self.follow_course(axis, course, generation).await
     }
 
     /// Grbl can switch off all of its motors only: every axis of the controller loses its position.

@@ -108,7 +108,7 @@ impl Controller {
     }
 
     /// Waits for the end of the stop that ended an operation.
-    async fn stopped<T>(&self, axis: AxisName) -> Result<T, DeviceError> {
+    pub(super) async fn stopped<T>(&self, axis: AxisName) -> Result<T, DeviceError> {
         let _stopping = self.stopping.lock().await;
         Err(DeviceError::Stopped { axis })
     }

@@ -3,6 +3,7 @@
 //! A protocol's [`Dialogue`] knows the questions and commands; this asks the questions again and again, and carries out
 //! one motion an axis at a time. A stop passes them all.
 
+mod follow;
 mod motion;
 mod watch;
 
@@ -16,6 +17,7 @@ use tokio::sync::{Notify, oneshot, watch as channel};
 use super::axis::AxisLink;
 use super::orders::Orders;
 use super::session::{AxisFacts, Session, Wanted};
+use crate::device::jog::Course;
 use crate::device::port::PortError;
 use crate::device::{DeviceError, StageState, StopDelivery};
 use crate::units::Millimetres;
@@ -85,6 +87,11 @@ pub trait Dialogue: Send + Sync + 'static {
     /// Asks for position and state of an axis.
     async fn read(&self, axis: usize) -> Result<AxisReading, DeviceError>;
 
+    /// Asks for the position of an axis that moves, with no more than it takes to believe it, where that is quicker.
+    async fn glance(&self, axis: usize) -> Result<AxisReading, DeviceError> {
+        self.read(axis).await
+    }
+
     /// Clears faults and switches the motor on.
     async fn prepare(&self, axis: usize, generation: u64) -> Result<(), DeviceError>;
 
@@ -96,6 +103,12 @@ pub trait Dialogue: Send + Sync + 'static {
 
     /// Starts a move to a position.
     async fn start_move(&self, axis: usize, position: f64, speed: f64, generation: u64) -> Result<(), DeviceError>;
+
+    /// Gives a move that is under way another end, at the same speed. Where the controller has to be told the speed with
+    /// each move, as [`Dialogue::start_move`] does.
+    async fn go_on(&self, axis: usize, position: f64, speed: f64, generation: u64) -> Result<(), DeviceError> {
+        self.start_move(axis, position, speed, generation).await
+    }
 
     /// Why a motion ended short of its target, if the controller knows.
     async fn why_short(&self, axis: usize) -> Option<String>;
@@ -116,6 +129,8 @@ struct Axis {
     link: AxisLink,
     operation: tokio::sync::Mutex<()>,
     homing: AtomicBool,
+    /// Whether it is looked at by what moves it, more often than by the rest.
+    followed: AtomicBool,
 }
 
 /// A connected controller.
@@ -142,6 +157,7 @@ impl<D: Dialogue> Polled<D> {
             link,
             operation: tokio::sync::Mutex::new(()),
             homing: AtomicBool::new(false),
+            followed: AtomicBool::new(false),
         });
         let session = Arc::new(Self {
             name: wanted.name,
@@ -238,6 +254,10 @@ impl<D: Dialogue> Session for Polled<D> {
         generation: u64,
     ) -> Result<Millimetres, DeviceError> {
         self.move_axis(axis, target, speed_mm_per_s, generation).await
+    }
+
+    async fn follow(&self, axis: usize, course: Course, generation: u64) -> Result<Millimetres, DeviceError> {
+        self.follow_course(axis, course, generation).await
     }
 
     async fn release(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {

@@ -9,7 +9,7 @@ use crate::device::{AxisName, DeviceError, MoveTime, StopDelivery};
 use crate::units::Millimetres;
 
 /// Distance between target and readback that is no arrival, mm.
-const ARRIVAL_MM: f64 = 0.01;
+pub(super) const ARRIVAL_MM: f64 = 0.01;
 /// Time beyond its own deceleration that an axis may take to stop before it is stopped harder.
 const STOP_SPARE: Duration = Duration::from_millis(200);
 /// Time for the harder stop to show.
@@ -53,12 +53,12 @@ impl<D: Dialogue> Polled<D> {
     }
 
     /// Waits for the end of the stop that ended an operation.
-    async fn stopped<T>(&self, axis: usize) -> Result<T, DeviceError> {
+    pub(super) async fn stopped<T>(&self, axis: usize) -> Result<T, DeviceError> {
         let _stopping = self.stopping.lock().await;
         Err(DeviceError::Stopped { axis: self.axis(axis).link.name() })
     }
 
-    fn alarm(&self, axis: usize, reason: String) -> DeviceError {
+    pub(super) fn alarm(&self, axis: usize, reason: String) -> DeviceError {
         self.axis(axis).link.forget_home();
         DeviceError::Alarm { device: self.name.clone(), reason }
     }
@@ -116,16 +116,22 @@ impl<D: Dialogue> Polled<D> {
         }
         let reached = setup.coordinate(reading.position, home);
         if (reached - target.value()).abs() > ARRIVAL_MM {
-            if let Some(reason) = self.dialogue.why_short(index).await {
-                return Err(self.alarm(index, reason));
-            }
-            let detail = format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}");
-            return Err(match self.dialogue.interrupted(index).await {
-                Some(reason) => self.refused(format!("{reason}; {detail}")),
-                None => DeviceError::Protocol { device: self.name.clone(), detail },
-            });
+            return Err(self.came_to_rest_short(index, reached, target).await);
         }
         Ok(Millimetres(reached))
+    }
+
+    /// Why an axis stands elsewhere (mm) than it was sent.
+    pub(super) async fn came_to_rest_short(&self, index: usize, reached: f64, target: Millimetres) -> DeviceError {
+        if let Some(reason) = self.dialogue.why_short(index).await {
+            return self.alarm(index, reason);
+        }
+        let name = self.axis(index).link.name();
+        let detail = format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}");
+        match self.dialogue.interrupted(index).await {
+            Some(reason) => self.refused(format!("{reason}; {detail}")),
+            None => DeviceError::Protocol { device: self.name.clone(), detail },
+        }
     }
 
     pub(super) async fn home_axis(&self, index: usize, generation: u64) -> Result<(), DeviceError> {
@@ -203,7 +209,7 @@ impl<D: Dialogue> Polled<D> {
     }
 
     /// Stops what moves and what waits to move, without having been asked to.
-    async fn stop(&self) -> StopDelivery {
+    pub(super) async fn stop(&self) -> StopDelivery {
         self.orders.outdate();
         self.stop_now().await
     }

@@ -31,8 +31,10 @@ pub(super) async fn poll<D: Dialogue>(weak: Weak<Polled<D>>, poll_now: Arc<Notif
                 return;
             }
             let mut failed = false;
-            for axis in 0..session.axes.len() {
-                failed |= session.look(axis).await.is_err();
+            for index in 0..session.axes.len() {
+                if !session.axis(index).followed.load(Ordering::SeqCst) {
+                    failed |= session.look(index).await.is_err();
+                }
             }
             failures = if failed { failures + 1 } else { 0 };
             if failures == FAILURES {

@@ -1,0 +1,122 @@
+//! Motion along a course: jogs queue up in the controller, which goes over from one to the next without slowing down.
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep_until, timeout};
+
+use super::super::grbl::{self, Alarm, Mode};
+use super::super::track::{BEGIN, CYCLE, END, Track};
+use super::{ANSWER, Controller, Reading, device_error};
+use crate::device::DeviceError;
+use crate::device::jog::Course;
+use crate::units::Millimetres;
+
+/// Least time between two status requests: each is answered by a line of its own.
+const REPORTS: Duration = CYCLE.saturating_add(Duration::from_millis(10));
+/// Distance between the end of the course and the readback that is no arrival, mm.
+const ARRIVAL_MM: f64 = 0.01;
+/// Longest wait for a status report before it is asked for once more.
+const REPORT: Duration = Duration::from_millis(200);
+
+impl Controller {
+    pub(super) async fn follow_course(
+        &self,
+        index: usize,
+        course: Course,
+        generation: u64,
+    ) -> Result<Millimetres, DeviceError> {
+        let name = self.axes[index].link.name();
+        let _operation = self.operation.lock().await;
+        self.ready(name, generation).await?;
+        if let Some(alarm) = *self.alarm.borrow() {
+            return Err(self.alarmed(Some(alarm)));
+        }
+        let mut alarm = self.alarm.subscribe();
+        let alarmed = async { alarm.wait_for(Option::is_some).await.ok().and_then(|alarm| *alarm) };
+        let ended = tokio::select! {
+            biased;
+            () = self.orders.outdated(generation) => return self.stopped(name).await,
+            alarm = alarmed => return Err(self.alarmed(alarm)),
+            ended = self.lead(index, course, generation) => ended,
+        };
+        match ended {
+            Err(_) if self.orders.generation() != generation => self.stopped(name).await,
+            Err(error) => {
+                // It may move still, as far as it was told.
+                self.stop().await;
+                Err(error)
+            }
+            reached => reached,
+        }
+    }
+
+    fn alarmed(&self, alarm: Option<Alarm>) -> DeviceError {
+        let reason = alarm.unwrap_or(Alarm(0)).to_string();
+        DeviceError::Alarm { device: self.name.clone(), reason }
+    }
+
+    /// Tells the axis of its way, a little at a time, up to the end of the course.
+    async fn lead(&self, index: usize, mut course: Course, generation: u64) -> Result<Millimetres, DeviceError> {
+        let axis = &self.axes[index];
+        let (name, letter, setup) = (axis.link.name(), axis.letter, axis.link.setup());
+        let mut track = Track::new(axis.facts.acceleration_mm_per_s2);
+        let mut line = self.latest_line();
+        let mut home = None;
+        loop {
+            let asked = Instant::now();
+            let reading = self.report(line).await?;
+            line = reading.line_number;
+            // Only now: a reset meanwhile has lost it, or made it another.
+            let Some(now) = axis.link.home().filter(|now| *home.get_or_insert(*now) == *now) else {
+                return Err(DeviceError::NotHomed { axis: name });
+            };
+            if !reading.mode.at_rest() && reading.mode != Mode::Jog {
+                let reason = format!("it is in the mode {:?}; stop it, which resets it", reading.mode);
+                return Err(DeviceError::Refused { device: self.name.clone(), reason });
+            }
+            let at = Millimetres(setup.coordinate(reading.machine[letter.index()], now));
+            let Some(next) = course(track.see(at, asked, reading.at)) else { break };
+            if track.is_worth_an_order(next, at) {
+                let speed = next.speed_mm_per_s.min(axis.facts.speed_mm_per_s);
+                let order = grbl::jog(letter, setup.machine(next.to.value(), now), speed * 60.0);
+                let answer = self.port.request(order, ANSWER, generation).await;
+                line = answer.map_err(|error| device_error(&self.name, "take a move", error))?.line_number;
+                track.tell(next);
+            } else if reading.mode.at_rest() && track.since_told() > BEGIN {
+                // There, or it goes no farther.
+                break;
+            }
+            sleep_until(asked + REPORTS).await;
+        }
+        let _watching = self.watching();
+        let Ok(reading) = timeout(END, self.rest(line)).await else {
+            return Err(self.timeout("end a motion", END));
+        };
+        let (reading, home) = (reading?, axis.link.home());
+        let Some(home) = home else { return Err(DeviceError::NotHomed { axis: name }) };
+        let reached = setup.coordinate(reading.machine[letter.index()], home);
+        match track.told() {
+            Some(told) if (reached - told.value()).abs() > ARRIVAL_MM => Err(DeviceError::Protocol {
+                device: self.name.clone(),
+                detail: format!("the {name} axis came to rest at {reached:.3} mm on its way to {told:.3}"),
+            }),
+            _ => Ok(Millimetres(reached)),
+        }
+    }
+
+    /// A report later than a line, asked for now.
+    async fn report(&self, after_line: u64) -> Result<Reading, DeviceError> {
+        for _ in 0..3 {
+            // A full queue means that the device takes no bytes: the silence will tell.
+            let _ = self.port.urgent(&[grbl::STATUS], false);
+            let mut readings = self.readings.subscribe();
+            let later = readings.wait_for(|r| r.as_ref().is_some_and(|r| r.line_number > after_line));
+            if let Ok(Ok(reading)) = timeout(REPORT, later).await
+                && let Some(reading) = reading.clone()
+            {
+                return Ok(reading);
+            }
+        }
+        Err(self.closed_error().unwrap_or_else(|| self.timeout("report its status", 3 * REPORT)))
+    }
+}
