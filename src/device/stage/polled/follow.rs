@@ -69,8 +69,11 @@ impl<D: Dialogue> Polled<D> {
         let home = axis.link.home().filter(|_| axis.link.state().homed);
         let Some(home) = home else { return Err(DeviceError::NotHomed { axis: name }) };
         loop {
-            let asked = Instant::now();
             let due = whole.is_none_or(|at: Instant| at.elapsed() >= WHOLE);
+            if due {
+                self.look_at_others(index).await;
+            }
+            let asked = Instant::now();
             let mut reading = if due { self.look(index).await? } else { self.glance(index).await? };
             let stands = last.replace(reading.position) == Some(reading.position);
             if due || stands {
@@ -116,6 +119,16 @@ impl<D: Dialogue> Polled<D> {
                 Err(self.came_to_rest_short(index, reached, told).await)
             }
             _ => Ok(Millimetres(reached)),
+        }
+    }
+
+    /// Looks at the axes that nothing else looks at meanwhile. One that does not answer is its controller's failure, which
+    /// the next question to it tells.
+    async fn look_at_others(&self, index: usize) {
+        for (other, axis) in self.axes.iter().enumerate() {
+            if other != index && !axis.followed.load(Ordering::SeqCst) {
+                let _ = self.look(other).await;
+            }
         }
     }
 

@@ -31,10 +31,10 @@ pub(super) async fn poll<D: Dialogue>(weak: Weak<Polled<D>>, poll_now: Arc<Notif
                 return;
             }
             let mut failed = false;
-            for index in 0..session.axes.len() {
-                if !session.axis(index).followed.load(Ordering::SeqCst) {
-                    failed |= session.look(index).await.is_err();
-                }
+            // What moves an axis along a course looks at all of them, so that no order waits for an answer to this.
+            let followed = session.axes.iter().any(|axis| axis.followed.load(Ordering::SeqCst));
+            for index in (0..session.axes.len()).filter(|_| !followed) {
+                failed |= session.look(index).await.is_err();
             }
             failures = if failed { failures + 1 } else { 0 };
             if failures == FAILURES {
