@@ -17,7 +17,7 @@ pub trait Plant: Send + Sync {
     /// Whether the home switch of `axis` is closed.
     fn home_switch_closed(&self, axis: usize) -> bool;
 
-    /// Whether the axis stands against a hard limit switch (either end).
+    /// Whether the axis stands against a limit switch (either end).
     fn limit_switch_closed(&self, axis: usize) -> bool;
 }
 
@@ -117,7 +117,6 @@ impl Plant for Slides {
     }
 
     fn limit_switch_closed(&self, axis: usize) -> bool {
-        // A micrometre beyond, so that a soft limit, which is at the home switch, can be reached.
         let at = self.at(axis);
         self.slides.get(axis).is_some_and(|s| {
             if !s.switches {

@@ -3,6 +3,7 @@
 mod conformance;
 mod contradictions;
 mod faults;
+mod grbl_as_it_is;
 mod identify;
 mod interleaved;
 mod interrupted;

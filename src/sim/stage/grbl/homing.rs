@@ -1,14 +1,20 @@
-//! The homing cycle: every axis through its phases together.
+//! The homing cycle: every axis of a block through its phases together, at the rate of the slowest.
 
 use super::motion::{Homing, HomingPhase};
 use super::{GrblFirmware, State};
 
 impl GrblFirmware {
-    /// Starts homing one axis, or all that are fitted.
+    /// Starts homing one axis, or all that are fitted: as the stock firmware is built, Z first and X and Y together.
     pub(super) fn home(&mut self, axis: Option<usize>) {
-        let axes: Vec<usize> =
-            (0..3).filter(|&i| self.config.axes[i].is_some() && axis.is_none_or(|axis| axis == i)).collect();
-        self.homing = Some(Homing::new(axes.into_iter()));
+        let blocks: Vec<Vec<usize>> = match axis {
+            Some(axis) => vec![vec![axis]],
+            None => [vec![2], vec![0, 1]]
+                .into_iter()
+                .map(|block| block.into_iter().filter(|&axis| self.config.axes[axis].is_some()).collect::<Vec<_>>())
+                .filter(|block| !block.is_empty())
+                .collect(),
+        };
+        self.homing = Homing::of(blocks);
         self.state = State::Home;
     }
 
@@ -16,34 +22,45 @@ impl GrblFirmware {
         (self.settings.get(23) as u32) & (1 << axis) != 0
     }
 
+    /// What a block's axes do in a phase: the rate of each, mm/s, and the longest way, mm. A block is one straight line
+    /// to the firmware, so that the slowest axis governs all, and the longest way is every axis's.
+    fn homing_line(&self, homing: &Homing) -> (f64, f64) {
+        let slowest =
+            homing.axes.iter().map(|axis| self.settings.of_axis(110, axis.axis)).fold(f64::INFINITY, f64::min);
+        let travel = homing.axes.iter().map(|axis| self.settings.of_axis(130, axis.axis)).fold(0.0, f64::max);
+        let pull_off = self.settings.get(27);
+        let (rate, longest) = match homing.phase {
+            HomingPhase::Seek => (self.settings.get(25), 1.5 * travel),
+            HomingPhase::Locate => (self.settings.get(24), 5.0 * pull_off),
+            HomingPhase::PullOff | HomingPhase::Settle => (self.settings.get(25), pull_off),
+        };
+        (rate.min(slowest) / 60.0, longest)
+    }
+
     pub(super) fn advance_homing(&mut self, dt: f64) {
         let Some(mut homing) = self.homing.take() else { return };
+        if homing.pause_s > 0.0 {
+            homing.pause_s -= dt;
+            self.homing = Some(homing);
+            return;
+        }
         let phase = homing.phase;
-        let pull_off = self.settings.get(27);
+        let (rate, longest_mm) = self.homing_line(&homing);
         for axis in &mut homing.axes {
             let index = axis.axis;
-            let rate = match phase {
-                HomingPhase::Locate => self.settings.get(24),
-                _ => self.settings.get(25),
-            };
             let steps_per_mm = self.settings.of_axis(100, index);
-            axis.due += rate.min(self.settings.of_axis(110, index)) / 60.0 * steps_per_mm * dt;
-            // Grbl's bounds: 1.5 travels for the search, five pull-offs for the slow approach.
-            let longest_mm = match phase {
-                HomingPhase::Seek => 1.5 * self.settings.of_axis(130, index),
-                HomingPhase::Locate => 5.0 * pull_off,
-                HomingPhase::PullOff | HomingPhase::Settle => pull_off,
-            };
+            axis.due += rate * steps_per_mm * dt;
             let longest = (longest_mm * steps_per_mm).round() as i64;
             let towards = if self.homes_negative(index) { -1 } else { 1 };
             let direction = if phase.approaches() { towards } else { -towards };
             while !axis.done && axis.steps < axis.due as i64 {
-                if phase.approaches() && self.plant.home_switch_closed(index) {
+                // Whichever of the two switches it is: they share the pin.
+                if phase.approaches() && self.pin_pressed(index) {
                     axis.done = true;
                 } else if axis.steps >= longest {
                     if phase.approaches() {
-                        self.fail_homing(9);
-                        return;
+                        self.homing = Some(homing);
+                        return self.abort(9);
                     }
                     axis.done = true;
                 } else {
@@ -56,25 +73,18 @@ impl GrblFirmware {
             self.homing = Some(homing);
             return;
         }
-        if !phase.approaches() && homing.axes.iter().any(|axis| self.plant.home_switch_closed(axis.axis)) {
-            self.fail_homing(8);
-            return;
+        if !phase.approaches() && homing.axes.iter().any(|axis| self.pin_pressed(axis.axis)) {
+            self.homing = Some(homing);
+            return self.abort(8);
         }
-        if let Some(next) = phase.next() {
-            homing.enter(next);
+        if phase == HomingPhase::Settle {
+            self.set_home(&homing);
+        }
+        if homing.go_on(self.settings.get(26) / 1000.0) {
             self.homing = Some(homing);
             return;
         }
-        for axis in &homing.axes {
-            let index = axis.axis;
-            // Machine space is negative: zero is the positive end of the travel.
-            let machine_mm = match self.homes_negative(index) {
-                true => -self.settings.of_axis(130, index) + pull_off,
-                false => -pull_off,
-            };
-            self.origin[index] = (machine_mm * self.settings.of_axis(100, index)).round() as i64 - self.steps[index];
-            self.limit_closed[index] = self.plant.limit_switch_closed(index);
-        }
+        self.pins_before = self.pins();
         self.state = State::Idle;
         self.say("ok");
         if std::mem::take(&mut self.report_due) {
@@ -83,10 +93,17 @@ impl GrblFirmware {
         self.work();
     }
 
-    fn fail_homing(&mut self, alarm: u8) {
-        self.say(&format!("ALARM:{alarm}"));
-        self.state = State::Alarm;
-        self.homing = None;
-        self.reset();
+    /// Has a block's axes stand a pull-off from their switches.
+    fn set_home(&mut self, homing: &Homing) {
+        let pull_off = self.settings.get(27);
+        for axis in &homing.axes {
+            let index = axis.axis;
+            // Machine space is negative: zero is the positive end of the travel.
+            let machine_mm = match self.homes_negative(index) {
+                true => -self.settings.of_axis(130, index) + pull_off,
+                false => -pull_off,
+            };
+            self.origin[index] = (machine_mm * self.settings.of_axis(100, index)).round() as i64 - self.steps[index];
+        }
     }
 }

@@ -8,7 +8,10 @@
 //!   Alarm --$X--> Idle
 //!   ALARM:1 (hard limit) and ALARM:2 (soft limit): deaf to everything but 0x18
 //! ```
+//!
+//! After every alarm nothing is taken for half a second, not even 0x18. Both switches of an axis are wired to its one pin.
 
+mod alarms;
 mod gcode;
 mod homing;
 mod motion;
@@ -63,7 +66,10 @@ pub struct GrblFirmware {
     turned: [i64; 3],
     /// Whether a motor follows its steps.
     stalled: [bool; 3],
-    limit_closed: [bool; 3],
+    /// The limit pins when they were last looked at.
+    pins_before: [bool; 3],
+    /// An alarm's message that is being waited out: how long still, s, and what comes then.
+    message: Option<(f64, alarms::After)>,
     /// Machine position less motor position.
     origin: [i64; 3],
     motion: Option<Motion>,
@@ -84,7 +90,7 @@ impl Firmware for GrblFirmware {
     }
 
     fn is_moving(&self) -> bool {
-        self.motion.is_some() || self.homing.is_some()
+        self.motion.is_some() || self.homing.is_some() || self.message.is_some()
     }
 
     fn stall(&mut self, axis: usize, stalled: bool) {
@@ -94,6 +100,9 @@ impl Firmware for GrblFirmware {
     }
 
     fn receive(&mut self, byte: u8) {
+        if self.message.is_some() {
+            return;
+        }
         match byte {
             0x18 => self.reset(),
             // Deaf, it takes nothing else.
@@ -124,11 +133,16 @@ impl Firmware for GrblFirmware {
     }
 
     fn advance(&mut self, seconds: f64) {
+        if self.limits_trip() {
+            self.alarm(1);
+        }
         let mut left = seconds;
         while left > 0.0 && self.is_moving() {
             let dt = left.min(TICK);
             left -= dt;
-            if self.homing.is_some() {
+            if self.message.is_some() {
+                self.advance_message(dt);
+            } else if self.homing.is_some() {
                 self.advance_homing(dt);
             } else {
                 self.advance_motion(dt);
@@ -164,7 +178,8 @@ impl GrblFirmware {
             steps: [0; 3],
             turned: [0; 3],
             stalled: [false; 3],
-            limit_closed: [false; 3],
+            pins_before: [false; 3],
+            message: None,
             origin: [0; 3],
             motion: None,
             queue: VecDeque::new(),
@@ -206,42 +221,12 @@ impl GrblFirmware {
         }
     }
 
-    /// What is printed after power-up and after every reset.
-    fn start(&mut self) {
-        let help = if self.config.version.starts_with("GrblHAL") { "'$' or '$HELP'" } else { "'$'" };
-        let banner = format!("\r\n{} [{help} for help]", self.config.version);
-        self.say(&banner);
-        if self.state == State::Alarm {
-            self.say("[MSG:'$H'|'$X' to unlock]");
-        }
-    }
-
-    fn reset(&mut self) {
-        if self.is_moving() {
-            let alarm = if self.homing.is_some() { 6 } else { 3 };
-            self.say(&format!("ALARM:{alarm}"));
-            self.state = State::Alarm;
-        } else if self.deaf {
-            if std::mem::take(&mut self.owed_ok) {
-                self.say("ok");
-            }
-            self.state = State::Alarm;
-        } else if self.state == State::Sleep {
-            // The motors were off: where the axes stand is not known.
-            self.state = State::Alarm;
-        } else if self.state != State::Alarm {
-            self.state = State::Idle;
-        }
-        self.deaf = false;
-        self.clear();
-        self.start();
-    }
-
     /// Forgets what was under way and what waited.
     fn clear(&mut self) {
         self.alarm_at_rest = None;
         self.motion = None;
         self.homing = None;
+        self.message = None;
         self.report_due = false;
         self.queue.clear();
         self.line.clear();
@@ -281,13 +266,13 @@ impl GrblFirmware {
 
     fn decelerate(&mut self) {
         if let Some(motion) = &mut self.motion {
-            motion.stopping = true;
+            motion.stop();
         }
     }
 
     /// Answers the lines that can be answered now.
     fn work(&mut self) {
-        while !self.deaf && self.homing.is_none() && self.alarm_at_rest.is_none() {
+        while !self.deaf && self.message.is_none() && self.homing.is_none() && self.alarm_at_rest.is_none() {
             let Some(line) = self.waiting.front() else { break };
             let moves = !line.starts_with(b"$") || line.starts_with(b"$J");
             if moves && self.queue.len() >= PLANNER_BLOCKS {
@@ -312,16 +297,6 @@ impl GrblFirmware {
                 }
             }
         }
-    }
-
-    /// A critical alarm: deaf until reset.
-    fn alarm(&mut self, number: u8) {
-        self.say(&format!("ALARM:{number}"));
-        self.say("[MSG:Reset to continue]");
-        self.state = State::Alarm;
-        self.deaf = true;
-        self.motion = None;
-        self.queue.clear();
     }
 
     /// Queues a line and starts it if nothing moves.
@@ -366,7 +341,7 @@ impl GrblFirmware {
             let steps = (mm * self.settings.of_axis(100, axis)).round() as i64 - self.origin[axis];
             self.turn(axis, steps);
         }
-        if self.hits_a_limit() {
+        if self.limits_trip() {
             self.alarm(1);
             return;
         }
@@ -378,7 +353,7 @@ impl GrblFirmware {
             self.alarm(number);
             return;
         }
-        match (self.state, motion.stopping) {
+        match (self.state, motion.is_stopping()) {
             (State::Jog, true) => {
                 self.queue.clear();
                 self.state = State::Idle;
@@ -406,18 +381,5 @@ impl GrblFirmware {
         let inverted = (self.settings.get(3) as u32) & (1 << axis) != 0;
         self.turned[axis] += if inverted == fitted.motor_inverted { made } else { -made };
         self.plant.motor_moved(axis, self.turned[axis] as f64 / fitted.steps_per_mm);
-    }
-
-    /// Whether a limit switch has just closed.
-    fn hits_a_limit(&mut self) -> bool {
-        let mut hit = false;
-        for axis in 0..3 {
-            if self.config.axes[axis].is_some() {
-                let closed = self.plant.limit_switch_closed(axis);
-                hit |= closed && !self.limit_closed[axis];
-                self.limit_closed[axis] = closed;
-            }
-        }
-        hit && self.settings.is_on(21)
     }
 }

@@ -27,6 +27,12 @@ impl GrblFirmware {
         let position = if self.settings.get(10) as u32 & 1 != 0 { "MPos" } else { "WPos" };
         let feed = self.motion.as_ref().map_or(0.0, |motion| motion.speed() * 60.0);
         let mut report = format!("<{state}|{position}:{x:.3},{y:.3},{z:.3}|FS:{feed:.0},0");
+        let pressed: String =
+            "XYZ".chars().zip(self.pins()).filter_map(|(name, pressed)| pressed.then_some(name)).collect();
+        if !pressed.is_empty() {
+            report.push_str("|Pn:");
+            report.push_str(&pressed);
+        }
         // Grbl adds the offset to one report in ten at rest and one in thirty in motion, the overrides to the next.
         let period = if self.is_moving() { 30 } else { 10 };
         match self.reports % period {

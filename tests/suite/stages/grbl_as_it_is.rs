@@ -1,0 +1,184 @@
+//! What real Grbl firmware does to its driver, on a twin that does the same: both switches of an axis on one pin, both
+//! axes homed in one block, stops that take what is buffered first, half a second of deafness after each alarm.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use plenalign::config::{AxisConfig, BenchConfig, ControllerDriver};
+use plenalign::device::{DeviceError, Stage, StopDelivery};
+use plenalign::sim::plant::Slides;
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::{ControllerTwin, Firmware};
+use plenalign::units::Millimetres;
+use tokio::time::{Instant, sleep};
+
+use super::kit::{Kit, Rig, near};
+
+/// Where e's far switch closes on these slides: a millimetre beyond its limit of travel.
+const FAR_SWITCH: f64 = -6.0;
+
+/// A bench whose twin was built as `change` says, its axes standing where `start` says.
+fn kit(start: [f64; 2], change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
+    let bench = BenchConfig::default();
+    let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, start[0]), (&bench.e, start[1])];
+    let slides = Slides::new(&axes);
+    let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
+    change(&mut config);
+    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
+    Kit { driver: ControllerDriver::Grbl, bench, slides, twin }
+}
+
+async fn homed(kit: &Kit) -> Rig {
+    let rig = kit.connect().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
+    rig
+}
+
+/// Runs e into its far switch: its motor has lost 25 mm of steps.
+async fn run_into_the_far_switch(rig: &Rig) {
+    rig.e.move_to(Millimetres(0.0), rig.e.generation()).await.unwrap();
+    rig.twin.stall(1, true);
+    rig.e.move_to(Millimetres(25.0), rig.e.generation()).await.unwrap();
+    rig.twin.stall(1, false);
+    let error = rig.e.move_to(Millimetres(10.0), rig.e.generation()).await.unwrap_err();
+    assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("far switch")), "{error}");
+    assert!(near(rig.slides.at(1), FAR_SWITCH, 0.05), "{}", rig.slides.at(1));
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_from_the_far_switch_moves_nothing() {
+    for single_axis_homing in [false, true] {
+        let kit = kit([1.3, 20.4], |config| config.single_axis_homing = single_axis_homing);
+        let rig = homed(&kit).await;
+        run_into_the_far_switch(&rig).await;
+        let stood = rig.slides.at(1);
+        for _ in 0..3 {
+            let error = rig.e.home(rig.e.generation()).await.unwrap_err();
+            assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("switch")), "{error}");
+            assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
+        }
+        assert_eq!(rig.slides.at(1), stood, "not by a micrometre towards the shell");
+        // The other axis is homed by itself where the controller can.
+        assert_eq!(rig.focus.home(rig.focus.generation()).await.is_ok(), single_axis_homing);
+        assert_eq!(rig.slides.at(1), stood);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_at_speed_keeps_the_reference_whenever_it_comes() {
+    let kit = kit([1.3, 20.4], |_| {});
+    // The firmware's own default, by which it says nothing for a while after each motion.
+    kit.twin.receive(b"$1=25\n");
+    let rig = homed(&kit).await;
+    for n in 0..24 {
+        let (from, to) = if n % 2 == 0 { (28.0, 5.0) } else { (5.0, 28.0) };
+        rig.e.move_to(Millimetres(from), rig.e.generation()).await.unwrap();
+        let mover = rig.e.clone();
+        let moving = tokio::spawn(async move { mover.move_to(Millimetres(to), mover.generation()).await });
+        sleep(Duration::from_millis(320 + 17 * n)).await;
+        assert_eq!(rig.e.stop().await, StopDelivery::Confirmed, "{n}");
+        assert!(moving.await.unwrap().is_err(), "{n}");
+        let state = rig.e.read_state().await.unwrap();
+        assert!(state.homed && near(state.position.value(), rig.slides.at(1), 0.004), "{n}: {state:?}");
+        assert!(rig.focus.state().borrow().homed, "{n}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_both_axes_takes_as_long_as_the_slower_one_needs() {
+    let kit = kit([4.0, -1.0], |config| {
+        config.single_axis_homing = false;
+        if let Some(focus) = &mut config.axes[0] {
+            focus.max_rate_mm_per_min = 30.0;
+        }
+    });
+    let rig = kit.connect().await.unwrap();
+    let began = Instant::now();
+    rig.e.home(rig.e.generation()).await.unwrap();
+    // 33 mm at 0.5 mm/s.
+    assert!(began.elapsed() > Duration::from_secs(66), "{:?}", began.elapsed());
+    assert!(near(rig.slides.at(0), 0.0, 0.003) && near(rig.slides.at(1), 30.0, 0.003));
+}
+
+/// A firmware in whose homing nothing comes to an end, once it is told to be so, and what it was sent since.
+struct Endless {
+    firmware: GrblFirmware,
+    sent: Arc<Mutex<Option<Vec<u8>>>>,
+}
+
+impl Firmware for Endless {
+    fn receive(&mut self, byte: u8) {
+        if let Some(sent) = &mut *self.sent.lock().unwrap() {
+            sent.push(byte);
+        }
+        self.firmware.receive(byte);
+    }
+
+    fn take_output(&mut self) -> Vec<u8> {
+        self.firmware.take_output()
+    }
+
+    fn advance(&mut self, seconds: f64) {
+        let homing = self.sent.lock().unwrap().as_ref().is_some_and(|sent| !sent.contains(&0x18));
+        self.firmware.advance(if homing { seconds / 1000.0 } else { seconds });
+    }
+
+    fn is_moving(&self) -> bool {
+        self.firmware.is_moving()
+    }
+
+    fn stall(&mut self, axis: usize, stalled: bool) {
+        self.firmware.stall(axis, stalled);
+    }
+
+    fn power_cycle(&mut self) {
+        self.firmware.power_cycle();
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_without_an_end_is_ended_by_what_ends_homing_and_nothing_before_it() {
+    let mut kit = kit([1.3, 20.4], |_| {});
+    let config = FirmwareConfig::for_axes(&[&kit.bench.focus, &kit.bench.e]);
+    let sent: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
+    kit.twin =
+        ControllerTwin::new(Endless { firmware: GrblFirmware::new(config, kit.slides.clone()), sent: sent.clone() });
+    let rig = kit.connect().await.unwrap();
+    let homing = {
+        let stage = rig.e.clone();
+        tokio::spawn(async move { stage.home(stage.generation()).await })
+    };
+    while !rig.e.state().borrow().moving {
+        sleep(Duration::from_millis(1)).await;
+    }
+    sleep(Duration::from_millis(50)).await;
+    *sent.lock().unwrap() = Some(Vec::new());
+    let error = homing.await.unwrap().unwrap_err();
+    assert!(matches!(error, DeviceError::Timeout { .. }), "{error}");
+    let sent = sent.lock().unwrap().clone().unwrap();
+    assert_eq!(sent.first(), Some(&0x18), "{}", String::from_utf8_lossy(&sent));
+    assert!(!rig.e.state().borrow().homed && !rig.e.state().borrow().moving);
+    assert_eq!(rig.e.home(rig.e.generation()).await, Ok(()), "and it can be homed then");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_reset_that_falls_into_an_alarms_message_is_given_again() {
+    let kit = kit([1.3, 20.4], |_| {});
+    for wait_ms in [0, 100, 400, 600] {
+        let rig = homed(&kit).await;
+        let mover = rig.e.clone();
+        let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
+        sleep(Duration::from_millis(700)).await;
+        // Steps that the motor did not make bring the home switch early.
+        rig.twin.stall(1, true);
+        moving.await.unwrap().unwrap();
+        rig.twin.stall(1, false);
+        assert!(rig.e.move_to(Millimetres(30.0), rig.e.generation()).await.is_err(), "the switch is hit");
+        sleep(Duration::from_millis(wait_ms)).await;
+        assert_eq!(rig.e.stop().await, StopDelivery::Confirmed, "{wait_ms}");
+        assert_eq!(rig.e.home(rig.e.generation()).await, Ok(()), "{wait_ms}");
+        drop(rig);
+        sleep(Duration::from_millis(10)).await;
+    }
+}
