@@ -9,7 +9,7 @@ use super::App;
 use super::contract::Motion;
 use super::error::Result;
 use super::extract::{JsonBody, LeaseKey, PathParam};
-use super::types::{JogRequest, MoveRequest};
+use super::types::{JogRequest, LeaveSwitchRequest, MoveRequest};
 use crate::access::{AuditRecord, Principal};
 use crate::control::Acceptance;
 use crate::control::events::BenchView;
@@ -60,6 +60,33 @@ pub(super) async fn home(
 ) -> Result<(StatusCode, Json<BenchView>)> {
     let view = app.service.home_axis(&app.permit(&key)?, axis).await?;
     app.gate.audit(AuditRecord::of(&principal, "axis.home", json!({ "axis": axis })));
+    Ok((StatusCode::ACCEPTED, Json(view)))
+}
+
+/// Starts moving one axis off the limit switch that is pressed, by the operator's word for which it is.
+///
+/// For a controller that has one input for both switches of an axis (Grbl), and will not home from one of them. The axis
+/// moves away from the switch until that lets go, in pieces of 0.2 mm, 3 mm in all at most. Returns once it is accepted.
+/// With the shell on, or its state unknown, e is not moved towards the shell.
+#[utoipa::path(
+    post, path = "/api/v1/axes/{axis}/leave-switch", operation_id = "leave_switch", tag = "axes",
+    request_body = LeaveSwitchRequest,
+    params(("axis" = AxisName, Path, description = "Which axis"), LeaseKey),
+    responses(
+        (status = 202, description = "The axis moves", body = BenchView),
+        Motion,
+    )
+)]
+pub(super) async fn leave_switch(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    PathParam(axis): PathParam<AxisName>,
+    key: LeaseKey,
+    JsonBody(request): JsonBody<LeaveSwitchRequest>,
+) -> Result<(StatusCode, Json<BenchView>)> {
+    let view = app.service.leave_switch(&app.permit(&key)?, axis, request.pressed).await?;
+    let detail = json!({ "axis": axis, "pressed": request.pressed });
+    app.gate.audit(AuditRecord::of(&principal, "axis.leave_switch", detail));
     Ok((StatusCode::ACCEPTED, Json(view)))
 }
 

@@ -399,6 +399,14 @@ impl From<Refusal> for Problem {
                 let title = "Homing would run towards the shell";
                 Self::refused("homing-towards-shell", title, it, json!({ "axis": axis, "shell": shell }))
             }
+            Refusal::SwitchPressed { axis, .. } => {
+                Self::refused("switch-pressed", "A limit switch is pressed", it, json!({ "axis": axis }))
+            }
+            Refusal::LeavingTowardsShell { pressed, shell } => {
+                let (title, members) =
+                    ("Leaving the switch would run towards the shell", json!({ "pressed": pressed, "shell": shell }));
+                Self::refused("leaving-towards-shell", title, it, members)
+            }
             Refusal::JobState { state, .. } => {
                 Self::refused("job-state", "Not in the job's state", it, json!({ "state": state }))
             }
@@ -545,6 +553,7 @@ mod tests {
     use uuid::Uuid;
 
     use super::*;
+    use crate::config::Side;
     use crate::control::job::JobState;
     use crate::device::AxisName;
     use crate::units::Millimetres;
@@ -601,6 +610,8 @@ mod tests {
             Refusal::Moving { axis },
             Refusal::Contradiction { axis, contradictions: vec!["It homes to the other end ($23).".into()] },
             Refusal::HomingTowardsShell { axis, shell: "unknown" },
+            Refusal::SwitchPressed { axis, why: "one of two".into() },
+            Refusal::LeavingTowardsShell { pressed: Side::High, shell: "on" },
             Refusal::JobState { state: JobState::Running, why: "nothing waits".into() },
             Refusal::LeaseHeld { owner: "ada".into(), note: None, job: None },
         ] {

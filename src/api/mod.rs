@@ -226,6 +226,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(bench::put_shell))
         .routes(routes!(axes::go))
         .routes(routes!(axes::home))
+        .routes(routes!(axes::leave_switch))
         .routes(routes!(axes::jog, axes::end_jog))
         .routes(routes!(lease::take, lease::get, lease::release))
         .routes(routes!(lease::renew))

@@ -63,6 +63,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("PUT", "/api/v1/shell", CONTROL),
     ("POST", "/api/v1/axes/{axis}/move", CONTROL),
     ("POST", "/api/v1/axes/{axis}/home", CONTROL),
+    ("POST", "/api/v1/axes/{axis}/leave-switch", CONTROL),
     ("POST", "/api/v1/axes/{axis}/jog", CONTROL),
     ("DELETE", "/api/v1/axes/{axis}/jog", CONTROL),
     ("GET", "/api/v1/lease", VIEW),

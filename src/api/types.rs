@@ -120,6 +120,14 @@ pub struct JogRequest {
     pub press: Option<String>,
 }
 
+/// Which limit switch of an axis is pressed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LeaveSwitchRequest {
+    /// The end of travel whose switch is pressed, as seen on the bench: the axis moves away from it.
+    pub pressed: Side,
+}
+
 /// Why the stop is reset.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

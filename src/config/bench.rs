@@ -246,6 +246,24 @@ impl Side {
             Self::High => 1.0,
         }
     }
+
+    /// The other one.
+    #[must_use]
+    pub const fn opposite(self) -> Self {
+        match self {
+            Self::Low => Self::High,
+            Self::High => Self::Low,
+        }
+    }
+}
+
+impl std::fmt::Display for Side {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Low => "low",
+            Self::High => "high",
+        })
+    }
 }
 
 /// `[bench.focus]`, `[bench.e]`: one axis. All positions are in the axis's own coordinate, mm.

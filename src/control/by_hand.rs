@@ -39,7 +39,9 @@ impl Service {
         claim: Claim,
         command: impl Future<Output = Result<(), ServiceError>> + Send + 'static,
     ) {
-        self.failures().remove(&claim.axis());
+        for axis in claim.axes() {
+            self.failures().remove(&axis);
+        }
         let service = Arc::clone(self);
         tokio::spawn(async move {
             let failure = match AssertUnwindSafe(command).catch_unwind().await {
@@ -115,6 +117,26 @@ impl Service {
         self.motion.check_home(axis)?;
         let (motion, held) = (Arc::clone(&self.motion), claim.clone());
         self.carry_out_by_hand(claim, async move { motion.home_claimed(&held).await });
+        Ok(self.bench_view())
+    }
+
+    /// Starts moving an axis off the limit switch at the side that its operator says is pressed; its end is seen in the
+    /// events.
+    ///
+    /// # Errors
+    /// A refusal before anything moves.
+    pub async fn leave_switch(
+        self: &Arc<Self>,
+        permit: &Permit,
+        axis: AxisName,
+        pressed: Side,
+    ) -> Result<BenchView, ServiceError> {
+        let admission = self.motion.admit(permit);
+        self.history_ready().await?;
+        let claim = self.claim_for_hand(&admission, axis)?;
+        self.motion.check_leave(axis, pressed)?;
+        let (motion, held) = (Arc::clone(&self.motion), claim.clone());
+        self.carry_out_by_hand(claim, async move { motion.leave_switch_claimed(&held, pressed).await });
         Ok(self.bench_view())
     }
 

@@ -3,6 +3,7 @@
 use uuid::Uuid;
 
 use super::job::JobState;
+use crate::config::Side;
 use crate::device::{AxisName, DeviceError};
 use crate::units::Millimetres;
 
@@ -115,6 +116,24 @@ pub enum Refusal {
     HomingTowardsShell {
         /// Which axis was to be homed.
         axis: AxisName,
+        /// The shell's state, in a word.
+        shell: &'static str,
+    },
+    /// A limit switch is pressed that homing might take for the home switch.
+    #[error("the {axis} axis is not homed: {why}")]
+    SwitchPressed {
+        /// Which axis was to be homed.
+        axis: AxisName,
+        /// Which switch of which axis, and what to do.
+        why: String,
+    },
+    /// Moving off a switch would run towards the shell.
+    #[error(
+        "moving the e axis off its {pressed} switch would run it towards the shell, which is {shell}; take the shell off and say so first"
+    )]
+    LeavingTowardsShell {
+        /// The switch said to be pressed.
+        pressed: Side,
         /// The shell's state, in a word.
         shell: &'static str,
     },

@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use crate::config::Side;
 use crate::raw::RawImage;
 use crate::units::Millimetres;
 use faults::Faults;
@@ -236,6 +237,22 @@ pub trait Stage: Send + Sync {
     /// # Errors
     /// When the controller refuses, fails to find its switch, or is stopped.
     async fn home(&self, generation: u64) -> Result<(), DeviceError>;
+
+    /// Why homing must not begin now, where it must not: a limit switch is pressed, and homing might take it for another.
+    fn homing_barred(&self) -> Option<String> {
+        None
+    }
+
+    /// Moves off a limit switch, by `distance_mm` towards a side, without knowing where the axis stands. Returns whether
+    /// the switch has let go.
+    ///
+    /// # Errors
+    /// When the controller refuses, or cannot tell; [`DeviceError::Stopped`].
+    async fn step_off(&self, _towards: Side, _distance_mm: f64, _generation: u64) -> Result<bool, DeviceError> {
+        let info = self.info();
+        let reason = "it has no switch to move off".to_owned();
+        Err(DeviceError::Refused { device: format!("the {} stage", info.axis), reason })
+    }
 
     /// Says that the axis stands at `position` now, where it cannot be homed: the position counts as known from then on.
     /// Moves nothing, and writes nothing into the controller.

@@ -81,7 +81,7 @@ pub struct Move {
     pub job: Option<Uuid>,
     /// Which axis.
     pub axis: String,
-    /// `move`, `home`, `jog` or `release`.
+    /// `move`, `home`, `jog`, `release` or `leave switch`.
     pub what: String,
     /// Where it began, mm; `null` while unknown.
     pub from_mm: Option<f64>,

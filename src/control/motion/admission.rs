@@ -43,7 +43,7 @@ pub struct Admission {
 pub struct Claim {
     command: Arc<Commanded>,
     /// The other axis, where its controller takes it along.
-    _along: Option<Arc<Commanded>>,
+    along: Option<Arc<Commanded>>,
 }
 
 #[derive(Debug)]
@@ -82,6 +82,11 @@ impl Claim {
     #[must_use]
     pub fn axis(&self) -> AxisName {
         self.command.axis
+    }
+
+    /// That axis, and the one that its controller takes along.
+    pub(in crate::control) fn axes(&self) -> impl Iterator<Item = AxisName> {
+        std::iter::once(self.command.axis).chain(self.along.as_ref().map(|along| along.axis))
     }
 
     /// Under what it was admitted.
@@ -131,7 +136,7 @@ impl Motion {
     /// [`Refusal::Moving`] while another command has it, or one under an earlier lease has yet to end; those of
     /// [`Motion::in_force`].
     pub fn claim(&self, admission: &Admission, axis: AxisName) -> Result<Claim, ServiceError> {
-        Ok(Claim { command: self.take(admission, axis)?, _along: None })
+        Ok(Claim { command: self.take(admission, axis)?, along: None })
     }
 
     /// [`Motion::claim`] of an axis to be homed, with the other one where its controller homes both at once.
@@ -140,7 +145,7 @@ impl Motion {
     /// Those of [`Motion::claim`].
     pub fn claim_homing(&self, admission: &Admission, axis: AxisName) -> Result<Claim, ServiceError> {
         let along = self.bench.stage(axis).homes_also().map(|other| self.take(admission, other)).transpose()?;
-        Ok(Claim { command: self.take(admission, axis)?, _along: along })
+        Ok(Claim { command: self.take(admission, axis)?, along })
     }
 
     /// Takes an axis for a command.

@@ -7,6 +7,7 @@
 mod admission;
 mod halt;
 mod latch;
+mod leaving;
 mod pieces;
 mod rules;
 

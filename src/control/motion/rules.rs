@@ -126,6 +126,30 @@ impl Motion {
         Ok(end)
     }
 
+    /// The shell's state in words, where it is not known to be off.
+    fn shell_in_the_way(&self) -> Option<&'static str> {
+        match self.shell() {
+            ShellState::Off => None,
+            ShellState::On => Some("on"),
+            ShellState::Unknown => Some("not known to be off"),
+        }
+    }
+
+    /// Whether an axis may be moved off a switch now: the e axis is not moved towards a shell that is on or may be.
+    ///
+    /// # Errors
+    /// The rule it breaks.
+    pub fn check_leave(&self, axis: AxisName, pressed: Side) -> Result<(), ServiceError> {
+        self.check_latch()?;
+        self.check_controller(axis)?;
+        match self.shell_in_the_way() {
+            Some(shell) if axis == AxisName::E && pressed == Side::High => {
+                Err(Refusal::LeavingTowardsShell { pressed, shell }.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Whether homing an axis may start now: the e axis is not homed towards a shell that is on or may be.
     ///
     /// # Errors
@@ -133,11 +157,13 @@ impl Motion {
     pub fn check_home(&self, axis: AxisName) -> Result<(), ServiceError> {
         self.check_latch()?;
         self.check_controller(axis)?;
-        let shell = match self.shell() {
-            ShellState::Off => return Ok(()),
-            ShellState::On => "on",
-            ShellState::Unknown => "not known to be off",
-        };
+        let homed = [Some(axis), self.bench.stage(axis).homes_also()];
+        for axis in homed.into_iter().flatten() {
+            if let Some(why) = self.bench.stage(axis).homing_barred() {
+                return Err(Refusal::SwitchPressed { axis, why }.into());
+            }
+        }
+        let Some(shell) = self.shell_in_the_way() else { return Ok(()) };
         let homes_e = axis == AxisName::E || self.bench.stage(axis).homes_also() == Some(AxisName::E);
         if homes_e && self.axis(AxisName::E).home_side == Side::Low {
             return Err(Refusal::HomingTowardsShell { axis, shell }.into());

@@ -212,6 +212,8 @@ impl<P: Protocol> Owner<P> {
                     self.keep(message);
                     self.end_pending(Ok(()));
                 }
+                // An answer to nothing that was asked here.
+                Kind::Done | Kind::Refused if self.pending.is_none() && self.in_step => self.notify(kind, message),
                 Kind::Done => self.end_pending(Ok(())),
                 Kind::Refused => self.end_pending(Err(PortError::Refused(self.protocol.text(&message)))),
                 Kind::Halted => {

@@ -8,6 +8,7 @@ use tokio::sync::watch;
 use super::axis::AxisLink;
 use super::orders::Orders;
 use crate::device::jog::Course;
+use crate::config::Side;
 use crate::device::serial::Wire;
 use crate::device::{AxisName, DeviceError, StageState, StopDelivery};
 use crate::units::Millimetres;
@@ -110,6 +111,26 @@ pub trait Session: Send + Sync {
     /// # Errors
     /// As there.
     async fn home(&self, axis: usize, generation: u64) -> Result<(), DeviceError>;
+
+    /// See [`Stage::homing_barred`](crate::device::Stage::homing_barred).
+    fn homing_barred(&self, _axis: usize) -> Option<String> {
+        None
+    }
+
+    /// See [`Stage::step_off`](crate::device::Stage::step_off); `generation` is what it was admitted under.
+    ///
+    /// # Errors
+    /// As there.
+    async fn step_off(
+        &self,
+        axis: usize,
+        _towards: Side,
+        _distance_mm: f64,
+        _generation: u64,
+    ) -> Result<bool, DeviceError> {
+        let reason = "its axes have a switch's input for each end, and leave a switch by homing".to_owned();
+        Err(DeviceError::Refused { device: format!("axis {axis}'s controller"), reason })
+    }
 
     /// See [`Stage::set_position`](crate::device::Stage::set_position); `generation` is what it was admitted under.
     ///

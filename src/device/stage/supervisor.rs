@@ -24,6 +24,7 @@ use super::orders::Orders;
 use super::session::{AxisFacts, Driver, Session, Wanted};
 use crate::device::jog::Course;
 use crate::device::ramp::Ramp;
+use crate::config::Side;
 use crate::device::serial::Dial;
 use crate::device::{AxisName, DeviceError, MoveTime, Stage, StageInfo, StageState, StopDelivery};
 use crate::telemetry;
@@ -236,8 +237,11 @@ impl Shared {
         }
     }
 
-    /// What is known of an axis from the last connection.
+    /// What is known of an axis: from its controller where it is connected, from the last connection else.
     fn facts(&self, axis: usize) -> Option<AxisFacts> {
+        if let Ok(session) = self.session_now() {
+            return Some(session.facts(axis));
+        }
         self.found.lock().unwrap_or_else(PoisonError::into_inner).facts.get(axis).cloned()
     }
 }
@@ -338,6 +342,17 @@ impl Stage for ControllerStage {
 
     async fn home(&self, generation: u64) -> Result<(), DeviceError> {
         self.run_motion(move |session, axis| async move { session.home(axis, generation).await }).await
+    }
+
+    fn homing_barred(&self) -> Option<String> {
+        self.shared.session_now().ok()?.homing_barred(self.index)
+    }
+
+    async fn step_off(&self, towards: Side, distance_mm: f64, generation: u64) -> Result<bool, DeviceError> {
+        self.run_motion(
+            move |session, axis| async move { session.step_off(axis, towards, distance_mm, generation).await },
+        )
+        .await
     }
 
     async fn set_position(&self, position: Millimetres, generation: u64) -> Result<(), DeviceError> {

@@ -109,10 +109,11 @@ async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver
     assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
     assert!(asked.elapsed() < Duration::from_millis(1000), "{:?}", asked.elapsed());
     let latency = still.await.unwrap() - asked;
-    // 5 mm/s at 20 mm/s² are 250 ms.
-    assert!(latency < Duration::from_millis(290), "{latency:?}");
+    // 5 mm/s at 20 mm/s² are 250 ms; Grbl carries out 50 ms before that.
+    let (buffered, way) = if driver == ControllerDriver::Grbl { (50, 0.875) } else { (0, 0.625) };
+    assert!(latency < Duration::from_millis(290 + buffered), "{latency:?}");
     let stopped = rig.slides.at(1);
-    assert!(near(stopped, at, 0.7), "5 mm/s and 20 mm/s² make 0.625 mm: {at} to {stopped}");
+    assert!(near(stopped, at, way + 0.075), "5 mm/s and 20 mm/s² make {way} mm: {at} to {stopped}");
     assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
     sleep(Duration::from_secs(5)).await;
     assert_eq!(rig.slides.at(1), stopped);

@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plenalign::config::{AxisConfig, BenchConfig, ControllerDriver};
+use plenalign::config::{AxisConfig, BenchConfig, ControllerDriver, Side};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
@@ -181,4 +181,128 @@ async fn a_reset_that_falls_into_an_alarms_message_is_given_again() {
         drop(rig);
         sleep(Duration::from_millis(10)).await;
     }
+}
+
+/// Steps off until the switch lets go, or not.
+async fn stepped_off(rig: &Rig, towards: Side) -> Result<usize, DeviceError> {
+    for pieces in 0..100 {
+        if rig.e.step_off(towards, 0.2, rig.e.generation()).await? {
+            return Ok(pieces);
+        }
+    }
+    panic!("it goes on and on");
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_way_off_the_far_switch_is_away_from_it_and_ends_where_it_lets_go() {
+    for hard_limits in [true, false] {
+        let kit = kit([1.3, 20.4], |config| config.single_axis_homing = false);
+        let rig = homed(&kit).await;
+        run_into_the_far_switch(&rig).await;
+        if !hard_limits {
+            assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
+            rig.twin.receive(b"$21=0\n");
+        }
+        let stood = rig.slides.at(1);
+        assert!(stepped_off(&rig, Side::High).await.unwrap() <= 1);
+        let stands = rig.slides.at(1);
+        assert!(stands > FAR_SWITCH && stands < stood + 0.41, "{stood} to {stands}");
+        // Its stop is confirmed, and it is homed from there.
+        assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
+        rig.e.home(rig.e.generation()).await.unwrap();
+        assert!(near(rig.slides.at(1), 30.0, 0.003), "{}", rig.slides.at(1));
+        assert_eq!(rig.e.read_state().await.unwrap().fault, None);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_way_off_a_switch_is_three_millimetres_long_however_often_it_is_asked_for() {
+    let kit = kit([1.3, 20.4], |_| {});
+    let rig = homed(&kit).await;
+    run_into_the_far_switch(&rig).await;
+    // A motor that does not turn: the switch stays pressed.
+    rig.twin.stall(1, true);
+    let error = stepped_off(&rig, Side::High).await.unwrap_err();
+    assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("by hand")), "{error}");
+    rig.twin.stall(1, false);
+    let stood = rig.slides.at(1);
+    assert!(stepped_off(&rig, Side::High).await.is_err());
+    assert_eq!(rig.slides.at(1), stood);
+}
+
+#[tokio::test(start_paused = true)]
+async fn where_soft_limits_keep_an_axis_on_its_switch_no_setting_is_written() {
+    // Powered up on its far switch, a controller counts from zero, and its soft limits allow the negative way only.
+    let kit = kit([1.3, -6.5], |_| {});
+    let rig = kit.connect().await.unwrap();
+    let barred = rig.e.home(rig.e.generation()).await.unwrap_err();
+    assert!(barred.to_string().contains("leave-switch"), "{barred}");
+    let fault = rig.e.read_state().await.unwrap().fault;
+    assert!(fault.as_ref().is_some_and(|fault| fault.contains("limit switch")), "{fault:?}");
+    let error = rig.e.step_off(Side::High, 0.2, rig.e.generation()).await.unwrap_err();
+    assert!(
+        matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("$20") && reason.contains("by hand"))
+    );
+    assert_eq!(rig.slides.at(1), -6.5);
+    assert!(rig.e.info().disagreements.is_empty(), "its soft limits are on still");
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_axis_that_ran_into_its_home_switch_is_homed_from_there() {
+    let kit = kit([1.3, 20.4], |_| {});
+    let rig = homed(&kit).await;
+    rig.twin.stall(0, true);
+    rig.focus.move_to(Millimetres(4.0), rig.focus.generation()).await.unwrap();
+    rig.twin.stall(0, false);
+    let error = rig.focus.move_to(Millimetres(-1.0), rig.focus.generation()).await.unwrap_err();
+    assert!(error.to_string().contains("home switch"), "{error}");
+    assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    assert!(near(rig.slides.at(0), 0.0, 0.003));
+    // Pulled off, and held down by something: now it is not known which it is.
+    drop(rig);
+    sleep(Duration::from_millis(10)).await;
+    let rig = kit.connect().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_ends_a_move_is_said_in_words() {
+    let kit = kit([1.3, 20.4], |_| {});
+    let rig = homed(&kit).await;
+    for (end, words) in [(&b"!"[..], "hold"), (b"", "restarted")] {
+        rig.e.home(rig.e.generation()).await.unwrap();
+        let mover = rig.e.clone();
+        let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
+        sleep(Duration::from_millis(900)).await;
+        if end.is_empty() {
+            rig.twin.power_cycle();
+        } else {
+            rig.twin.receive(end);
+        }
+        let error = moving.await.unwrap().unwrap_err();
+        assert!(error.to_string().contains(words), "{error}");
+        assert!(!error.to_string().contains("cannot be understood"), "{error}");
+    }
+    assert!(!rig.e.state().borrow().homed && rig.slides.at(1) > 20.0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn settings_that_another_program_changes_are_noticed_before_the_next_motion() {
+    let kit = kit([1.3, 20.4], |_| {});
+    let rig = homed(&kit).await;
+    rig.twin.receive(b"$101=800\n");
+    // Its answer comes unasked for.
+    sleep(Duration::from_millis(500)).await;
+    let stood = rig.slides.at(1);
+    let error = rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap_err();
+    assert!(error.to_string().contains("$101"), "{error}");
+    assert_eq!(rig.slides.at(1), stood);
+    assert!(rig.e.info().contradictions.join(" ").contains("$101"));
+    assert!(!rig.e.state().borrow().homed, "a step is another length now");
+    rig.twin.receive(b"$101=400\n$1=25\n$21=0\n");
+    rig.e.home(rig.e.generation()).await.unwrap();
+    let told = rig.e.info().disagreements.join(" ");
+    assert!(told.contains("$1=255") && told.contains("$21=1"), "{told}");
+    assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
 }

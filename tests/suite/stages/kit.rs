@@ -87,7 +87,12 @@ impl Kit {
     }
 
     pub(super) fn with(driver: ControllerDriver, bench: BenchConfig) -> Self {
-        let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, START[0]), (&bench.e, START[1])];
+        Self::standing(driver, bench, START)
+    }
+
+    /// A kit whose slides stand somewhere else at power-up.
+    pub(super) fn standing(driver: ControllerDriver, bench: BenchConfig, start: [f64; 2]) -> Self {
+        let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, start[0]), (&bench.e, start[1])];
         let slides = Slides::new(&axes);
         let twin = firmware(driver, &[&bench.focus, &bench.e], slides.clone());
         Self { driver, bench, slides, twin }

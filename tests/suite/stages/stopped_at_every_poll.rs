@@ -6,7 +6,7 @@ use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use plenalign::config::ControllerDriver;
+use plenalign::config::{ControllerDriver, Side};
 use plenalign::device::jog::{Next, Seen};
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::supervisor::ControllerStage;
@@ -18,7 +18,7 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::sleep;
 
 use super::super::steps::{Steps, stepwise};
-use super::kit::{Kit, Rig, START};
+use super::kit::{Kit, Rig, START, bench};
 
 /// Every byte that was written.
 pub(super) type Written = Arc<Mutex<Vec<u8>>>;
@@ -84,6 +84,7 @@ pub(super) enum Command {
     Follow,
     Release,
     SetPosition,
+    StepOff,
 }
 
 pub(super) async fn give(stage: ControllerStage, command: Command, generation: u64) {
@@ -102,6 +103,7 @@ pub(super) async fn give(stage: ControllerStage, command: Command, generation: u
         }
         Command::Release => stage.release(generation).await,
         Command::SetPosition => stage.set_position(at, generation).await,
+        Command::StepOff => stage.step_off(Side::High, 0.01, generation).await.map(drop),
     };
 }
 
@@ -167,6 +169,30 @@ fn at_every_poll(driver: ControllerDriver) {
     });
     println!("{driver:?}: 5 commands, {points} points, {amid} of them with an order on its way");
     assert!(points > 100 && amid > points / 10, "{points}, {amid}");
+}
+
+/// The way off a switch, whose orders need no reference: an axis that stands on its switch, and stays there.
+#[test]
+fn grbl_on_a_switch() {
+    let (points, amid) = stepwise(|steps| async move {
+        let driver = ControllerDriver::Grbl;
+        let kit = Kit::standing(driver, bench(driver), [-2.9, START[1]]);
+        // Powered up there, its soft limits would not allow the way off.
+        kit.twin.receive(b"$20=0\n");
+        let written = Written::default();
+        let controller = kit.start_on(Arc::new(Tapped(kit.twin.dial(), Arc::clone(&written))), None);
+        controller.first_attempt().await.unwrap();
+        let rig = kit.rig(&controller);
+        let (mut points, mut amid) = (0, 0);
+        while let Some(before) = stopped(&steps, driver, &rig, &written, Command::StepOff, points).await {
+            amid += usize::from(before > 0);
+            points += 1;
+        }
+        assert!(rig.slides.at(0) < -2.0 && rig.slides.at(0) > -2.9, "{}", rig.slides.at(0));
+        (points, amid)
+    });
+    println!("Grbl on a switch: {points} points, {amid} of them with an order on its way");
+    assert!(points > 20 && amid > points / 10, "{points}, {amid}");
 }
 
 #[test]

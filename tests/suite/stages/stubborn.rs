@@ -20,8 +20,8 @@ use super::kit::{Kit, every_protocol, near};
 
 every_protocol!(a_stop_that_is_not_obeyed_is_followed_by_a_harder_one);
 
-/// For how long a stop is not heard: longer than 5 mm/s take to end at 20 mm/s², and 200 ms.
-const DEAF: Duration = Duration::from_millis(500);
+/// For how long a stop is not heard: longer than any driver waits for 5 mm/s to end at 20 mm/s².
+const DEAF: Duration = Duration::from_millis(900);
 /// Grbl's orders that hold and that end a jog, and PI's that stops all axes.
 const HOLD: u8 = b'!';
 const JOG_CANCEL: u8 = 0x85;

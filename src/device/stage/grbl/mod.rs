@@ -78,6 +78,18 @@ pub fn jog(axis: Letter, machine_mm: f64, feed_mm_per_min: f64) -> Vec<u8> {
     format!("$J=G90 G21 G53 {}{machine_mm:.4} F{feed_mm_per_min:.2}\n", axis.name()).into_bytes()
 }
 
+/// A jog of one axis by a distance (mm) from where it stands.
+#[must_use]
+pub fn jog_by(axis: Letter, distance_mm: f64, feed_mm_per_min: f64) -> Vec<u8> {
+    format!("$J=G91 G21 {}{distance_mm:.4} F{feed_mm_per_min:.2}\n", axis.name()).into_bytes()
+}
+
+/// Whether a line refuses a target beyond the soft limits.
+#[must_use]
+pub fn is_beyond_travel(line: &str) -> bool {
+    line.trim() == "error:15"
+}
+
 /// Homing of every axis that the controller homes, or of one where it was built for that.
 #[must_use]
 pub fn home(axis: Option<Letter>) -> Vec<u8> {
@@ -183,6 +195,10 @@ pub struct Status {
     pub work: Option<[f64; 3]>,
     /// Offset of work from machine coordinates, mm, where the report has it: machine = work + offset.
     pub work_offset: Option<[f64; 3]>,
+    /// Whether each axis's limit pin is pressed.
+    pub limits: [bool; 3],
+    /// Whether the feed-hold input is pressed.
+    pub hold_pressed: bool,
 }
 
 /// Reads a status report, `<Idle|MPos:0.000,0.000,0.000|FS:0,0>`; `None` for anything else or anything damaged.
@@ -191,13 +207,19 @@ pub fn status(line: &str) -> Option<Status> {
     let body = without_echo(line).strip_prefix('<')?.strip_suffix('>')?;
     let mut fields = body.split('|');
     let mode = mode(fields.next()?)?;
-    let mut status = Status { mode, machine: None, work: None, work_offset: None };
+    let mut status =
+        Status { mode, machine: None, work: None, work_offset: None, limits: [false; 3], hold_pressed: false };
     for field in fields {
         let (name, value) = field.split_once(':')?;
         match name {
             "MPos" => status.machine = Some(position(value)?),
             "WPos" => status.work = Some(position(value)?),
             "WCO" => status.work_offset = Some(position(value)?),
+            // Told only while one is pressed.
+            "Pn" => {
+                status.limits = Letter::ALL.map(|letter| value.contains(letter.name()));
+                status.hold_pressed = value.contains('H');
+            }
             _ => {}
         }
     }
@@ -314,12 +336,16 @@ mod tests {
         assert!(status("<Hold:0|WPos:1.000,2.000,3.000>").unwrap().mode.at_rest());
         assert_eq!(status("<Idle|MPos:0.000,0.000,0."), None, "a fragment is no report");
         assert_eq!(status("<Idle|MPos:0.000,nan,0.000>"), None);
+        assert_eq!((read.limits, read.hold_pressed), ([false; 3], false));
+        let pressed = status("<Alarm|MPos:0.000,0.000,0.000|FS:0,0|Pn:PYH|Ov:100,100,100>").unwrap();
+        assert_eq!((pressed.limits, pressed.hold_pressed), ([false, true, false], true));
         assert_eq!(status("<Idle>"), None, "without a position there is nothing to read");
     }
 
     #[test]
     fn commands_are_written_as_grbl_reads_them() {
         assert_eq!(jog(Letter::Y, -1.25, 300.0), b"$J=G90 G21 G53 Y-1.2500 F300.00\n");
+        assert_eq!(jog_by(Letter::X, -0.2, 60.0), b"$J=G91 G21 X-0.2000 F60.00\n");
         assert_eq!(home(None), b"$H\n");
         assert_eq!(home(Some(Letter::X)), b"$HX\n");
     }

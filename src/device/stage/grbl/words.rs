@@ -23,13 +23,15 @@ impl Alarm {
 impl fmt::Display for Alarm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words = match self.0 {
-            1 => "a limit switch was hit; move the axis off it, then stop (which resets the controller) and home",
+            1 => "a limit switch was hit or let go; stop (which resets the controller), then home",
             2 => "the target was beyond the controller's soft limits; stop (which resets the controller), then home",
             3 => "it was reset while moving and its position is lost; home it",
             4 | 5 => "a probe cycle failed; home it",
             6 => "it was reset while homing; home it again",
             7 => "the safety door was opened while homing; close it and home again",
-            8 => "homing could not pull off the switch; check the pull-off distance ($27) and the switch, home again",
+            8 => {
+                "homing could not pull off the switch: it sticks, is the other end's, or the pull-off ($27) is too short; look"
+            }
             9 => "homing found no switch within the travel; check switch, wiring and travel ($130 to $132), home again",
             10 => "homing found no second switch; check the switches and home again",
             _ => "an alarm unknown to this driver; home it",

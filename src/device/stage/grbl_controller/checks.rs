@@ -70,6 +70,9 @@ fn contradictions(setup: &AxisSetup, letter: Letter, settings: &Settings) -> Vec
         Some(_) => {}
         None => sentences.push(format!("The controller tells no setting ${number}, the scale of the {axis} axis.")),
     }
+    if settings.is_on(13) {
+        sentences.push("The controller reports inches ($13); set $13=0.".to_owned());
+    }
     match bit(letter, settings, 3) {
         Some(inverted) if inverted != config.motor_inverted => sentences.push(format!(
             "The controller {} the direction of {} ($3), the configuration of the {axis} axis says that it {} \
@@ -120,6 +123,17 @@ fn disagreements(setup: &AxisSetup, letter: Letter, settings: &Settings) -> Vec<
     }
     if !settings.is_on(22) {
         sentences.push(format!("Homing is off in the controller ($22): the {axis} axis cannot be homed."));
+    }
+    if !settings.is_on(21) {
+        sentences.push(format!(
+            "Hard limits are off in the controller ($21): a switch of the {axis} axis does not stop it. Set $21=1."
+        ));
+    }
+    match settings.get(1) {
+        Some(ms) if ms < 255.0 => sentences.push(format!(
+            "The controller switches its motors off {ms} ms after each motion ($1): the {axis} axis may creep. Set $1=255."
+        )),
+        _ => {}
     }
     if !settings.is_on(20) {
         sentences.push(format!("Soft limits are off in the controller ($20): it does not bound the {axis} axis."));

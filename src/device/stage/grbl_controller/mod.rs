@@ -7,8 +7,10 @@ mod checks;
 mod follow;
 mod moves;
 mod opening;
+mod renewal;
 mod reports;
 mod stop;
+mod switches;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,11 +25,13 @@ use super::grbl::{self, Alarm, Letter, Mode, Settings};
 use super::orders::Orders;
 use super::session::{AxisFacts, Session};
 use crate::device::jog::Course;
+use crate::config::Side;
 use crate::device::port::{Port, PortError};
 use crate::device::{DeviceError, StageState, StopDelivery};
 use crate::units::Millimetres;
 
 pub use opening::GrblDriver;
+use switches::Way;
 
 /// Time between status requests in motion: 10 Hz is what Grbl's interface document allows.
 const POLL_MOVING: Duration = Duration::from_millis(100);
@@ -41,6 +45,8 @@ const START_UP: Duration = Duration::from_secs(2);
 struct Reading {
     mode: Mode,
     machine: [f64; 3],
+    limits: [bool; 3],
+    hold_pressed: bool,
     line_number: u64,
     at: Instant,
 }
@@ -48,13 +54,24 @@ struct Reading {
 struct Axis {
     link: AxisLink,
     letter: Letter,
-    facts: AxisFacts,
+    facts: Mutex<AxisFacts>,
+    way: Mutex<Way>,
+}
+
+impl Axis {
+    fn facts(&self) -> AxisFacts {
+        locked(&self.facts).clone()
+    }
 }
 
 struct Controller {
     name: String,
     identity: String,
-    settings: Settings,
+    settings: Mutex<Settings>,
+    /// Whether another may have changed the settings since they were read.
+    settings_stale: AtomicBool,
+    /// Whether the firmware was built to make home the machine's zero.
+    zero: bool,
     homes_single_axes: bool,
     axes: Vec<Axis>,
     port: Port,
@@ -63,6 +80,8 @@ struct Controller {
     alarm: watch::Sender<Option<Alarm>>,
     restarts: watch::Sender<u64>,
     restart_is_ours: AtomicBool,
+    /// Which axis was told to move last.
+    moved: Mutex<Option<usize>>,
     homing: AtomicBool,
     /// How many operations want readings at the faster rate.
     watched: AtomicU64,
@@ -83,7 +102,7 @@ impl Session for Controller {
     }
 
     fn facts(&self, axis: usize) -> AxisFacts {
-        self.axes[axis].facts.clone()
+        self.axes[axis].facts()
     }
 
     fn closed(&self) -> watch::Receiver<Option<String>> {
@@ -104,6 +123,21 @@ impl Session for Controller {
 
     async fn home(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {
         self.home_axis(axis, generation).await
+    }
+
+    fn homing_barred(&self, axis: usize) -> Option<String> {
+        let limits = self.readings.borrow().as_ref()?.limits;
+        self.axes[axis].barred(limits)
+    }
+
+    async fn step_off(
+        &self,
+        axis: usize,
+        towards: Side,
+        distance_mm: f64,
+        generation: u64,
+    ) -> Result<bool, DeviceError> {
+        self.step_axis_off(axis, towards, distance_mm, generation).await
     }
 
     async fn set_position(&self, axis: usize, position: Millimetres, generation: u64) -> Result<(), DeviceError> {
@@ -138,6 +172,7 @@ impl Session for Controller {
         let _operation = self.operation.lock().await;
         self.ready(self.axes[axis].link.name(), generation).await?;
         self.forget_positions();
+        self.forget_ways();
         let answer = self.port.request(grbl::SLEEP, ANSWER, generation).await;
         answer.map_err(|error| device_error(&self.name, "switch its motors off", error))?;
         // What comes next has to know that it sleeps.

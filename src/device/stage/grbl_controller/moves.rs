@@ -6,7 +6,8 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::super::grbl::{self, Alarm, Letter, Mode};
-use super::{ANSWER, Axis, AxisFacts, Controller, START_UP, device_error, locked};
+use super::switches::blocks_time;
+use super::{ANSWER, Axis, AxisFacts, Controller, device_error, locked};
 use crate::device::port::PortError;
 use crate::device::{AxisName, DeviceError, MoveTime};
 use crate::units::Millimetres;
@@ -46,8 +47,9 @@ impl Controller {
             return Err(DeviceError::Refused { device: self.name.clone(), reason: format!("{target} is no position") });
         }
         if let Some(alarm) = *self.alarm.borrow() {
-            return Err(DeviceError::Alarm { device: self.name.clone(), reason: alarm.to_string() });
+            return Err(DeviceError::Alarm { device: self.name.clone(), reason: self.alarm_words(alarm) });
         }
+        self.renew_if_stale(index).await?;
         let _watching = self.watching();
         let from = self.fresh_reading(self.latest_line()).await?;
         // Only now: a reset meanwhile has lost it.
@@ -55,10 +57,14 @@ impl Controller {
         let letter = axis.letter;
         let machine = axis.link.setup().machine(target.value(), home);
         let distance = (machine - from.machine[letter.index()]).abs();
-        let AxisFacts { speed_mm_per_s: greatest, acceleration_mm_per_s2: acceleration, .. } = axis.facts;
+        let AxisFacts { speed_mm_per_s: greatest, acceleration_mm_per_s2: acceleration, .. } = axis.facts();
         let speed = speed_mm_per_s.min(greatest);
         let allowed = MoveTime::of_trapezoid(distance, speed, acceleration).maximum;
 
+        axis.note_move(machine - from.machine[letter.index()], from.limits);
+        *locked(&self.moved) = Some(index);
+        let mut restarts = self.restarts.subscribe();
+        let begun = *restarts.borrow_and_update();
         let line = grbl::jog(letter, machine, speed * 60.0);
         let answer = match self.port.request(line, ANSWER, generation).await {
             Ok(answer) => answer,
@@ -67,7 +73,7 @@ impl Controller {
                 if matches!(error, PortError::Timeout(_) | PortError::OutOfStep) {
                     self.stop().await;
                 }
-                return Err(device_error(&self.name, "take a move", error));
+                return Err(self.port_error("take a move", error));
             }
         };
         let mut alarm = self.alarm.subscribe();
@@ -81,8 +87,12 @@ impl Controller {
             biased;
             () = self.orders.outdated(generation) => return self.stopped(name).await,
             alarm = alarmed => {
-                let reason = alarm.unwrap_or(Alarm(0)).to_string();
+                let reason = self.alarm_words(alarm.unwrap_or(Alarm(0)));
                 return Err(DeviceError::Alarm { device: self.name.clone(), reason });
+            }
+            () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => {
+                let reason = "it restarted while the axis moved, and its position is lost: see to its supply, then home it";
+                return Err(DeviceError::Alarm { device: self.name.clone(), reason: reason.to_owned() });
             }
             reading = self.rest(answer.line_number) => reading,
             () = tokio::time::sleep(allowed) => Err(self.timeout(&format!("end a move of {distance:.3} mm"), allowed)),
@@ -99,9 +109,13 @@ impl Controller {
         }
         let reached = axis.link.setup().coordinate(reading.machine[letter.index()], home);
         if (reached - target.value()).abs() > ARRIVAL_MM {
-            return Err(DeviceError::Protocol {
+            let whose = match reading.hold_pressed {
+                true => "its feed-hold input is pressed",
+                false => "its feed-hold input, or another program, has told it to hold",
+            };
+            return Err(DeviceError::Refused {
                 device: self.name.clone(),
-                detail: format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}"),
+                reason: format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}: {whose}"),
             });
         }
         Ok(Millimetres(reached))
@@ -117,16 +131,18 @@ impl Controller {
         let name = self.axes[index].link.name();
         let _operation = self.operation.lock().await;
         self.ready(name, generation).await?;
-        let locked_up = self.alarm.borrow().is_some_and(Alarm::needs_reset);
-        let held = self.readings.borrow().as_ref().is_some_and(|r| matches!(r.mode, Mode::Hold(_) | Mode::Sleep));
-        if (locked_up || held) && !self.restart(false).await {
-            return Err(self.timeout("answer a reset", START_UP));
-        }
+        self.wake().await?;
+        self.renew_settings(index).await?;
         let single = self.homes_single_axes || self.axes.len() == 1;
         let homed: Vec<&Axis> =
             self.axes.iter().enumerate().filter(|(i, _)| !single || *i == index).map(|(_, axis)| axis).collect();
         let letter = self.homes_single_axes.then(|| self.axes[index].letter);
+        let limits = self.fresh_reading(self.latest_line()).await?.limits;
+        self.check_switches(&homed, limits)?;
+        // A stop may have come meanwhile.
+        self.ready(name, generation).await?;
         for axis in &homed {
+            axis.note_homing(limits);
             axis.link.forget_home();
             axis.link.modify(|state| {
                 state.homed = false;
@@ -136,19 +152,24 @@ impl Controller {
             });
         }
         self.homing.store(true, Ordering::SeqCst);
-        let answer = self.port.request(grbl::home(letter), self.homing_time(), generation).await;
+        *locked(&self.moved) = None;
+        let answer = self.port.request(grbl::home(letter), self.homing_time(letter), generation).await;
+        for axis in &homed {
+            axis.note_homed(answer.as_ref().map(drop));
+        }
+        if let Err(PortError::Timeout(_) | PortError::OutOfStep) = &answer
+            && self.orders.generation() == generation
+        {
+            // While it counts as homing: a reset is all that ends it.
+            self.stop().await;
+        }
         self.homing.store(false, Ordering::SeqCst);
         // It was silent while it homed: that is not to be taken for a loss.
         *locked(&self.heard) = Instant::now();
         let answer = match answer {
             Ok(answer) => answer,
             Err(_) if self.orders.generation() != generation => return self.stopped(name).await,
-            Err(error) => {
-                if matches!(error, PortError::Timeout(_) | PortError::OutOfStep) {
-                    self.stop().await;
-                }
-                return Err(device_error(&self.name, &format!("home the {name} axis"), error));
-            }
+            Err(error) => return Err(device_error(&self.name, &format!("home the {name} axis"), error)),
         };
         let _watching = self.watching();
         let reading = tokio::select! {
@@ -181,19 +202,37 @@ impl Controller {
         Ok(())
     }
 
-    /// Longest time that homing can take by the controller's own settings.
-    fn homing_time(&self) -> Duration {
-        let setting = |number, otherwise| self.settings.get(number).filter(|v| *v > 0.0).unwrap_or(otherwise);
+    /// Longest time that homing one axis, or all, can take by the controller's own settings.
+    fn homing_time(&self, letter: Option<Letter>) -> Duration {
+        let settings = locked(&self.settings);
+        let setting = |number, otherwise| settings.get(number).filter(|v| *v > 0.0).unwrap_or(otherwise);
         let (locate, seek, pull_off) = (setting(24, 25.0) / 60.0, setting(25, 500.0) / 60.0, setting(27, 1.0));
-        let longest = Letter::ALL
-            .into_iter()
-            .map(|letter| {
-                let rate = self.settings.of_axis(110, letter).map_or(seek, |rate| seek.min(rate / 60.0)).max(1e-3);
-                let travel = self.settings.of_axis(130, letter).unwrap_or(200.0);
-                // Grbl searches over 1.5 travels and approaches slowly over five pull-offs, at most.
-                1.5 * travel / rate + 2.0 * pull_off / rate + 5.0 * pull_off / locate.min(rate)
-            })
-            .fold(0.0, f64::max);
+        let debounce = setting(26, 250.0) / 1000.0;
+        // A block of axes is one line to Grbl: the slowest governs its rate, the longest travel its way.
+        let block = |letters: &[Letter]| {
+            let of =
+                |group: u16| letters.iter().filter_map(|&letter| settings.of_axis(group, letter)).collect::<Vec<_>>();
+            let slowest = of(110).into_iter().fold(f64::INFINITY, f64::min) / 60.0;
+            let travel = of(130).into_iter().reduce(f64::max).unwrap_or(200.0);
+            let rate = seek.min(slowest).max(1e-3);
+            // Grbl searches over 1.5 travels and approaches slowly over five pull-offs, at most.
+            1.5 * travel / rate + 2.0 * pull_off / rate + 5.0 * pull_off / locate.min(rate) + 4.0 * debounce
+        };
+        let longest = match letter {
+            Some(letter) => block(&[letter]),
+            None => blocks_time(block),
+        };
         Duration::from_secs_f64((10.0 + 1.2 * longest).min(1800.0))
+    }
+
+    /// What a port says, in the device's words, with what the last motion tells of an alarm.
+    fn port_error(&self, what: &str, error: PortError) -> DeviceError {
+        match error {
+            PortError::Halted(line) => {
+                let alarm = Alarm::from_line(&line).unwrap_or(Alarm(0));
+                DeviceError::Alarm { device: self.name.clone(), reason: self.alarm_words(alarm) }
+            }
+            other => device_error(&self.name, what, other),
+        }
     }
 }

@@ -48,18 +48,16 @@ impl Driver for GrblDriver {
             let letter = letter(&name, link.setup())?;
             let homes_also = names.iter().copied().find(|other| *other != link.name() && !homes_single_axes);
             let facts = AxisFacts { homes_also, ..checks::facts(link.setup(), letter, &settings, zero) };
+            let (facts, way) = (Mutex::new(facts), Mutex::default());
             link.forget_home();
-            axes.push(Axis { link, letter, facts });
-        }
-        if !homes_single_axes {
-            // To home one is to home the other: what contradicts one keeps both from moving.
-            let all: Vec<String> = axes.iter().flat_map(|axis| axis.facts.contradictions.clone()).collect();
-            axes.iter_mut().for_each(|axis| axis.facts.contradictions.clone_from(&all));
+            axes.push(Axis { link, letter, facts, way });
         }
         let controller = Arc::new(Controller {
             name,
             identity,
-            settings,
+            settings: Mutex::new(settings),
+            settings_stale: AtomicBool::new(false),
+            zero,
             homes_single_axes,
             axes,
             port,
@@ -68,6 +66,7 @@ impl Driver for GrblDriver {
             alarm: watch::Sender::new(None),
             restarts: watch::Sender::new(0),
             restart_is_ours: AtomicBool::new(false),
+            moved: Mutex::new(None),
             homing: AtomicBool::new(false),
             watched: AtomicU64::new(0),
             poll_now: Arc::new(Notify::new()),
@@ -77,6 +76,7 @@ impl Driver for GrblDriver {
             operation: tokio::sync::Mutex::new(()),
             stopping: tokio::sync::Mutex::new(()),
         });
+        controller.share_contradictions();
         tokio::spawn(listen(Arc::downgrade(&controller), notices, controller.port.closed()));
         tokio::spawn(poll(Arc::downgrade(&controller), Arc::clone(&controller.poll_now)));
         controller.fresh_reading(0).await?;
@@ -121,15 +121,41 @@ async fn start_up(port: &Port, notices: &mut mpsc::Receiver<Notice>, name: &str)
     tokio::time::sleep(OPENING_STOP).await;
     let mut heard: Option<String> = None;
     for _ in 0..3 {
-        // What was said before the reset, a start at power-up among it, is no answer to it.
-        while notices.try_recv().is_ok() {}
+        // What was said before the reset, a start at power-up among it, is no answer to it; but it may tell who is there.
+        while let Ok(notice) = notices.try_recv() {
+            note_noise(&mut heard, &notice);
+        }
         port.urgent(&[grbl::RESET], true).map_err(closed)?;
         match started(port, notices, name, Instant::now() + START_UP).await? {
             Start::Version(version) => return known(name, version),
-            Start::Silence(line) => heard = heard.or(line),
+            Start::Silence(line) => heard = telling(heard, line),
         }
     }
+    // Whoever knows no reset byte may answer a line: an error is better than silence.
+    if let Ok(answer) = port.resynchronise(grbl::BUILD_INFO, ANSWER).await {
+        heard = telling(heard, Some(answer.lines.join(" ")).filter(|lines| !lines.is_empty()));
+    }
+    while let Ok(notice) = notices.try_recv() {
+        note_noise(&mut heard, &notice);
+    }
     Err(no_answer(name, "answer a reset", heard, 3 * START_UP))
+}
+
+/// Keeps a line that made no sense, or one that says more of who is there.
+fn note_noise(heard: &mut Option<String>, notice: &Notice) {
+    if notice.kind == Kind::Noise && !notice.line.trim().is_empty() {
+        *heard = telling(heard.take(), Some(notice.line.chars().take(60).collect()));
+    }
+}
+
+/// The first of two lines, but for a second one that names another firmware.
+fn telling(first: Option<String>, second: Option<String>) -> Option<String> {
+    let names = |line: &String| ["Marlin", "Klipper", "FluidNC"].iter().any(|name| line.contains(name));
+    if first.as_ref().is_some_and(names) {
+        first
+    } else {
+        second.filter(|line| first.is_none() || names(line)).or(first)
+    }
 }
 
 /// What came of waiting for a controller's start.
@@ -158,11 +184,7 @@ async fn started(
             Ok(Some(Notice { kind: Kind::Started, line, .. })) => {
                 return Ok(Start::Version(grbl::banner(&line).unwrap_or_default().to_owned()));
             }
-            Ok(Some(notice)) => {
-                if notice.kind == Kind::Noise && heard.is_none() {
-                    heard = Some(notice.line.chars().take(60).collect());
-                }
-            }
+            Ok(Some(notice)) => note_noise(&mut heard, &notice),
         }
     }
 }

@@ -112,6 +112,8 @@ impl Controller {
                 if !ours && !doubled && self.alarm.borrow().is_none() {
                     tracing::warn!(controller = %self.name, "a stage controller has restarted by itself");
                     self.forget_positions();
+                    self.forget_ways();
+                    self.shared_with_another("it restarted by itself");
                 }
                 self.alarm.send_replace(None);
                 self.restarts.send_modify(|count| *count += 1);
@@ -120,12 +122,15 @@ impl Controller {
                 let alarm = Alarm::from_line(&notice.line).unwrap_or(Alarm(0));
                 tracing::warn!(controller = %self.name, alarm = %alarm, "a stage controller is in alarm");
                 self.forget_positions();
+                let words = self.alarm_words(alarm);
                 self.set_states(|state| {
                     state.moving = false;
-                    state.fault = Some(alarm.to_string());
+                    state.fault = Some(words.clone());
                 });
                 self.alarm.send_replace(Some(alarm));
             }
+            // The answer to what this program has not asked.
+            Kind::Done | Kind::Refused => self.shared_with_another(&notice.line),
             _ => {
                 if let Some(status) = grbl::status(&notice.line) {
                     self.take_status(&status, notice.line_number);
@@ -147,6 +152,7 @@ impl Controller {
         for axis in &self.axes {
             let home = axis.link.home();
             let at = machine[axis.letter.index()];
+            let pin = axis.note_pin(status.limits);
             let position = Millimetres(axis.link.setup().coordinate(at, home.unwrap_or(at)));
             axis.link.modify(|state| {
                 let moved = state.position != position;
@@ -159,7 +165,11 @@ impl Controller {
                 } else if moved || state.at_rest_since.is_none() {
                     state.at_rest_since = Some(now);
                 }
+                if let Some(words) = &pin {
+                    state.fault.clone_from(words);
+                }
                 match status.mode {
+                    Mode::Alarm | Mode::Idle if matches!(pin, Some(Some(_))) => {}
                     Mode::Alarm if back || state.fault.is_none() => {
                         state.fault = Some("the controller is locked until it is homed".to_owned());
                     }
@@ -171,7 +181,14 @@ impl Controller {
                 }
             });
         }
-        self.readings.send_replace(Some(Reading { mode: status.mode, machine, line_number, at: now }));
+        self.readings.send_replace(Some(Reading {
+            mode: status.mode,
+            machine,
+            limits: status.limits,
+            hold_pressed: status.hold_pressed,
+            line_number,
+            at: now,
+        }));
     }
 
     fn note_silence(&self) {

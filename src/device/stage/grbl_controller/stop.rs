@@ -4,11 +4,15 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::super::grbl::{self, Alarm};
-use super::{Controller, START_UP};
+use super::{Controller, POLL_MOVING, START_UP, locked};
 use crate::device::StopDelivery;
 
-/// Time beyond its own deceleration that an axis may take to stop before the controller is reset under it.
+/// Time beyond what a stop takes before the controller is reset under it.
 const STOP_SPARE: Duration = Duration::from_millis(200);
+/// Grbl carries out the steps that it has worked out ahead, five segments of 10 ms, before it decelerates.
+const BUFFERED: Duration = Duration::from_millis(50);
+/// Grbl takes nothing for half a second after an alarm's message; and the time to start.
+const ALARM_MESSAGE: Duration = Duration::from_millis(700);
 
 impl Controller {
     /// Resets the controller and waits for its start; tells whether that came. `blind` says that the reset is the stop
@@ -16,15 +20,38 @@ impl Controller {
     pub(super) async fn restart(&self, blind: bool) -> bool {
         let mut restarts = self.restarts.subscribe();
         let before = *restarts.borrow_and_update();
-        self.restart_is_ours.store(true, Ordering::SeqCst);
-        let Ok(written) = self.port.urgent(&[grbl::RESET], true) else { return false };
-        if !matches!(tokio::time::timeout(STOP_SPARE, written).await, Ok(Ok(()))) {
-            return false;
+        // What falls into the message of a critical alarm is not heard: it is said again after that.
+        let deaf = self.alarm.borrow().is_some_and(Alarm::needs_reset);
+        let waits: &[Duration] = if deaf { &[ALARM_MESSAGE, START_UP] } else { &[START_UP] };
+        for &wait in waits {
+            self.restart_is_ours.store(true, Ordering::SeqCst);
+            let Ok(written) = self.port.urgent(&[grbl::RESET], true) else { return false };
+            if !matches!(tokio::time::timeout(STOP_SPARE, written).await, Ok(Ok(()))) {
+                return false;
+            }
+            if blind {
+                self.orders.stop_sent();
+            }
+            let started = tokio::time::timeout(wait, restarts.wait_for(|&count| count > before)).await;
+            if matches!(started, Ok(Ok(_))) {
+                return true;
+            }
         }
-        if blind {
-            self.orders.stop_sent();
-        }
-        matches!(tokio::time::timeout(START_UP, restarts.wait_for(|&count| count > before)).await, Ok(Ok(_)))
+        false
+    }
+
+    /// What a stop of the fastest axis takes until two readings have told of it.
+    fn stop_time(&self) -> Duration {
+        let deceleration = self
+            .axes
+            .iter()
+            .map(|axis| axis.facts())
+            .map(|facts| facts.speed_mm_per_s / facts.acceleration_mm_per_s2)
+            .fold(0.0, f64::max);
+        // It says nothing while it waits to switch its motors off ($1, ms; 255 for never).
+        let silent_ms = locked(&self.settings).get(1).filter(|ms| (0.0..255.0).contains(ms)).unwrap_or(0.0);
+        let stopping = Duration::from_secs_f64(deceleration.min(5.0) + silent_ms / 1000.0);
+        BUFFERED + stopping + 2 * POLL_MOVING + STOP_SPARE
     }
 
     /// Stops what moves and what waits to move, without having been asked to.
@@ -51,24 +78,17 @@ impl Controller {
         let after_line = self.latest_line();
         let _watching = self.watching();
         let _stopping = self.stopping.lock().await;
-        let deceleration = self
-            .axes
-            .iter()
-            .map(|axis| axis.facts.speed_mm_per_s / axis.facts.acceleration_mm_per_s2)
-            .fold(0.0, f64::max);
-        let allowed = STOP_SPARE + Duration::from_secs_f64(deceleration.min(5.0));
         let rested = if blind {
             None
         } else {
-            tokio::time::timeout(allowed, self.rest_or_hold(after_line)).await.ok().and_then(Result::ok)
+            tokio::time::timeout(self.stop_time(), self.rest_or_hold(after_line)).await.ok().and_then(Result::ok)
         };
         match rested {
             Some(before) => {
                 // The reset throws away what a held line has left, and releases the hold. At rest no step is lost.
-                if self.restart(false).await
-                    && let Ok(after) = self.fresh_reading(self.latest_line()).await
-                    && after.machine != before.machine
-                {
+                let kept = self.restart(false).await
+                    && self.fresh_reading(self.latest_line()).await.is_ok_and(|after| after.machine == before.machine);
+                if !kept {
                     self.forget_positions();
                 }
                 StopDelivery::Confirmed

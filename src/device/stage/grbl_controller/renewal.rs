@@ -1,0 +1,65 @@
+//! A controller's settings read again: whoever shares its port may have changed them.
+
+use std::sync::atomic::Ordering;
+
+use super::super::grbl::{self, Letter, Settings};
+use super::super::session::AxisFacts;
+use super::{ANSWER, Controller, checks, device_error, locked};
+use crate::device::DeviceError;
+
+impl Controller {
+    /// Notes that another may have commanded the controller.
+    pub(super) fn shared_with_another(&self, sign: &str) {
+        if !self.settings_stale.swap(true, Ordering::SeqCst) {
+            tracing::warn!(controller = %self.name, sign, "another program may command a stage controller");
+        }
+    }
+
+    /// Reads the settings again where another may have changed them.
+    ///
+    /// # Errors
+    /// When the controller does not tell them, or contradicts the configuration now.
+    pub(super) async fn renew_if_stale(&self, index: usize) -> Result<(), DeviceError> {
+        if self.settings_stale.load(Ordering::SeqCst) { self.renew_settings(index).await } else { Ok(()) }
+    }
+
+    /// Reads the settings again, and compares them with the configuration.
+    ///
+    /// # Errors
+    /// When the controller does not tell them, or contradicts the configuration of an axis now.
+    pub(super) async fn renew_settings(&self, index: usize) -> Result<(), DeviceError> {
+        self.settings_stale.store(false, Ordering::SeqCst);
+        let answer = self.port.ask(grbl::SETTINGS, ANSWER).await.map_err(|error| {
+            self.settings_stale.store(true, Ordering::SeqCst);
+            device_error(&self.name, "tell its settings", error)
+        })?;
+        let told = Settings::from_lines(&answer.lines);
+        let before = std::mem::replace(&mut *locked(&self.settings), told.clone());
+        if told != before {
+            tracing::warn!(controller = %self.name, "a stage controller's settings are not what they were");
+            let moved = |number| told.get(number) != before.get(number);
+            // What makes another place of the same count of steps.
+            if moved(3) || moved(13) || Letter::ALL.iter().any(|letter| moved(100 + letter.index() as u16)) {
+                self.forget_positions();
+            }
+            for axis in &self.axes {
+                let homes_also = axis.facts().homes_also;
+                let facts = checks::facts(axis.link.setup(), axis.letter, &told, self.zero);
+                *locked(&axis.facts) = AxisFacts { homes_also, ..facts };
+            }
+            self.share_contradictions();
+        }
+        self.axes[index].facts().check_motion(&self.name)
+    }
+
+    /// Where to home one axis is to home the other, what contradicts one keeps both from moving.
+    pub(super) fn share_contradictions(&self) {
+        if self.homes_single_axes {
+            return;
+        }
+        let all: Vec<String> = self.axes.iter().flat_map(|axis| axis.facts().contradictions).collect();
+        for axis in &self.axes {
+            locked(&axis.facts).contradictions.clone_from(&all);
+        }
+    }
+}
