@@ -63,9 +63,7 @@ impl Plant for Slides {
     }
 
     fn limit_switch_closed(&self, axis: usize) -> bool {
-        // A micrometre beyond, so that the soft limit, which is at the switch, can be reached.
-        let at = self.at(axis);
-        if self.closes_below[axis] { at < self.switch[axis] - 1e-3 } else { at > self.switch[axis] + 1e-3 }
+        self.home_switch_closed(axis)
     }
 }
 

@@ -2,13 +2,16 @@
 
 mod conformance;
 mod contradictions;
+mod examples;
 mod faults;
 mod grbl_as_it_is;
+mod grbl_firmware;
 mod identify;
 mod interleaved;
 mod interrupted;
 mod jogs;
 pub(crate) mod kit;
+mod leaving;
 mod lines;
 mod lost_at_every_poll;
 mod program;

@@ -160,7 +160,17 @@ class LeaseLostError(ProblemError):
 class OutOfReachError(ProblemError):
     """The move would go beyond the axis's travel, the e wall, the greatest step or speed."""
 
-    kinds = ("limit", "wall", "step", "speed", "not-homed", "homing-towards-shell", "contradiction")
+    kinds = (
+        "limit",
+        "wall",
+        "step",
+        "speed",
+        "not-homed",
+        "homing-towards-shell",
+        "contradiction",
+        "switch-pressed",
+        "leaving-towards-shell",
+    )
 
 
 class ConfigChangedError(ProblemError):

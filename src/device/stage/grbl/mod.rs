@@ -270,6 +270,12 @@ impl Settings {
         Self(lines.iter().filter_map(|line| setting(line)).collect())
     }
 
+    /// Whether every setting that the other ones have is among these.
+    #[must_use]
+    pub fn covers(&self, other: &Self) -> bool {
+        other.0.keys().all(|number| self.0.contains_key(number))
+    }
+
     /// A setting's value.
     #[must_use]
     pub fn get(&self, number: u16) -> Option<f64> {

@@ -3,6 +3,7 @@
 use super::super::axis::AxisSetup;
 use super::super::grbl::{Letter, Settings};
 use super::super::session::AxisFacts;
+use crate::config::Side;
 
 /// Grbl prints a setting rounded to three decimals: it may differ by half of the last one.
 const PRINTED: f64 = 0.5e-3;
@@ -23,6 +24,13 @@ pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, zero
         limits_mm,
     };
     if let Some((low, high)) = limits_mm {
+        // On the home side Grbl's limit is where the switch trips: the configured one keeps a distance from it, and the
+        // switch is what bounds the axis there.
+        let config = &setup.config;
+        let (low, high) = match config.home_side {
+            Side::Low => (low.max(config.low_limit_mm), high),
+            Side::High => (low, high.min(config.high_limit_mm)),
+        };
         facts.note(setup.compare_limits(low, high));
     }
     facts

@@ -157,9 +157,8 @@ impl Controller {
         for axis in &homed {
             axis.note_homed(answer.as_ref().map(drop));
         }
-        if let Err(PortError::Timeout(_) | PortError::OutOfStep) = &answer
-            && self.orders.generation() == generation
-        {
+        let stopped = self.orders.generation() != generation;
+        if let (Err(PortError::Timeout(_) | PortError::OutOfStep), false) = (&answer, stopped) {
             // While it counts as homing: a reset is all that ends it.
             self.stop().await;
         }
@@ -168,7 +167,7 @@ impl Controller {
         *locked(&self.heard) = Instant::now();
         let answer = match answer {
             Ok(answer) => answer,
-            Err(_) if self.orders.generation() != generation => return self.stopped(name).await,
+            Err(_) if stopped => return self.stopped(name).await,
             Err(error) => return Err(device_error(&self.name, &format!("home the {name} axis"), error)),
         };
         let _watching = self.watching();

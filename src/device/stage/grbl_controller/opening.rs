@@ -132,7 +132,7 @@ async fn start_up(port: &Port, notices: &mut mpsc::Receiver<Notice>, name: &str)
         }
     }
     // Whoever knows no reset byte may answer a line: an error is better than silence.
-    if let Ok(answer) = port.resynchronise(grbl::BUILD_INFO, ANSWER).await {
+    if let Ok(Ok(answer)) = tokio::time::timeout(ANSWER, port.resynchronise(grbl::BUILD_INFO, ANSWER)).await {
         heard = telling(heard, Some(answer.lines.join(" ")).filter(|lines| !lines.is_empty()));
     }
     while let Ok(notice) = notices.try_recv() {

@@ -17,6 +17,8 @@ use crate::units::Millimetres;
 const POLL_AT_REST: Duration = Duration::from_millis(200);
 /// No board starts twice within this: the banner was doubled on its way.
 const DOUBLED: Duration = Duration::from_millis(50);
+/// Time between two readings of settings that another may have changed.
+const RENEWAL: Duration = Duration::from_secs(2);
 /// Silence after which the controller is shown as lost.
 const SILENCE: Duration = Duration::from_millis(1500);
 /// Silence after which the port is closed, to be opened anew.
@@ -51,6 +53,7 @@ pub(super) async fn listen(
 
 /// Asks for the status again and again, until the port closes or every stage is dropped.
 pub(super) async fn poll(weak: Weak<Controller>, poll_now: Arc<Notify>) {
+    let mut renewed = Instant::now();
     loop {
         let asked = Instant::now();
         let period = {
@@ -65,6 +68,9 @@ pub(super) async fn poll(weak: Weak<Controller>, poll_now: Arc<Notify>) {
                 // A full queue means that the device takes no bytes: the silence will tell.
                 let _ = controller.port.urgent(&[grbl::STATUS], false);
                 controller.note_silence();
+                if renewed.elapsed() > RENEWAL && controller.renew_at_rest().await {
+                    renewed = Instant::now();
+                }
             }
             if controller.watched.load(Ordering::SeqCst) > 0 { POLL_MOVING } else { POLL_AT_REST }
         };
