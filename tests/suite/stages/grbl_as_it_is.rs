@@ -262,6 +262,21 @@ async fn an_axis_that_ran_into_its_home_switch_is_homed_from_there() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_move_onto_the_home_switch_is_refused_and_costs_no_reference() {
+    let kit = kit([1.3, 20.4], |_| {});
+    let rig = homed(&kit).await;
+    for (stage, limit) in [(&rig.e, kit.bench.e.high_limit_mm), (&rig.focus, kit.bench.focus.low_limit_mm)] {
+        let error = stage.move_to(Millimetres(limit), stage.generation()).await.unwrap_err();
+        assert!(
+            matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("home switch trips")),
+            "{error}"
+        );
+        assert!(stage.read_state().await.unwrap().homed);
+    }
+    assert!(rig.e.move_to(Millimetres(31.5), rig.e.generation()).await.is_ok(), "beside it is as good as anywhere");
+}
+
+#[tokio::test(start_paused = true)]
 async fn what_ends_a_move_is_said_in_words() {
     let kit = kit([1.3, 20.4], |_| {});
     let rig = homed(&kit).await;

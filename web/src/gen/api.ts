@@ -63,6 +63,28 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/axes/{axis}/leave-switch": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /**
+     * Starts moving one axis off the limit switch that is pressed, by the operator's word for which it is.
+     * @description For a controller that has one input for both switches of an axis (Grbl), and will not home from one of them. The axis
+     *     moves away from the switch until that lets go, in pieces of 0.2 mm, 3 mm in all at most. Returns once it is accepted.
+     *     With the shell on, or its state unknown, e is not moved towards the shell.
+     */
+    post: operations["leave_switch"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/axes/{axis}/move": {
     parameters: {
       query?: never;
@@ -3558,6 +3580,11 @@ export interface components {
        */
       ttl_s: number;
     };
+    /** @description Which limit switch of an axis is pressed. */
+    LeaveSwitchRequest: {
+      /** @description The end of travel whose switch is pressed, as seen on the bench: the axis moves away from it. */
+      pressed: components["schemas"]["Side"];
+    };
     /** @description What is known about one micro-image. */
     LensFigures: {
       /** @description Centre, px of the raw frame. */
@@ -3761,7 +3788,7 @@ export interface components {
        * @description Where it was to end, mm; `null` for a motion without a target.
        */
       to_mm?: number | null;
-      /** @description `move`, `home`, `jog` or `release`. */
+      /** @description `move`, `home`, `jog`, `release` or `leave switch`. */
       what: string;
     };
     /** @description A move of one axis. */
@@ -5272,6 +5299,153 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  leave_switch: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
+      path: {
+        /** @description Which axis */
+        axis: components["schemas"]["AxisName"];
+      };
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["LeaveSwitchRequest"];
+      };
+    };
+    responses: {
+      /** @description The axis moves */
+      202: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["BenchView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description There is nothing under this name */
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Refused now */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The controller is away, the history cannot be written, or the program is shutting down */
+      503: {
         headers: {
           [name: string]: unknown;
         };

@@ -917,6 +917,13 @@ class LeaseView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Time to live from a heartbeat, s."""
 
 
+class LeaveSwitchRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Which limit switch of an axis is pressed."""
+
+    pressed: Side
+    """The end of travel whose switch is pressed, as seen on the bench: the axis moves away from it."""
+
+
 class LensFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What is known about one micro-image."""
 
@@ -1051,7 +1058,7 @@ class Move(Struct, frozen=True, kw_only=True, omit_defaults=True):
     to_mm: float | None = None
     """Where it was to end, mm; `null` for a motion without a target."""
     what: str
-    """`move`, `home`, `jog` or `release`."""
+    """`move`, `home`, `jog`, `release` or `leave switch`."""
 
 
 class MoveRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -8,12 +8,16 @@ use tokio::time::Instant;
 use super::super::grbl::{self, Alarm, Letter, Mode};
 use super::switches::blocks_time;
 use super::{ANSWER, Axis, AxisFacts, Controller, device_error, locked};
+use crate::config::Side;
 use crate::device::port::PortError;
 use crate::device::{AxisName, DeviceError, MoveTime};
 use crate::units::Millimetres;
 
 /// Distance between target and readback that is no arrival, mm: Grbl reports three decimals of whole motor steps.
 const ARRIVAL_MM: f64 = 0.01;
+
+/// A home switch trips at the same place again to this, mm.
+const SWITCH_MM: f64 = 0.05;
 
 impl Controller {
     /// Waits until no stop is under way, and tells what keeps an operation from starting.
@@ -54,6 +58,7 @@ impl Controller {
         let from = self.fresh_reading(self.latest_line()).await?;
         // Only now: a reset meanwhile has lost it.
         let Some(home) = axis.link.home() else { return Err(DeviceError::NotHomed { axis: name }) };
+        self.check_trip(axis, target)?;
         let letter = axis.letter;
         let machine = axis.link.setup().machine(target.value(), home);
         let distance = (machine - from.machine[letter.index()]).abs();
@@ -187,6 +192,23 @@ impl Controller {
             });
         }
         Ok(())
+    }
+
+    /// Refuses a target where the home switch trips: it would end in an alarm, and cost every axis its reference.
+    fn check_trip(&self, axis: &Axis, target: Millimetres) -> Result<(), DeviceError> {
+        let Some((low, high)) = axis.facts().limits_mm else { return Ok(()) };
+        let (side, trip) = match axis.link.setup().config.home_side {
+            Side::Low => ("low", low),
+            Side::High => ("high", high),
+        };
+        if (target.value() - trip).abs() > SWITCH_MM {
+            return Ok(());
+        }
+        let name = axis.link.name();
+        let reason = format!(
+            "{target:.3} is where the {name} axis's home switch trips: keep bench.{name}.{side}_limit_mm a millimetre from it"
+        );
+        Err(DeviceError::Refused { device: self.name.clone(), reason })
     }
 
     /// Leaves the lock that the controller starts in, without homing; an alarm that needs a reset stays.
