@@ -33,6 +33,7 @@ from .models import (
     JogRequest,
     LeaseGrant,
     LeaseView,
+    LeaveSwitchRequest,
     MoveRequest,
     ShellRequest,
     ShellState,
@@ -151,6 +152,17 @@ class Lease:
         """Homes an axis and, unless told otherwise, waits for its end; leaving the wait stops the bench."""
         self.check()
         return self._go(op.HOME_AXIS, {"axis": _axis(axis)}, None, wait, timeout_s)
+
+    def leave_switch(
+        self, axis: AxisName | str, pressed: Side | str, *, wait: bool = True, timeout_s: float = 60.0
+    ) -> AxisView:
+        """Moves an axis off the limit switch that is pressed, by the end of travel where it is, 3 mm at most.
+
+        Unless told otherwise it waits for the end; leaving the wait stops the bench.
+        """
+        self.check()
+        body = LeaveSwitchRequest(pressed=Side(pressed))
+        return self._go(op.LEAVE_SWITCH, {"axis": _axis(axis)}, body, wait, timeout_s)
 
     def _go(
         self, operation: op.Operation, path: dict[str, AxisName], body: object, wait: bool, timeout_s: float
