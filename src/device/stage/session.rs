@@ -7,8 +7,8 @@ use tokio::sync::watch;
 
 use super::axis::AxisLink;
 use super::orders::Orders;
-use crate::device::jog::Course;
 use crate::config::Side;
+use crate::device::jog::Course;
 use crate::device::serial::Wire;
 use crate::device::{AxisName, DeviceError, StageState, StopDelivery};
 use crate::units::Millimetres;

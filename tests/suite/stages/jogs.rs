@@ -32,9 +32,9 @@ macro_rules! on {
     };
 }
 
-/// Not Grbl: its twin comes to rest between two lines, as Grbl does not.
 macro_rules! that_go_on {
     ($($test:ident),* $(,)?) => {
+        on!(grbl, Grbl, $($test),*);
         on!(zaber, Zaber, $($test),*);
         on!(pi, Pi, $($test),*);
         on!(tmcl, Tmcl, $($test),*);

@@ -6,7 +6,7 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 use super::super::grbl::{self, Alarm, Mode};
 use super::super::track::{BEGIN, CYCLE, END, Track};
-use super::{ANSWER, Controller, Reading, device_error};
+use super::{ANSWER, Controller, Reading, device_error, locked};
 use crate::device::DeviceError;
 use crate::device::jog::Course;
 use crate::units::Millimetres;
@@ -31,12 +31,17 @@ impl Controller {
         if let Some(alarm) = *self.alarm.borrow() {
             return Err(self.alarmed(Some(alarm)));
         }
+        self.renew_if_stale(index).await?;
+        *locked(&self.moved) = Some(index);
+        let mut restarts = self.restarts.subscribe();
+        let begun = *restarts.borrow_and_update();
         let mut alarm = self.alarm.subscribe();
         let alarmed = async { alarm.wait_for(Option::is_some).await.ok().and_then(|alarm| *alarm) };
         let ended = tokio::select! {
             biased;
             () = self.orders.outdated(generation) => return self.stopped(name).await,
             alarm = alarmed => return Err(self.alarmed(alarm)),
+            () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => return Err(self.restarted()),
             ended = self.lead(index, course, generation) => ended,
         };
         match ended {
@@ -51,7 +56,7 @@ impl Controller {
     }
 
     fn alarmed(&self, alarm: Option<Alarm>) -> DeviceError {
-        let reason = alarm.unwrap_or(Alarm(0)).to_string();
+        let reason = self.alarm_words(alarm.unwrap_or(Alarm(0)));
         DeviceError::Alarm { device: self.name.clone(), reason }
     }
 
@@ -59,7 +64,7 @@ impl Controller {
     async fn lead(&self, index: usize, mut course: Course, generation: u64) -> Result<Millimetres, DeviceError> {
         let axis = &self.axes[index];
         let (name, letter, setup) = (axis.link.name(), axis.letter, axis.link.setup());
-        let mut track = Track::new(axis.facts.acceleration_mm_per_s2);
+        let mut track = Track::new(axis.facts().acceleration_mm_per_s2);
         let mut line = self.latest_line();
         let mut home = None;
         loop {
@@ -77,8 +82,14 @@ impl Controller {
             let at = Millimetres(setup.coordinate(reading.machine[letter.index()], now));
             let Some(next) = course(track.see(at, asked, reading.at)) else { break };
             if track.is_worth_an_order(next, at) {
-                let speed = next.speed_mm_per_s.min(axis.facts.speed_mm_per_s);
-                let order = grbl::jog(letter, setup.machine(next.to.value(), now), speed * 60.0);
+                let speed = next.speed_mm_per_s.min(axis.facts().speed_mm_per_s);
+                // Not onto the home switch, which lies at the end of the controller's own limits.
+                if self.check_trip(axis, next.to).is_err() {
+                    break;
+                }
+                let machine = setup.machine(next.to.value(), now);
+                axis.note_move(machine - reading.machine[letter.index()], reading.limits);
+                let order = grbl::jog(letter, machine, speed * 60.0);
                 let answer = self.port.request(order, ANSWER, generation).await;
                 line = answer.map_err(|error| device_error(&self.name, "take a move", error))?.line_number;
                 track.tell(next);

@@ -95,10 +95,7 @@ impl Controller {
                 let reason = self.alarm_words(alarm.unwrap_or(Alarm(0)));
                 return Err(DeviceError::Alarm { device: self.name.clone(), reason });
             }
-            () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => {
-                let reason = "it restarted while the axis moved, and its position is lost: see to its supply, then home it";
-                return Err(DeviceError::Alarm { device: self.name.clone(), reason: reason.to_owned() });
-            }
+            () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => return Err(self.restarted()),
             reading = self.rest(answer.line_number) => reading,
             () = tokio::time::sleep(allowed) => Err(self.timeout(&format!("end a move of {distance:.3} mm"), allowed)),
         };
@@ -195,7 +192,7 @@ impl Controller {
     }
 
     /// Refuses a target where the home switch trips: it would end in an alarm, and cost every axis its reference.
-    fn check_trip(&self, axis: &Axis, target: Millimetres) -> Result<(), DeviceError> {
+    pub(super) fn check_trip(&self, axis: &Axis, target: Millimetres) -> Result<(), DeviceError> {
         let Some((low, high)) = axis.facts().limits_mm else { return Ok(()) };
         let (side, trip) = match axis.link.setup().config.home_side {
             Side::Low => ("low", low),
@@ -209,6 +206,12 @@ impl Controller {
             "{target:.3} is where the {name} axis's home switch trips: keep bench.{name}.{side}_limit_mm a millimetre from it"
         );
         Err(DeviceError::Refused { device: self.name.clone(), reason })
+    }
+
+    /// It came up anew under a motion.
+    pub(super) fn restarted(&self) -> DeviceError {
+        let reason = "it restarted while the axis moved, and its position is lost: see to its supply, then home it";
+        DeviceError::Alarm { device: self.name.clone(), reason: reason.to_owned() }
     }
 
     /// Leaves the lock that the controller starts in, without homing; an alarm that needs a reset stays.

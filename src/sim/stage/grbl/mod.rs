@@ -1,4 +1,5 @@
-//! Grbl 1.1's firmware. Blocks come to rest between one another: unlike Grbl it does not blend lines.
+//! Grbl 1.1's firmware. A jog that is queued in the direction of the one under way is blended with it; other blocks come
+//! to rest between one another, unlike Grbl's.
 //!
 //! ```text
 //!            $J=            end, 0x85, !
@@ -301,7 +302,12 @@ impl GrblFirmware {
 
     /// Queues a line and starts it if nothing moves.
     fn plan(&mut self, target_mm: [f64; 3], speed: f64, as_state: State) {
-        let target = std::array::from_fn(|i| (target_mm[i] * self.settings.of_axis(100, i)).round() as i64);
+        let target: [i64; 3] = std::array::from_fn(|i| (target_mm[i] * self.settings.of_axis(100, i)).round() as i64);
+        let (speeds, to) = (self.speeds(), std::array::from_fn(|i| self.mm(i, target[i])));
+        let jogs_on = self.state == State::Jog && as_state == State::Jog && self.queue.is_empty();
+        if jogs_on && self.motion.as_mut().is_some_and(|motion| motion.extend(to, speed, speeds)) {
+            return;
+        }
         self.queue.push_back(Block { target, speed });
         if self.state == State::Idle {
             self.next_block(as_state);
@@ -319,10 +325,15 @@ impl GrblFirmware {
         }
     }
 
+    /// The axes' greatest speeds, mm/s.
+    fn speeds(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.settings.of_axis(110, i) / 60.0)
+    }
+
     fn next_block(&mut self, as_state: State) {
         while let Some(block) = self.queue.pop_front() {
             let to = std::array::from_fn(|i| self.mm(i, block.target[i]));
-            let speeds = std::array::from_fn(|i| self.settings.of_axis(110, i) / 60.0);
+            let speeds = self.speeds();
             let accelerations = std::array::from_fn(|i| self.settings.of_axis(120, i));
             self.motion = Motion::new(self.machine_mm(), to, block.speed, speeds, accelerations);
             if self.motion.is_some() {

@@ -59,6 +59,22 @@ impl Motion {
         })
     }
 
+    /// Goes on to a farther end in the same direction, at another speed, as lines queued in time are blended; tells
+    /// whether that end is in the same direction.
+    pub(super) fn extend(&mut self, to_mm: [f64; 3], speed: f64, speeds: [f64; 3]) -> bool {
+        let end = self.end_mm();
+        let delta: [f64; 3] = std::array::from_fn(|i| to_mm[i] - end[i]);
+        let length = delta.iter().map(|d| d * d).sum::<f64>().sqrt();
+        let along: f64 = (0..3).map(|i| delta[i] * self.unit[i]).sum();
+        if self.is_stopping() || along < length * (1.0 - 1e-9) {
+            return false;
+        }
+        let axes = (0..3).filter(|&i| self.unit[i].abs() > 1e-9).map(|i| speeds[i] / self.unit[i].abs());
+        self.top_speed = axes.fold(speed, f64::min);
+        self.length_mm += length;
+        true
+    }
+
     /// Goes on for `dt` seconds (at most a few milliseconds) and tells whether it has come to rest.
     pub(super) fn advance(&mut self, dt: f64) -> bool {
         let before = self.speed;
@@ -72,7 +88,8 @@ impl Motion {
         } else {
             // The last term is the speed from which the rest of the way suffices to stop.
             let brake = (2.0 * self.acceleration * left).sqrt();
-            self.speed = (before + self.acceleration * dt).min(self.top_speed).min(brake);
+            let change = self.acceleration * dt;
+            self.speed = self.top_speed.clamp(before - change, before + change).min(brake);
         }
         let way = 0.5 * (before + self.speed) * dt;
         // Half a micrometre is a fraction of a motor step: the end of the line.
