@@ -11,6 +11,7 @@ pub mod pi;
 pub mod pi_controller;
 pub mod polled;
 pub mod session;
+pub mod stopping;
 pub mod supervisor;
 pub mod tmcl;
 pub mod tmcl_controller;

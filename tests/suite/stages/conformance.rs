@@ -16,6 +16,7 @@ every_protocol!(
     homing_and_moves_end_where_they_say_and_when,
     a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position,
     a_stop_passes_what_waits,
+    a_crowd_of_stops_takes_no_longer_than_two,
     a_stop_while_homing_leaves_the_position_unknown,
     a_motion_commanded_during_a_stop_begins_after_it,
     a_slower_move_is_slower,
@@ -150,6 +151,35 @@ async fn a_stop_passes_what_waits(driver: ControllerDriver) {
     assert!(near(at[0], 0.0, 0.004), "the focus axis never began: {}", at[0]);
     assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed, "at rest, too");
     assert!(rig.focus.read_state().await.unwrap().homed);
+}
+
+/// However many ask for a stop at once, and whether or not they wait for its answer.
+async fn a_crowd_of_stops_takes_no_longer_than_two(driver: ControllerDriver) {
+    let rig = homed(driver).await;
+    let mut took = Vec::new();
+    for (crowd, target) in [(1, 5.0), (40, 29.0)] {
+        let moving = tokio::spawn({
+            let stage = rig.e.clone();
+            async move { stage.move_to(Millimetres(target), stage.generation()).await }
+        });
+        sleep(Duration::from_millis(500)).await;
+        let from = Instant::now();
+        let stop = |_| {
+            let stage = rig.e.clone();
+            tokio::spawn(async move { stage.stop().await })
+        };
+        for stopped in (0..crowd).map(stop).collect::<Vec<_>>() {
+            assert_eq!(stopped.await.unwrap(), StopDelivery::Confirmed);
+        }
+        took.push(from.elapsed());
+        assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
+    }
+    assert!(
+        took[1] < 3 * took[0],
+        "{driver:?}: one is answered after {:?}, the last of a crowd after {:?}",
+        took[0],
+        took[1]
+    );
 }
 
 async fn a_stop_while_homing_leaves_the_position_unknown(driver: ControllerDriver) {

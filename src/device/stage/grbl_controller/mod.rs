@@ -24,6 +24,7 @@ use super::axis::AxisLink;
 use super::grbl::{self, Alarm, Letter, Mode, Settings};
 use super::orders::Orders;
 use super::session::{AxisFacts, Session};
+use super::stopping::Stopping;
 use crate::config::Side;
 use crate::device::jog::Course;
 use crate::device::port::{Port, PortError};
@@ -92,7 +93,7 @@ struct Controller {
     restarted: Mutex<Option<Instant>>,
     work_offset: Mutex<Option<[f64; 3]>>,
     operation: tokio::sync::Mutex<()>,
-    stopping: tokio::sync::Mutex<()>,
+    stopping: Stopping,
 }
 
 #[async_trait]

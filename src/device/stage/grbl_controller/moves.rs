@@ -125,7 +125,7 @@ impl Controller {
 
     /// Waits for the end of the stop that ended an operation.
     pub(super) async fn stopped<T>(&self, axis: AxisName) -> Result<T, DeviceError> {
-        let _stopping = self.stopping.lock().await;
+        self.stopping.ended().await;
         Err(DeviceError::Stopped { axis })
     }
 

@@ -11,6 +11,7 @@ use tokio::time::Instant;
 use super::super::axis::{AxisLink, AxisSetup};
 use super::super::grbl::{self, Grbl, Letter, Settings};
 use super::super::session::{AxisFacts, Driver, Session, Wanted};
+use super::super::stopping::Stopping;
 use super::reports::{listen, poll};
 use super::{ANSWER, Axis, Controller, POLL_MOVING, START_UP, checks, device_error};
 use crate::device::port::{Answer, Kind, Lines, Notice, Port, PortError};
@@ -74,7 +75,7 @@ impl Driver for GrblDriver {
             restarted: Mutex::new(None),
             work_offset: Mutex::new(None),
             operation: tokio::sync::Mutex::new(()),
-            stopping: tokio::sync::Mutex::new(()),
+            stopping: Stopping::default(),
         });
         controller.share_contradictions();
         tokio::spawn(listen(Arc::downgrade(&controller), notices, controller.port.closed()));

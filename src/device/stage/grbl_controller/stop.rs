@@ -77,7 +77,10 @@ impl Controller {
         }
         let after_line = self.latest_line();
         let _watching = self.watching();
-        let _stopping = self.stopping.lock().await;
+        self.stopping.prove(self.prove_rest(blind, after_line)).await
+    }
+
+    async fn prove_rest(&self, blind: bool, after_line: u64) -> StopDelivery {
         let rested = if blind {
             None
         } else {

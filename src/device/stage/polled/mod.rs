@@ -17,6 +17,7 @@ use tokio::sync::{Notify, oneshot, watch as channel};
 use super::axis::AxisLink;
 use super::orders::Orders;
 use super::session::{AxisFacts, Session, Wanted};
+use super::stopping::Stopping;
 use crate::device::jog::Course;
 use crate::device::port::PortError;
 use crate::device::{DeviceError, StageState, StopDelivery};
@@ -144,7 +145,7 @@ pub struct Polled<D> {
     poll_now: Arc<Notify>,
     /// How long the last reading took.
     reading_takes: channel::Sender<Duration>,
-    stopping: tokio::sync::Mutex<()>,
+    stopping: Stopping,
 }
 
 impl<D: Dialogue> Polled<D> {
@@ -167,7 +168,7 @@ impl<D: Dialogue> Polled<D> {
             watched: AtomicU64::new(0),
             poll_now: Arc::new(Notify::new()),
             reading_takes: channel::Sender::new(Duration::ZERO),
-            stopping: tokio::sync::Mutex::new(()),
+            stopping: Stopping::default(),
         });
         for (index, axis) in session.axes.iter().enumerate() {
             let reading = session.dialogue.read(index).await?;

@@ -54,7 +54,7 @@ impl<D: Dialogue> Polled<D> {
 
     /// Waits for the end of the stop that ended an operation.
     pub(super) async fn stopped<T>(&self, axis: usize) -> Result<T, DeviceError> {
-        let _stopping = self.stopping.lock().await;
+        self.stopping.ended().await;
         Err(DeviceError::Stopped { axis: self.axis(axis).link.name() })
     }
 
@@ -219,7 +219,10 @@ impl<D: Dialogue> Polled<D> {
             return StopDelivery::Undeliverable;
         }
         let _watching = self.watching();
-        let _stopping = self.stopping.lock().await;
+        self.stopping.prove(self.prove_rest()).await
+    }
+
+    async fn prove_rest(&self) -> StopDelivery {
         let deceleration = (0..self.axes.len())
             .map(|axis| self.dialogue.facts(axis))
             .map(|facts| facts.speed_mm_per_s / facts.acceleration_mm_per_s2)
