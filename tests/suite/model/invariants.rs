@@ -193,7 +193,7 @@ pub(super) const ALL: &[Invariant] = &[
     },
     Invariant {
         name: "a lease given back ends with its job",
-        said: Said(API, "under a job at the job's end, which no heartbeat calls back"),
+        said: Said(API, "under a job it ends with the job then, heartbeats or not"),
         broken: given_back_is_over,
     },
     Invariant {
