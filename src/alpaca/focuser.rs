@@ -195,10 +195,8 @@ impl Facade {
     }
 
     async fn halt(&self, axis: AxisName, caller: Caller) -> Result<(), Fault> {
-        let (service, why) = (self.service.clone(), format!("the {axis} axis was halted by {}", caller.name()));
-        // In a task of its own: a client that hangs up must not call the halt back.
-        let halted = tokio::spawn(async move { service.halt_axis(axis, &why).await }).await;
-        let delivery = halted.unwrap_or(StopDelivery::Undeliverable);
+        let why = format!("the {axis} axis was halted by {}", caller.name());
+        let delivery = self.service.halt_axis(axis, &why).await;
         self.seat.halted(axis);
         self.audit(caller, "axis.halt", json!({ "axis": axis, "delivery": delivery }));
         if delivery == StopDelivery::Undeliverable {

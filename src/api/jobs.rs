@@ -43,21 +43,15 @@ pub(super) async fn create(
 ) -> Result<impl IntoResponse> {
     let key = idempotency_key(&headers)?;
     let permit = app.permit(&lease);
-    let (service, gate) = (app.service.clone(), app.gate.clone());
-    // In a task of its own: a client that hangs up leaves no job half accepted.
-    let created = tokio::spawn(async move {
-        let created = match key {
-            // Asked again, it is answered whoever has the lease by now.
-            Some(key) => service.create_job_once(permit, request, key).await,
-            None => service.create_job(&permit?, request).await.map(|job| (job, Acceptance::Now)),
-        };
-        if let Ok((job, Acceptance::Now)) = &created {
-            let detail = json!({ "job": job.id, "request": job.request, "owner": job.owner });
-            gate.audit(AuditRecord::of(&principal, "job.create", detail));
-        }
-        created
-    });
-    let (job, acceptance) = created.await.map_err(|_| Problem::internal())??;
+    let (job, acceptance) = match key {
+        // Asked again, it is answered whoever has the lease by now.
+        Some(key) => app.service.create_job_once(permit, request, key).await?,
+        None => (app.service.create_job(&permit?, request).await?, Acceptance::Now),
+    };
+    if acceptance == Acceptance::Now {
+        let detail = json!({ "job": job.id, "request": job.request, "owner": job.owner });
+        app.gate.audit(AuditRecord::of(&principal, "job.create", detail));
+    }
     let (status, key) = match acceptance {
         // The job is begun: where it has ended already, or there is no key to be had, it is told without one.
         Acceptance::Now => (StatusCode::CREATED, app.service.make_confirm_key(job.id).ok()),

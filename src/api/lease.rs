@@ -69,11 +69,7 @@ pub(super) async fn take_over(
     let detail = json!({ "owner": &request.owner, "note": &request.note, "former": former });
     // Before it is done: it takes a while where a job has to end.
     app.gate.audit(AuditRecord::of(&principal, "lease.take_over", detail));
-    let service = app.service.clone();
-    // In a task of its own: a client that hangs up must not leave a job cancelled and the lease with nobody.
-    let granted = tokio::spawn(async move { service.take_over(request).await }).await;
-    let granted = granted.map_err(|_| Problem::internal())?;
-    Ok((StatusCode::CREATED, Json(granted)))
+    Ok((StatusCode::CREATED, Json(app.service.take_over(request).await)))
 }
 
 /// Renews the control lease for its time to live.

@@ -25,16 +25,11 @@ pub(super) async fn stop(
     Extension(Arrived(at)): Extension<Arrived>,
     Extension(principal): Extension<Principal>,
 ) -> Json<StopReport> {
-    // In a task of its own: a client that hangs up must not call the stop back.
-    let stopped = tokio::spawn(async move {
-        let report = app.service.stop(at, &principal.name).await;
-        // After the axes: nothing comes before them.
-        let detail = json!({ "focus": report.focus, "e": report.e, "kept": report.kept });
-        app.gate.audit(AuditRecord::of(&principal, "stop", detail));
-        report
-    });
-    let undeliverable = crate::device::StopDelivery::Undeliverable;
-    Json(stopped.await.unwrap_or(StopReport { focus: undeliverable, e: undeliverable, latency_ms: None, kept: false }))
+    let report = app.service.stop(at, &principal.name).await;
+    // After the axes: nothing comes before them.
+    let detail = json!({ "focus": report.focus, "e": report.e, "kept": report.kept });
+    app.gate.audit(AuditRecord::of(&principal, "stop", detail));
+    Json(report)
 }
 
 /// Whether the stop is latched, who stopped, and who reset it last.
@@ -74,14 +69,8 @@ pub(super) async fn reset(
     }
     // Who has a token is known by it.
     let by = request.owner.filter(|_| principal.name == LOCAL).unwrap_or_else(|| principal.name.clone());
-    let service = app.service.clone();
-    // In a task of its own: a client that hangs up leaves no reset without its entry in the audit log.
-    let reset = tokio::spawn(async move {
-        let reset = service.reset_stop(&by, &request.why).await;
-        if let Ok(Some(reset)) = &reset {
-            app.gate.audit(AuditRecord::of(&principal, "stop.reset", json!(reset)));
-        }
-        reset.map(|_| service.bench_view().stop)
-    });
-    Ok(Json(reset.await.map_err(|_| Problem::internal())??))
+    if let Some(reset) = app.service.reset_stop(&by, &request.why).await? {
+        app.gate.audit(AuditRecord::of(&principal, "stop.reset", json!(reset)));
+    }
+    Ok(Json(app.service.bench_view().stop))
 }

@@ -24,6 +24,8 @@ pub(crate) struct StillStage {
     pub(crate) homes_also: Mutex<Option<AxisName>>,
     /// Where it was told to go, mm.
     pub(crate) told: Mutex<Vec<f64>>,
+    /// While this is set, neither a move nor a stop ends.
+    pub(crate) held: watch::Sender<bool>,
 }
 
 impl StillStage {
@@ -42,7 +44,13 @@ impl StillStage {
             delivery: Mutex::new(StopDelivery::Confirmed),
             homes_also: Mutex::new(None),
             told: Mutex::default(),
+            held: watch::channel(false).0,
         }
+    }
+
+    async fn let_go(&self) {
+        // The sender lives as long as the stage.
+        let _ = self.held.subscribe().wait_for(|held| !held).await;
     }
 
     /// Since when it has been at rest.
@@ -105,11 +113,13 @@ impl Stage for StillStage {
 
     async fn move_at(&self, target: Millimetres, _: f64, _: u64) -> Result<Millimetres, DeviceError> {
         self.told.lock().unwrap().push(target.value());
+        self.let_go().await;
         self.state.send_modify(|state| state.position = target);
         Ok(target)
     }
 
     async fn stop(&self) -> StopDelivery {
+        self.let_go().await;
         *self.delivery.lock().unwrap()
     }
 }

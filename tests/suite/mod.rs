@@ -35,6 +35,7 @@ mod grbl;
 mod grid;
 mod grid_arrays;
 mod grid_check;
+mod hang_up;
 mod history;
 mod job_kinds;
 mod jobs_cli;

@@ -18,10 +18,11 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
-use tower::ServiceExt as _;
+use tokio_util::task::TaskTracker;
 
+use super::carried::Carrier;
 use super::plain;
-use super::slots::{Place, Reservation};
+use super::slots::{Place, Reservation, Slot};
 use super::stall::Stall;
 use super::{InReserve, ServerSettings};
 use crate::api::client::Peer;
@@ -48,6 +49,8 @@ pub(super) struct Connection {
     pub(super) settings: Arc<ServerSettings>,
     pub(super) in_reserve: InReserve,
     pub(super) closing: CancellationToken,
+    /// Of the connections of this listener, and of what they carry out.
+    pub(super) tasks: TaskTracker,
 }
 
 /// What a connection may ask for.
@@ -61,21 +64,24 @@ impl Connection {
     /// Serves it to its end.
     pub(super) async fn serve(self, place: Place) {
         match place {
-            Place::Ordinary(slot) => self.open(Allowed::Everything, |stream| Stall::new(stream, Some(slot))).await,
+            Place::Ordinary(slot) => self.open(Allowed::Everything, slot).await,
             Place::Reserve(slot, reservation) => {
                 let evicted = reservation.evicted().clone();
                 let allowed = Allowed::Reserved(reservation, self.in_reserve);
-                let served = self.open(allowed, |stream| Stall::new(stream, Some(slot)));
+                let served = self.open(allowed, slot);
                 let _ = timeout(RESERVED, evicted.run_until_cancelled(served)).await;
             }
         }
     }
 
-    async fn open(self, allowed: Allowed, place: impl FnOnce(Box<dyn Stream>) -> Stall<Box<dyn Stream>>) {
-        let Self { stream, address, router, settings, closing, .. } = self;
+    async fn open(self, allowed: Allowed, slot: Slot) {
+        let Self { stream, address, router, settings, closing, tasks, .. } = self;
+        let slot = Arc::new(slot);
+        let place = |stream: Box<dyn Stream>| Stall::new(stream, Some(Arc::clone(&slot)));
+        let carrier = Carrier { router, slot: Arc::clone(&slot), tasks };
         let Some(tls) = settings.tls.clone() else {
             let peer = Peer { address, tls: false };
-            return speak(place(Box::new(stream)), peer, router, &settings, closing, allowed).await;
+            return speak(place(Box::new(stream)), peer, carrier, &settings, closing, allowed).await;
         };
         let mut first = [0];
         match timeout(HANDSHAKE, stream.peek(&mut first)).await {
@@ -90,7 +96,7 @@ impl Connection {
                     reservation.shook_hands();
                 }
                 let peer = Peer { address, tls: true };
-                speak(place(Box::new(stream)), peer, router, &settings, closing, allowed).await;
+                speak(place(Box::new(stream)), peer, carrier, &settings, closing, allowed).await;
             }
             Ok(Err(error)) => tracing::debug!(%address, %error, "the TLS handshake failed"),
             Err(_) => tracing::debug!(%address, "the TLS handshake took too long"),
@@ -106,28 +112,29 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Stream for S {}
 async fn speak(
     stream: Stall<Box<dyn Stream>>,
     peer: Peer,
-    router: Router,
+    carrier: Carrier,
     settings: &ServerSettings,
     closing: CancellationToken,
     allowed: Allowed,
 ) {
     let service = service_fn(move |request: hyper::Request<Incoming>| {
-        let (router, allowed) = (router.clone(), allowed.clone());
+        let (carrier, allowed) = (carrier.clone(), allowed.clone());
         async move {
             if is_too_large(&request) {
-                return Ok(closed(Problem::head_too_large(MOST_HEADERS, LARGEST_HEAD).into_response()));
+                return Ok::<_, Infallible>(closed(
+                    Problem::head_too_large(MOST_HEADERS, LARGEST_HEAD).into_response(),
+                ));
             }
             let mut request = request.map(Body::new);
             request.extensions_mut().insert(peer);
-            let answer = match allowed {
-                Allowed::Everything => router.oneshot(request).await,
+            Ok(match allowed {
+                Allowed::Everything => carrier.answer(request).await,
                 Allowed::Reserved(reservation, rule) if (rule.is_served)(request.method(), request.uri().path()) => {
                     reservation.stops();
-                    router.oneshot(request).await.map(closed)
+                    closed(carrier.answer(request).await)
                 }
-                Allowed::Reserved(_, rule) => Ok(closed(Problem::crowded(rule.words).into_response())),
-            };
-            answer.map_err(|never: Infallible| never)
+                Allowed::Reserved(_, rule) => closed(Problem::crowded(rule.words).into_response()),
+            })
         }
     });
     let connection = http().header_read_timeout(settings.idle_timeout).serve_connection(TokioIo::new(stream), service);

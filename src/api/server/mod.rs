@@ -4,6 +4,7 @@
 //! so many are served at once, overall and for each address, whichever listeners they come by. Beyond that one is still
 //! accepted, to be served nothing but the stop: see `slots`.
 
+mod carried;
 mod connection;
 mod plain;
 mod slots;
@@ -27,7 +28,7 @@ pub use tls::{TlsError, read_certificate, use_ring};
 
 /// Rest after the system gave no connection though one is there: out of file descriptors, as a rule.
 const AFTER_FAILURE: Duration = Duration::from_millis(100);
-/// From the end of the service to that of the last connection.
+/// From the end of the service to that of the last connection, and of the last request that changes something.
 const GRACE: Duration = Duration::from_secs(1);
 
 /// What is still served where there is room for nothing else.
@@ -101,6 +102,7 @@ impl Connections {
                         settings: Arc::clone(&self.settings),
                         in_reserve,
                         closing: closing.clone(),
+                        tasks: tasks.clone(),
                     };
                     let (place, gone) = (self.slots.take(address.ip()), gone.clone());
                     tasks.spawn(async move { gone.run_until_cancelled(connection.serve(place)).await });
@@ -115,7 +117,7 @@ impl Connections {
         drop(listener);
         tasks.close();
         if tokio::time::timeout(GRACE, tasks.wait()).await.is_err() {
-            tracing::warn!(open = tasks.len(), "connections were still open when the time was up");
+            tracing::warn!(open = tasks.len(), "connections and requests were still open when the time was up");
             gone.cancel();
         }
     }

@@ -3,6 +3,7 @@
 use std::future::Future as _;
 use std::io;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
@@ -21,11 +22,11 @@ pub(super) struct Stall<S> {
     waiting: Option<Pin<Box<Sleep>>>,
     allowed: Duration,
     /// Held for as long as the stream is, also once a WebSocket has taken it over.
-    _slot: Option<Slot>,
+    _slot: Option<Arc<Slot>>,
 }
 
 impl<S> Stall<S> {
-    pub(super) fn new(stream: S, slot: Option<Slot>) -> Self {
+    pub(super) fn new(stream: S, slot: Option<Arc<Slot>>) -> Self {
         Self { stream, waiting: None, allowed: ALLOWED, _slot: slot }
     }
 
