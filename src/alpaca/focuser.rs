@@ -108,7 +108,7 @@ impl Facade {
             ("halt", _) => return Ok(self.halt(axis, call.caller).await.map(|()| Answer::Done)?),
             ("move", _) => {
                 let step = call.params.int("Position")?;
-                return Ok(self.move_to_step(axis, call.caller, step).await.map(|()| Answer::Done)?);
+                return Ok(self.move_to_step(axis, call, step).await.map(|()| Answer::Done)?);
             }
             ("tempcomp", Verb::Put) => {
                 call.params.flag("TempComp")?;
@@ -173,8 +173,9 @@ impl Facade {
         Ok(step)
     }
 
-    async fn move_to_step(&self, axis: AxisName, caller: Caller, step: i32) -> Result<(), Fault> {
-        let permit = self.seat.permit(caller, axis)?;
+    async fn move_to_step(&self, axis: AxisName, call: &Call, step: i32) -> Result<(), Fault> {
+        let caller = call.caller;
+        let permit = self.seat.permit(caller, axis)?.asked_at(call.asked);
         let steps = self.steps(axis);
         if !(0..=steps.last).contains(&step) {
             return Err(Fault::invalid_value(format!("Position: {step} is not within 0 to MaxStep, {}", steps.last)));
@@ -187,7 +188,7 @@ impl Facade {
     }
 
     pub(super) async fn home(&self, axis: AxisName, call: &Call) -> Result<Answer, Refused> {
-        let permit = self.seat.permit(call.caller, axis)?;
+        let permit = self.seat.permit(call.caller, axis)?.asked_at(call.asked);
         self.service.home_axis(&permit, axis).await?;
         self.seat.commands(call.caller, axis);
         self.audit(call.caller, "axis.home", json!({ "axis": axis }));

@@ -4,6 +4,7 @@ use std::net::IpAddr;
 use std::str::FromStr;
 
 use super::fault::Refused;
+use crate::control::motion::Stops;
 
 /// How a member is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,6 +58,8 @@ pub(super) struct Call {
     pub(super) member: &'static str,
     pub(super) params: Params,
     pub(super) caller: Caller,
+    /// The stops when the request's head had come: its form may take its time.
+    pub(super) asked: Stops,
 }
 
 /// Named values, of a query or a form.

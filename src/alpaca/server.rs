@@ -138,6 +138,7 @@ async fn answer(State(facade): State<Arc<Facade>>, request: Request) -> Response
 
 impl Facade {
     async fn respond(&self, request: Request, transaction: &mut Transaction) -> Result<Response, Away> {
+        let asked = self.service.stops();
         let client = self.admit(&request)?;
         let path = request.uri().path().trim_start_matches('/').to_owned();
         let path: Vec<&str> = path.split('/').collect();
@@ -172,7 +173,7 @@ impl Facade {
                 let caller = Caller { id: params.id("ClientID")?, address: client.address };
                 transaction.client = params.id("ClientTransactionID")?;
                 self.seat.renew(caller);
-                match self.answer(device, &Call { verb, member, params, caller }).await? {
+                match self.answer(device, &Call { verb, member, params, caller, asked }).await? {
                     Answer::Done => Ok(done(*transaction, None)),
                     Answer::Value(value) => Ok(done(*transaction, Some(value))),
                     Answer::Picture(picture) => self.write(picture, *transaction, as_bytes).await,

@@ -13,8 +13,10 @@ use axum::http::{HeaderValue, header};
 use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
 
+use super::App;
 use super::error::{CONFIRM_HEADER, LEASE_HEADER, Problem};
 use crate::control::Shown;
+use crate::control::motion::Stops;
 
 /// Longest body of a request, bytes.
 pub(super) const BODY_LIMIT_BYTES: usize = 16 * 1024;
@@ -83,20 +85,28 @@ pub(super) struct LeaseKey {
     /// Key of the control lease.
     #[param(rename = "Plenalign-Lease")]
     key: Option<String>,
+    /// The stops when the request's head had come: its body may take its time.
+    #[param(ignore)]
+    asked: Stops,
 }
 
 impl LeaseKey {
+    /// The stops when the request was made.
+    pub(super) const fn asked(&self) -> Stops {
+        self.asked
+    }
+
     /// The key, if one was shown.
     pub(super) fn shown(&self) -> Option<&str> {
         self.key.as_deref()
     }
 }
 
-impl<S: Send + Sync> FromRequestParts<S> for LeaseKey {
+impl FromRequestParts<App> for LeaseKey {
     type Rejection = Infallible;
 
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
-        Ok(Self { key: parts.headers.get(LEASE_HEADER).map(text_of) })
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Infallible> {
+        Ok(Self { key: parts.headers.get(LEASE_HEADER).map(text_of), asked: app.service.stops() })
     }
 }
 

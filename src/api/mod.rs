@@ -100,9 +100,9 @@ struct App {
 }
 
 impl App {
-    /// That the request comes from the holder of the control lease.
+    /// That the request comes from the holder of the control lease. What it asks for was asked for when its head came.
     fn permit(&self, key: &extract::LeaseKey) -> std::result::Result<Permit, ServiceError> {
-        Ok(self.service.leases().permit(key.shown())?)
+        Ok(self.service.leases().permit(key.shown())?.asked_at(key.asked()))
     }
 }
 

@@ -157,7 +157,9 @@ impl Service {
         speed_mm_per_s: Option<f64>,
         press: Option<&str>,
     ) -> Result<(BenchView, Acceptance), ServiceError> {
-        self.presses.go_on(axis, press, self.motion.turns())?;
+        let admission = self.motion.admit(permit);
+        // As of when it was asked: a press that a stop has overtaken is over, however late it is heard of.
+        self.presses.go_on(axis, press, admission.turns())?;
         let greatest = self.motion.axis(axis).speed_mm_per_s;
         let speed = speed_mm_per_s.unwrap_or(greatest);
         if speed.is_nan() || speed <= 0.0 {
@@ -167,7 +169,6 @@ impl Service {
         if speed > greatest {
             return Err(Refusal::Speed { axis, speed, max: greatest }.into());
         }
-        let admission = self.motion.admit(permit);
         if self.renew_jog(&admission, axis, towards, speed, press)? {
             return Ok((self.bench_view(), Acceptance::Before));
         }

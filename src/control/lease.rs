@@ -13,6 +13,7 @@ use tokio::time::Instant;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::motion::Stops;
 use super::refusal::{Refusal, ServiceError};
 use crate::access::Digest;
 
@@ -106,9 +107,22 @@ pub fn words(field: &'static str, text: &str) -> Result<(), ServiceError> {
 pub struct Permit {
     lease: Uuid,
     owner: String,
+    /// The stops when it was asked, where that is known to be earlier than now.
+    asked: Option<Stops>,
 }
 
 impl Permit {
+    /// For what was asked for when these were all the stops that had been given: what has stopped since ends it.
+    #[must_use]
+    pub fn asked_at(self, stops: Stops) -> Self {
+        Self { asked: Some(stops), ..self }
+    }
+
+    /// The stops when it was asked, and the permit of whatever the holder asks.
+    pub(super) fn split(&self) -> (Option<Stops>, Self) {
+        (self.asked, Self { asked: None, ..self.clone() })
+    }
+
     /// Whose lease it is.
     #[must_use]
     pub fn owner(&self) -> &str {
@@ -292,7 +306,7 @@ impl Leases {
     /// # Errors
     /// [`Refusal::LeaseRequired`] without a key, [`Refusal::LeaseLost`] with one that is not the holder's.
     pub fn permit(&self, key: Option<&str>) -> Result<Permit, Refusal> {
-        self.with(key, |lease| Permit { lease: lease.id, owner: lease.owner.clone() })
+        self.with(key, |lease| Permit { lease: lease.id, owner: lease.owner.clone(), asked: None })
     }
 
     /// Runs `change` on the lease that `key` opens and that was not given back: one that was ends with the job that
@@ -344,7 +358,7 @@ impl Leases {
     pub fn connect(&self, key: &str) -> Result<Permit, Refusal> {
         let permit = self.with_kept(Some(key), |lease| {
             lease.connections += 1;
-            Permit { lease: lease.id, owner: lease.owner.clone() }
+            Permit { lease: lease.id, owner: lease.owner.clone(), asked: None }
         })?;
         self.changed();
         Ok(permit)

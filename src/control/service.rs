@@ -19,7 +19,7 @@ use super::job::JobSnapshot;
 use super::journal::Journal;
 use super::lease::{LeaseGrant, LeaseRequest, LeaseView, Leases};
 use super::look::Looks;
-use super::motion::Motion;
+use super::motion::{Motion, Stops};
 use super::press::Presses;
 use super::simulated::PlanInForce;
 use super::stopping::KEEP_ALLOWED;
@@ -247,6 +247,12 @@ impl Service {
 
     pub(super) fn current(&self) -> Option<Arc<Job>> {
         self.all_jobs().iter().rev().find(|job| !job.snapshot().state.is_final()).cloned()
+    }
+
+    /// The stops that have been given by now: what is asked for now may move until another one comes.
+    #[must_use]
+    pub fn stops(&self) -> Stops {
+        self.motion.stops()
     }
 
     /// The control lease.

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use plenalign::api::error::LEASE_HEADER;
 use plenalign::config::Config;
 use plenalign::control::lease::LeaseRequest;
 use plenalign::control::{Refusal, Service, ServiceError};
@@ -13,6 +14,7 @@ use plenalign::store::{Hindrance, Store};
 use plenalign::units::Millimetres;
 use reqwest::{Method, Response};
 use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 
 use super::bench::permit;
 use super::daemon::{Daemon, client, problem};
@@ -314,4 +316,48 @@ async fn a_stop_that_the_full_queue_did_not_take_is_written_when_it_does() {
         assert!(from.elapsed() < Duration::from_secs(20), "{}", kept(folder.path()));
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
+}
+
+/// What comes back for a request whose body comes to its end after a stop and its reset.
+async fn overtaken_by_a_stop(daemon: &Daemon, path: &str, body: &Value) -> String {
+    let (key, body) = (daemon.lease().await.to_owned(), body.to_string());
+    let head = format!(
+        "POST {path} HTTP/1.1\r\nhost: 127.0.0.1\r\n{LEASE_HEADER}: {key}\r\ncontent-type: application/json\r\n\
+         expect: 100-continue\r\nconnection: close\r\ncontent-length: {}\r\n\r\n",
+        body.len()
+    );
+    let mut stream = tokio::net::TcpStream::connect(daemon.address).await.unwrap();
+    stream.write_all(head.as_bytes()).await.unwrap();
+    // It is said that the body may come once its reading has begun.
+    let mut go_on = [0; 25];
+    stream.read_exact(&mut go_on).await.unwrap();
+    assert_eq!(&go_on, b"HTTP/1.1 100 Continue\r\n\r\n");
+    stream.write_all(&body.as_bytes()[..5]).await.unwrap();
+    stop(daemon).await;
+    assert_eq!(daemon.reset_stop().await.status(), 200);
+    stream.write_all(&body.as_bytes()[5..]).await.unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.unwrap();
+    answer
+}
+
+#[tokio::test]
+async fn what_was_asked_for_before_a_stop_does_not_begin_after_its_reset_however_late_its_body_comes() {
+    let fakes = fakes();
+    let daemon = Daemon::start(fakes.bench.clone()).await;
+    let jog = json!({ "towards": "low", "press": "a" });
+    for (path, body, kind) in [
+        (MOVE, json!({ "position_mm": 29.0 }), "stopped"),
+        ("/api/v1/axes/e/jog", json!({ "towards": "low" }), "stopped"),
+        ("/api/v1/axes/e/jog", jog.clone(), "press-ended"),
+        ("/api/v1/jobs", json!({ "kind": "homing" }), "stopped"),
+    ] {
+        let answer = overtaken_by_a_stop(&daemon, path, &body).await;
+        assert!(answer.starts_with("HTTP/1.1 409 "), "{path} {body}: {answer}");
+        assert!(answer.contains(&format!("urn:plenalign:problem:{kind}\"")), "{path} {body}: {answer}");
+    }
+    let again = daemon.command(Method::POST, "/api/v1/axes/e/jog", &jog).await;
+    problem(again, 409, "press-ended").await;
+    assert!(fakes.e.told.lock().unwrap().is_empty());
+    assert_eq!(go(&daemon).await.status(), 202, "what is asked for now moves");
 }

@@ -32,10 +32,23 @@ const END_ALLOWED: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone, PartialEq)]
 pub struct Admission {
     permit: Permit,
-    /// Of each axis: what its commands carry.
+    stops: Stops,
+}
+
+/// The stops that had been given at some moment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stops {
+    /// Of each axis: what commands of then carry.
     generations: [u64; 2],
     /// The stops and resets by then.
     turns: u64,
+}
+
+impl Admission {
+    /// The stops and resets by then.
+    pub(in crate::control) const fn turns(&self) -> u64 {
+        self.stops.turns
+    }
 }
 
 /// The right to command motion of one axis, until every clone of it is dropped.
@@ -97,7 +110,7 @@ impl Claim {
 
     /// What its orders carry.
     pub(super) fn generation(&self) -> u64 {
-        self.command.admission.generations[index(self.command.axis)]
+        self.command.admission.stops.generations[index(self.command.axis)]
     }
 
     /// How a command ended: where its lease ended under it, that is why it did not end as commanded.
@@ -110,13 +123,19 @@ impl Claim {
 }
 
 impl Motion {
-    /// What the holder of a lease asks for now is admitted under. Whether that may move is looked at when it takes an axis:
-    /// a stop that comes from here on outdates it, also where it is reset before that.
+    /// The stops that have been given by now.
+    #[must_use]
+    pub fn stops(&self) -> Stops {
+        let turns = self.turns();
+        Stops { generations: AxisName::ALL.map(|axis| self.bench.stage(axis).generation()), turns }
+    }
+
+    /// What the holder of a lease asks for now, or asked for when the permit says, is admitted under. Whether that may move is looked at when it takes an axis:
+    /// a stop that comes from then on outdates it, also where it is reset before that.
     #[must_use]
     pub fn admit(&self, permit: &Permit) -> Admission {
-        let turns = self.turns();
-        let generations = AxisName::ALL.map(|axis| self.bench.stage(axis).generation());
-        Admission { permit: permit.clone(), generations, turns }
+        let (asked, permit) = permit.split();
+        Admission { permit, stops: asked.unwrap_or_else(|| self.stops()) }
     }
 
     /// Whether what was admitted may move an axis now.
@@ -126,8 +145,8 @@ impl Motion {
     pub fn in_force(&self, admission: &Admission, axis: AxisName) -> Result<(), ServiceError> {
         self.check_latch()?;
         self.leases.check(&admission.permit)?;
-        let is_newest = self.bench.stage(axis).generation() == admission.generations[index(axis)];
-        if is_newest && self.turns() == admission.turns { Ok(()) } else { Err(DeviceError::Stopped { axis }.into()) }
+        let is_newest = self.bench.stage(axis).generation() == admission.stops.generations[index(axis)];
+        if is_newest && self.turns() == admission.turns() { Ok(()) } else { Err(DeviceError::Stopped { axis }.into()) }
     }
 
     /// Takes the right to command an axis, which a command that answers before its end holds until then.

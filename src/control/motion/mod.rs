@@ -18,7 +18,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use self::admission::Commands;
-pub use self::admission::{Admission, Claim};
+pub use self::admission::{Admission, Claim, Stops};
 pub use self::halt::StopReport;
 use self::latch::Latch;
 use self::pieces::{Ahead, Pieces};
