@@ -21,10 +21,10 @@ const fn only_reads(method: &Method) -> bool {
 
 /// What carries a connection's requests out.
 ///
-/// When a client hangs up, hyper drops what answers it at whatever it waits for. What has been begun by then goes on all
-/// the same, and would be in no audit log. So whatever does not only read runs in a task of its own. That keeps the
-/// connection's place: there are no more such tasks than there are places, since a connection has one request in work at
-/// a time. A body that has not come by then never does, which ends the task.
+/// When a client hangs up, hyper drops what answers it at whatever it waits for. What has been begun by then goes on
+/// all the same, and would be in no audit log. So whatever does not only read runs in a task of its own. That keeps the
+/// connection's place: there are no more such tasks than there are places, since a connection has one request in work
+/// at a time. A body that has not come by then never does, which ends the task.
 #[derive(Clone)]
 pub(super) struct Carrier {
     pub(super) router: Router,

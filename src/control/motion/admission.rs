@@ -130,8 +130,9 @@ impl Motion {
         Stops { generations: AxisName::ALL.map(|axis| self.bench.stage(axis).generation()), turns }
     }
 
-    /// What the holder of a lease asks for now, or asked for when the permit says, is admitted under. Whether that may move is looked at when it takes an axis:
-    /// a stop that comes from then on outdates it, also where it is reset before that.
+    /// What the holder of a lease asks for now, or asked for when the permit says, is admitted under. Whether that may
+    /// move is looked at when it takes an axis: a stop that comes from then on outdates it, also where it is reset
+    /// before that.
     #[must_use]
     pub fn admit(&self, permit: &Permit) -> Admission {
         let (asked, permit) = permit.split();
