@@ -123,7 +123,8 @@ impl Known {
                     }
                     return;
                 }
-                let sure = self.leases[at].surely_at(answered.at) || self.leases[at].given_back;
+                // Given back before, it is there to be given back again only until its job has come to rest.
+                let sure = self.leases[at].surely_at(answered.at) && !self.leases[at].given_back;
                 self.expect("lease.release", *who, !sure);
                 let lease = &mut self.leases[at];
                 if lease.job.is_some() {
