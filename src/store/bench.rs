@@ -149,7 +149,7 @@ mod tests {
         ] {
             writer.keep(&Kept { bench: "tty".to_owned(), key: "stop".to_owned(), value: value.clone() }).unwrap();
             for name in &names {
-                assert_eq!(name.kept(&file, "stop").unwrap(), [value.clone()], "{name:?}");
+                assert_eq!(name.kept(&file, "stop").unwrap(), std::slice::from_ref(&value), "{name:?}");
             }
         }
     }

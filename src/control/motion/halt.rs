@@ -22,7 +22,7 @@ pub struct StopReport {
     /// From the request until the last byte of the stop order was handed to the operating system, on every axis reached,
     /// ms; 0 where an earlier stop was being carried out already, absent where no axis was reached.
     pub latency_ms: Option<f64>,
-    /// Whether the latch is on the disk already, so that it outlives a restart. Where it is not, that is tried on.
+    /// Whether the latch is on the disk already, so that it outlives a restart. Where it is not, writing it is tried again.
     pub kept: bool,
 }
 

@@ -4722,7 +4722,7 @@ export interface components {
       e: components["schemas"]["StopDelivery"];
       /** @description The focus axis. */
       focus: components["schemas"]["StopDelivery"];
-      /** @description Whether the latch is on the disk already, so that it outlives a restart. Where it is not, that is tried on. */
+      /** @description Whether the latch is on the disk already, so that it outlives a restart. Where it is not, writing it is tried again. */
       kept: boolean;
       /**
        * Format: double

@@ -862,8 +862,9 @@ class JogRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A jog of one axis."""
 
     press: str | None = None
-    """A name of the caller's own for this press of the button, another one for each: one that a stop has ended is
-    refused from then on, so that a button held down all the while does not move the axis again after the reset.
+    """A name of the caller's own for this press of the button, another one for each: one that a stop, another press
+    or its own end has ended is refused from then on, so that no word that comes late, and no button held down
+    all the while, moves the axis again.
     """
     speed_mm_per_s: float | None = None
     """How fast, mm/s; the axis's greatest speed where it is not given."""
@@ -1700,6 +1701,10 @@ class StopReport(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The e axis."""
     focus: StopDelivery
     """The focus axis."""
+    kept: bool
+    """Whether the latch is on the disk already, so that it outlives a restart. Where it is not, writing it is tried
+    again.
+    """
     latency_ms: float | None = None
     """From the request until the last byte of the stop order was handed to the operating system, on every axis
     reached, ms; 0 where an earlier stop was being carried out already, absent where no axis was reached.
