@@ -150,7 +150,7 @@ def test_a_jog_whose_answer_does_not_come_is_ended() -> None:
 def test_the_stop_is_asked_again() -> None:
     def reply(connection: socket.socket, number: int) -> None:
         if number == 3:
-            answer(b'{"focus": "confirmed", "e": "sent", "latency_ms": 2.5}')(connection, number)
+            answer(b'{"focus": "confirmed", "e": "sent", "latency_ms": 2.5, "kept": true}')(connection, number)
 
     with bad(reply) as (server, client):
         assert client.stop().latency_ms == 2.5
