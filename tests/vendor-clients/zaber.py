@@ -29,6 +29,8 @@ def interrupted_by(axis, command) -> None:
     # The flag goes with the next motion that begins at rest, and not before.
     assert "NI" in axis.warnings.get_flags() and "NI" in axis.warnings.clear_flags()
     assert "NI" in axis.warnings.get_flags()
+    while axis.is_busy():
+        time.sleep(0.01)
     axis.move_relative(10)
     assert "NI" not in axis.warnings.get_flags(), axis.warnings.get_flags()
 
