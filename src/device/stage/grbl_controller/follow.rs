@@ -6,6 +6,7 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 use super::super::grbl::{self, Alarm, Mode};
 use super::super::track::{BEGIN, CYCLE, END, Track};
+use super::moves::ARRIVAL_MM;
 use super::{ANSWER, Controller, Reading, device_error, locked};
 use crate::device::DeviceError;
 use crate::device::jog::Course;
@@ -13,8 +14,6 @@ use crate::units::Millimetres;
 
 /// Least time between two status requests: each is answered by a line of its own.
 const REPORTS: Duration = CYCLE.saturating_add(Duration::from_millis(10));
-/// Distance between the end of the course and the readback that is no arrival, mm.
-const ARRIVAL_MM: f64 = 0.01;
 /// Longest wait for a status report before it is asked for once more.
 const REPORT: Duration = Duration::from_millis(200);
 
@@ -29,7 +28,7 @@ impl Controller {
         let _operation = self.operation.lock().await;
         self.ready(name, generation).await?;
         if let Some(alarm) = *self.alarm.borrow() {
-            return Err(self.alarmed(Some(alarm)));
+            return Err(self.alarmed(alarm));
         }
         self.renew_if_stale(index).await?;
         *locked(&self.moved) = Some(index);
@@ -40,7 +39,7 @@ impl Controller {
         let ended = tokio::select! {
             biased;
             () = self.orders.outdated(generation) => return self.stopped(name).await,
-            alarm = alarmed => return Err(self.alarmed(alarm)),
+            alarm = alarmed => return Err(self.alarmed(alarm.unwrap_or(Alarm(0)))),
             () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => return Err(self.restarted()),
             ended = self.lead(index, course, generation) => ended,
         };
@@ -53,11 +52,6 @@ impl Controller {
             }
             reached => reached,
         }
-    }
-
-    fn alarmed(&self, alarm: Option<Alarm>) -> DeviceError {
-        let reason = self.alarm_words(alarm.unwrap_or(Alarm(0)));
-        DeviceError::Alarm { device: self.name.clone(), reason }
     }
 
     /// Tells the axis of its way, a little at a time, up to the end of the course.

@@ -14,7 +14,7 @@ use crate::device::{AxisName, DeviceError, MoveTime};
 use crate::units::Millimetres;
 
 /// Distance between target and readback that is no arrival, mm: Grbl reports three decimals of whole motor steps.
-const ARRIVAL_MM: f64 = 0.01;
+pub(super) const ARRIVAL_MM: f64 = 0.01;
 
 /// A home switch trips at the same place again to this, mm.
 const SWITCH_MM: f64 = 0.05;
@@ -51,7 +51,7 @@ impl Controller {
             return Err(DeviceError::Refused { device: self.name.clone(), reason: format!("{target} is no position") });
         }
         if let Some(alarm) = *self.alarm.borrow() {
-            return Err(DeviceError::Alarm { device: self.name.clone(), reason: self.alarm_words(alarm) });
+            return Err(self.alarmed(alarm));
         }
         self.renew_if_stale(index).await?;
         let _watching = self.watching();
@@ -91,10 +91,7 @@ impl Controller {
         let reading = tokio::select! {
             biased;
             () = self.orders.outdated(generation) => return self.stopped(name).await,
-            alarm = alarmed => {
-                let reason = self.alarm_words(alarm.unwrap_or(Alarm(0)));
-                return Err(DeviceError::Alarm { device: self.name.clone(), reason });
-            }
+            alarm = alarmed => return Err(self.alarmed(alarm.unwrap_or(Alarm(0)))),
             () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => return Err(self.restarted()),
             reading = self.rest(answer.line_number) => reading,
             () = tokio::time::sleep(allowed) => Err(self.timeout(&format!("end a move of {distance:.3} mm"), allowed)),
@@ -252,10 +249,7 @@ impl Controller {
     /// What a port says, in the device's words, with what the last motion tells of an alarm.
     fn port_error(&self, what: &str, error: PortError) -> DeviceError {
         match error {
-            PortError::Halted(line) => {
-                let alarm = Alarm::from_line(&line).unwrap_or(Alarm(0));
-                DeviceError::Alarm { device: self.name.clone(), reason: self.alarm_words(alarm) }
-            }
+            PortError::Halted(line) => self.alarmed(Alarm::from_line(&line).unwrap_or(Alarm(0))),
             other => device_error(&self.name, what, other),
         }
     }

@@ -105,6 +105,11 @@ impl Axis {
 }
 
 impl Controller {
+    /// An alarm, with what the last motion tells of it.
+    pub(super) fn alarmed(&self, alarm: Alarm) -> DeviceError {
+        DeviceError::Alarm { device: self.name.clone(), reason: self.alarm_words(alarm) }
+    }
+
     /// An alarm in words, with what the last motion tells of it.
     pub(super) fn alarm_words(&self, alarm: Alarm) -> String {
         let moved = *locked(&self.moved);
