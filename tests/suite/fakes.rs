@@ -5,11 +5,13 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use async_trait::async_trait;
+use plenalign::device::faults::Faults;
 use plenalign::device::{
-    AxisName, AxisPose, Bench, CameraState, DeviceError, Frame, FrameSource, MoveTime, Stage, StageInfo, StageState,
-    StopDelivery,
+    AxisName, AxisPose, Bench, CameraState, DeviceError, Frame, FrameSource, MoveTime, Setup, SimulatedOperator, Stage,
+    StageInfo, StageState, StopDelivery,
 };
 use plenalign::raw::RawImage;
+use plenalign::sim::truth::Truth;
 use plenalign::units::Millimetres;
 use tokio::sync::watch;
 use tokio::time::Instant;
@@ -219,4 +221,33 @@ pub(crate) fn fakes() -> Fakes {
     let focus = Arc::new(StillStage::new(AxisName::Focus));
     let bench = Bench { focus, e: e.clone(), camera: camera.clone(), simulated: None };
     Fakes { e, camera, bench }
+}
+
+/// Whoever stands at a simulated bench and sets up what a job asks for; confirming it is the test's.
+pub(crate) struct Hand {
+    pub(crate) truth: Arc<Truth>,
+    /// Whether it pushes the lens to the least e by hand, where a job asks for that.
+    pub(crate) pushes_the_lens: bool,
+}
+
+impl SimulatedOperator for Hand {
+    fn obey(&self, setup: &Setup) {
+        if self.pushes_the_lens || !matches!(setup, Setup::LeastE { .. }) {
+            self.truth.obey(setup);
+        }
+    }
+
+    fn confirms(&self) -> bool {
+        false
+    }
+
+    fn truth(&self) -> serde_json::Value {
+        self.truth.report()
+    }
+
+    fn faults(&self) -> Faults {
+        Faults::default()
+    }
+
+    fn set_faults(&self, _: Faults) {}
 }

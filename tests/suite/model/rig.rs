@@ -5,10 +5,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use plenalign::config::{Config, ControllerConfig, ControllerDriver, Side};
-use plenalign::device::faults::Faults;
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::Controller;
-use plenalign::device::{AxisName, Bench, Setup, SimulatedOperator, Stage, open};
+use plenalign::device::{AxisName, Bench, Stage, open};
 use plenalign::sim::camera::SimulatedCamera;
 use plenalign::sim::plant::Plant;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
@@ -18,6 +17,7 @@ use plenalign::sim::truth::Truth;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
+use super::super::fakes::Hand;
 use super::super::stages::kit::suit;
 use super::wire::Tapped;
 
@@ -172,7 +172,8 @@ impl Rig {
         let stage = |axis| Arc::new(controller.stage(axis).unwrap()) as Arc<dyn Stage>;
         let (focus, e) = (stage(AxisName::Focus), stage(AxisName::E));
         let camera = SimulatedCamera::new(Arc::clone(&self.truth), Arc::clone(&focus), Arc::clone(&e));
-        let hand = Hand(Arc::clone(&self.truth));
+        // Nobody pushes the lens about: each motion that is seen is the controller's.
+        let hand = Hand { truth: Arc::clone(&self.truth), pushes_the_lens: false };
         Bench { focus, e, camera: Arc::new(camera), simulated: Some(Arc::new(hand)) }
     }
 
@@ -194,30 +195,4 @@ impl Rig {
             Trouble::InTime => self.twin.set_line(Line::default()),
         }
     }
-}
-
-/// Whoever stands at the bench and sets up what a job asks for.
-struct Hand(Arc<Truth>);
-
-impl SimulatedOperator for Hand {
-    fn obey(&self, setup: &Setup) {
-        // Nobody pushes the lens about: each motion that is seen is the controller's.
-        if !matches!(setup, Setup::LeastE { .. }) {
-            self.0.obey(setup);
-        }
-    }
-
-    fn confirms(&self) -> bool {
-        false
-    }
-
-    fn truth(&self) -> serde_json::Value {
-        self.0.report()
-    }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
-    }
-
-    fn set_faults(&self, _: Faults) {}
 }

@@ -8,11 +8,10 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use plenalign::config::AxisConfig;
-use plenalign::device::faults::Faults;
 use plenalign::device::stage::supervisor::ControllerStage;
 use plenalign::device::{
-    AxisName, AxisPose, CameraState, DeviceError, Frame, FrameSource, MoveTime, Setup, SimulatedOperator, Stage,
-    StageInfo, StageState, StopDelivery,
+    AxisName, AxisPose, CameraState, DeviceError, Frame, FrameSource, MoveTime, Stage, StageInfo, StageState,
+    StopDelivery,
 };
 use plenalign::raw::RawImage;
 use plenalign::sim::camera::SimulatedCamera;
@@ -165,27 +164,4 @@ impl FrameSource for Watched {
         self.points.pass(Point::Taken);
         frame
     }
-}
-
-/// Whoever stands at the bench and sets up what a job asks for.
-pub(super) struct Hand(pub(super) Arc<Truth>);
-
-impl SimulatedOperator for Hand {
-    fn obey(&self, setup: &Setup) {
-        self.0.obey(setup);
-    }
-
-    fn confirms(&self) -> bool {
-        false
-    }
-
-    fn truth(&self) -> serde_json::Value {
-        self.0.report()
-    }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
-    }
-
-    fn set_faults(&self, _: Faults) {}
 }

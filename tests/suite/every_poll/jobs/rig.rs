@@ -20,8 +20,9 @@ use plenalign::store::Store;
 use tokio::time::sleep;
 
 use super::super::super::bench::small_config;
+use super::super::super::fakes::Hand;
 use super::super::commands::done;
-use super::devices::{Hand, Told, Watched};
+use super::devices::{Told, Watched};
 use super::points::{Point, Points};
 use super::wire::{Tapped, Trouble};
 
@@ -127,7 +128,7 @@ impl Rig {
         let camera = SimulatedCamera::new(Arc::clone(&truth), Arc::clone(&focus), Arc::clone(&e));
         let camera =
             Watched { camera, truth: Arc::clone(&truth), stages, points: Arc::clone(&points), seq: AtomicU64::new(0) };
-        let simulated = Some(Arc::new(Hand(Arc::clone(&truth))) as _);
+        let simulated = Some(Arc::new(Hand { truth: Arc::clone(&truth), pushes_the_lens: true }) as _);
         let bench = Bench { focus, e, camera: Arc::new(camera), simulated };
         let store = Store::in_memory();
         let service = Service::start(config, "a test's".to_owned(), bench, store.clone());
