@@ -100,6 +100,8 @@ pub struct Drive {
     axis: usize,
     /// Greatest speed now, mm/s.
     pub speed: f64,
+    /// Speed of the search for a switch, mm/s, whatever the last move was told.
+    pub homing_speed: f64,
     /// Acceleration now, mm/s².
     pub acceleration: f64,
     /// Travel of the motor since power-up, mm.
@@ -129,6 +131,7 @@ impl Drive {
         let limit_closed = plant.limit_switch_closed(axis);
         Self {
             speed: config.speed_mm_per_s,
+            homing_speed: config.speed_mm_per_s,
             acceleration: config.acceleration_mm_per_s2,
             plant,
             axis,
@@ -240,7 +243,7 @@ impl Drive {
         self.halt();
         self.origin = -self.motor;
         self.inverted = self.config.motor_inverted;
-        self.speed = self.config.speed_mm_per_s;
+        (self.speed, self.homing_speed) = (self.config.speed_mm_per_s, self.config.speed_mm_per_s);
         self.acceleration = self.config.acceleration_mm_per_s2;
     }
 
@@ -288,7 +291,7 @@ impl Drive {
 
     fn step_home(&mut self, phase: Phase, dt: f64) -> Option<Event> {
         let towards = if self.seeks_negative { -1.0 } else { 1.0 };
-        let (fast, slow) = (self.speed, self.speed / 4.0);
+        let (fast, slow) = (self.homing_speed, self.homing_speed / 4.0);
         match phase {
             Phase::Seek(from) => {
                 if self.sought_switch_closed() {

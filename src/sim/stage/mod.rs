@@ -43,7 +43,7 @@ const TICK: Duration = Duration::from_millis(5);
 /// Silence after which a firmware gives up an unfinished frame.
 const PAUSE: Duration = Duration::from_millis(50);
 /// Distance from the home switch after homing, mm: an axis's `home_position_mm` is this far off its switch.
-pub const PULL_OFF_MM: f64 = 2.0;
+pub const PULL_OFF_MM: f64 = 3.0;
 /// Distance of the switch at the end opposite to home from the limit of travel, mm.
 pub const FAR_SWITCH_MM: f64 = 1.0;
 

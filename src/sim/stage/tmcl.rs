@@ -133,7 +133,7 @@ impl TmclFirmware {
             (command::MVP, _) => return Err(WRONG_TYPE),
             (command::RFS, 0) => {
                 let mode = axis.parameters[&parameter::SEARCH_MODE];
-                axis.drive.speed = f64::from(axis.parameters[&194]) / units;
+                axis.drive.homing_speed = f64::from(axis.parameters[&194]) / units;
                 axis.drive.home_towards(mode & SEARCH_RIGHT == 0);
             }
             (command::RFS, 1) => {

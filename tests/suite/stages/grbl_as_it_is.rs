@@ -8,7 +8,7 @@ use plenalign::config::{AxisConfig, BenchConfig, ControllerDriver, Side};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
-use plenalign::sim::stage::{ControllerTwin, Firmware};
+use plenalign::sim::stage::{ControllerTwin, Firmware, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep, timeout};
 
@@ -263,9 +263,17 @@ async fn an_axis_that_ran_into_its_home_switch_is_homed_from_there() {
 
 #[tokio::test(start_paused = true)]
 async fn a_move_onto_the_home_switch_is_refused_and_costs_no_reference() {
-    let kit = kit([1.3, 20.4], |_| {});
+    let near = "from its home switch";
+    let clear = kit([1.3, 20.4], |_| {});
+    assert!(!homed(&clear).await.e.info().disagreements.join(" ").contains(near), "a millimetre is far enough");
+    let mut kit = kit([1.3, 20.4], |_| {});
+    let (focus, e) = (&mut kit.bench.focus, &mut kit.bench.e);
+    focus.low_limit_mm = focus.home_position_mm - PULL_OFF_MM;
+    e.high_limit_mm = e.home_position_mm + PULL_OFF_MM;
     let rig = homed(&kit).await;
     for (stage, limit) in [(&rig.e, kit.bench.e.high_limit_mm), (&rig.focus, kit.bench.focus.low_limit_mm)] {
+        let told = stage.info().disagreements.join(" ");
+        assert!(told.contains(near) && told.contains("_limit_mm = ") && told.contains("$27"), "{told}");
         let error = stage.move_to(Millimetres(limit), stage.generation()).await.unwrap_err();
         assert!(
             matches!(&error, DeviceError::Refused { reason, .. } if reason.contains("home switch trips")),

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use plenalign::config::{AxisConfig, BenchConfig};
 use plenalign::sim::plant::Slides;
-use plenalign::sim::stage::ControllerTwin;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::{Instant, sleep, timeout_at};
 
@@ -64,7 +64,7 @@ async fn homing_from_a_far_switch_goes_on_away_from_home() {
         assert!((490..=510).contains(&(lines[1].0 - lines[0].0)), "{lines:?}");
         // Against the hard stop in the end, where the motor turns on.
         let turned = slides.at(1) + slides.lost(1);
-        assert!((turned - (-6.3 - 2.0 * f64::from(tries))).abs() < 0.01, "{turned}");
+        assert!((turned - (-6.3 - PULL_OFF_MM * f64::from(tries))).abs() < 0.01, "{turned}");
     }
     let report = told(&mut wire, b"?", Duration::from_millis(10)).await;
     assert!(report[0].1.starts_with("<Alarm|") && report[0].1.contains("|Pn:Y"), "{report:?}");
@@ -86,7 +86,7 @@ async fn nothing_but_a_reset_is_obeyed_in_homing_and_nothing_at_all_in_an_alarms
     let (slides, mut wire) = firmware([1.3, 10.0]);
     heard(&mut wire, Duration::from_millis(10)).await;
     told(&mut wire, b"$20=0\n$X\n$J=G91 G21 X-5 F120\n", Duration::from_millis(100)).await;
-    while slides.at(0) > -2.0 {
+    while slides.at(0) > -PULL_OFF_MM {
         sleep(Duration::from_millis(5)).await;
     }
     let lines = told(&mut wire, b"\x18", Duration::from_secs(3)).await;

@@ -176,7 +176,7 @@ fn at_every_poll(driver: ControllerDriver) {
 fn grbl_on_a_switch() {
     let (points, amid) = stepwise(|steps| async move {
         let driver = ControllerDriver::Grbl;
-        let kit = Kit::standing(driver, bench(driver), [-2.9, START[1]]);
+        let kit = Kit::standing(driver, bench(driver), [-3.9, START[1]]);
         // Powered up there, its soft limits would not allow the way off.
         kit.twin.receive(b"$20=0\n");
         let written = Written::default();
@@ -188,7 +188,7 @@ fn grbl_on_a_switch() {
             amid += usize::from(before > 0);
             points += 1;
         }
-        assert!(rig.slides.at(0) < -2.0 && rig.slides.at(0) > -2.9, "{}", rig.slides.at(0));
+        assert!(rig.slides.at(0) < -3.0 && rig.slides.at(0) > -3.9, "{}", rig.slides.at(0));
         (points, amid)
     });
     println!("Grbl on a switch: {points} points, {amid} of them with an order on its way");

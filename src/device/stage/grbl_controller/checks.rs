@@ -5,6 +5,8 @@ use super::super::grbl::{Letter, Settings};
 use super::super::session::AxisFacts;
 use crate::config::Side;
 
+/// What the configured limit should keep from the home switch, mm: switches do not trip at the same place for ever.
+const CLEARANCE_MM: f64 = 1.0;
 /// Grbl prints a setting rounded to three decimals: it may differ by half of the last one.
 const PRINTED: f64 = 0.5e-3;
 /// Grbl keeps a setting in 32 bits: a number of any size may be this much off, relative.
@@ -27,6 +29,7 @@ pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, zero
         // On the home side Grbl's limit is where the switch trips: the configured one keeps a distance from it, and the
         // switch is what bounds the axis there.
         let config = &setup.config;
+        facts.disagreements.extend(near_switch(setup, (low, high)));
         let (low, high) = match config.home_side {
             Side::Low => (low.max(config.low_limit_mm), high),
             Side::High => (low, high.min(config.high_limit_mm)),
@@ -50,6 +53,28 @@ fn soft_limits(setup: &AxisSetup, letter: Letter, settings: &Settings, zero: boo
         (false, true) => (-travel, 0.0, 0.0),
     };
     Some(setup.range((low, high), home))
+}
+
+/// A sentence where the configured limit is on the home switch, or nearer to it than a switch is exact.
+fn near_switch(setup: &AxisSetup, (low, high): (f64, f64)) -> Option<String> {
+    let AxisSetup { axis, config } = setup;
+    let side = config.home_side;
+    let (switch, limit) = match side {
+        Side::Low => (low, config.low_limit_mm),
+        Side::High => (high, config.high_limit_mm),
+    };
+    let clear_mm = side.sign() * (switch - limit);
+    // A limit well beyond the switch is told as travel that the controller does not have.
+    let near = (-PRINTED..CLEARANCE_MM - PRINTED).contains(&clear_mm);
+    near.then(|| {
+        let keep = switch - side.sign() * CLEARANCE_MM;
+        format!(
+            "The configured {side} limit of the {axis} axis, {limit} mm, is {:.3} mm from its home switch at {switch:.3} mm, \
+             where a move ends in an alarm and both references are lost: keep it a millimetre off \
+             (bench.{axis}.{side}_limit_mm = {keep:.3}), or have homing pull off farther ($27).",
+            clear_mm.max(0.0)
+        )
+    })
 }
 
 /// An axis's bit in a setting that is a mask.

@@ -71,6 +71,10 @@ pub struct GrblFirmware {
     pins_before: [bool; 3],
     /// An alarm's message that is being waited out: how long still, s, and what comes then.
     message: Option<(f64, alarms::After)>,
+    /// How long it still holds its motors after a motion before it switches them off, s: it answers nothing meanwhile.
+    silent_s: f64,
+    /// What has come in the meantime.
+    unheard: Vec<u8>,
     /// Machine position less motor position.
     origin: [i64; 3],
     motion: Option<Motion>,
@@ -91,7 +95,7 @@ impl Firmware for GrblFirmware {
     }
 
     fn is_moving(&self) -> bool {
-        self.motion.is_some() || self.homing.is_some() || self.message.is_some()
+        self.motion.is_some() || self.homing.is_some() || self.message.is_some() || self.silent_s > 0.0
     }
 
     fn stall(&mut self, axis: usize, stalled: bool) {
@@ -102,6 +106,10 @@ impl Firmware for GrblFirmware {
 
     fn receive(&mut self, byte: u8) {
         if self.message.is_some() {
+            return;
+        }
+        if self.silent_s > 0.0 {
+            self.unheard.push(byte);
             return;
         }
         match byte {
@@ -143,6 +151,8 @@ impl Firmware for GrblFirmware {
             left -= dt;
             if self.message.is_some() {
                 self.advance_message(dt);
+            } else if self.silent_s > 0.0 {
+                self.advance_silence(dt);
             } else if self.homing.is_some() {
                 self.advance_homing(dt);
             } else {
@@ -181,6 +191,8 @@ impl GrblFirmware {
             stalled: [false; 3],
             pins_before: [false; 3],
             message: None,
+            silent_s: 0.0,
+            unheard: Vec::new(),
             origin: [0; 3],
             motion: None,
             queue: VecDeque::new(),
@@ -228,6 +240,8 @@ impl GrblFirmware {
         self.motion = None;
         self.homing = None;
         self.message = None;
+        self.silent_s = 0.0;
+        self.unheard.clear();
         self.report_due = false;
         self.queue.clear();
         self.line.clear();
@@ -273,7 +287,12 @@ impl GrblFirmware {
 
     /// Answers the lines that can be answered now.
     fn work(&mut self) {
-        while !self.deaf && self.message.is_none() && self.homing.is_none() && self.alarm_at_rest.is_none() {
+        while !self.deaf
+            && self.silent_s <= 0.0
+            && self.message.is_none()
+            && self.homing.is_none()
+            && self.alarm_at_rest.is_none()
+        {
             let Some(line) = self.waiting.front() else { break };
             let moves = !line.starts_with(b"$") || line.starts_with(b"$J");
             if moves && self.queue.len() >= PLANNER_BLOCKS {
@@ -376,6 +395,37 @@ impl GrblFirmware {
                 self.queue.push_front(Block { target: rest, speed: motion.speed_asked() });
             }
             (state, _) => self.next_block(state),
+        }
+        if self.motion.is_none() {
+            self.fall_silent();
+        }
+        self.work();
+    }
+
+    /// After a motion the firmware waits `$1` milliseconds where it stands in its program, then switches its motors off;
+    /// 255 keeps them on.
+    fn fall_silent(&mut self) {
+        let held_ms = self.settings.get(1);
+        if held_ms < 255.0 {
+            self.silent_s = held_ms / 1000.0;
+        }
+    }
+
+    /// Lets that time pass, and hears what came in it: of any number of `?` one.
+    fn advance_silence(&mut self, dt: f64) {
+        self.silent_s -= dt;
+        if self.silent_s > 0.0 {
+            return;
+        }
+        let unheard = std::mem::take(&mut self.unheard);
+        if unheard.contains(&0x18) {
+            return self.receive(0x18);
+        }
+        if unheard.contains(&b'?') {
+            self.report();
+        }
+        for byte in unheard.into_iter().filter(|&byte| byte != b'?') {
+            self.receive(byte);
         }
         self.work();
     }
