@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::time::{Duration, Instant, sleep_until, timeout};
 
 use super::motion::ARRIVAL_MM;
-use super::{AxisReading, Dialogue, Polled};
+use super::{Dialogue, Polled};
 use crate::device::DeviceError;
 use crate::device::jog::Course;
 use crate::device::stage::track::{BEGIN, CYCLE, END, Track};
@@ -130,12 +130,5 @@ impl<D: Dialogue> Polled<D> {
                 let _ = self.look(other).await;
             }
         }
-    }
-
-    /// Asks where the axis is, and no more than it takes to believe that.
-    async fn glance(&self, index: usize) -> Result<AxisReading, DeviceError> {
-        let reading = self.dialogue.glance(index).await?;
-        self.take_reading(index, &reading);
-        Ok(reading)
     }
 }

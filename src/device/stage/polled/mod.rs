@@ -7,12 +7,13 @@ mod follow;
 mod motion;
 mod watch;
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use async_trait::async_trait;
 use tokio::sync::{Notify, oneshot, watch as channel};
+use tokio::time::Instant;
 
 use super::axis::AxisLink;
 use super::orders::Orders;
@@ -132,6 +133,15 @@ struct Axis {
     homing: AtomicBool,
     /// Whether it is looked at by what moves it, more often than by the rest.
     followed: AtomicBool,
+    seen: Mutex<Option<Seen>>,
+}
+
+/// Where an axis was said to be, in the controller's own coordinate, mm.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    position: f64,
+    moving: bool,
+    at: Instant,
 }
 
 /// A connected controller.
@@ -159,6 +169,7 @@ impl<D: Dialogue> Polled<D> {
             operation: tokio::sync::Mutex::new(()),
             homing: AtomicBool::new(false),
             followed: AtomicBool::new(false),
+            seen: Mutex::new(None),
         });
         let session = Arc::new(Self {
             name: wanted.name,

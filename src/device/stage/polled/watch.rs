@@ -1,13 +1,13 @@
 //! Readings: asked for again and again, and what they tell.
 
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Weak};
+use std::sync::{Arc, PoisonError, Weak};
 use std::time::Duration;
 
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-use super::{AxisReading, Dialogue, Polled, Watching};
+use super::{AxisReading, Dialogue, Polled, Seen, Watching};
 use crate::device::DeviceError;
 use crate::units::Millimetres;
 
@@ -18,6 +18,22 @@ const POLL_AT_REST: Duration = Duration::from_millis(250);
 const FAILURES: u32 = 4;
 /// Readings at rest differ by less than this while nothing moves, mm: a servo holds its place.
 const JITTER_MM: f64 = 1e-3;
+/// Answers that are asked for until two agree on where an axis is.
+const ANSWERS: u32 = 4;
+/// What a ramp, or a reading's age, may add to the way between two readings in motion, mm.
+const SLACK_MM: f64 = 0.05;
+
+impl Seen {
+    /// Whether an axis of this greatest speed (mm/s) cannot have come from here to there; at rest both times it has not
+    /// moved at all.
+    fn leaps_to(&self, now: &Self, speed: f64) -> bool {
+        let reach = match self.moving || now.moving {
+            true => 2.0 * speed * (now.at - self.at).as_secs_f64() + SLACK_MM,
+            false => JITTER_MM,
+        };
+        (now.position - self.position).abs() > reach
+    }
+}
 
 /// Asks again and again, until the port closes or every stage is dropped.
 pub(super) async fn poll<D: Dialogue>(weak: Weak<Polled<D>>, poll_now: Arc<Notify>) {
@@ -63,8 +79,44 @@ impl<D: Dialogue> Polled<D> {
         let asked = Instant::now();
         let reading = self.dialogue.read(axis).await?;
         self.reading_takes.send_replace(asked.elapsed());
+        let reading = self.believed(axis, reading).await?;
         self.take_reading(axis, &reading);
         Ok(reading)
+    }
+
+    /// Asks where the axis is, and no more than it takes to believe that.
+    pub(super) async fn glance(&self, axis: usize) -> Result<AxisReading, DeviceError> {
+        let reading = self.dialogue.glance(axis).await?;
+        let reading = self.believed(axis, reading).await?;
+        self.take_reading(axis, &reading);
+        Ok(reading)
+    }
+
+    /// Asks again where a reading leaps from the one before it: where answers have no checksum, a digit that the line has
+    /// lost makes another number of it. What two answers say is believed, whatever came before them.
+    async fn believed(&self, index: usize, mut reading: AxisReading) -> Result<AxisReading, DeviceError> {
+        let axis = self.axis(index);
+        let speed = self.dialogue.facts(index).speed_mm_per_s;
+        let mut asked = 1;
+        loop {
+            let now = Seen { position: reading.position, moving: reading.moving, at: Instant::now() };
+            let before = axis.seen.lock().unwrap_or_else(PoisonError::into_inner).replace(now);
+            // Homing has speeds of its own, and makes another coordinate.
+            let leaps =
+                !axis.homing.load(Ordering::SeqCst) && before.is_some_and(|before| before.leaps_to(&now, speed));
+            if !leaps || (asked == ANSWERS && reading.moving) {
+                return Ok(reading);
+            }
+            if asked == ANSWERS {
+                let detail = format!(
+                    "of {ANSWERS} answers no two said the same of where the {} axis stands at rest: see to the line",
+                    axis.link.name()
+                );
+                return Err(DeviceError::Protocol { device: self.name.clone(), detail });
+            }
+            reading = self.dialogue.read(index).await?;
+            asked += 1;
+        }
     }
 
     pub(super) fn take_reading(&self, index: usize, reading: &AxisReading) {
