@@ -35,6 +35,9 @@ pub struct AxisView {
     pub high_limit_mm: f64,
     /// Greatest speed at which it jogs, mm/s: a jog that is asked to go faster goes at this.
     pub jog_speed_mm_per_s: f64,
+    /// Whether a limit switch is pressed, where the controller cannot tell which of the two it is (Grbl): its operator looks,
+    /// and has the axis moved off it (`leave-switch`).
+    pub limit_switch: bool,
     /// Why it cannot move now.
     pub fault: Option<String>,
     /// Why the last move or homing by hand did not end as commanded; absent once another is commanded.

@@ -210,6 +210,7 @@ impl Service {
             low_limit_mm,
             high_limit_mm,
             jog_speed_mm_per_s: self.motion.jog_speed_mm_per_s(axis),
+            limit_switch: state.limit_switch,
             fault,
             failure: self.failures().get(&axis).cloned(),
             disagreements: info.disagreements,

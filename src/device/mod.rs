@@ -151,6 +151,8 @@ pub struct StageState {
     pub moving: bool,
     /// Since when it has been at rest, by the driver's own readings; `None` while moving or unknown.
     pub at_rest_since: Option<Instant>,
+    /// Whether a limit switch of the axis is pressed, where its controller cannot tell which of the two it is.
+    pub limit_switch: bool,
     /// Alarm or other reason why the axis cannot move now, in words.
     pub fault: Option<String>,
 }

@@ -447,6 +447,7 @@ impl Stage for Unseen {
             position: Millimetres(0.0),
             moving: false,
             at_rest_since: None,
+            limit_switch: false,
             fault: None,
         };
         watch::channel(state).1

@@ -38,6 +38,7 @@ impl StillStage {
             position: Millimetres(if axis == AxisName::E { 30.0 } else { 0.0 }),
             moving: false,
             at_rest_since: Some(Instant::now()),
+            limit_switch: false,
             fault: None,
         });
         Self {

@@ -1,12 +1,15 @@
 // States that people meet, on a bench of its own processes: a stage controller's twin behind a terminal and a camera that
-// plays files. First start, replay, camera unplugged and back, stage gone and back, devices found.
+// plays files. First start, replay, camera unplugged and back, stage gone and back,
+// an axis on its limit switch, devices found.
 
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { once } from "node:events";
-import { renameSync } from "node:fs";
+import { open as openFile } from "node:fs/promises";
+import { renameSync, rmSync } from "node:fs";
 import { join } from "node:path";
 import {
+  accessible,
   browse,
   darken,
   faults,
@@ -133,6 +136,23 @@ try {
   await page.locator("#stage-gone").waitFor({ state: "detached", timeout: 30_000 });
   await page.locator(".axes .tag", { hasText: "not homed" }).first().waitFor();
 
+  step("an axis that stands on a limit switch is moved off it by its operator's word for which it is");
+  stage.kill("SIGKILL");
+  await page.locator("#stage-gone").waitFor({ timeout: 20_000 });
+  stage = await plugIn(ontoTheFarSwitch);
+  await page.locator("#stage-gone").waitFor({ state: "detached", timeout: 30_000 });
+  const focus = page.locator(".axis[data-axis=focus]");
+  await focus.locator(".tag", { hasText: "limit switch pressed" }).waitFor();
+  assert.equal(await page.locator(".axis[data-axis=e] .leave-switch").count(), 0);
+  await focus.locator(".leave-switch").click();
+  await focus.locator(".ask", { hasText: "which of its two limit switches is pressed" }).waitFor();
+  await accessible(page);
+  await photograph(page, "on-a-switch");
+  await focus.getByRole("button", { name: "The one at the high end" }).click();
+  await focus.locator(".leave-switch").waitFor({ state: "detached", timeout: 20_000 });
+  await focus.getByRole("button", { name: "Home the focus axis" }).click();
+  await focus.locator(".tag", { hasText: "not homed" }).waitFor({ state: "detached", timeout: 60_000 });
+
   step("the devices of the machine are listed");
   await open(page, "Settings");
   const devices = page.locator(".devices");
@@ -154,10 +174,26 @@ try {
   bench.remove();
 }
 
-/** A stage controller's twin behind the link; resolves when it serves. */
-async function plugIn() {
-  const arguments_ = ["sim-stage", "--protocol", "grbl", "--link", link, "--json", "--config", bench.file];
+/** A stage controller's twin behind the link; resolves when it serves. What is done to it before is done aside. */
+async function plugIn(before = async () => {}) {
+  const aside = `${link}-aside`;
+  // As udev does when a device goes: the terminal that it leads to will be another's.
+  rmSync(link, { force: true });
+  const arguments_ = ["sim-stage", "--protocol", "grbl", "--link", aside, "--json", "--config", bench.file];
   const child = spawn(program, arguments_, { env: bench.env, stdio: ["ignore", "pipe", "inherit"] });
   await once(child.stdout, "data");
+  await before(aside);
+  renameSync(aside, link);
   return child;
+}
+
+/** Has another program run the focus axis onto the switch at its high end. */
+async function ontoTheFarSwitch(port) {
+  const line = await openFile(port, "r+");
+  await line.write("$20=0\n$X\n$J=G91 G21 X7 F120\n");
+  for (let heard = ""; !heard.includes("ALARM:1");) {
+    const { buffer, bytesRead } = await line.read();
+    heard += buffer.toString("latin1", 0, bytesRead);
+  }
+  await line.close();
 }

@@ -99,6 +99,8 @@ export const stopAll = () => request<StopReport>("POST", "/api/v1/stop");
 export const resetStop = (why: string) => request<Bench["stop"]>("DELETE", "/api/v1/stop", { why, owner });
 
 export const home = (axis: AxisName) => lease.command<Bench>("POST", `/api/v1/axes/${axis}/home`);
+export const leaveSwitch = (axis: AxisName, pressed: Side) =>
+  lease.command<Bench>("POST", `/api/v1/axes/${axis}/leave-switch`, { pressed });
 export const move = (axis: AxisName, position_mm: number) =>
   lease.command<Bench>("POST", `/api/v1/axes/${axis}/move`, { position_mm });
 export const jog = (axis: AxisName, towards: Side, speed_mm_per_s: number | null, press: string) =>

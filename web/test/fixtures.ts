@@ -18,6 +18,7 @@ export const bench: Bench = {
       low_limit_mm: -2,
       high_limit_mm: 5,
       jog_speed_mm_per_s: 4,
+      limit_switch: false,
       disagreements: [],
     },
     {
@@ -32,6 +33,7 @@ export const bench: Bench = {
       low_limit_mm: -0.1,
       high_limit_mm: 32,
       jog_speed_mm_per_s: 4,
+      limit_switch: false,
       disagreements: [],
     },
   ],

@@ -183,6 +183,7 @@ mod tests {
             position: crate::units::Millimetres(1.5),
             moving: false,
             at_rest_since: Some(rest),
+            limit_switch: false,
             fault: None,
         };
         let (focus, e) = (watch::Sender::new(state.clone()), watch::Sender::new(state));

@@ -37,6 +37,7 @@ fn state_of(state: &AxisState) -> StageState {
         position: Millimetres(state.position_mm),
         moving: false,
         at_rest_since: Some(Instant::now()),
+        limit_switch: false,
         fault: state.fault.clone(),
     }
 }

@@ -129,6 +129,7 @@ impl Axis {
             position: Millimetres(0.0),
             moving: false,
             at_rest_since: None,
+            limit_switch: false,
             fault: Some("not connected yet".to_owned()),
         });
         Arc::new(Self { setup, state, home: Mutex::new(None) })
@@ -148,6 +149,7 @@ impl Axis {
                 homed: false,
                 moving: false,
                 at_rest_since: None,
+                limit_switch: false,
                 fault: Some(reason.to_owned()),
                 position: state.position,
             };

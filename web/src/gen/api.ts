@@ -1060,6 +1060,11 @@ export interface components {
        * @description Greatest speed at which it jogs, mm/s: a jog that is asked to go faster goes at this.
        */
       jog_speed_mm_per_s: number;
+      /**
+       * @description Whether a limit switch is pressed, where the controller cannot tell which of the two it is (Grbl): its operator looks,
+       *     and has the axis moved off it (`leave-switch`).
+       */
+      limit_switch: boolean;
       /** @description Where it is. */
       location: string;
       /**

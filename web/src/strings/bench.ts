@@ -53,6 +53,16 @@ export const byHand = {
   outside: (low: string, high: string) => `It may go from ${low} to ${high}.`,
   yes: "Move",
   no: "Don’t",
+  onSwitch: "limit switch pressed",
+  leave: "Move off the switch…",
+  leaveMore: (axis: string) => `Move the ${axis} axis off its limit switch`,
+  leaveSure: (axis: string) =>
+    `Look at the ${axis} axis: which of its two limit switches is pressed? It moves away from that one, 3 mm at most, until the switch lets go.`,
+  leaveFrom: {
+    low: "The one at the low end",
+    high: "The one at the high end",
+  } satisfies Record<Side, string>,
+  leaveNot: "Don’t move",
   hint: "Press and hold ◀ or ▶; letting go stops the axis.",
 };
 

@@ -2,9 +2,11 @@ import { useEffect, useRef } from "preact/hooks";
 
 interface Props {
   question: string;
-  yes: string;
+  /** The answer that does it; where it can be done in one of several ways, one for each. */
+  yes: string | readonly string[];
   no: string;
-  answer: (yes: boolean) => void;
+  /** Called with whether, and in which of the ways. */
+  answer: (yes: boolean, way: number) => void;
 }
 
 /**
@@ -18,10 +20,12 @@ export function Ask({ question, yes, no, answer }: Props) {
     <div class="ask" role="alertdialog" aria-label={question}>
       <p>{question}</p>
       <p class="actions">
-        <button type="button" class="primary" onClick={() => answer(true)}>
-          {yes}
-        </button>
-        <button ref={stay} type="button" onClick={() => answer(false)}>
+        {(typeof yes === "string" ? [yes] : yes).map((words, way) => (
+          <button key={words} type="button" class="primary" onClick={() => answer(true, way)}>
+            {words}
+          </button>
+        ))}
+        <button ref={stay} type="button" onClick={() => answer(false, 0)}>
           {no}
         </button>
       </p>

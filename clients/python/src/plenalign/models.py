@@ -101,6 +101,10 @@ class AxisView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the controller says it is."""
     jog_speed_mm_per_s: float
     """Greatest speed at which it jogs, mm/s: a jog that is asked to go faster goes at this."""
+    limit_switch: bool
+    """Whether a limit switch is pressed, where the controller cannot tell which of the two it is (Grbl): its
+    operator looks, and has the axis moved off it (`leave-switch`).
+    """
     location: str
     """Where it is."""
     low_limit_mm: float

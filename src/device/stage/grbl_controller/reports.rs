@@ -166,6 +166,7 @@ impl Controller {
                 let back = !std::mem::replace(&mut state.connected, true);
                 state.position = position;
                 state.moving = !status.mode.at_rest();
+                state.limit_switch = axis.pressed(status.limits);
                 if state.moving {
                     state.at_rest_since = None;
                 } else if moved || state.at_rest_since.is_none() {

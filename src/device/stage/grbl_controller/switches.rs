@@ -35,7 +35,8 @@ pub(super) struct Way {
 }
 
 impl Axis {
-    fn pressed(&self, limits: [bool; 3]) -> bool {
+    /// Whether the axis's limit pin is pressed.
+    pub(super) fn pressed(&self, limits: [bool; 3]) -> bool {
         limits[self.letter.index()]
     }
 

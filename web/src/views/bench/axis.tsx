@@ -24,6 +24,7 @@ export function AxisScale({ bench, axis, unit }: Props) {
         <span class="tags">
           {!axis.connected && <span class="tag bad">{strings.axis.disconnected}</span>}
           {axis.connected && !axis.homed && <span class="tag bad">{strings.axis.notHomed}</span>}
+          {axis.limit_switch && <span class="tag bad">{strings.byHand.onSwitch}</span>}
           {axis.moving && <span class="tag">{strings.axis.moving}</span>}
         </span>
         <span class="value" title={strings.axis.readbackMore}>

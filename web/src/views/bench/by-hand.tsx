@@ -8,6 +8,7 @@ import type { Axis } from "../../wire";
 import { Ask } from "../ask";
 import type { Scene } from "../scene";
 import { Hold } from "./hold";
+import { LeaveSwitch } from "./leave-switch";
 
 interface Props extends Scene {
   axis: Axis;
@@ -15,7 +16,7 @@ interface Props extends Scene {
   disabled: boolean;
 }
 
-/** Jog, step, go to, home. */
+/** Jog, step, go to, home; off a limit switch where one is pressed. */
 export function ByHand({ state, act, axis, pace, disabled }: Props) {
   const { unit, stepMm } = state.preferences;
   const [text, setText] = useState("");
@@ -79,6 +80,9 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
           {strings.byHand.home}
         </button>
       </form>
+      {axis.connected && axis.limit_switch && (
+        <LeaveSwitch act={act} axis={axis} disabled={disabled || axis.moving} />
+      )}
       {outside && (
         <p class="fault">
           {strings.byHand.outside(length(axis.low_limit_mm, unit, 2), length(axis.high_limit_mm, unit, 2))}
