@@ -14,12 +14,13 @@
 
 mod lines;
 mod owner;
+mod received;
 #[cfg(test)]
 mod tests;
 
 use std::fmt::Debug;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -27,6 +28,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 
 pub use lines::LineBuffer;
 use owner::Owner;
+pub use received::Received;
 
 /// Most messages kept of one answer.
 const MOST_PARTS: usize = 1024;
@@ -82,44 +84,6 @@ pub trait Protocol: Send + 'static {
 
     /// A message in words, for logs and errors.
     fn text(&self, message: &Self::Message) -> String;
-}
-
-/// A protocol of lines that answers without looking at the request, and picks urgent bytes out of the stream.
-pub trait LineProtocol: Send + 'static {
-    /// Tells what a line means.
-    fn classify(&self, line: &str) -> Kind;
-}
-
-/// A [`LineProtocol`] with its buffer.
-#[derive(Debug, Default)]
-pub struct Lines<P> {
-    protocol: P,
-    buffer: LineBuffer,
-}
-
-impl<P: LineProtocol> Lines<P> {
-    /// An empty buffer in front of the protocol.
-    pub fn new(protocol: P) -> Self {
-        Self { protocol, buffer: LineBuffer::default() }
-    }
-}
-
-impl<P: LineProtocol> Protocol for Lines<P> {
-    type Message = String;
-    const RECOVERY: Recovery = Recovery::Required;
-    const URGENT_ANYWHERE: bool = true;
-
-    fn frame(&mut self, bytes: &[u8]) -> Vec<String> {
-        self.buffer.push(bytes)
-    }
-
-    fn classify(&self, message: &String, _: Option<&[u8]>) -> Kind {
-        self.protocol.classify(message)
-    }
-
-    fn text(&self, message: &String) -> String {
-        message.clone()
-    }
 }
 
 /// Why a request did not get its answer.
@@ -191,6 +155,7 @@ pub struct Port<M = String> {
     close: Arc<watch::Sender<Option<String>>>,
     closed: watch::Receiver<Option<String>>,
     generation: Arc<AtomicU64>,
+    received: Arc<Mutex<Received>>,
 }
 
 impl<M> Clone for Port<M> {
@@ -201,6 +166,7 @@ impl<M> Clone for Port<M> {
             close: Arc::clone(&self.close),
             closed: self.closed.clone(),
             generation: Arc::clone(&self.generation),
+            received: Arc::clone(&self.received),
         }
     }
 }
@@ -220,12 +186,13 @@ impl<M: Clone + Debug + Send + 'static> Port<M> {
         let (notices, notice_queue) = mpsc::channel(256);
         let (close, close_asked) = watch::channel(None);
         let (closing, closed) = watch::channel(None);
-        let owner = Owner::new(protocol, notices, Arc::clone(&generation));
+        let received: Arc<Mutex<Received>> = Arc::default();
+        let owner = Owner::new(protocol, notices, Arc::clone(&generation), Arc::clone(&received));
         tokio::spawn(async move {
             let reason = owner.run(io, request_queue, urgent_queue, close_asked).await;
             closing.send_replace(Some(reason));
         });
-        (Self { requests, urgent, close: Arc::new(close), closed, generation }, notice_queue)
+        (Self { requests, urgent, close: Arc::new(close), closed, generation, received }, notice_queue)
     }
 
     /// The number that a command given now should carry.
@@ -305,6 +272,12 @@ impl<M: Clone + Debug + Send + 'static> Port<M> {
     #[must_use]
     pub fn closed(&self) -> watch::Receiver<Option<String>> {
         self.closed.clone()
+    }
+
+    /// What has come in since the port was opened, whether or not it made sense.
+    #[must_use]
+    pub fn received(&self) -> Received {
+        self.received.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     fn closed_error(&self) -> PortError {

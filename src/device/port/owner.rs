@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 use std::io::ErrorKind;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
@@ -12,7 +12,7 @@ use tokio::time::Instant;
 
 use crate::telemetry;
 
-use super::{Answer, Kind, MOST_PARTS, Notice, PortError, Protocol, Recovery, Request, Urgent};
+use super::{Answer, Kind, MOST_PARTS, Notice, PortError, Protocol, Received, Recovery, Request, Urgent};
 
 /// Silence after which the bytes of an unfinished message are not continued.
 const GAP: Duration = Duration::from_millis(100);
@@ -45,10 +45,16 @@ pub(super) struct Owner<P: Protocol> {
     urgent_left: usize,
     urgent_acks: Vec<oneshot::Sender<()>>,
     heard: Instant,
+    received: Arc<Mutex<Received>>,
 }
 
 impl<P: Protocol> Owner<P> {
-    pub(super) fn new(protocol: P, notices: mpsc::Sender<Notice<P::Message>>, generation: Arc<AtomicU64>) -> Self {
+    pub(super) fn new(
+        protocol: P,
+        notices: mpsc::Sender<Notice<P::Message>>,
+        generation: Arc<AtomicU64>,
+        received: Arc<Mutex<Received>>,
+    ) -> Self {
         Self {
             protocol,
             notices,
@@ -61,6 +67,7 @@ impl<P: Protocol> Owner<P> {
             urgent_left: 0,
             urgent_acks: Vec::new(),
             heard: Instant::now(),
+            received,
         }
     }
 
@@ -199,6 +206,7 @@ impl<P: Protocol> Owner<P> {
             self.protocol.gap();
         }
         self.heard = Instant::now();
+        self.received.lock().unwrap_or_else(PoisonError::into_inner).note(bytes);
         for message in self.protocol.frame(bytes) {
             self.number += 1;
             let under_way = self.pending.as_ref().map(|pending| pending.request.as_slice());

@@ -4,6 +4,44 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
 use super::*;
 
+/// A protocol of lines that answers without looking at the request, and picks urgent bytes out of the stream.
+trait LineProtocol: Send + 'static {
+    /// Tells what a line means.
+    fn classify(&self, line: &str) -> Kind;
+}
+
+/// A [`LineProtocol`] with its buffer.
+#[derive(Debug, Default)]
+struct Lines<P> {
+    protocol: P,
+    buffer: LineBuffer,
+}
+
+impl<P: LineProtocol> Lines<P> {
+    /// An empty buffer in front of the protocol.
+    fn new(protocol: P) -> Self {
+        Self { protocol, buffer: LineBuffer::default() }
+    }
+}
+
+impl<P: LineProtocol> Protocol for Lines<P> {
+    type Message = String;
+    const RECOVERY: Recovery = Recovery::Required;
+    const URGENT_ANYWHERE: bool = true;
+
+    fn frame(&mut self, bytes: &[u8]) -> Vec<String> {
+        self.buffer.push(bytes)
+    }
+
+    fn classify(&self, message: &String, _: Option<&[u8]>) -> Kind {
+        self.protocol.classify(message)
+    }
+
+    fn text(&self, message: &String) -> String {
+        message.clone()
+    }
+}
+
 /// `ok` ends, `no` refuses, `!` halts, `hello` starts, `*` is a notice.
 struct Plain;
 
