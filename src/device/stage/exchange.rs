@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use tokio::sync::mpsc;
 
+use super::strangers;
 use crate::device::DeviceError;
 use crate::device::port::{Answer, Kind, Notice, Port, PortError};
 
@@ -110,14 +111,11 @@ impl<M: Clone + Debug + Send + 'static> Exchange<M> {
             }
         }
         Err(match heard {
-            Some(words) => {
-                let hint = if words.contains('\u{fffd}') { " (is the baud rate right?)" } else { "" };
-                DeviceError::WrongDevice {
-                    device: self.name.clone(),
-                    expected: expected.to_owned(),
-                    found: format!("something that says `{}`{hint}", words.escape_debug()),
-                }
-            }
+            Some(words) => DeviceError::WrongDevice {
+                device: self.name.clone(),
+                expected: expected.to_owned(),
+                found: strangers::something(&words),
+            },
             None => DeviceError::Timeout {
                 device: self.name.clone(),
                 what: "say what it is".to_owned(),

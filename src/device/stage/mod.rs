@@ -12,6 +12,7 @@ pub mod pi_controller;
 pub mod polled;
 pub mod session;
 pub mod stopping;
+pub mod strangers;
 pub mod supervisor;
 pub mod tmcl;
 pub mod tmcl_controller;
