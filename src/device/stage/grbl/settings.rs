@@ -1,0 +1,89 @@
+//! Settings by number, and what a firmware was built with.
+
+use std::collections::BTreeMap;
+
+use super::Letter;
+
+/// The controller's settings by number.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Settings(BTreeMap<u16, f64>);
+
+impl Settings {
+    /// Reads the answer to `$$`. Lines that are not settings are passed over.
+    #[must_use]
+    pub fn from_lines(lines: &[String]) -> Self {
+        Self(lines.iter().filter_map(|line| setting(line)).collect())
+    }
+
+    /// Whether every setting that the other ones have is among these.
+    #[must_use]
+    pub fn covers(&self, other: &Self) -> bool {
+        other.0.keys().all(|number| self.0.contains_key(number))
+    }
+
+    /// A setting's value.
+    #[must_use]
+    pub fn get(&self, number: u16) -> Option<f64> {
+        self.0.get(&number).copied()
+    }
+
+    /// Whether a setting is there and not zero.
+    #[must_use]
+    pub fn is_on(&self, number: u16) -> bool {
+        self.get(number).is_some_and(|value| value != 0.0)
+    }
+
+    /// The setting of an axis in one of the three-number groups: 100 steps/mm, 110 greatest rate (mm/min), 120
+    /// acceleration (mm/s²), 130 travel (mm).
+    #[must_use]
+    pub fn of_axis(&self, group: u16, axis: Letter) -> Option<f64> {
+        self.get(group + axis.index() as u16)
+    }
+}
+
+/// Reads a settings line, `$100=400.000`.
+#[must_use]
+pub fn setting(line: &str) -> Option<(u16, f64)> {
+    let (number, value) = line.strip_prefix('$')?.split_once('=')?;
+    // Some builds add the setting's name in brackets.
+    let value = value.split_whitespace().next()?;
+    Some((number.parse().ok()?, value.parse().ok().filter(|value: &f64| value.is_finite())?))
+}
+
+/// Whether a letter is among the build options in the answer to `$I`.
+fn built_with(lines: &[String], option: char) -> bool {
+    lines
+        .iter()
+        .filter_map(|line| line.strip_prefix("[OPT:"))
+        .filter_map(|options| options.split(',').next())
+        .any(|letters| letters.contains(option))
+}
+
+/// Whether the answer to `$I` says that single axes can be homed (`H` among the build options).
+#[must_use]
+pub fn homes_single_axes(lines: &[String]) -> bool {
+    built_with(lines, 'H')
+}
+
+/// Whether the answer to `$I` says that homing makes its end the machine's zero (`Z` among the build options).
+#[must_use]
+pub fn homes_to_zero(lines: &[String]) -> bool {
+    built_with(lines, 'Z')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_and_options_are_read() {
+        let lines: Vec<String> =
+            ["$100=400.000", "$110=120.000 (x max rate)", "rubbish", "$x=1"].map(str::to_owned).to_vec();
+        let settings = Settings::from_lines(&lines);
+        assert_eq!(settings.of_axis(100, Letter::X), Some(400.0));
+        assert_eq!(settings.of_axis(110, Letter::X), Some(120.0));
+        assert_eq!(settings.of_axis(100, Letter::Y), None);
+        assert!(homes_single_axes(&["[VER:1.1h.20190825:]".to_owned(), "[OPT:VH,15,128]".to_owned()]));
+        assert!(!homes_single_axes(&["[VER:1.1H:]".to_owned(), "[OPT:V,15,128]".to_owned()]));
+    }
+}
