@@ -42,7 +42,7 @@ pub async fn open_hardware(bench: &BenchConfig, frame_size: (usize, usize)) -> R
 #[must_use]
 pub fn driver(config: &ControllerConfig) -> Box<dyn Driver> {
     match config.driver {
-        ControllerDriver::Grbl => Box::new(GrblDriver),
+        ControllerDriver::Grbl => Box::new(GrblDriver { baud: config.baud() }),
         ControllerDriver::Zaber => Box::new(ZaberDriver { address: config.address }),
         ControllerDriver::Pi => Box::new(PiDriver),
         ControllerDriver::Tmcl => Box::new(TmclDriver { address: config.address }),

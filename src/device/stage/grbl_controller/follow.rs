@@ -7,7 +7,7 @@ use tokio::time::{Instant, sleep_until, timeout};
 use super::super::grbl::{self, Alarm, Mode};
 use super::super::track::{BEGIN, CYCLE, END, Track};
 use super::moves::ARRIVAL_MM;
-use super::{ANSWER, Controller, Reading, device_error, locked};
+use super::{ANSWER, Controller, Reading, locked};
 use crate::device::DeviceError;
 use crate::device::jog::Course;
 use crate::units::Millimetres;
@@ -39,7 +39,7 @@ impl Controller {
         let ended = tokio::select! {
             biased;
             () = self.orders.outdated(generation) => return self.stopped(name).await,
-            alarm = alarmed => return Err(self.alarmed(alarm.unwrap_or(Alarm(0)))),
+            alarm = alarmed => return Err(self.alarmed(alarm.unwrap_or(Alarm::unknown(self.dialect)))),
             () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => return Err(self.restarted()),
             ended = self.lead(index, course, generation) => ended,
         };
@@ -77,15 +77,16 @@ impl Controller {
             let Some(next) = course(track.see(at, asked, reading.at)) else { break };
             if track.is_worth_an_order(next, at) {
                 let speed = next.speed_mm_per_s.min(axis.facts().speed_mm_per_s);
+                let machine = setup.machine(next.to.value(), now);
                 // Not onto the home switch, which lies at the end of the controller's own limits.
-                if self.check_trip(axis, next.to).is_err() {
+                if self.check_reach(axis, next.to, machine).is_err() {
                     break;
                 }
-                let machine = setup.machine(next.to.value(), now);
+                self.free(&reading, generation).await?;
                 axis.note_move(machine - reading.machine[letter.index()], reading.limits);
                 let order = grbl::jog(letter, machine, speed * 60.0);
                 let answer = self.port.request(order, ANSWER, generation).await;
-                line = answer.map_err(|error| device_error(&self.name, "take a move", error))?.line_number;
+                line = answer.map_err(|error| self.device_error("take a move", error))?.line_number;
                 track.tell(next);
             } else if reading.mode.at_rest() && track.since_told() > BEGIN {
                 // There, or it goes no farther.
@@ -101,10 +102,9 @@ impl Controller {
         let Some(home) = home else { return Err(DeviceError::NotHomed { axis: name }) };
         let reached = setup.coordinate(reading.machine[letter.index()], home);
         match track.told() {
-            Some(told) if (reached - told.value()).abs() > ARRIVAL_MM => Err(DeviceError::Protocol {
-                device: self.name.clone(),
-                detail: format!("the {name} axis came to rest at {reached:.3} mm on its way to {told:.3}"),
-            }),
+            Some(told) if (reached - told.value()).abs() > ARRIVAL_MM => {
+                Err(self.held(name, reached, told, reading.hold_pressed))
+            }
             _ => Ok(Millimetres(reached)),
         }
     }

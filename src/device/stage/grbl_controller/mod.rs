@@ -1,9 +1,10 @@
-//! A connected Grbl 1.1 or grblHAL controller.
+//! A connected controller with Grbl 1.1, grblHAL or FluidNC.
 //!
 //! Moves are jogs in machine coordinates: the controller checks them against its soft limits before they start, and a
 //! single byte ends them. Everything that moves runs one at a time; a stop passes them all.
 
 mod checks;
+mod fluidnc;
 mod follow;
 mod moves;
 mod opening;
@@ -11,6 +12,7 @@ mod renewal;
 mod reports;
 mod stop;
 mod switches;
+mod told;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -21,7 +23,7 @@ use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 
 use super::axis::AxisLink;
-use super::grbl::{self, Alarm, Letter, Mode, Settings};
+use super::grbl::{self, Alarm, Dialect, Letter, Mode};
 use super::orders::Orders;
 use super::session::{AxisFacts, Session};
 use super::stopping::Stopping;
@@ -33,11 +35,14 @@ use crate::units::Millimetres;
 
 pub use opening::GrblDriver;
 use switches::Way;
+use told::Told;
 
 /// Time between status requests in motion: 10 Hz is what Grbl's interface document allows.
 const POLL_MOVING: Duration = Duration::from_millis(100);
 /// Longest wait for the answer to anything but homing.
 const ANSWER: Duration = Duration::from_secs(2);
+/// Longest wait for FluidNC's configuration, which is some ten thousand characters.
+const DUMPED: Duration = Duration::from_secs(6);
 /// A board that resets when its port is opened spends a second and more in its boot loader.
 const START_UP: Duration = Duration::from_secs(2);
 
@@ -68,12 +73,10 @@ impl Axis {
 struct Controller {
     name: String,
     identity: String,
-    settings: Mutex<Settings>,
+    dialect: Dialect,
+    told: Mutex<Told>,
     /// Whether another may have changed the settings since they were read.
     settings_stale: AtomicBool,
-    /// Whether the firmware was built to make home the machine's zero.
-    zero: bool,
-    homes_single_axes: bool,
     axes: Vec<Axis>,
     port: Port,
     orders: Arc<Orders>,
@@ -115,7 +118,7 @@ impl Session for Controller {
             return Err(error);
         }
         // Homing is answered by silence until its end, a critical alarm until the reset: the state already says so.
-        let mute = self.homing.load(Ordering::SeqCst) || self.alarm.borrow().is_some_and(Alarm::needs_reset);
+        let mute = self.homing.load(Ordering::SeqCst) || self.alarm.borrow().is_some_and(Alarm::is_mute);
         if !mute {
             self.fresh_reading(self.latest_line()).await?;
         }
@@ -175,7 +178,7 @@ impl Session for Controller {
         self.forget_positions();
         self.forget_ways();
         let answer = self.port.request(grbl::SLEEP, ANSWER, generation).await;
-        answer.map_err(|error| device_error(&self.name, "switch its motors off", error))?;
+        answer.map_err(|error| self.device_error("switch its motors off", error))?;
         // What comes next has to know that it sleeps.
         self.fresh_reading(self.latest_line()).await.map(|_| ())
     }
@@ -185,17 +188,27 @@ impl Session for Controller {
     }
 }
 
-fn device_error(name: &str, what: &str, error: PortError) -> DeviceError {
+impl Controller {
+    fn device_error(&self, what: &str, error: PortError) -> DeviceError {
+        device_error(&self.name, self.dialect, what, error)
+    }
+
+    fn homes_single_axes(&self) -> bool {
+        locked(&self.told).homes_single_axes()
+    }
+}
+
+fn device_error(name: &str, dialect: Dialect, what: &str, error: PortError) -> DeviceError {
     let device = name.to_owned();
     match error {
         PortError::Closed(reason) => DeviceError::Disconnected { device, reason },
         PortError::Timeout(allowed) => DeviceError::Timeout { device, what: what.to_owned(), allowed },
         PortError::Refused(line) => {
-            DeviceError::Refused { device, reason: format!("{line}: {}", grbl::error_meaning(&line)) }
+            DeviceError::Refused { device, reason: format!("{line}: {}", grbl::error_meaning(&line, dialect)) }
         }
         PortError::Halted(line) => DeviceError::Alarm {
             device,
-            reason: Alarm::from_line(&line).map_or_else(|| line.clone(), |alarm| alarm.to_string()),
+            reason: Alarm::from_line(&line, dialect).map_or_else(|| line.clone(), |alarm| alarm.to_string()),
         },
         PortError::Restarted | PortError::Cancelled | PortError::OutOfStep => {
             DeviceError::Refused { device, reason: error.to_string() }

@@ -5,9 +5,8 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::super::grbl::{self, Alarm, Letter, Mode};
-use super::switches::blocks_time;
-use super::{ANSWER, Axis, AxisFacts, Controller, device_error, locked};
+use super::super::grbl::{self, Alarm, Dialect, Letter, Mode};
+use super::{ANSWER, Axis, AxisFacts, Controller, Reading, locked};
 use crate::config::Side;
 use crate::device::port::PortError;
 use crate::device::{AxisName, DeviceError, MoveTime};
@@ -15,7 +14,8 @@ use crate::units::Millimetres;
 
 /// Distance between target and readback that is no arrival, mm: Grbl reports three decimals of whole motor steps.
 pub(super) const ARRIVAL_MM: f64 = 0.01;
-
+/// A target this far beyond the controller's limits is at them, mm: home is, and it is reported with three decimals.
+const BOUND_MM: f64 = 0.002;
 /// A home switch trips at the same place again to this, mm.
 const SWITCH_MM: f64 = 0.05;
 
@@ -58,9 +58,10 @@ impl Controller {
         let from = self.fresh_reading(self.latest_line()).await?;
         // Only now: a reset meanwhile has lost it.
         let Some(home) = axis.link.home() else { return Err(DeviceError::NotHomed { axis: name }) };
-        self.check_trip(axis, target)?;
         let letter = axis.letter;
         let machine = axis.link.setup().machine(target.value(), home);
+        self.check_reach(axis, target, machine)?;
+        self.free(&from, generation).await?;
         let distance = (machine - from.machine[letter.index()]).abs();
         let AxisFacts { speed_mm_per_s: greatest, acceleration_mm_per_s2: acceleration, .. } = axis.facts();
         let speed = speed_mm_per_s.min(greatest);
@@ -91,7 +92,7 @@ impl Controller {
         let reading = tokio::select! {
             biased;
             () = self.orders.outdated(generation) => return self.stopped(name).await,
-            alarm = alarmed => return Err(self.alarmed(alarm.unwrap_or(Alarm(0)))),
+            alarm = alarmed => return Err(self.alarmed(alarm.unwrap_or(Alarm::unknown(self.dialect)))),
             () = async { let _ = restarts.wait_for(|&count| count > begun).await.is_ok(); } => return Err(self.restarted()),
             reading = self.rest(answer.line_number) => reading,
             () = tokio::time::sleep(allowed) => Err(self.timeout(&format!("end a move of {distance:.3} mm"), allowed)),
@@ -108,16 +109,19 @@ impl Controller {
         }
         let reached = axis.link.setup().coordinate(reading.machine[letter.index()], home);
         if (reached - target.value()).abs() > ARRIVAL_MM {
-            let whose = match reading.hold_pressed {
-                true => "its feed-hold input is pressed",
-                false => "its feed-hold input, or another program, has told it to hold",
-            };
-            return Err(DeviceError::Refused {
-                device: self.name.clone(),
-                reason: format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}: {whose}"),
-            });
+            return Err(self.held(name, reached, target, reading.hold_pressed));
         }
         Ok(Millimetres(reached))
+    }
+
+    /// It came to rest elsewhere than it was told to.
+    pub(super) fn held(&self, name: AxisName, reached: f64, target: Millimetres, hold_pressed: bool) -> DeviceError {
+        let whose = match hold_pressed {
+            true => "its feed-hold input is pressed",
+            false => "its feed-hold input, or another program, has told it to hold",
+        };
+        let reason = format!("the {name} axis came to rest at {reached:.3} mm on its way to {target:.3}: {whose}");
+        DeviceError::Refused { device: self.name.clone(), reason }
     }
 
     /// Waits for the end of the stop that ended an operation.
@@ -132,10 +136,11 @@ impl Controller {
         self.ready(name, generation).await?;
         self.wake().await?;
         self.renew_settings(index).await?;
-        let single = self.homes_single_axes || self.axes.len() == 1;
+        let alone = self.homes_single_axes();
+        let single = alone || self.axes.len() == 1;
         let homed: Vec<&Axis> =
             self.axes.iter().enumerate().filter(|(i, _)| !single || *i == index).map(|(_, axis)| axis).collect();
-        let letter = self.homes_single_axes.then(|| self.axes[index].letter);
+        let letter = alone.then(|| self.axes[index].letter);
         let limits = self.fresh_reading(self.latest_line()).await?.limits;
         self.check_switches(&homed, limits)?;
         // A stop may have come meanwhile.
@@ -152,9 +157,12 @@ impl Controller {
         }
         self.homing.store(true, Ordering::SeqCst);
         *locked(&self.moved) = None;
-        let answer = self.port.request(grbl::home(letter), self.homing_time(letter), generation).await;
+        let allowed = locked(&self.told).homing_time(letter);
+        let began = Instant::now();
+        let answer = self.port.request(grbl::home(letter), allowed, generation).await;
+        let took = began.elapsed();
         for axis in &homed {
-            axis.note_homed(answer.as_ref().map(drop));
+            axis.note_homed(answer.as_ref().map(drop), self.dialect);
         }
         let stopped = self.orders.generation() != generation;
         if let (Err(PortError::Timeout(_) | PortError::OutOfStep), false) = (&answer, stopped) {
@@ -167,7 +175,7 @@ impl Controller {
         let answer = match answer {
             Ok(answer) => answer,
             Err(_) if stopped => return self.stopped(name).await,
-            Err(error) => return Err(device_error(&self.name, &format!("home the {name} axis"), error)),
+            Err(error) => return Err(self.device_error(&format!("home the {name} axis"), error)),
         };
         let _watching = self.watching();
         let reading = tokio::select! {
@@ -175,6 +183,9 @@ impl Controller {
             () = self.orders.outdated(generation) => return self.stopped(name).await,
             reading = self.rest(answer.line_number) => reading?,
         };
+        for axis in &homed {
+            self.check_homed(axis, &reading, took)?;
+        }
         for axis in homed {
             let at = reading.machine[axis.letter.index()];
             axis.link.set_home(at);
@@ -188,8 +199,55 @@ impl Controller {
         Ok(())
     }
 
+    /// Whether homing ended where the controller's configuration says that it ends, and not at once.
+    fn check_homed(&self, axis: &Axis, reading: &Reading, took: Duration) -> Result<(), DeviceError> {
+        let told = locked(&self.told);
+        let (name, letter) = (axis.link.name(), axis.letter);
+        let at = reading.machine[letter.index()];
+        let reason = match told.home_mm(letter) {
+            Some(home) if (at - home).abs() > ARRIVAL_MM => format!(
+                "homing the {name} axis has ended at the machine position {at:.3} mm, and not at mpos_mm ({home:.3}): where it \
+                 stands is not known"
+            ),
+            _ if took < told.least_homing_time(letter) => format!(
+                "homing the {name} axis was over after {took:.1?}, too soon to have moved it: where it stands is not known"
+            ),
+            _ => return Ok(()),
+        };
+        Err(DeviceError::Refused { device: self.name.clone(), reason })
+    }
+
+    /// Whether a machine position is within what the controller can be told to go to.
+    pub(super) fn is_within_bounds(&self, letter: Letter, machine_mm: f64) -> bool {
+        let bounds = locked(&self.told).bounds_mm(letter);
+        bounds.is_none_or(|(low, high)| (low - BOUND_MM..=high + BOUND_MM).contains(&machine_mm))
+    }
+
+    /// Refuses a target that the controller would make another of, or at which the home switch trips.
+    pub(super) fn check_reach(&self, axis: &Axis, target: Millimetres, machine_mm: f64) -> Result<(), DeviceError> {
+        if self.dialect != Dialect::FluidNc {
+            return self.check_trip(axis, target);
+        }
+        if self.is_within_bounds(axis.letter, machine_mm) {
+            return Ok(());
+        }
+        let name = axis.link.name();
+        let reason =
+            format!("{target:.3} is beyond the travel of the {name} axis (max_travel_mm, from its home position)");
+        Err(DeviceError::Refused { device: self.name.clone(), reason })
+    }
+
+    /// Frees an axis that is homed for motion: FluidNC stays locked until every axis of its machine is homed.
+    pub(super) async fn free(&self, reading: &Reading, generation: u64) -> Result<(), DeviceError> {
+        if self.dialect == Dialect::FluidNc && reading.mode == Mode::Alarm {
+            self.unlock(generation).await
+        } else {
+            Ok(())
+        }
+    }
+
     /// Refuses a target where the home switch trips: it would end in an alarm, and cost every axis its reference.
-    pub(super) fn check_trip(&self, axis: &Axis, target: Millimetres) -> Result<(), DeviceError> {
+    fn check_trip(&self, axis: &Axis, target: Millimetres) -> Result<(), DeviceError> {
         let Some((low, high)) = axis.facts().limits_mm else { return Ok(()) };
         let (side, trip) = match axis.link.setup().config.home_side {
             Side::Low => ("low", low),
@@ -218,39 +276,18 @@ impl Controller {
         }
         if self.fresh_reading(self.latest_line()).await?.mode == Mode::Alarm {
             let answer = self.port.request(grbl::UNLOCK, ANSWER, generation).await;
-            answer.map_err(|error| device_error(&self.name, "unlock", error))?;
+            answer.map_err(|error| self.device_error("unlock", error))?;
         }
         Ok(())
-    }
-
-    /// Longest time that homing one axis, or all, can take by the controller's own settings.
-    fn homing_time(&self, letter: Option<Letter>) -> Duration {
-        let settings = locked(&self.settings);
-        let setting = |number, otherwise| settings.get(number).filter(|v| *v > 0.0).unwrap_or(otherwise);
-        let (locate, seek, pull_off) = (setting(24, 25.0) / 60.0, setting(25, 500.0) / 60.0, setting(27, 1.0));
-        let debounce = setting(26, 250.0) / 1000.0;
-        // A block of axes is one line to Grbl: the slowest governs its rate, the longest travel its way.
-        let block = |letters: &[Letter]| {
-            let of =
-                |group: u16| letters.iter().filter_map(|&letter| settings.of_axis(group, letter)).collect::<Vec<_>>();
-            let slowest = of(110).into_iter().fold(f64::INFINITY, f64::min) / 60.0;
-            let travel = of(130).into_iter().reduce(f64::max).unwrap_or(200.0);
-            let rate = seek.min(slowest).max(1e-3);
-            // Grbl searches over 1.5 travels and approaches slowly over five pull-offs, at most.
-            1.5 * travel / rate + 2.0 * pull_off / rate + 5.0 * pull_off / locate.min(rate) + 4.0 * debounce
-        };
-        let longest = match letter {
-            Some(letter) => block(&[letter]),
-            None => blocks_time(block),
-        };
-        Duration::from_secs_f64((10.0 + 1.2 * longest).min(1800.0))
     }
 
     /// What a port says, in the device's words, with what the last motion tells of an alarm.
     fn port_error(&self, what: &str, error: PortError) -> DeviceError {
         match error {
-            PortError::Halted(line) => self.alarmed(Alarm::from_line(&line).unwrap_or(Alarm(0))),
-            other => device_error(&self.name, what, other),
+            PortError::Halted(line) => {
+                self.alarmed(Alarm::from_line(&line, self.dialect).unwrap_or(Alarm::unknown(self.dialect)))
+            }
+            other => self.device_error(what, other),
         }
     }
 }

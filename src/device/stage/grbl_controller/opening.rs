@@ -9,21 +9,42 @@ use tokio::sync::{Notify, mpsc, watch};
 use tokio::time::Instant;
 
 use super::super::axis::{AxisLink, AxisSetup};
-use super::super::grbl::{self, Grbl, Letter, Settings};
-use super::super::session::{AxisFacts, Driver, Session, Wanted};
+use super::super::grbl::{self, Dialect, Grbl, Letter, Settings, Tree, Version};
+use super::super::session::{Driver, Session, Wanted};
 use super::super::stopping::Stopping;
+use super::super::strangers::Heard;
+use super::renewal::Twice;
 use super::reports::{listen, poll};
-use super::{ANSWER, Axis, Controller, POLL_MOVING, START_UP, checks, device_error};
-use crate::device::port::{Answer, Kind, Lines, Notice, Port, PortError};
+use super::told::Told;
+use super::{ANSWER, Axis, Controller, DUMPED, POLL_MOVING, START_UP, device_error};
+use crate::device::port::{Answer, Kind, Notice, Port, PortError};
 use crate::device::serial::Wire;
 use crate::device::{AxisName, DeviceError};
 
 /// Time given to whatever moves when the port is opened.
 const OPENING_STOP: Duration = Duration::from_millis(300);
 
-/// Drives Grbl 1.1 and grblHAL.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct GrblDriver;
+/// The baud rate of nearly every board with one of these firmwares.
+const USUAL_BAUD: u32 = 115_200;
+/// What ought to answer.
+const EXPECTED: &str = "Grbl 1.1, grblHAL, or FluidNC 3 or 4";
+/// Most lines of a stranger that are kept.
+const MOST_LINES: usize = 32;
+/// How often FluidNC's configuration is asked for, until it is told twice alike.
+const DUMPS: usize = 6;
+
+/// Drives Grbl 1.1, grblHAL and FluidNC: the firmware says which it is.
+#[derive(Debug, Clone, Copy)]
+pub struct GrblDriver {
+    /// The baud rate that the port is opened with, for what is said where nothing readable comes.
+    pub baud: u32,
+}
+
+impl Default for GrblDriver {
+    fn default() -> Self {
+        Self { baud: USUAL_BAUD }
+    }
+}
 
 #[async_trait]
 impl Driver for GrblDriver {
@@ -34,32 +55,37 @@ impl Driver for GrblDriver {
     /// Resets the controller: positions are unknown until the axes are homed.
     async fn connect(&self, wire: Wire, wanted: Wanted) -> Result<Arc<dyn Session>, DeviceError> {
         let name = wanted.name;
-        let (port, mut notices) = Port::start(wire, Lines::new(Grbl), wanted.orders.shared());
-        let identity = start_up(&port, &mut notices, &name).await?;
-        let options = ask(&port, &name, grbl::BUILD_INFO).await?;
-        let settings = Settings::from_lines(&ask(&port, &name, grbl::SETTINGS).await?.lines);
-        if settings.is_on(13) {
-            return Err(DeviceError::Refused { device: name, reason: "it reports inches; set $13=0".to_owned() });
-        }
-        let homes_single_axes = grbl::homes_single_axes(&options.lines);
-        let zero = grbl::homes_to_zero(&options.lines);
+        let (port, mut notices) = Port::start(wire, Grbl::default(), wanted.orders.shared());
+        let started = self.start_up(&port, &mut notices, &name).await?;
+        let started = if started.is_unclear() { started } else { known(&name, started)? };
+        let options = ask(&port, &name, started.dialect, grbl::BUILD_INFO, ANSWER).await?;
+        // Some builds start with Grbl's own words, and a user may have changed FluidNC's.
+        let version = match grbl::version(&options.lines) {
+            Some(told) if told.dialect != started.dialect && started.dialect == Dialect::Grbl => told,
+            _ => started,
+        };
+        let Version { dialect, words: identity } = known(&name, version)?;
+        let letters = wanted.axes.iter().map(|link| letter(&name, link.setup())).collect::<Result<Vec<_>, _>>()?;
+        let told = if dialect == Dialect::FluidNc {
+            Told::Tree(tree(&port, &name).await?, letters.clone())
+        } else {
+            settings(&port, &name, dialect, &options).await?
+        };
         let names: Vec<AxisName> = wanted.axes.iter().map(AxisLink::name).collect();
         let mut axes = Vec::new();
-        for link in wanted.axes {
-            let letter = letter(&name, link.setup())?;
-            let homes_also = names.iter().copied().find(|other| *other != link.name() && !homes_single_axes);
-            let facts = AxisFacts { homes_also, ..checks::facts(link.setup(), letter, &settings, zero) };
-            let (facts, way) = (Mutex::new(facts), Mutex::default());
+        for (link, letter) in wanted.axes.into_iter().zip(letters) {
+            let (facts, way) = (Mutex::new(told.facts(link.setup(), letter, &names)), Mutex::default());
             link.forget_home();
             axes.push(Axis { link, letter, facts, way });
         }
+        // What contradicts is asked for once more: it may have been damaged on its way.
+        let unsure = axes.iter().any(|axis| !axis.facts().contradictions.is_empty());
         let controller = Arc::new(Controller {
             name,
             identity,
-            settings: Mutex::new(settings),
-            settings_stale: AtomicBool::new(false),
-            zero,
-            homes_single_axes,
+            dialect,
+            told: Mutex::new(told),
+            settings_stale: AtomicBool::new(unsure),
             axes,
             port,
             orders: wanted.orders,
@@ -87,23 +113,71 @@ impl Driver for GrblDriver {
     /// What a board says by itself when its port is opened is enough; where it says nothing, it is asked for its
     /// version.
     async fn identify(&self, wire: Wire, name: &str) -> Result<String, DeviceError> {
-        let (port, mut notices) = Port::start(wire, Lines::new(Grbl), Arc::default());
-        match started(&port, &mut notices, name, Instant::now() + START_UP).await? {
-            Start::Version(version) => known(name, version),
-            Start::Silence(heard) => match port.ask(grbl::BUILD_INFO, ANSWER).await {
-                Ok(answer) => match grbl::version(&answer.lines) {
-                    Some(version) => known(name, version),
-                    None => Err(wrong_device(name, &unreadable(&answer.lines.join(" ")))),
-                },
+        let (port, mut notices) = Port::start(wire, Grbl::default(), Arc::default());
+        let mut lines = Vec::new();
+        let mut version = started(&port, &mut notices, name, Instant::now() + START_UP, &mut lines).await?;
+        if version.is_none() {
+            match port.ask(grbl::BUILD_INFO, ANSWER).await {
+                Ok(answer) => {
+                    version = grbl::version(&answer.lines);
+                    lines.extend(answer.lines);
+                }
                 // A board that takes its time to start has done so now.
-                Err(PortError::Restarted) => match started(&port, &mut notices, name, Instant::now() + ANSWER).await? {
-                    Start::Version(version) => known(name, version),
-                    Start::Silence(heard) => Err(no_answer(name, "say what it is", heard, ANSWER)),
-                },
-                Err(PortError::Timeout(_)) => Err(no_answer(name, "say what it is", heard, ANSWER)),
-                Err(error) => Err(device_error(name, "say what it is", error)),
-            },
+                Err(PortError::Restarted) => {
+                    version = started(&port, &mut notices, name, Instant::now() + ANSWER, &mut lines).await?;
+                }
+                Err(PortError::Timeout(_)) => {}
+                Err(error) => return Err(device_error(name, Dialect::default(), "say what it is", error)),
+            }
         }
+        while let Ok(notice) = notices.try_recv() {
+            note(&mut lines, &notice);
+        }
+        match version {
+            Some(version) => Ok(known(name, version)?.words),
+            None => Err(self.stranger(name, &port, &lines, "say what it is", ANSWER)),
+        }
+    }
+}
+
+impl GrblDriver {
+    /// Stops and resets, and returns what the controller calls itself.
+    async fn start_up(
+        self,
+        port: &Port,
+        notices: &mut mpsc::Receiver<Notice>,
+        name: &str,
+    ) -> Result<Version, DeviceError> {
+        let closed = |error: PortError| device_error(name, Dialect::default(), "be reset", error);
+        // The first bytes of all: nothing that an earlier program started goes on.
+        port.urgent(&[grbl::JOG_CANCEL, grbl::HOLD], false).map_err(closed)?;
+        tokio::time::sleep(OPENING_STOP).await;
+        let mut lines = Vec::new();
+        for _ in 0..3 {
+            // What was said before the reset, a start at power-up among it, is no answer to it; but it may tell who is there.
+            while let Ok(notice) = notices.try_recv() {
+                note(&mut lines, &notice);
+            }
+            port.urgent(&[grbl::RESET], true).map_err(closed)?;
+            if let Some(version) = started(port, notices, name, Instant::now() + START_UP, &mut lines).await? {
+                return Ok(version);
+            }
+        }
+        // Whoever knows no reset byte may answer a line: an error is better than silence.
+        if let Ok(Ok(answer)) = tokio::time::timeout(ANSWER, port.resynchronise(grbl::BUILD_INFO, ANSWER)).await {
+            lines.extend(answer.lines);
+        }
+        while let Ok(notice) = notices.try_recv() {
+            note(&mut lines, &notice);
+        }
+        Err(self.stranger(name, port, &lines, "answer a reset", 3 * START_UP))
+    }
+
+    /// That something else is there, or nothing.
+    fn stranger(self, device: &str, port: &Port, lines: &[String], what: &str, allowed: Duration) -> DeviceError {
+        let sent = [&[grbl::JOG_CANCEL, grbl::HOLD, grbl::RESET], grbl::BUILD_INFO].concat();
+        let (received, baud) = (port.received(), (self.baud, USUAL_BAUD));
+        Heard { device, what, allowed, lines, received: &received, sent: &sent, expected: EXPECTED, baud }.error()
     }
 }
 
@@ -114,119 +188,79 @@ fn letter(name: &str, setup: &AxisSetup) -> Result<Letter, DeviceError> {
     })
 }
 
-/// Stops and resets, and returns what the controller calls itself.
-async fn start_up(port: &Port, notices: &mut mpsc::Receiver<Notice>, name: &str) -> Result<String, DeviceError> {
-    let closed = |error: PortError| device_error(name, "be reset", error);
-    // The first bytes of all: nothing that an earlier program started goes on.
-    port.urgent(&[grbl::JOG_CANCEL, grbl::HOLD], false).map_err(closed)?;
-    tokio::time::sleep(OPENING_STOP).await;
-    let mut heard: Option<String> = None;
-    for _ in 0..3 {
-        // What was said before the reset, a start at power-up among it, is no answer to it; but it may tell who is there.
-        while let Ok(notice) = notices.try_recv() {
-            note_noise(&mut heard, &notice);
-        }
-        port.urgent(&[grbl::RESET], true).map_err(closed)?;
-        match started(port, notices, name, Instant::now() + START_UP).await? {
-            Start::Version(version) => return known(name, version),
-            Start::Silence(line) => heard = telling(heard, line),
-        }
-    }
-    // Whoever knows no reset byte may answer a line: an error is better than silence.
-    if let Ok(Ok(answer)) = tokio::time::timeout(ANSWER, port.resynchronise(grbl::BUILD_INFO, ANSWER)).await {
-        heard = telling(heard, Some(answer.lines.join(" ")).filter(|lines| !lines.is_empty()));
-    }
-    while let Ok(notice) = notices.try_recv() {
-        note_noise(&mut heard, &notice);
-    }
-    Err(no_answer(name, "answer a reset", heard, 3 * START_UP))
-}
-
-/// Keeps a line that made no sense, or one that says more of who is there.
-fn note_noise(heard: &mut Option<String>, notice: &Notice) {
-    if notice.kind == Kind::Noise && !notice.line.trim().is_empty() {
-        *heard = telling(heard.take(), Some(notice.line.chars().take(60).collect()));
+/// Keeps a line that made no sense: it may tell who is there.
+fn note(lines: &mut Vec<String>, notice: &Notice) {
+    if notice.kind == Kind::Noise && !notice.line.trim().is_empty() && lines.len() < MOST_LINES {
+        lines.push(notice.line.clone());
     }
 }
 
-/// The first of two lines, but for a second one that names another firmware.
-fn telling(first: Option<String>, second: Option<String>) -> Option<String> {
-    let names = |line: &String| ["Marlin", "Klipper", "FluidNC"].iter().any(|name| line.contains(name));
-    if first.as_ref().is_some_and(names) {
-        first
-    } else {
-        second.filter(|line| first.is_none() || names(line)).or(first)
-    }
-}
-
-/// What came of waiting for a controller's start.
-enum Start {
-    /// It has said its version.
-    Version(String),
-    /// It has not; the first line that made no sense, where there was one.
-    Silence(Option<String>),
-}
-
-/// Waits for the line with which a controller starts.
+/// Waits for the line with which a controller starts, and keeps those that made no sense.
 async fn started(
     port: &Port,
     notices: &mut mpsc::Receiver<Notice>,
     name: &str,
     deadline: Instant,
-) -> Result<Start, DeviceError> {
-    let mut heard: Option<String> = None;
+    lines: &mut Vec<String>,
+) -> Result<Option<Version>, DeviceError> {
     loop {
         match tokio::time::timeout_at(deadline, notices.recv()).await {
-            Err(_) => return Ok(Start::Silence(heard)),
+            Err(_) => return Ok(None),
             Ok(None) => {
                 let reason = port.closed().borrow().clone().unwrap_or_else(|| "the port was closed".to_owned());
                 return Err(DeviceError::Disconnected { device: name.to_owned(), reason });
             }
-            Ok(Some(Notice { kind: Kind::Started, line, .. })) => {
-                return Ok(Start::Version(grbl::banner(&line).unwrap_or_default().to_owned()));
-            }
-            Ok(Some(notice)) => note_noise(&mut heard, &notice),
+            Ok(Some(Notice { kind: Kind::Started, line, .. })) => return Ok(grbl::banner(&line)),
+            Ok(Some(notice)) => note(lines, &notice),
         }
     }
 }
 
 /// A version, where it is one that this program drives.
-fn known(name: &str, version: String) -> Result<String, DeviceError> {
-    if version.starts_with("Grbl 1.1") || version.starts_with("GrblHAL 1.1") {
+fn known(name: &str, version: Version) -> Result<Version, DeviceError> {
+    if version.is_known() {
         return Ok(version);
     }
-    Err(wrong_device(name, &version))
+    Err(DeviceError::WrongDevice { device: name.to_owned(), expected: EXPECTED.to_owned(), found: version.words })
 }
 
-fn no_answer(name: &str, what: &str, heard: Option<String>, allowed: Duration) -> DeviceError {
-    match heard {
-        Some(line) => wrong_device(name, &unreadable(&line)),
-        None => DeviceError::Timeout { device: name.to_owned(), what: what.to_owned(), allowed },
+/// The numbered settings, and what the firmware was built with.
+async fn settings(port: &Port, name: &str, dialect: Dialect, options: &Answer) -> Result<Told, DeviceError> {
+    let settings = Settings::from_lines(&ask(port, name, dialect, grbl::SETTINGS, ANSWER).await?.lines);
+    if settings.is_on(13) {
+        return Err(DeviceError::Refused {
+            device: name.to_owned(),
+            reason: "it reports inches; set $13=0".to_owned(),
+        });
     }
+    let (zero, single) = (grbl::homes_to_zero(&options.lines), grbl::homes_single_axes(&options.lines));
+    Ok(Told::Settings { settings, zero, single })
 }
 
-/// What was heard instead of an answer, and what it hints at.
-fn unreadable(line: &str) -> String {
-    let hint = if line.contains('\u{fffd}') { " (is the baud rate right?)" } else { "" };
-    format!("something that says `{}`{hint}", line.escape_debug())
-}
-
-fn wrong_device(name: &str, found: &str) -> DeviceError {
-    DeviceError::WrongDevice {
-        device: name.to_owned(),
-        expected: "Grbl 1.1 or grblHAL".to_owned(),
-        found: found.to_owned(),
+/// FluidNC's configuration.
+async fn tree(port: &Port, name: &str) -> Result<Tree, DeviceError> {
+    let mut twice = Twice::default();
+    for _ in 0..DUMPS {
+        let answer = ask(port, name, Dialect::FluidNc, grbl::DUMP, DUMPED).await?;
+        let Some(tree) = twice.told(&answer.lines) else { continue };
+        if tree.flag("report_inches") == Some(true) {
+            let reason = "it reports inches; set report_inches: false".to_owned();
+            return Err(DeviceError::Refused { device: name.to_owned(), reason });
+        }
+        return Ok(tree);
     }
+    Err(twice.error(name))
 }
 
 /// Asks once the controller has started; a board may start twice when its port is opened.
-async fn ask(port: &Port, name: &str, line: &[u8]) -> Result<Answer, DeviceError> {
+async fn ask(port: &Port, name: &str, dialect: Dialect, line: &[u8], allowed: Duration) -> Result<Answer, DeviceError> {
     let deadline = Instant::now() + START_UP;
+    let error = |error| device_error(name, dialect, "tell its settings", error);
     while Instant::now() < deadline {
-        match port.request(line, ANSWER, port.generation()).await {
+        match port.request(line, allowed, port.generation()).await {
             Err(PortError::Restarted | PortError::OutOfStep) => tokio::time::sleep(POLL_MOVING).await,
-            other => return other.map_err(|error| device_error(name, "tell its settings", error)),
+            other => return other.map_err(error),
         }
     }
-    port.request(line, ANSWER, port.generation()).await.map_err(|error| device_error(name, "tell its settings", error))
+    port.request(line, allowed, port.generation()).await.map_err(error)
 }

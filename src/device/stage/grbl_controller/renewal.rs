@@ -2,10 +2,10 @@
 
 use std::sync::atomic::Ordering;
 
-use super::super::grbl::{self, Letter, Settings};
-use super::super::session::AxisFacts;
-use super::{ANSWER, Controller, POLL_MOVING, checks, device_error, locked};
-use crate::device::DeviceError;
+use super::super::grbl::{self, Settings, Tree};
+use super::told::Told;
+use super::{ANSWER, Controller, DUMPED, POLL_MOVING, locked};
+use crate::device::{AxisName, DeviceError};
 
 /// How often the settings are asked for where not all are told.
 const TRIES: usize = 4;
@@ -45,33 +45,43 @@ impl Controller {
     /// When the controller does not tell them, or contradicts the configuration of an axis now.
     pub(super) async fn renew_settings(&self, index: usize) -> Result<(), DeviceError> {
         self.settings_stale.store(false, Ordering::SeqCst);
-        let told = self.told_settings().await.inspect_err(|_| self.settings_stale.store(true, Ordering::SeqCst))?;
-        let before = std::mem::replace(&mut *locked(&self.settings), told.clone());
+        let told = self.told_anew().await.inspect_err(|_| self.settings_stale.store(true, Ordering::SeqCst))?;
+        let before = std::mem::replace(&mut *locked(&self.told), told.clone());
         if told != before {
             tracing::warn!(controller = %self.name, "a stage controller's settings are not what they were");
-            let moved = |number| told.get(number) != before.get(number);
-            // What makes another place of the same count of steps.
-            if moved(3) || moved(13) || Letter::ALL.iter().any(|letter| moved(100 + letter.index() as u16)) {
+            if told.displaces(&before) {
                 self.forget_positions();
             }
+            let names: Vec<AxisName> = self.axes.iter().map(|axis| axis.link.name()).collect();
             for axis in &self.axes {
-                let homes_also = axis.facts().homes_also;
-                let facts = checks::facts(axis.link.setup(), axis.letter, &told, self.zero);
-                *locked(&axis.facts) = AxisFacts { homes_also, ..facts };
+                *locked(&axis.facts) = told.facts(axis.link.setup(), axis.letter, &names);
             }
             self.share_contradictions();
+            // What contradicts is asked for until it was told twice alike: it may have been damaged on its way.
+            if self.axes.iter().any(|axis| !axis.facts().contradictions.is_empty()) {
+                self.settings_stale.store(true, Ordering::SeqCst);
+            }
         }
         self.axes[index].facts().check_motion(&self.name)
     }
 
+    async fn told_anew(&self) -> Result<Told, DeviceError> {
+        let before = locked(&self.told).clone();
+        match before {
+            Told::Settings { settings, zero, single } => {
+                Ok(Told::Settings { settings: self.told_settings(&settings).await?, zero, single })
+            }
+            Told::Tree(tree, letters) => Ok(Told::Tree(self.told_tree(tree).await?, letters)),
+        }
+    }
+
     /// Every setting. Where another's answer ends this question, what it was answered comes later.
-    async fn told_settings(&self) -> Result<Settings, DeviceError> {
-        let before = locked(&self.settings).clone();
+    async fn told_settings(&self, before: &Settings) -> Result<Settings, DeviceError> {
         for _ in 0..TRIES {
             let answer = self.port.ask(grbl::SETTINGS, ANSWER).await;
-            let answer = answer.map_err(|error| device_error(&self.name, "tell its settings", error))?;
+            let answer = answer.map_err(|error| self.device_error("tell its settings", error))?;
             let told = Settings::from_lines(&answer.lines);
-            if told.covers(&before) {
+            if told.covers(before) {
                 return Ok(told);
             }
             tokio::time::sleep(POLL_MOVING).await;
@@ -80,14 +90,55 @@ impl Controller {
         Err(DeviceError::Protocol { device: self.name.clone(), detail })
     }
 
+    /// The configuration, told twice alike: the one from before counts.
+    async fn told_tree(&self, before: Tree) -> Result<Tree, DeviceError> {
+        let mut twice = Twice { last: Some(before), wrong: None };
+        for _ in 0..=TRIES {
+            let answer = self.port.ask(grbl::DUMP, DUMPED).await;
+            let answer = answer.map_err(|error| self.device_error("tell its configuration", error))?;
+            if let Some(tree) = twice.told(&answer.lines) {
+                return Ok(tree);
+            }
+            tokio::time::sleep(POLL_MOVING).await;
+        }
+        Err(twice.error(&self.name))
+    }
+
     /// Where to home one axis is to home the other, what contradicts one keeps both from moving.
     pub(super) fn share_contradictions(&self) {
-        if self.homes_single_axes {
+        if self.homes_single_axes() {
             return;
         }
         let all: Vec<String> = self.axes.iter().flat_map(|axis| axis.facts().contradictions).collect();
         for axis in &self.axes {
             locked(&axis.facts).contradictions.clone_from(&all);
         }
+    }
+}
+
+/// A configuration that is believed once it was told twice alike. A line has no checksum, and a byte may come out wrong: what
+/// decides the way that an axis goes to find its switch is not taken from one reading.
+#[derive(Debug, Default)]
+pub(super) struct Twice {
+    last: Option<Tree>,
+    wrong: Option<String>,
+}
+
+impl Twice {
+    /// Takes a dump, and returns the configuration where it is the one of before.
+    pub(super) fn told(&mut self, lines: &[String]) -> Option<Tree> {
+        match Tree::from_lines(lines) {
+            Ok(tree) if self.last.as_ref() == Some(&tree) => return Some(tree),
+            Ok(tree) => self.last = Some(tree),
+            Err(why) => self.wrong = Some(why),
+        }
+        None
+    }
+
+    /// That it was not told twice alike.
+    pub(super) fn error(self, device: &str) -> DeviceError {
+        let why = self.wrong.unwrap_or_else(|| "each time it told another".to_owned());
+        let detail = format!("its configuration ($CD) was not told twice alike: {why}");
+        DeviceError::Protocol { device: device.to_owned(), detail }
     }
 }

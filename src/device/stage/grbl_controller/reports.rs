@@ -63,7 +63,7 @@ pub(super) async fn poll(weak: Weak<Controller>, poll_now: Arc<Notify>) {
             }
             // In homing and after a critical alarm nothing is answered.
             let mute =
-                controller.homing.load(Ordering::SeqCst) || controller.alarm.borrow().is_some_and(Alarm::needs_reset);
+                controller.homing.load(Ordering::SeqCst) || controller.alarm.borrow().is_some_and(Alarm::is_mute);
             if !mute {
                 // A full queue means that the device takes no bytes: the silence will tell.
                 let _ = controller.port.urgent(&[grbl::STATUS], false);
@@ -125,7 +125,7 @@ impl Controller {
                 self.restarts.send_modify(|count| *count += 1);
             }
             Kind::Halted => {
-                let alarm = Alarm::from_line(&notice.line).unwrap_or(Alarm(0));
+                let alarm = Alarm::from_line(&notice.line, self.dialect).unwrap_or(Alarm::unknown(self.dialect));
                 tracing::warn!(controller = %self.name, alarm = %alarm, "a stage controller is in alarm");
                 self.forget_positions();
                 let words = self.alarm_words(alarm);
@@ -139,7 +139,13 @@ impl Controller {
             Kind::Done | Kind::Refused => self.shared_with_another(&notice.line),
             _ => {
                 if let Some(status) = grbl::status(&notice.line) {
+                    if status.pendant == Some(true) {
+                        self.shared_with_another("a pendant has it");
+                    }
                     self.take_status(&status, notice.line_number);
+                } else if Alarm::from_line(&notice.line, self.dialect).is_some_and(Alarm::is_unhomed) {
+                    // What it says after its start; it takes lines all the same.
+                    self.forget_positions();
                 }
             }
         }
@@ -155,6 +161,7 @@ impl Controller {
         drop(offset);
         let Some(machine) = machine else { return };
         let now = Instant::now();
+        let quiet = self.alarm.borrow().is_none();
         for axis in &self.axes {
             let home = axis.link.home();
             let at = machine[axis.letter.index()];
@@ -176,6 +183,8 @@ impl Controller {
                     state.fault.clone_from(words);
                 }
                 match status.mode {
+                    // Locked for another axis's sake, which is not homed.
+                    Mode::Alarm if home.is_some() && quiet && !matches!(pin, Some(Some(_))) => state.fault = None,
                     Mode::Alarm | Mode::Idle if matches!(pin, Some(Some(_))) => {}
                     Mode::Alarm if back || state.fault.is_none() => {
                         state.fault = Some("the controller is locked until it is homed".to_owned());

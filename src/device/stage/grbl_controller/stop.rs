@@ -9,10 +9,8 @@ use crate::device::StopDelivery;
 
 /// Time beyond what a stop takes before the controller is reset under it.
 const STOP_SPARE: Duration = Duration::from_millis(200);
-/// Grbl carries out the steps that it has worked out ahead, five segments of 10 ms, before it decelerates.
-const BUFFERED: Duration = Duration::from_millis(50);
 /// Grbl takes nothing for half a second after an alarm's message; and the time to start.
-const ALARM_MESSAGE: Duration = Duration::from_millis(700);
+pub(super) const ALARM_MESSAGE: Duration = Duration::from_millis(700);
 
 impl Controller {
     /// Resets the controller and waits for its start; tells whether that came. `blind` says that the reset is the stop
@@ -21,7 +19,7 @@ impl Controller {
         let mut restarts = self.restarts.subscribe();
         let before = *restarts.borrow_and_update();
         // What falls into the message of a critical alarm is not heard: it is said again after that.
-        let deaf = self.alarm.borrow().is_some_and(Alarm::needs_reset);
+        let deaf = self.alarm.borrow().is_some_and(Alarm::is_mute);
         let waits: &[Duration] = if deaf { &[ALARM_MESSAGE, START_UP] } else { &[START_UP] };
         for &wait in waits {
             self.restart_is_ours.store(true, Ordering::SeqCst);
@@ -48,10 +46,9 @@ impl Controller {
             .map(|axis| axis.facts())
             .map(|facts| facts.speed_mm_per_s / facts.acceleration_mm_per_s2)
             .fold(0.0, f64::max);
-        // It says nothing while it waits to switch its motors off ($1, ms; 255 for never).
-        let silent_ms = locked(&self.settings).get(1).filter(|ms| (0.0..255.0).contains(ms)).unwrap_or(0.0);
-        let stopping = Duration::from_secs_f64(deceleration.min(5.0) + silent_ms / 1000.0);
-        BUFFERED + stopping + 2 * POLL_MOVING + STOP_SPARE
+        let told = locked(&self.told);
+        let stopping = Duration::from_secs_f64(deceleration.min(5.0)) + told.silence();
+        told.buffered() + stopping + 2 * POLL_MOVING + STOP_SPARE
     }
 
     /// Stops what moves and what waits to move, without having been asked to.

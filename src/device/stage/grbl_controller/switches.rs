@@ -1,8 +1,9 @@
 //! The limit switches. Both of an axis are wired to its one pin, and homing takes whichever is pressed for the home
 //! switch: from the other one it would "pull off" the wrong way, a millimetre further at each try.
 
-use super::super::grbl::{self, Alarm, Letter, Mode};
-use super::{ANSWER, Axis, Controller, START_UP, device_error, locked};
+use super::super::grbl::{self, Alarm, Dialect, Letter, Mode};
+use super::stop::ALARM_MESSAGE;
+use super::{ANSWER, Axis, Controller, START_UP, locked};
 use crate::config::Side;
 use crate::device::port::PortError;
 use crate::device::{DeviceError, MoveTime};
@@ -69,10 +70,10 @@ impl Axis {
     }
 
     /// Notes how homing ended: an end in words of the controller's own (`ALARM:8`) has the axis pulled off something.
-    pub(super) fn note_homed(&self, ended: Result<(), &PortError>) {
+    pub(super) fn note_homed(&self, ended: Result<(), &PortError>, dialect: Dialect) {
         match ended {
             Ok(()) => locked(&self.way).last = Last::Away,
-            Err(PortError::Halted(line)) if Alarm::from_line(line) == Some(Alarm(8)) => {
+            Err(PortError::Halted(line)) if Alarm::from_line(line, dialect).is_some_and(Alarm::is_pull_off) => {
                 locked(&self.way).last = Last::Unknown;
             }
             Err(_) => {}
@@ -114,7 +115,7 @@ impl Controller {
     /// An alarm in words, with what the last motion tells of it.
     pub(super) fn alarm_words(&self, alarm: Alarm) -> String {
         let moved = *locked(&self.moved);
-        let more = moved.filter(|_| alarm == Alarm(1)).and_then(|index| self.axes[index].hard_limit());
+        let more = moved.filter(|_| alarm.is_hard_limit()).and_then(|index| self.axes[index].hard_limit());
         more.map_or_else(|| alarm.to_string(), |more| format!("{alarm}; {more}"))
     }
 
@@ -125,9 +126,16 @@ impl Controller {
         }
     }
 
-    /// Leaves what the controller obeys nothing but a reset in: a critical alarm, a hold, sleep.
+    /// Leaves what the controller obeys nothing but a reset in: a critical alarm, a hold, sleep. After another alarm Grbl starts
+    /// by itself; an heir that does not is reset.
     pub(super) async fn wake(&self) -> Result<(), DeviceError> {
-        let locked_up = self.alarm.borrow().is_some_and(Alarm::needs_reset);
+        let mut alarm = self.alarm.subscribe();
+        let now = *alarm.borrow_and_update();
+        let locked_up = match now {
+            Some(alarm) if alarm.needs_reset() => true,
+            Some(_) => tokio::time::timeout(ALARM_MESSAGE, alarm.wait_for(Option::is_none)).await.is_err(),
+            None => false,
+        };
         let held = self.readings.borrow().as_ref().is_some_and(|r| matches!(r.mode, Mode::Hold(_) | Mode::Sleep));
         if (locked_up || held) && !self.restart(false).await {
             return Err(self.timeout("answer a reset", START_UP));
@@ -164,13 +172,16 @@ impl Controller {
         if locked(&axis.way).off_mm + distance_mm > LONGEST_MM + 1e-9 {
             return Err(by_hand(&format!("the switch is pressed still after {LONGEST_MM} mm")));
         }
+        let by_mm = axis.link.setup().direction() * towards.sign() * distance_mm;
+        if !self.is_within_bounds(letter, reading.machine[letter.index()] + by_mm) {
+            return Err(by_hand("the controller's soft limits (soft_limits) do not let the axis off its switch"));
+        }
         self.unlock(generation).await?;
         {
             let mut way = locked(&axis.way);
             way.last = Last::Unknown;
             way.off_mm += distance_mm;
         }
-        let by_mm = axis.link.setup().direction() * towards.sign() * distance_mm;
         let facts = axis.facts();
         let speed = facts.speed_mm_per_s.min(SPEED_MM_PER_S);
         let allowed = MoveTime::of_trapezoid(distance_mm, speed, facts.acceleration_mm_per_s2).maximum;
@@ -185,7 +196,7 @@ impl Controller {
             Err(PortError::Halted(_)) => self.latest_line(),
             Err(error) => {
                 self.stop().await;
-                return Err(device_error(&self.name, "move off a switch", error));
+                return Err(self.device_error("move off a switch", error));
             }
         };
         let rested = tokio::select! {
@@ -203,7 +214,7 @@ impl Controller {
             }
             // A pin that changes is an alarm also where its switch lets go.
             None => {
-                if let Some(other) = (*self.alarm.borrow()).filter(|alarm| *alarm != Alarm(1)) {
+                if let Some(other) = (*self.alarm.borrow()).filter(|alarm| !alarm.is_hard_limit()) {
                     return Err(DeviceError::Alarm { device: self.name.clone(), reason: other.to_string() });
                 }
                 self.wake().await?;
