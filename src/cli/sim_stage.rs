@@ -10,16 +10,16 @@ use tokio::net::TcpListener;
 
 use super::Context;
 use super::serve::Signals;
-use crate::config::{AxisConfig, ControllerDriver};
+use crate::config::AxisConfig;
 use crate::sim::plant::{Plant, RecordedSlides, Slides};
-use crate::sim::stage::{ControllerTwin, firmware};
+use crate::sim::stage::{ControllerTwin, Protocol, firmware};
 
 /// Arguments of `plenalign sim-stage`.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// What the controller speaks.
     #[arg(long, value_enum)]
-    protocol: ControllerDriver,
+    protocol: Protocol,
     /// A link to the pseudo-terminal, made anew, to have a name that stays.
     #[arg(long, value_name = "PATH", conflicts_with = "listen")]
     link: Option<PathBuf>,
@@ -37,13 +37,13 @@ pub(super) struct Args {
 
 /// The bench's axes as a twin of this protocol can have them: under names of its own where the configured ones are
 /// another protocol's.
-fn axes(context: &Context, protocol: ControllerDriver) -> [AxisConfig; 2] {
+fn axes(context: &Context, protocol: Protocol) -> [AxisConfig; 2] {
     let mut axes = [context.config.bench.focus.clone(), context.config.bench.e.clone()];
     for (axis, name) in axes.iter_mut().zip(protocol.first_axes()) {
         let controller = context.config.bench.controllers.get(&axis.controller);
-        if controller.is_none_or(|controller| controller.driver != protocol) {
+        if controller.is_none_or(|controller| controller.driver != protocol.driver()) {
             name.clone_into(&mut axis.axis);
-            axis.steps_per_mm = protocol.units_per_mm().unwrap_or(axis.steps_per_mm);
+            axis.steps_per_mm = protocol.driver().units_per_mm().unwrap_or(axis.steps_per_mm);
         }
     }
     axes

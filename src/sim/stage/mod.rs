@@ -9,6 +9,7 @@ pub mod grbl;
 pub mod line;
 pub mod pi;
 mod pi_parameters;
+mod protocol;
 pub mod tmcl;
 pub mod zaber;
 
@@ -24,7 +25,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_serial::{SerialPort, SerialStream};
 
-use crate::config::{AxisConfig, BenchConfig, ControllerDriver};
+use crate::config::{AxisConfig, BenchConfig};
 use crate::device::serial::{Dial, Wire};
 use crate::device::stage::axis::AxisSetup;
 use crate::device::stage::grbl_controller::GrblDriver;
@@ -35,6 +36,7 @@ use drive::DriveConfig;
 use grbl::{FirmwareConfig, GrblFirmware};
 use line::Line;
 use pi::PiFirmware;
+pub use protocol::Protocol;
 use tmcl::TmclFirmware;
 use zaber::ZaberFirmware;
 
@@ -71,15 +73,17 @@ pub trait Firmware: Send {
     fn power_cycle(&mut self);
 }
 
-/// The firmware of a driver's controllers, set up for axes as configured.
+/// The firmware of a protocol's controllers, set up for axes as configured.
 #[must_use]
-pub fn firmware(driver: ControllerDriver, axes: &[&AxisConfig], plant: Arc<dyn Plant>) -> ControllerTwin {
+pub fn firmware(protocol: impl Into<Protocol>, axes: &[&AxisConfig], plant: Arc<dyn Plant>) -> ControllerTwin {
     let drives = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
-    match driver {
-        ControllerDriver::Grbl => ControllerTwin::new(GrblFirmware::new(FirmwareConfig::for_axes(axes), plant)),
-        ControllerDriver::Zaber => ControllerTwin::new(ZaberFirmware::new(drives, &plant)),
-        ControllerDriver::Pi => ControllerTwin::new(PiFirmware::new(drives, &plant)),
-        ControllerDriver::Tmcl => ControllerTwin::new(TmclFirmware::new(drives, &plant)),
+    match protocol.into() {
+        Protocol::Grbl => ControllerTwin::new(GrblFirmware::new(FirmwareConfig::for_axes(axes), plant)),
+        Protocol::GrblHal => ControllerTwin::new(GrblFirmware::new(FirmwareConfig::grblhal(axes), plant)),
+        Protocol::FluidNc => ControllerTwin::new(GrblFirmware::new(FirmwareConfig::fluidnc(axes), plant)),
+        Protocol::Zaber => ControllerTwin::new(ZaberFirmware::new(drives, &plant)),
+        Protocol::Pi => ControllerTwin::new(PiFirmware::new(drives, &plant)),
+        Protocol::Tmcl => ControllerTwin::new(TmclFirmware::new(drives, &plant)),
     }
 }
 
@@ -297,7 +301,7 @@ pub async fn simulated_stages(
         // The twin's limits begin at the switch, which is its own choice and not the configuration's.
         axis.config.accept_wider_firmware_limits = true;
     }
-    let controller = Controller::start(device, Box::new(GrblDriver), Arc::new(twin.dial()), None, axes);
+    let controller = Controller::start(device, Box::new(GrblDriver::default()), Arc::new(twin.dial()), None, axes);
     controller.first_attempt().await?;
     let stage = |axis| {
         controller
@@ -318,13 +322,13 @@ mod tests {
     proptest! {
         #[test]
         fn no_bytes_break_a_firmware(
-            driver in prop::sample::select(ControllerDriver::value_variants()),
+            driver in prop::sample::select(Protocol::value_variants()),
             words in proptest::collection::vec(
                 prop_oneof![
                     proptest::collection::vec(any::<u8>(), 0..40),
                     // What comes near to being understood.
                     "[/$]?[0-9A-Za-z?=.# -]{0,24}\n".prop_map(String::into_bytes),
-                    "(/1 1 )?(move abs|home|MOV 1|FNL 1|SVO 1|\\$H|\\$J=X)[ -]?[0-9.]{0,12}\n"
+                    "(/1 1 )?(move abs|home|MOV 1|FNL 1|SVO 1|\\$H|\\$CD|\\$/axes/x/homing/cycle=|\\$J=X)[ -]?[0-9.]{0,12}\n"
                         .prop_map(String::into_bytes),
                 ],
                 0..20,

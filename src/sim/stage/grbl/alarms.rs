@@ -1,5 +1,6 @@
 //! Limit pins, alarms and resets: what ends motion at once, and how long the firmware then says nothing.
 
+use super::settings::Heir;
 use super::{GrblFirmware, State};
 
 /// The firmware waits this long after it has said an alarm, s: it takes nothing meanwhile, not even a reset.
@@ -12,6 +13,11 @@ pub(super) enum After {
     Deaf,
     /// The firmware starts anew; a line that was being carried out gets its `ok` first.
     Start {
+        /// Whether there was one.
+        owes_ok: bool,
+    },
+    /// FluidNC stays as it is, locked; a line that was being carried out gets its `ok`.
+    Locked {
         /// Whether there was one.
         owes_ok: bool,
     },
@@ -33,7 +39,12 @@ impl GrblFirmware {
     /// release as well, but for homing and while it is locked.
     pub(super) fn limits_trip(&mut self) -> bool {
         let now = self.pins();
-        let changed = std::mem::replace(&mut self.pins_before, now) != now;
+        let before = std::mem::replace(&mut self.pins_before, now);
+        // FluidNC minds a switch that closes, and not one that lets go.
+        let changed = match self.config.heir {
+            Heir::FluidNc => (0..3).any(|axis| now[axis] && !before[axis]),
+            Heir::Grbl | Heir::GrblHal => before != now,
+        };
         changed && self.settings.is_on(21) && self.homing.is_none() && self.state != State::Alarm
     }
 
@@ -49,10 +60,15 @@ impl GrblFirmware {
         // Homing is answered in the end even where it failed; a jog was answered when it was taken.
         let owes_ok = self.homing.take().is_some();
         self.motion = None;
-        self.say_alarm(number, After::Start { owes_ok });
+        let after = if self.fluid.is_some() { After::Locked { owes_ok } } else { After::Start { owes_ok } };
+        self.say_alarm(number, after);
     }
 
-    fn say_alarm(&mut self, number: u8, after: After) {
+    pub(super) fn say_alarm(&mut self, number: u8, after: After) {
+        if self.fluid.is_some() {
+            self.say(&format!("[MSG:INFO: ALARM: number {number}]"));
+        }
+        self.last_alarm = number;
         self.say(&format!("ALARM:{number}"));
         self.state = State::Alarm;
         self.message = Some((MESSAGE_S, after));
@@ -67,8 +83,15 @@ impl GrblFirmware {
         }
         match after {
             After::Deaf => {
-                self.say("[MSG:Reset to continue]");
+                let hint =
+                    if self.fluid.is_some() { "[MSG:ERR: Reset to continue]" } else { "[MSG:Reset to continue]" };
+                self.say(hint);
                 self.deaf = true;
+            }
+            After::Locked { owes_ok } => {
+                if owes_ok {
+                    self.say("ok");
+                }
             }
             After::Start { owes_ok } => {
                 if owes_ok {
@@ -78,10 +101,17 @@ impl GrblFirmware {
                 self.start();
             }
         }
+        if std::mem::take(&mut self.reset_due) {
+            self.reset();
+        }
+        self.work();
     }
 
     /// The reset byte.
     pub(super) fn reset(&mut self) {
+        if self.fluid.is_some() {
+            return self.fluid_reset();
+        }
         if self.homing.is_some() {
             return self.abort(6);
         }
@@ -101,7 +131,10 @@ impl GrblFirmware {
 
     /// What is printed after power-up and after every reset.
     pub(super) fn start(&mut self) {
-        let help = if self.config.version.starts_with("GrblHAL") { "'$' or '$HELP'" } else { "'$'" };
+        if self.fluid.is_some() {
+            return self.fluid_start();
+        }
+        let help = if self.config.heir == Heir::GrblHal { "'$' or '$HELP'" } else { "'$'" };
         let banner = format!("\r\n{} [{help} for help]", self.config.version);
         self.say(&banner);
         self.pins_before = self.pins();

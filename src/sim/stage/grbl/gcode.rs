@@ -1,5 +1,6 @@
 //! What the firmware makes of a line: `$` commands, jogs, and the few words of G-code that move axes.
 
+use super::settings::Heir;
 use super::{GrblFirmware, State};
 
 /// What becomes of a line.
@@ -86,6 +87,9 @@ impl Words {
 impl GrblFirmware {
     /// Carries out a line.
     pub(super) fn execute(&mut self, line: &[u8]) -> Result<Answer, Refusal> {
+        if let Some(answer) = self.fluid_command(line) {
+            return answer;
+        }
         let text: String = String::from_utf8_lossy(line)
             .chars()
             .filter(|c| !c.is_whitespace())
@@ -117,9 +121,12 @@ impl GrblFirmware {
             "$" => self.say_settings(),
             _ if !at_rest => return Err(Refusal::Error(8)),
             "I" => {
-                let version = self.config.version.trim_start_matches("Grbl ").to_owned();
+                let version = self.config.version.split(' ').next_back().unwrap_or_default().to_owned();
                 self.say(&format!("[VER:{version}.20190825:]"));
                 self.say(if self.config.single_axis_homing { "[OPT:VH,15,128]" } else { "[OPT:V,15,128]" });
+                if self.config.heir == Heir::GrblHal {
+                    self.say("[FIRMWARE:grblHAL]");
+                }
             }
             "G" => self.say("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"),
             "X" => {
@@ -165,8 +172,10 @@ impl GrblFirmware {
         let relative = words.relative.unwrap_or(self.modal.relative);
         let scale = if inches { 25.4 } else { 1.0 };
         let feed = words.feed.ok_or(Refusal::Error(22))? * scale;
-        let target = self.target(words.axes, scale, relative);
-        if self.beyond_travel(target) {
+        let mut target = self.target(words.axes, scale, relative);
+        if self.fluid.is_some() {
+            target = self.fluid_jog_target(target);
+        } else if self.beyond_travel(target) {
             return Err(Refusal::Error(15));
         }
         self.plan(target, feed / 60.0, State::Jog);
@@ -208,6 +217,9 @@ impl GrblFirmware {
     fn beyond_travel(&self, target: [f64; 3]) -> bool {
         // A tenth of a micrometre, for the decimals of a line.
         let spare = 1e-4;
+        if self.fluid.is_some() {
+            return self.fluid_beyond(target);
+        }
         self.settings.is_on(20)
             && (0..3).any(|i| {
                 self.config.axes[i].is_some()

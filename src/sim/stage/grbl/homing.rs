@@ -8,6 +8,7 @@ impl GrblFirmware {
     pub(super) fn home(&mut self, axis: Option<usize>) {
         let blocks: Vec<Vec<usize>> = match axis {
             Some(axis) => vec![vec![axis]],
+            None if self.fluid.is_some() => self.fluid_cycles(),
             None => [vec![2], vec![0, 1]]
                 .into_iter()
                 .map(|block| block.into_iter().filter(|&axis| self.config.axes[axis].is_some()).collect::<Vec<_>>())
@@ -16,9 +17,13 @@ impl GrblFirmware {
         };
         self.homing = Homing::of(blocks);
         self.state = State::Home;
+        self.leave_switches();
     }
 
-    fn homes_negative(&self, axis: usize) -> bool {
+    pub(super) fn homes_negative(&self, axis: usize) -> bool {
+        if let Some(fluid) = &self.fluid {
+            return !fluid.axis_flag(axis, "homing/positive_direction");
+        }
         (self.settings.get(23) as u32) & (1 << axis) != 0
     }
 
@@ -32,7 +37,7 @@ impl GrblFirmware {
         let (rate, longest) = match homing.phase {
             HomingPhase::Seek => (self.settings.get(25), 1.5 * travel),
             HomingPhase::Locate => (self.settings.get(24), 5.0 * pull_off),
-            HomingPhase::PullOff | HomingPhase::Settle => (self.settings.get(25), pull_off),
+            HomingPhase::Leave | HomingPhase::PullOff | HomingPhase::Settle => (self.settings.get(25), pull_off),
         };
         (rate.min(slowest) / 60.0, longest)
     }
@@ -45,14 +50,19 @@ impl GrblFirmware {
             return;
         }
         let phase = homing.phase;
-        let (rate, longest_mm) = self.homing_line(&homing);
+        let line = self.homing_line(&homing);
         for axis in &mut homing.axes {
             let index = axis.axis;
+            let (rate, longest_mm) = self.fluid.as_ref().map_or(line, |fluid| fluid.homing_line(index, phase));
             let steps_per_mm = self.settings.of_axis(100, index);
             axis.due += rate * steps_per_mm * dt;
             let longest = (longest_mm * steps_per_mm).round() as i64;
             let towards = if self.homes_negative(index) { -1 } else { 1 };
-            let direction = if phase.approaches() { towards } else { -towards };
+            let direction = match phase {
+                HomingPhase::Leave => self.leaving[index],
+                _ if phase.approaches() => towards,
+                _ => -towards,
+            };
             while !axis.done && axis.steps < axis.due as i64 {
                 // Whichever of the two switches it is: they share the pin.
                 if phase.approaches() && self.pin_pressed(index) {
@@ -80,12 +90,19 @@ impl GrblFirmware {
         if phase == HomingPhase::Settle {
             self.set_home(&homing);
         }
+        let block_ends = phase == HomingPhase::Settle;
+        if block_ends {
+            self.note_homed(&homing);
+        }
         if homing.go_on(self.settings.get(26) / 1000.0) {
             self.homing = Some(homing);
+            if block_ends {
+                self.leave_switches();
+            }
             return;
         }
         self.pins_before = self.pins();
-        self.state = State::Idle;
+        self.state = if self.is_homed_enough() { State::Idle } else { State::Alarm };
         self.say("ok");
         if std::mem::take(&mut self.report_due) {
             self.report();
@@ -100,6 +117,7 @@ impl GrblFirmware {
             let index = axis.axis;
             // Machine space is negative: zero is the positive end of the travel.
             let machine_mm = match self.homes_negative(index) {
+                _ if self.fluid.is_some() => self.fluid_home_mm(index),
                 true => -self.settings.of_axis(130, index) + pull_off,
                 false => -pull_off,
             };

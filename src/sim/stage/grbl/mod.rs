@@ -1,4 +1,4 @@
-//! Grbl 1.1's firmware. A jog that is queued in the direction of the one under way is blended with it; other blocks come
+//! Grbl 1.1's firmware, and its heirs grblHAL and FluidNC ([`Heir`]). A jog that is queued in the direction of the one under way is blended with it; other blocks come
 //! to rest between one another, unlike Grbl's.
 //!
 //! ```text
@@ -11,8 +11,11 @@
 //! ```
 //!
 //! After every alarm nothing is taken for half a second, not even 0x18. Both switches of an axis are wired to its one pin.
+//! What FluidNC does otherwise is in [`fluidnc`].
 
 mod alarms;
+mod configuration;
+mod fluidnc;
 mod gcode;
 mod homing;
 mod motion;
@@ -24,7 +27,7 @@ use std::sync::Arc;
 
 use motion::{Block, Homing, Motion};
 use settings::Settings;
-pub use settings::{FirmwareAxis, FirmwareConfig};
+pub use settings::{FirmwareAxis, FirmwareConfig, Heir};
 
 use super::Firmware;
 use crate::sim::plant::Plant;
@@ -84,6 +87,13 @@ pub struct GrblFirmware {
     waiting: VecDeque<Vec<u8>>,
     waiting_bytes: usize,
     report_due: bool,
+    /// A reset that came while an alarm was being said: FluidNC carries it out afterwards.
+    reset_due: bool,
+    last_alarm: u8,
+    /// What FluidNC has of its own.
+    fluid: Option<configuration::Fluid>,
+    /// Which way each axis leaves the switch that it stands on, in steps.
+    leaving: [i64; 3],
     reports: u32,
     modal: gcode::Modal,
     out: Vec<u8>,
@@ -105,7 +115,7 @@ impl Firmware for GrblFirmware {
     }
 
     fn receive(&mut self, byte: u8) {
-        if self.message.is_some() {
+        if self.message.is_some() && self.fluid.is_none() {
             return;
         }
         if self.silent_s > 0.0 {
@@ -113,9 +123,11 @@ impl Firmware for GrblFirmware {
             return;
         }
         match byte {
+            0x18 if self.message.is_some() => self.reset_due = true,
             0x18 => self.reset(),
             // Deaf, it takes nothing else.
-            _ if self.deaf => {}
+            b'?' if self.config.heir == Heir::GrblHal => self.report(),
+            _ if self.deaf && self.fluid.is_none() => {}
             b'?' => self.report(),
             b'!' => self.hold(),
             b'~' => self.resume(),
@@ -168,7 +180,11 @@ impl Firmware for GrblFirmware {
         self.deaf = false;
         self.owed_ok = false;
         self.reports = 0;
+        self.reset_due = false;
         self.clear();
+        if self.fluid.is_some() {
+            return self.fluid_power_up();
+        }
         self.start();
     }
 }
@@ -178,7 +194,12 @@ impl GrblFirmware {
     #[must_use]
     pub fn new(config: FirmwareConfig, plant: Arc<dyn Plant>) -> Self {
         let settings = Settings::new(&config);
+        let fluid = (config.heir == Heir::FluidNc).then(|| configuration::Fluid::new(&config));
         let mut firmware = Self {
+            fluid,
+            leaving: [0; 3],
+            reset_due: false,
+            last_alarm: 0,
             config,
             plant,
             settings,
@@ -209,7 +230,13 @@ impl GrblFirmware {
             firmware.say("error:7");
             firmware.say_settings();
         }
-        firmware.start();
+        if firmware.fluid.is_some() {
+            firmware.fluid_power_up();
+            // That was a while ago.
+            firmware.message = None;
+        } else {
+            firmware.start();
+        }
         firmware
     }
 
@@ -280,14 +307,16 @@ impl GrblFirmware {
     }
 
     fn decelerate(&mut self) {
+        // Segments of 10 ms: five of Grbl's, twelve of FluidNC's.
+        let buffered_s = if self.fluid.is_some() { 0.12 } else { 0.05 };
         if let Some(motion) = &mut self.motion {
-            motion.stop();
+            motion.stop(buffered_s);
         }
     }
 
     /// Answers the lines that can be answered now.
     fn work(&mut self) {
-        while !self.deaf
+        while (!self.deaf || self.fluid.is_some())
             && self.silent_s <= 0.0
             && self.message.is_none()
             && self.homing.is_none()

@@ -2,9 +2,6 @@
 
 use std::collections::VecDeque;
 
-/// The steps that the firmware has worked out ahead take this long: five segments of 10 ms.
-const BUFFERED_S: f64 = 0.05;
-
 /// A queued straight line, in machine steps.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Block {
@@ -102,9 +99,9 @@ impl Motion {
         braking && self.speed == 0.0
     }
 
-    /// Has it decelerate to rest wherever it is then: what the step buffer holds is carried out first.
-    pub(super) fn stop(&mut self) {
-        self.stopping_in.get_or_insert(BUFFERED_S);
+    /// Has it decelerate to rest wherever it is then: what the step buffer holds, seconds, is carried out first.
+    pub(super) fn stop(&mut self, buffered_s: f64) {
+        self.stopping_in.get_or_insert(buffered_s);
     }
 
     /// Whether it was told to stop.
@@ -136,6 +133,8 @@ impl Motion {
 /// Where a homing cycle is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum HomingPhase {
+    /// Off whatever switch is pressed at the start, where the firmware can tell which it is.
+    Leave,
     /// Fast, until the switch closes.
     Seek,
     /// Off the switch.
@@ -150,6 +149,7 @@ impl HomingPhase {
     /// The phase after this one.
     pub(super) const fn next(self) -> Option<Self> {
         match self {
+            Self::Leave => Some(Self::Seek),
             Self::Seek => Some(Self::PullOff),
             Self::PullOff => Some(Self::Locate),
             Self::Locate => Some(Self::Settle),
@@ -249,7 +249,7 @@ mod tests {
             assert!(!motion.advance(0.001));
         }
         let at = motion.position_mm()[1];
-        motion.stop();
+        motion.stop(0.05);
         let mut time = 0.0;
         while !motion.advance(0.001) {
             time += 0.001;

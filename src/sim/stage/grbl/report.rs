@@ -1,12 +1,13 @@
 //! Status reports.
 
+use super::settings::Heir;
 use super::{GrblFirmware, State};
 use crate::sim::stage::Firmware as _;
 
 impl GrblFirmware {
     /// Answers `?`.
     pub(super) fn report(&mut self) {
-        if self.homing.is_some() {
+        if self.homing.is_some() && self.fluid.is_none() {
             // The homing loop answers nothing; the report comes after it.
             self.report_due = true;
             return;
@@ -17,6 +18,7 @@ impl GrblFirmware {
             State::Run => "Run",
             State::Hold if self.motion.is_some() => "Hold:1",
             State::Hold => "Hold:0",
+            State::Alarm if self.deaf && self.config.heir == Heir::GrblHal => &format!("Alarm:{}", self.last_alarm),
             State::Alarm => "Alarm",
             State::Door if self.motion.is_some() => "Door:2",
             State::Door => "Door:0",
@@ -26,7 +28,9 @@ impl GrblFirmware {
         let [x, y, z] = self.machine_mm();
         let position = if self.settings.get(10) as u32 & 1 != 0 { "MPos" } else { "WPos" };
         let feed = self.motion.as_ref().map_or(0.0, |motion| motion.speed() * 60.0);
-        let mut report = format!("<{state}|{position}:{x:.3},{y:.3},{z:.3}|FS:{feed:.0},0");
+        // FluidNC reports the axes that it is configured for.
+        let z = if self.fluid.is_some() && self.config.axes[2].is_none() { String::new() } else { format!(",{z:.3}") };
+        let mut report = format!("<{state}|{position}:{x:.3},{y:.3}{z}|FS:{feed:.0},0");
         let pressed: String =
             "XYZ".chars().zip(self.pins()).filter_map(|(name, pressed)| pressed.then_some(name)).collect();
         if !pressed.is_empty() {

@@ -5,6 +5,17 @@ use std::collections::BTreeMap;
 use crate::config::AxisConfig;
 use crate::sim::stage::PULL_OFF_MM;
 
+/// Which firmware it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Heir {
+    /// Grbl 1.1 itself.
+    Grbl,
+    /// grblHAL: other alarms, and reports in all of them.
+    GrblHal,
+    /// FluidNC: a configuration file, and much of its own.
+    FluidNc,
+}
+
 /// One axis of the machine that the firmware is configured for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FirmwareAxis {
@@ -20,11 +31,15 @@ pub struct FirmwareAxis {
     pub homes_negative: bool,
     /// Whether its motor is wired the other way round, which the firmware makes good.
     pub motor_inverted: bool,
+    /// Machine position after homing, mm (FluidNC; Grbl's follows from its travel).
+    pub home_mm: f64,
 }
 
 /// What the firmware was built with and configured for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FirmwareConfig {
+    /// Which firmware it is.
+    pub heir: Heir,
     /// Axes X, Y, Z; absent ones have no motor, no switch, and are not homed.
     pub axes: [Option<FirmwareAxis>; 3],
     /// Distance from the home switch after homing, mm.
@@ -39,6 +54,12 @@ pub struct FirmwareConfig {
     pub hard_limits: bool,
     /// Whether its settings memory was blank when it was powered up: it says so, with every setting.
     pub blank_settings: bool,
+    /// Whether each end's switch has an input of its own, as FluidNC can have it.
+    pub separate_pins: bool,
+    /// Keys of FluidNC's configuration with other values than it would have, e.g. `axes/x/homing/cycle`.
+    pub keys: Vec<(String, String)>,
+    /// Whether it is locked at its start until every axis has been homed (FluidNC; Grbl is while homing is on).
+    pub must_home: bool,
     /// What the firmware calls itself, e.g. `Grbl 1.1h`.
     pub version: String,
 }
@@ -49,6 +70,7 @@ impl FirmwareConfig {
     pub fn for_axes(axes: &[&AxisConfig]) -> Self {
         let fitted = |letter: &str| axes.iter().copied().find(|axis| axis.axis.eq_ignore_ascii_case(letter));
         Self {
+            heir: Heir::Grbl,
             axes: ["X", "Y", "Z"].map(|letter| fitted(letter).map(FirmwareAxis::of)),
             pull_off_mm: PULL_OFF_MM,
             seek_rate_mm_per_min: 600.0,
@@ -56,8 +78,27 @@ impl FirmwareConfig {
             single_axis_homing: true,
             hard_limits: true,
             blank_settings: false,
+            separate_pins: false,
+            keys: Vec::new(),
+            must_home: true,
             version: "Grbl 1.1h".to_owned(),
         }
+    }
+
+    /// The same with grblHAL.
+    #[must_use]
+    pub fn grblhal(axes: &[&AxisConfig]) -> Self {
+        Self { heir: Heir::GrblHal, version: "GrblHAL 1.1f".to_owned(), ..Self::for_axes(axes) }
+    }
+
+    /// The same with FluidNC, whose travel begins where homing ends.
+    #[must_use]
+    pub fn fluidnc(axes: &[&AxisConfig]) -> Self {
+        let mut config = Self::for_axes(axes);
+        for axis in config.axes.iter_mut().flatten() {
+            axis.travel_mm -= PULL_OFF_MM;
+        }
+        Self { heir: Heir::FluidNc, separate_pins: true, version: "FluidNC v3.9.1".to_owned(), ..config }
     }
 }
 
@@ -76,6 +117,7 @@ impl FirmwareAxis {
             travel_mm: far.max(0.0) + PULL_OFF_MM,
             homes_negative: axis.home_side.sign() * direction < 0.0,
             motor_inverted: axis.motor_inverted,
+            home_mm: direction * axis.home_position_mm,
         }
     }
 }
@@ -133,6 +175,11 @@ impl Settings {
 
     pub(super) fn of_axis(&self, group: u16, axis: usize) -> f64 {
         self.get(group + axis as u16)
+    }
+
+    /// Sets a value that another form of configuration has.
+    pub(super) fn follow(&mut self, number: u16, value: f64) {
+        self.0.insert(number, value);
     }
 
     /// Writes a setting, or says which of Grbl's errors it is.
