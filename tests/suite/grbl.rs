@@ -13,7 +13,7 @@ use plenalign::device::stage::grbl_controller::GrblDriver;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Plant;
-use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware, Heir};
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
@@ -80,7 +80,8 @@ fn setups(bench: &BenchConfig) -> Vec<AxisSetup> {
 }
 
 async fn connect(dial: impl Dial + 'static, bench: &BenchConfig) -> Result<Controller, DeviceError> {
-    let controller = Controller::start("controller `main`", Box::new(GrblDriver), Arc::new(dial), None, setups(bench));
+    let controller =
+        Controller::start("controller `main`", Box::new(GrblDriver::default()), Arc::new(dial), None, setups(bench));
     controller.first_attempt().await.map(|()| controller)
 }
 
@@ -275,7 +276,11 @@ async fn motion_under_way_at_opening_is_stopped() {
 
 #[tokio::test(start_paused = true)]
 async fn grblhal_is_driven_as_well() {
-    let rig = rig_with(|config| "GrblHAL 1.1f".clone_into(&mut config.version)).await;
+    let rig = rig_with(|config| {
+        config.heir = Heir::GrblHal;
+        "GrblHAL 1.1f".clone_into(&mut config.version);
+    })
+    .await;
     assert_eq!(rig.focus.info().identity, "GrblHAL 1.1f");
     rig.focus.home(rig.focus.generation()).await.unwrap();
     let readback = rig.focus.move_to(Millimetres(2.5), rig.focus.generation()).await.unwrap();

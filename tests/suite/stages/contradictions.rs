@@ -3,12 +3,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::config::{Config, ControllerDriver, Side};
+use plenalign::config::{Config, Side};
 use plenalign::control::events::ShellState;
 use plenalign::control::{Refusal, ServiceError};
 use plenalign::device::jog::deadman;
 use plenalign::device::stage::tmcl::{Request, command};
 use plenalign::device::{AxisName, Bench, DeviceError, Stage, StopDelivery};
+use plenalign::sim::stage::Protocol;
 use plenalign::units::Millimetres;
 
 use super::super::bench::rules;
@@ -28,9 +29,36 @@ fn set_shaft(kit: &mut Kit, value: i32) {
     kit.twin.receive(&Request { address: 1, command: command::SAP, kind: 251, motor: 1, value }.frame());
 }
 
-fn contradictions(driver: ControllerDriver) -> Vec<Contradiction> {
+fn contradictions(driver: Protocol) -> Vec<Contradiction> {
     match driver {
-        ControllerDriver::Grbl => vec![
+        Protocol::FluidNc => vec![
+            Contradiction {
+                words: "positive_direction",
+                make: |kit| kit.twin.receive(b"$/axes/y/homing/positive_direction=false\n"),
+                mend: |kit| kit.twin.receive(b"$/axes/y/homing/positive_direction=true\n"),
+            },
+            Contradiction {
+                words: "direction_pin",
+                make: |kit| kit.bench.e.motor_inverted = true,
+                mend: |kit| kit.bench.e.motor_inverted = false,
+            },
+            Contradiction {
+                words: "axes/y/steps_per_mm",
+                make: |kit| kit.twin.receive(b"$/axes/y/steps_per_mm=800\n"),
+                mend: |kit| kit.twin.receive(b"$/axes/y/steps_per_mm=400\n"),
+            },
+            Contradiction {
+                words: "tells `x` as axes/y/homing/mpos_mm",
+                make: |kit| kit.twin.receive(b"$/axes/y/homing/mpos_mm=x\n"),
+                mend: |kit| kit.twin.receive(b"$/axes/y/homing/mpos_mm=30\n"),
+            },
+            Contradiction {
+                words: "cycle: -1",
+                make: |kit| kit.twin.receive(b"$/axes/y/homing/cycle=-1\n"),
+                mend: |kit| kit.twin.receive(b"$/axes/y/homing/cycle=2\n"),
+            },
+        ],
+        Protocol::Grbl | Protocol::GrblHal => vec![
             Contradiction {
                 words: "$23",
                 make: |kit| kit.twin.receive(b"$23=3\n"),
@@ -52,7 +80,7 @@ fn contradictions(driver: ControllerDriver) -> Vec<Contradiction> {
                 mend: |kit| kit.bench.e.steps_per_mm = 400.0,
             },
         ],
-        ControllerDriver::Zaber => vec![
+        Protocol::Zaber => vec![
             Contradiction {
                 words: "negative end",
                 make: |kit| kit.bench.e.home_side = Side::Low,
@@ -64,12 +92,12 @@ fn contradictions(driver: ControllerDriver) -> Vec<Contradiction> {
                 mend: |kit| kit.bench.e.reversed = true,
             },
         ],
-        ControllerDriver::Pi => vec![Contradiction {
+        Protocol::Pi => vec![Contradiction {
             words: "PUN?",
             make: |kit| kit.bench.e.steps_per_mm = 1000.0,
             mend: |kit| kit.bench.e.steps_per_mm = 1.0,
         }],
-        ControllerDriver::Tmcl => vec![Contradiction {
+        Protocol::Tmcl => vec![Contradiction {
             words: "axis parameter 251",
             make: |kit| set_shaft(kit, 1),
             mend: |kit| set_shaft(kit, 0),
@@ -82,7 +110,7 @@ every_protocol!(
     whatever_is_said_of_the_shell_the_rules_refuse_it_too,
 );
 
-async fn a_contradicted_axis_is_read_and_stopped_and_never_moved(driver: ControllerDriver) {
+async fn a_contradicted_axis_is_read_and_stopped_and_never_moved(driver: Protocol) {
     for Contradiction { words, make, mend } in contradictions(driver) {
         let mut kit = Kit::new(driver);
         make(&mut kit);
@@ -122,7 +150,7 @@ async fn a_contradicted_axis_is_read_and_stopped_and_never_moved(driver: Control
     }
 }
 
-async fn whatever_is_said_of_the_shell_the_rules_refuse_it_too(driver: ControllerDriver) {
+async fn whatever_is_said_of_the_shell_the_rules_refuse_it_too(driver: Protocol) {
     for Contradiction { words, make, .. } in contradictions(driver) {
         let mut kit = Kit::new(driver);
         make(&mut kit);

@@ -5,14 +5,16 @@ use std::path::Path;
 use clap::ValueEnum as _;
 use plenalign::config::{Config, ControllerDriver};
 use plenalign::device::Stage as _;
+use plenalign::sim::stage::Protocol;
 use plenalign::units::Millimetres;
 
 use super::kit::Kit;
 
 #[tokio::test(start_paused = true)]
 async fn every_example_is_accepted_by_its_twin_and_homed() {
-    for &driver in ControllerDriver::value_variants() {
-        let name = driver.name();
+    for &driver in Protocol::value_variants() {
+        // grblHAL is set as Grbl is.
+        let name = if driver == Protocol::GrblHal { "grbl" } else { driver.name() };
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("deploy/examples/{name}.toml"));
         let bench = Config::load(&file).unwrap().bench;
         let limits =
@@ -22,7 +24,7 @@ async fn every_example_is_accepted_by_its_twin_and_homed() {
             assert_eq!(stage.info().contradictions, Vec::<String>::new(), "{name}");
             stage.home(stage.generation()).await.unwrap();
             // Grbl's own limit on the home side is the switch: those of the example can be gone to, and cost no reference.
-            for end in [low, high].into_iter().filter(|_| driver == ControllerDriver::Grbl) {
+            for end in [low, high].into_iter().filter(|_| driver.driver() == ControllerDriver::Grbl) {
                 let end = Millimetres(end);
                 let reached = stage.move_to(end, stage.generation()).await;
                 assert!(reached.is_ok(), "{name}, {} to {end}: {reached:?}", stage.info().axis);

@@ -9,7 +9,7 @@ use plenalign::device::serial::Dial;
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::stage::drive::DriveConfig;
 use plenalign::sim::stage::zaber::ZaberFirmware;
-use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
+use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM, Protocol};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep};
 
@@ -27,7 +27,7 @@ every_protocol!(
     another_identity_is_refused,
 );
 
-async fn a_limit_switch_is_an_alarm_that_homing_leaves(driver: ControllerDriver) {
+async fn a_limit_switch_is_an_alarm_that_homing_leaves(driver: Protocol) {
     let rig = homed(driver).await;
     // The motor loses five millimetres of steps: the switch now comes that much early.
     rig.twin.stall(1, true);
@@ -35,10 +35,10 @@ async fn a_limit_switch_is_an_alarm_that_homing_leaves(driver: ControllerDriver)
     rig.twin.stall(1, false);
     let error = rig.e.move_to(Millimetres(29.9), rig.e.generation()).await.unwrap_err();
     let words = match driver {
-        ControllerDriver::Grbl => "ALARM:1",
-        ControllerDriver::Zaber => "WL",
-        ControllerDriver::Pi => "-1024",
-        ControllerDriver::Tmcl => "right limit switch",
+        Protocol::Grbl | Protocol::GrblHal | Protocol::FluidNc => "ALARM:1",
+        Protocol::Zaber => "WL",
+        Protocol::Pi => "-1024",
+        Protocol::Tmcl => "right limit switch",
     };
     assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains(words)), "{error}");
     let switch = BenchConfig::default().e.home_position_mm + PULL_OFF_MM;
@@ -52,7 +52,7 @@ async fn a_limit_switch_is_an_alarm_that_homing_leaves(driver: ControllerDriver)
     assert!(near(rig.slides.at(1), 20.0, 0.006), "{}", rig.slides.at(1));
 }
 
-async fn homing_without_a_switch_fails_in_words(driver: ControllerDriver) {
+async fn homing_without_a_switch_fails_in_words(driver: Protocol) {
     let rig = Kit::new(driver).connect().await.unwrap();
     rig.twin.stall(0, true);
     let error = rig.focus.home(rig.focus.generation()).await.unwrap_err();
@@ -63,7 +63,7 @@ async fn homing_without_a_switch_fails_in_words(driver: ControllerDriver) {
     assert!(near(rig.slides.at(0), 0.0, 0.004));
 }
 
-async fn a_power_failure_at_rest_makes_the_position_unknown(driver: ControllerDriver) {
+async fn a_power_failure_at_rest_makes_the_position_unknown(driver: Protocol) {
     let rig = homed(driver).await;
     rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap();
     rig.twin.power_cycle();
@@ -77,7 +77,7 @@ async fn a_power_failure_at_rest_makes_the_position_unknown(driver: ControllerDr
     assert!(near(rig.slides.at(1), 25.0, 0.006));
 }
 
-async fn a_power_failure_in_mid_move_ends_it(driver: ControllerDriver) {
+async fn a_power_failure_in_mid_move_ends_it(driver: Protocol) {
     let rig = homed(driver).await;
     let mover = rig.e.clone();
     let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
@@ -93,7 +93,7 @@ async fn a_power_failure_in_mid_move_ends_it(driver: ControllerDriver) {
     assert!(near(rig.slides.at(1), 30.0, 0.004));
 }
 
-async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerDriver) {
+async fn an_unplugged_controller_comes_back_without_resuming(driver: Protocol) {
     let rig = homed(driver).await;
     let moving = tokio::spawn({
         let stage = rig.e.clone();
@@ -121,7 +121,7 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerD
     sleep(Duration::from_secs(1)).await;
     // Grbl may be locked after the reset; why it was not there is no fault of now.
     let fault = rig.e.state().borrow().fault.clone();
-    let locked = |fault: &String| driver == ControllerDriver::Grbl && fault.contains("home");
+    let locked = |fault: &String| driver.driver() == ControllerDriver::Grbl && fault.contains("home");
     assert!(fault.as_ref().is_none_or(locked), "{fault:?}");
     let at = rig.slides.at(1);
     assert!(at > -3.0, "it was stopped on its way: {at}");
@@ -130,7 +130,7 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerD
     let state = rig.e.read_state().await.unwrap();
     assert!(state.connected, "{state:?}");
     // Zaber and PI controllers say that they kept their reference; the others cannot, or were reset.
-    let kept = matches!(driver, ControllerDriver::Zaber | ControllerDriver::Pi);
+    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi);
     assert_eq!(state.homed, kept, "{state:?}");
     if kept {
         assert!(near(state.position.value(), at, 0.004), "{state:?} at {at}");
@@ -147,7 +147,7 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: ControllerD
     assert!(!rig.e.read_state().await.unwrap().homed);
 }
 
-async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(driver: ControllerDriver) {
+async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(driver: Protocol) {
     let kit = Kit::new(driver);
     kit.twin.unplug();
     let controller = kit.start();
@@ -169,7 +169,7 @@ async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(dri
     assert!(!rig.focus.info().identity.is_empty());
 }
 
-async fn a_busy_port_is_tried_again(driver: ControllerDriver) {
+async fn a_busy_port_is_tried_again(driver: Protocol) {
     let kit = Kit::new(driver);
     let held = kit.twin.dial().open().await.unwrap();
     sleep(Duration::from_millis(1)).await;
@@ -182,9 +182,9 @@ async fn a_busy_port_is_tried_again(driver: ControllerDriver) {
     wait_for(&rig.e, "connected", |state| state.connected).await;
 }
 
-async fn another_kind_of_device_is_refused(driver: ControllerDriver) {
-    for &other in ControllerDriver::value_variants() {
-        if other == driver {
+async fn another_kind_of_device_is_refused(driver: Protocol) {
+    for &other in Protocol::value_variants() {
+        if other.driver() == driver.driver() {
             continue;
         }
         let (kit, another) = (Kit::new(driver), Kit::new(other));
@@ -202,7 +202,7 @@ async fn another_kind_of_device_is_refused(driver: ControllerDriver) {
     }
 }
 
-async fn another_identity_is_refused(driver: ControllerDriver) {
+async fn another_identity_is_refused(driver: Protocol) {
     let kit = Kit::new(driver);
     let controller = kit.start_on(Arc::new(kit.twin.dial()), Some("the one in the corner"));
     let error = controller.first_attempt().await.unwrap_err();
@@ -227,7 +227,7 @@ impl Dial for Exchanged {
 
 #[tokio::test(start_paused = true)]
 async fn a_controller_exchanged_for_another_is_refused() {
-    let kit = Kit::new(ControllerDriver::Zaber);
+    let kit = Kit::new(Protocol::Zaber);
     let drives = vec![DriveConfig::of(&kit.bench.focus), DriveConfig::of(&kit.bench.e)];
     let plant: Arc<dyn plenalign::sim::plant::Plant> = kit.slides.clone();
     let other = ControllerTwin::new(ZaberFirmware::new(drives, &plant).with_version("7.40"));
@@ -267,7 +267,7 @@ async fn what_is_not_there_is_tried_at_growing_pauses_and_what_is_refused_at_lon
         [(absent, vec![250, 500, 1000, 2000, 4000, 5000, 5000]), (wrong, vec![15_000, 15_000, 15_000])]
     {
         let closed = Arc::new(Closed(error.clone(), Default::default()));
-        let controller = Kit::new(ControllerDriver::Grbl).start_on(closed.clone(), None);
+        let controller = Kit::new(Protocol::Grbl).start_on(closed.clone(), None);
         sleep(Duration::from_secs(60)).await;
         let tried = closed.1.lock().unwrap().clone();
         let pauses: Vec<u64> = tried.windows(2).map(|pair| (pair[1] - pair[0]).as_millis() as u64).collect();
@@ -280,7 +280,7 @@ async fn what_is_not_there_is_tried_at_growing_pauses_and_what_is_refused_at_lon
 
 #[tokio::test(start_paused = true)]
 async fn an_old_zaber_firmware_that_is_too_fast_is_refused() {
-    let mut kit = Kit::new(ControllerDriver::Zaber);
+    let mut kit = Kit::new(Protocol::Zaber);
     let drives = vec![DriveConfig::of(&kit.bench.focus), DriveConfig::of(&kit.bench.e)];
     let plant: Arc<dyn plenalign::sim::plant::Plant> = kit.slides.clone();
     kit.twin = ControllerTwin::new(ZaberFirmware::new(drives, &plant).with_version("6.28"));
@@ -301,7 +301,7 @@ async fn an_old_zaber_firmware_that_is_too_fast_is_refused() {
 
 #[tokio::test(start_paused = true)]
 async fn two_controllers_of_different_kinds_share_no_stop() {
-    let (zaber, pi) = (Kit::new(ControllerDriver::Zaber), Kit::new(ControllerDriver::Pi));
+    let (zaber, pi) = (Kit::new(Protocol::Zaber), Kit::new(Protocol::Pi));
     let (first, second) = (zaber.connect().await.unwrap(), pi.connect().await.unwrap());
     first.focus.home(first.focus.generation()).await.unwrap();
     second.e.home(second.e.generation()).await.unwrap();

@@ -4,9 +4,10 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plenalign::config::{AxisConfig, BenchConfig, ControllerDriver, Side};
+use plenalign::config::{AxisConfig, BenchConfig, Side};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Slides;
+use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, Firmware, PULL_OFF_MM};
 use plenalign::units::Millimetres;
@@ -25,7 +26,7 @@ fn kit(start: [f64; 2], change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
     let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
     change(&mut config);
     let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
-    Kit { driver: ControllerDriver::Grbl, bench, slides, twin }
+    Kit { driver: Protocol::Grbl, bench, slides, twin }
 }
 
 async fn homed(kit: &Kit) -> Rig {

@@ -2,9 +2,10 @@
 
 use std::sync::{Arc, Mutex};
 
-use plenalign::config::{ControllerConfig, ControllerDriver};
+use plenalign::config::ControllerConfig;
 use plenalign::device::open::driver;
 use plenalign::device::serial::Wire;
+use plenalign::sim::stage::Protocol;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, DuplexStream, duplex};
 
 use super::kit::{Kit, every_protocol};
@@ -38,13 +39,13 @@ async fn pass(
     }
 }
 
-fn config(driver: ControllerDriver) -> ControllerConfig {
-    ControllerConfig { driver, port: "/dev/null".into(), baud: None, identity: None, address: 1 }
+fn config(driver: Protocol) -> ControllerConfig {
+    ControllerConfig { driver: driver.driver(), port: "/dev/null".into(), baud: None, identity: None, address: 1 }
 }
 
 every_protocol!(it_says_what_it_is_and_is_told_nothing, where_nothing_answers_that_is_said);
 
-async fn it_says_what_it_is_and_is_told_nothing(of: ControllerDriver) {
+async fn it_says_what_it_is_and_is_told_nothing(of: Protocol) {
     let kit = Kit::new(of);
     let before = [kit.slides.at(0), kit.slides.at(1)];
     let (wire, sent) = listened(&kit);
@@ -52,19 +53,24 @@ async fn it_says_what_it_is_and_is_told_nothing(of: ControllerDriver) {
     let sent = sent.lock().unwrap().clone();
     let text = String::from_utf8_lossy(&sent).into_owned();
     match of {
-        ControllerDriver::Grbl => {
-            assert!(identity.starts_with("Grbl 1.1"), "{identity}");
+        Protocol::Grbl | Protocol::GrblHal | Protocol::FluidNc => {
+            let begin = match of {
+                Protocol::Grbl => "Grbl 1.1",
+                Protocol::GrblHal => "GrblHAL 1.1",
+                _ => "FluidNC v3.9.1",
+            };
+            assert!(identity.starts_with(begin), "{identity}");
             assert!(sent.is_empty() || text == "$I\n", "{text:?}");
         }
-        ControllerDriver::Zaber => {
+        Protocol::Zaber => {
             assert!(identity.starts_with("Zaber device "), "{identity}");
             assert!(!text.is_empty() && text.lines().all(|line| line.contains(" get ")), "{text:?}");
         }
-        ControllerDriver::Pi => {
+        Protocol::Pi => {
             assert!(identity.contains("Physik Instrumente"), "{identity}");
             assert_eq!(text, "*IDN?\n");
         }
-        ControllerDriver::Tmcl => {
+        Protocol::Tmcl => {
             assert!(identity.starts_with("TMCM-"), "{identity}");
             assert!(!sent.is_empty() && sent.len() % 9 == 0, "{sent:02x?}");
             // 136: the version.
@@ -74,7 +80,7 @@ async fn it_says_what_it_is_and_is_told_nothing(of: ControllerDriver) {
     assert_eq!([kit.slides.at(0), kit.slides.at(1)], before);
 }
 
-async fn where_nothing_answers_that_is_said(of: ControllerDriver) {
+async fn where_nothing_answers_that_is_said(of: Protocol) {
     let (near, _far) = duplex(1024);
     let refused = driver(&config(of)).identify(Box::new(near), "controller `main`").await.unwrap_err().to_string();
     assert!(refused.contains("controller `main` did not say what it is"), "{refused}");

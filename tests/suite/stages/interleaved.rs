@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use plenalign::config::ControllerDriver;
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::supervisor::ControllerStage;
 use plenalign::device::stage::tmcl::{FRAME, Request, command};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
+use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::TwinDial;
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, duplex, split};
@@ -76,7 +76,7 @@ impl Dial for Faulty {
 
 /// Two axes are set, read again and again by three tasks at once, moved, and stopped. Returns how many answers there were.
 async fn dialogue(fault: Fault, place: usize) -> usize {
-    let kit = Kit::new(ControllerDriver::Tmcl);
+    let kit = Kit::new(Protocol::Tmcl);
     for (motor, value) in MICROSTEPS.into_iter().enumerate() {
         let position = Request { address: 1, command: command::SAP, kind: 1, motor: motor as u8, value };
         kit.twin.receive(&position.frame());

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use plenalign::config::ControllerDriver;
 use plenalign::device::{DeviceError, Stage, StopDelivery};
+use plenalign::sim::stage::Protocol;
 use plenalign::units::Millimetres;
 use tokio::time::sleep;
 
@@ -13,7 +13,7 @@ use super::kit::{homed, near};
 async fn a_zaber_move_that_another_command_interrupts_says_so_and_keeps_the_position() {
     // Another program's: a move elsewhere, a speed that a stop ends, a stop.
     for others in [&["/1 2 move rel 20000\n"] as &[&str], &["/1 2 move vel 16384\n", "/1 2 stop\n"], &["/1 2 stop\n"]] {
-        let rig = homed(ControllerDriver::Zaber).await;
+        let rig = homed(Protocol::Zaber).await;
         let moving = tokio::spawn({
             let stage = rig.e.clone();
             async move { stage.move_to(Millimetres(10.0), stage.generation()).await }
@@ -38,7 +38,7 @@ async fn a_zaber_move_that_another_command_interrupts_says_so_and_keeps_the_posi
 
 #[tokio::test(start_paused = true)]
 async fn zaber_alerts_that_another_program_switched_on_disturb_nothing() {
-    let rig = homed(ControllerDriver::Zaber).await;
+    let rig = homed(Protocol::Zaber).await;
     rig.twin.receive(b"/1 set comm.alert 1\n");
     for target in [25.0, 24.0, 24.9] {
         assert!(near(rig.e.move_to(Millimetres(target), rig.e.generation()).await.unwrap().value(), target, 0.003));

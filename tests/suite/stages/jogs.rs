@@ -6,13 +6,14 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use plenalign::config::{ControllerDriver, Side};
+use plenalign::config::Side;
 use plenalign::control::events::ShellState;
 use plenalign::control::motion::{Admission, Motion};
 use plenalign::device::jog::deadman;
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::{AxisName, Bench, DeviceError};
 use plenalign::sim::plant::Slides;
+use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::TwinDial;
 use plenalign::sim::stage::line::Line;
 use plenalign::units::Millimetres;
@@ -27,7 +28,7 @@ use super::stopped_at_every_poll::orders;
 macro_rules! on {
     ($protocol:ident, $driver:ident, $($test:ident),* $(,)?) => {
         mod $protocol { $(#[tokio::test(start_paused = true)] async fn $test() {
-            super::$test(super::ControllerDriver::$driver).await;
+            super::$test(super::Protocol::$driver).await;
         })* }
     };
 }
@@ -35,6 +36,8 @@ macro_rules! on {
 macro_rules! that_go_on {
     ($($test:ident),* $(,)?) => {
         on!(grbl, Grbl, $($test),*);
+        on!(grblhal, GrblHal, $($test),*);
+        on!(fluidnc, FluidNc, $($test),*);
         on!(zaber, Zaber, $($test),*);
         on!(pi, Pi, $($test),*);
         on!(tmcl, Tmcl, $($test),*);
@@ -53,7 +56,7 @@ that_go_on!(
 struct Cut(Arc<Mutex<State>>);
 
 struct State {
-    driver: ControllerDriver,
+    driver: Protocol,
     written: Vec<u8>,
     /// After how many orders it is cut.
     after: usize,
@@ -87,7 +90,7 @@ impl State {
         self.written.extend(bytes);
         // Orders that are lines count when they are whole.
         let whole = match self.driver {
-            ControllerDriver::Tmcl => self.written.len(),
+            Protocol::Tmcl => self.written.len(),
             _ => self.written.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1),
         };
         if orders(self.driver, &self.written[..whole]) >= self.after {
@@ -143,12 +146,12 @@ struct Held {
 
 impl Held {
     /// Both axes on one controller, e homed and moved to a position.
-    async fn at(driver: ControllerDriver, position: f64) -> Self {
+    async fn at(driver: Protocol, position: f64) -> Self {
         Self::over(driver, position, Duration::ZERO).await
     }
 
     /// The same where what the controller says is on its way for a while.
-    async fn over(driver: ControllerDriver, position: f64, delay: Duration) -> Self {
+    async fn over(driver: Protocol, position: f64, delay: Duration) -> Self {
         let kit = Kit::new(driver);
         let cut = Cut(Arc::new(Mutex::new(State { driver, written: Vec::new(), after: usize::MAX, cut: None })));
         let controller = kit.start_on(Arc::new(CutDial(kit.twin.dial(), cut.clone())), None);
@@ -208,7 +211,7 @@ impl Held {
     }
 }
 
-async fn a_held_jog_keeps_its_speed(driver: ControllerDriver) {
+async fn a_held_jog_keeps_its_speed(driver: Protocol) {
     let held = Held::at(driver, 29.0).await;
     let speed = held.motion.jog_speed_mm_per_s(AxisName::E);
     // 20 mm/s² for 0.2 s: what is left of 0.3 s after a tenth for the next order.
@@ -233,7 +236,7 @@ async fn a_held_jog_keeps_its_speed(driver: ControllerDriver) {
     assert!(slowest > 0.95 * speed, "{slowest} mm/s");
 }
 
-async fn killed_at_any_order_a_jog_is_at_rest_in_time(driver: ControllerDriver) {
+async fn killed_at_any_order_a_jog_is_at_rest_in_time(driver: Protocol) {
     let (mut longest, mut farthest) = (0.0_f64, 0.0_f64);
     for orders in 1..=30 {
         let held = Held::at(driver, 25.0).await;
@@ -246,7 +249,7 @@ async fn killed_at_any_order_a_jog_is_at_rest_in_time(driver: ControllerDriver) 
 }
 
 /// Answers that come late make a jog slower, and what is still travelled no longer.
-async fn over_a_slow_line_a_killed_jog_is_at_rest_in_time(driver: ControllerDriver) {
+async fn over_a_slow_line_a_killed_jog_is_at_rest_in_time(driver: Protocol) {
     for (delay_ms, least_mm) in [(15, 14.0), (40, 2.0)] {
         let delay = Duration::from_millis(delay_ms);
         let held = Held::over(driver, 29.0, delay).await;
@@ -265,7 +268,7 @@ async fn over_a_slow_line_a_killed_jog_is_at_rest_in_time(driver: ControllerDriv
     }
 }
 
-async fn killed_at_any_order_near_the_wall_a_jog_is_at_rest_in_its_way(driver: ControllerDriver) {
+async fn killed_at_any_order_near_the_wall_a_jog_is_at_rest_in_its_way(driver: Protocol) {
     let (mut longest, mut farthest, mut in_zone) = (0.0_f64, 0.0_f64, 0);
     for orders in 1.. {
         let held = Held::at(driver, 1.6).await;

@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::ValueEnum as _;
-use plenalign::config::{AxisConfig, BenchConfig, ControllerConfig, ControllerDriver, Side};
+use plenalign::config::{AxisConfig, BenchConfig, ControllerConfig, Side};
 use plenalign::device::serial::Dial;
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
 use plenalign::device::{AxisName, DeviceError, Stage, StageState, open};
 use plenalign::sim::plant::Slides;
-use plenalign::sim::stage::{ControllerTwin, firmware};
+use plenalign::sim::stage::{ControllerTwin, Protocol, firmware};
 use tokio::time::{Instant, timeout};
 
 /// Where the slides stand at power-up.
@@ -19,55 +19,62 @@ pub(super) const START: [f64; 2] = [1.3, 20.4];
 /// Runs an async test of the kit for every protocol.
 macro_rules! every_protocol {
     ($($test:ident),* $(,)?) => {
-        mod grbl { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Grbl).await; })* }
-        mod zaber { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Zaber).await; })* }
-        mod pi { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Pi).await; })* }
-        mod tmcl { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::ControllerDriver::Tmcl).await; })* }
+        mod grbl { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Grbl).await; })* }
+        mod grblhal { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::GrblHal).await; })* }
+        mod fluidnc { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::FluidNc).await; })* }
+        mod zaber { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Zaber).await; })* }
+        mod pi { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Pi).await; })* }
+        mod tmcl { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Tmcl).await; })* }
     };
 }
 pub(super) use every_protocol;
 
 #[test]
 fn every_protocol_is_in_the_list() {
-    use ControllerDriver::{Grbl, Pi, Tmcl, Zaber};
-    assert_eq!(ControllerDriver::value_variants(), [Grbl, Zaber, Pi, Tmcl], "every_protocol! has to have it, too");
+    use Protocol::{FluidNc, Grbl, GrblHal, Pi, Tmcl, Zaber};
+    let all = [Grbl, GrblHal, FluidNc, Zaber, Pi, Tmcl];
+    assert_eq!(Protocol::value_variants(), all, "every_protocol! has to have it, too");
 }
 
 /// A bench whose axes a controller of this kind can have.
-pub(super) fn bench(driver: ControllerDriver) -> BenchConfig {
+pub(super) fn bench(driver: Protocol) -> BenchConfig {
     let mut bench = BenchConfig::default();
     suit(driver, &mut bench);
     bench
 }
 
 /// Makes a bench's axes ones that a controller of this kind can have.
-pub(crate) fn suit(driver: ControllerDriver, bench: &mut BenchConfig) {
+pub(crate) fn suit(driver: impl Into<Protocol>, bench: &mut BenchConfig) {
+    let driver = driver.into();
     for (axis, name) in [&mut bench.focus, &mut bench.e].into_iter().zip(driver.first_axes()) {
         name.clone_into(&mut axis.axis);
     }
     match driver {
         // Zaber's homing runs towards the controller's negative end.
-        ControllerDriver::Zaber => {
+        Protocol::Zaber => {
             for axis in [&mut bench.focus, &mut bench.e] {
                 axis.reversed = axis.home_side == Side::High;
             }
             (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (20_000.0, 20_000.0);
         }
-        ControllerDriver::Pi => {
-            // It counts in mm, and its limits begin where a reference move ends.
-            (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (1.0, 1.0);
+        Protocol::Pi | Protocol::FluidNc => {
+            if driver == Protocol::Pi {
+                // It counts in mm.
+                (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (1.0, 1.0);
+            }
+            // Their limits begin where homing ends.
             for axis in [&mut bench.focus, &mut bench.e] {
                 let limit = if axis.home_side == Side::High { &mut axis.high_limit_mm } else { &mut axis.low_limit_mm };
                 *limit = axis.home_position_mm;
             }
         }
-        ControllerDriver::Grbl | ControllerDriver::Tmcl => {}
+        Protocol::Grbl | Protocol::GrblHal | Protocol::Tmcl => {}
     }
 }
 
 /// A twin and what its motors turn.
 pub(super) struct Kit {
-    pub(super) driver: ControllerDriver,
+    pub(super) driver: Protocol,
     pub(super) bench: BenchConfig,
     pub(super) slides: Arc<Slides>,
     pub(super) twin: ControllerTwin,
@@ -82,16 +89,16 @@ pub(super) struct Rig {
 }
 
 impl Kit {
-    pub(super) fn new(driver: ControllerDriver) -> Self {
+    pub(super) fn new(driver: Protocol) -> Self {
         Self::with(driver, bench(driver))
     }
 
-    pub(super) fn with(driver: ControllerDriver, bench: BenchConfig) -> Self {
+    pub(super) fn with(driver: Protocol, bench: BenchConfig) -> Self {
         Self::standing(driver, bench, START)
     }
 
     /// A kit whose slides stand somewhere else at power-up.
-    pub(super) fn standing(driver: ControllerDriver, bench: BenchConfig, start: [f64; 2]) -> Self {
+    pub(super) fn standing(driver: Protocol, bench: BenchConfig, start: [f64; 2]) -> Self {
         let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, start[0]), (&bench.e, start[1])];
         let slides = Slides::new(&axes);
         let twin = firmware(driver, &[&bench.focus, &bench.e], slides.clone());
@@ -99,8 +106,13 @@ impl Kit {
     }
 
     pub(super) fn start_on(&self, dial: Arc<dyn Dial>, expected: Option<&str>) -> Controller {
-        let config =
-            ControllerConfig { driver: self.driver, port: "/dev/null".into(), baud: None, identity: None, address: 1 };
+        let config = ControllerConfig {
+            driver: self.driver.driver(),
+            port: "/dev/null".into(),
+            baud: None,
+            identity: None,
+            address: 1,
+        };
         let setups =
             vec![AxisSetup::new(AxisName::Focus, &self.bench.focus), AxisSetup::new(AxisName::E, &self.bench.e)];
         Controller::start("controller `main`", open::driver(&config), dial, expected.map(str::to_owned), setups)
@@ -128,7 +140,7 @@ impl Kit {
 }
 
 /// A connected rig with both axes homed.
-pub(super) async fn homed(driver: ControllerDriver) -> Rig {
+pub(super) async fn homed(driver: Protocol) -> Rig {
     let rig = Kit::new(driver).connect().await.unwrap();
     rig.focus.home(rig.focus.generation()).await.unwrap();
     rig.e.home(rig.e.generation()).await.unwrap();

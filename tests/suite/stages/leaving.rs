@@ -3,8 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::config::{Config, ControllerDriver};
+use plenalign::config::Config;
 use plenalign::device::Bench;
+use plenalign::sim::stage::Protocol;
 use reqwest::Method;
 use serde_json::{Value, json};
 use tokio::time::{sleep, timeout};
@@ -20,7 +21,7 @@ async fn e_axis(daemon: &Daemon) -> Value {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_axis_leaves_its_switch_by_its_operators_word_and_only_then_is_homed() {
-    let kit = Kit::standing(ControllerDriver::Grbl, bench(ControllerDriver::Grbl), [START[0], -6.3]);
+    let kit = Kit::standing(Protocol::Grbl, bench(Protocol::Grbl), [START[0], -6.3]);
     // Counting from zero where it was powered up, its soft limits would not let it off.
     kit.twin.receive(b"$20=0\n");
     let rig = kit.connect().await.unwrap();

@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use plenalign::config::ControllerDriver;
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::tmcl::{command, parameter};
 use plenalign::device::{DeviceError, Stage};
+use plenalign::sim::stage::Protocol;
 use tokio::time::{sleep, timeout};
 
 use super::super::steps::{Steps, stepwise};
@@ -41,13 +41,13 @@ impl Dial for Marked {
 }
 
 /// How many orders to switch a motor off begin in what was written.
-fn switched_off(driver: ControllerDriver, written: &[u8]) -> usize {
+fn switched_off(driver: Protocol, written: &[u8]) -> usize {
     let text = String::from_utf8_lossy(written);
     match driver {
-        ControllerDriver::Grbl => text.matches("$SLP").count(),
-        ControllerDriver::Zaber => text.matches("driver disable").count(),
-        ControllerDriver::Pi => text.lines().filter(|line| line.contains("SVO ") && line.ends_with(" 0")).count(),
-        ControllerDriver::Tmcl => {
+        Protocol::Grbl | Protocol::GrblHal | Protocol::FluidNc => text.matches("$SLP").count(),
+        Protocol::Zaber => text.matches("driver disable").count(),
+        Protocol::Pi => text.lines().filter(|line| line.contains("SVO ") && line.ends_with(" 0")).count(),
+        Protocol::Tmcl => {
             let off = |frame: &[u8]| {
                 frame[1] == command::SAP && frame[2] == parameter::STANDBY_CURRENT && frame[4..8] == [0; 4]
             };
@@ -60,7 +60,7 @@ fn switched_off(driver: ControllerDriver, written: &[u8]) -> usize {
 /// had gone out before.
 async fn lost(
     steps: &Steps,
-    driver: ControllerDriver,
+    driver: Protocol,
     rig: &Rig,
     (written, openings): (&Written, &Openings),
     (what, loss): (Command, Loss),
@@ -99,7 +99,7 @@ async fn lost(
     Some(switched_off(driver, &written[begun..at]) > 0)
 }
 
-fn at_every_poll(driver: ControllerDriver) {
+fn at_every_poll(driver: Protocol) {
     let (points, out) = stepwise(|steps| async move {
         let kit = Kit::new(driver);
         let (written, openings) = (Written::default(), Openings::default());
@@ -127,20 +127,25 @@ fn at_every_poll(driver: ControllerDriver) {
 
 #[test]
 fn grbl() {
-    at_every_poll(ControllerDriver::Grbl);
+    at_every_poll(Protocol::Grbl);
+}
+
+#[test]
+fn fluidnc() {
+    at_every_poll(Protocol::FluidNc);
 }
 
 #[test]
 fn zaber() {
-    at_every_poll(ControllerDriver::Zaber);
+    at_every_poll(Protocol::Zaber);
 }
 
 #[test]
 fn pi() {
-    at_every_poll(ControllerDriver::Pi);
+    at_every_poll(Protocol::Pi);
 }
 
 #[test]
 fn tmcl() {
-    at_every_poll(ControllerDriver::Tmcl);
+    at_every_poll(Protocol::Tmcl);
 }

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::ValueEnum as _;
-use plenalign::config::ControllerDriver;
 use plenalign::device::Stage;
 use plenalign::device::serial::SerialDial;
+use plenalign::sim::stage::Protocol;
 use tokio::time::timeout;
 
 use super::kit::Kit;
@@ -16,7 +16,7 @@ use crate::suite::program::{Program, plenalign};
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_program_serves_a_twin_of_every_protocol() {
     let folder = tempfile::tempdir().unwrap();
-    for &driver in ControllerDriver::value_variants() {
+    for &driver in Protocol::value_variants() {
         let link = folder.path().join(driver.name());
         // Left over from an earlier run.
         std::os::unix::fs::symlink("/nowhere", &link).unwrap();

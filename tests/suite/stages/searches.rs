@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use plenalign::config::ControllerDriver;
 use plenalign::device::{DeviceError, Stage};
 use plenalign::sim::plant::Slides;
+use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::firmware;
 use tokio::time::{Instant, sleep};
 
@@ -13,7 +13,7 @@ use super::kit::{Kit, START, every_protocol};
 every_protocol!(a_search_that_finds_no_switch_ends_within_its_way_and_in_words);
 
 /// The motor turns, the slide stands at its hard stop, and no switch closes.
-async fn a_search_that_finds_no_switch_ends_within_its_way_and_in_words(driver: ControllerDriver) {
+async fn a_search_that_finds_no_switch_ends_within_its_way_and_in_words(driver: Protocol) {
     let mut kit = Kit::new(driver);
     kit.slides = Slides::without_switches(&[(&kit.bench.focus, START[0]), (&kit.bench.e, START[1])]);
     kit.twin = firmware(driver, &[&kit.bench.focus, &kit.bench.e], kit.slides.clone());

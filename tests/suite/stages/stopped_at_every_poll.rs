@@ -6,12 +6,13 @@ use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use plenalign::config::{ControllerDriver, Side};
+use plenalign::config::Side;
 use plenalign::device::jog::{Next, Seen};
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::supervisor::ControllerStage;
 use plenalign::device::stage::tmcl::command;
 use plenalign::device::{DeviceError, Stage, StopDelivery};
+use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::TwinDial;
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -63,12 +64,12 @@ impl AsyncWrite for TappedWire {
 }
 
 /// How many orders that move begin in what was written.
-pub(super) fn orders(driver: ControllerDriver, written: &[u8]) -> usize {
+pub(super) fn orders(driver: Protocol, written: &[u8]) -> usize {
     let words: &[&str] = match driver {
-        ControllerDriver::Grbl => &["$J=", "$H", "$X"],
-        ControllerDriver::Zaber => &[" move ", " home"],
-        ControllerDriver::Pi => &["MOV ", "FNL ", "FPL ", "FRF "],
-        ControllerDriver::Tmcl => {
+        Protocol::Grbl | Protocol::GrblHal | Protocol::FluidNc => &["$J=", "$H", "$X"],
+        Protocol::Zaber => &[" move ", " home"],
+        Protocol::Pi => &["MOV ", "FNL ", "FPL ", "FRF "],
+        Protocol::Tmcl => {
             let moves = |frame: &[u8]| frame[1] == command::MVP || (frame[1] == command::RFS && frame[2] == 0);
             return written.chunks_exact(9).filter(|frame| moves(frame)).count();
         }
@@ -111,7 +112,7 @@ pub(super) async fn give(stage: ControllerStage, command: Command, generation: u
 /// written before.
 async fn stopped(
     steps: &Steps,
-    driver: ControllerDriver,
+    driver: Protocol,
     rig: &Rig,
     written: &Written,
     what: Command,
@@ -139,7 +140,7 @@ async fn stopped(
     Some(orders(driver, &written[begun..at]))
 }
 
-fn at_every_poll(driver: ControllerDriver) {
+fn at_every_poll(driver: Protocol) {
     let (points, amid) = stepwise(|steps| async move {
         let kit = Kit::new(driver);
         let written = Written::default();
@@ -175,7 +176,7 @@ fn at_every_poll(driver: ControllerDriver) {
 #[test]
 fn grbl_on_a_switch() {
     let (points, amid) = stepwise(|steps| async move {
-        let driver = ControllerDriver::Grbl;
+        let driver = Protocol::Grbl;
         let kit = Kit::standing(driver, bench(driver), [-3.9, START[1]]);
         // Powered up there, its soft limits would not allow the way off.
         kit.twin.receive(b"$20=0\n");
@@ -197,20 +198,25 @@ fn grbl_on_a_switch() {
 
 #[test]
 fn grbl() {
-    at_every_poll(ControllerDriver::Grbl);
+    at_every_poll(Protocol::Grbl);
+}
+
+#[test]
+fn fluidnc() {
+    at_every_poll(Protocol::FluidNc);
 }
 
 #[test]
 fn zaber() {
-    at_every_poll(ControllerDriver::Zaber);
+    at_every_poll(Protocol::Zaber);
 }
 
 #[test]
 fn pi() {
-    at_every_poll(ControllerDriver::Pi);
+    at_every_poll(Protocol::Pi);
 }
 
 #[test]
 fn tmcl() {
-    at_every_poll(ControllerDriver::Tmcl);
+    at_every_poll(Protocol::Tmcl);
 }

@@ -12,7 +12,7 @@ use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::pi::PiFirmware;
 use plenalign::sim::stage::tmcl::TmclFirmware;
 use plenalign::sim::stage::zaber::ZaberFirmware;
-use plenalign::sim::stage::{ControllerTwin, Firmware};
+use plenalign::sim::stage::{ControllerTwin, Firmware, Protocol};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep};
 
@@ -21,9 +21,9 @@ use super::kit::{Kit, every_protocol, near};
 every_protocol!(a_stop_that_is_not_obeyed_is_followed_by_a_harder_one);
 
 /// For how long a stop is not heard: longer than any driver waits for 5 mm/s to end at 20 mm/s².
-fn deaf(driver: ControllerDriver) -> Duration {
+fn deaf(driver: Protocol) -> Duration {
     // Grbl carries out what it has buffered first, and two of its reports are waited for.
-    Duration::from_millis(if driver == ControllerDriver::Grbl { 900 } else { 500 })
+    Duration::from_millis(if driver.driver() == ControllerDriver::Grbl { 900 } else { 500 })
 }
 /// Grbl's orders that hold and that end a jog, and PI's that stops all axes.
 const HOLD: u8 = b'!';
@@ -36,7 +36,7 @@ const MOTOR_STOP: u8 = 3;
 /// A firmware that hears no soft stop for a while, once it is told to be so.
 struct Stubborn {
     firmware: Box<dyn Firmware>,
-    driver: ControllerDriver,
+    driver: Protocol,
     armed: Arc<AtomicBool>,
     since: Option<Instant>,
     /// The command that is being received, where commands have more than a byte.
@@ -49,10 +49,12 @@ impl Stubborn {
         let drives = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
         let plant: Arc<dyn Plant> = kit.slides.clone();
         let firmware: Box<dyn Firmware> = match kit.driver {
-            ControllerDriver::Grbl => Box::new(GrblFirmware::new(FirmwareConfig::for_axes(&axes), plant)),
-            ControllerDriver::Zaber => Box::new(ZaberFirmware::new(drives, &plant)),
-            ControllerDriver::Pi => Box::new(PiFirmware::new(drives, &plant)),
-            ControllerDriver::Tmcl => Box::new(TmclFirmware::new(drives, &plant)),
+            Protocol::Grbl => Box::new(GrblFirmware::new(FirmwareConfig::for_axes(&axes), plant)),
+            Protocol::GrblHal => Box::new(GrblFirmware::new(FirmwareConfig::grblhal(&axes), plant)),
+            Protocol::FluidNc => Box::new(GrblFirmware::new(FirmwareConfig::fluidnc(&axes), plant)),
+            Protocol::Zaber => Box::new(ZaberFirmware::new(drives, &plant)),
+            Protocol::Pi => Box::new(PiFirmware::new(drives, &plant)),
+            Protocol::Tmcl => Box::new(TmclFirmware::new(drives, &plant)),
         };
         Self { firmware, driver: kit.driver, armed: Arc::clone(armed), since: None, command: Vec::new() }
     }
@@ -66,11 +68,11 @@ impl Firmware for Stubborn {
     fn receive(&mut self, byte: u8) {
         self.command.push(byte);
         let (whole, stops) = match self.driver {
-            ControllerDriver::Grbl => (true, byte == HOLD || byte == JOG_CANCEL),
-            ControllerDriver::Pi => (true, byte == STOP_ALL),
+            Protocol::Grbl | Protocol::GrblHal | Protocol::FluidNc => (true, byte == HOLD || byte == JOG_CANCEL),
+            Protocol::Pi => (true, byte == STOP_ALL),
             // `estop` has no blank before its `stop`.
-            ControllerDriver::Zaber => (byte == b'\n', String::from_utf8_lossy(&self.command).contains(" stop")),
-            ControllerDriver::Tmcl => (self.command.len() == TMCL_LENGTH, self.command.get(1) == Some(&MOTOR_STOP)),
+            Protocol::Zaber => (byte == b'\n', String::from_utf8_lossy(&self.command).contains(" stop")),
+            Protocol::Tmcl => (self.command.len() == TMCL_LENGTH, self.command.get(1) == Some(&MOTOR_STOP)),
         };
         if whole {
             let command = std::mem::take(&mut self.command);
@@ -105,7 +107,7 @@ impl Firmware for Stubborn {
     }
 }
 
-async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: ControllerDriver) {
+async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: Protocol) {
     let mut kit = Kit::new(driver);
     let armed = Arc::new(AtomicBool::new(false));
     kit.twin = ControllerTwin::new(Stubborn::new(&kit, &armed));

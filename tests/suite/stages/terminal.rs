@@ -9,9 +9,9 @@ use plenalign::config::{ControllerConfig, ControllerDriver};
 use plenalign::device::open::open_stages;
 use plenalign::device::serial::{Dial, SerialDial};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
-use plenalign::sim::stage::ControllerTwin;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::line::Line;
+use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
 use tokio::time::{sleep, timeout};
 
@@ -23,7 +23,7 @@ fn point(link: &Path, at: &Path) {
     std::os::unix::fs::symlink(at, link).unwrap();
 }
 
-async fn works_over_a_terminal(driver: ControllerDriver) {
+async fn works_over_a_terminal(driver: Protocol) {
     let mut bench = bench(driver);
     // Quick axes: this runs in real time.
     for axis in [&mut bench.focus, &mut bench.e] {
@@ -31,8 +31,12 @@ async fn works_over_a_terminal(driver: ControllerDriver) {
         axis.acceleration_mm_per_s2 = 400.0;
     }
     let mut kit = Kit::with(driver, bench);
-    if driver == ControllerDriver::Grbl {
-        let mut config = FirmwareConfig::for_axes(&[&kit.bench.focus, &kit.bench.e]);
+    if driver.driver() == ControllerDriver::Grbl {
+        let axes = [&kit.bench.focus, &kit.bench.e];
+        let mut config = match driver {
+            Protocol::FluidNc => FirmwareConfig::fluidnc(&axes),
+            _ => FirmwareConfig::for_axes(&axes),
+        };
         (config.seek_rate_mm_per_min, config.locate_rate_mm_per_min) = (2400.0, 300.0);
         kit.twin = ControllerTwin::new(GrblFirmware::new(config, kit.slides.clone()));
     }
@@ -70,7 +74,7 @@ async fn works_over_a_terminal(driver: ControllerDriver) {
     point(&link, &kit.twin.serve_on_terminal().unwrap());
     let found = timeout(Duration::from_secs(10), state.wait_for(|state| state.connected)).await.is_ok();
     assert!(found, "it is found under its new name: {:?}", rig.focus.state().borrow().clone());
-    let kept = matches!(driver, ControllerDriver::Zaber | ControllerDriver::Pi);
+    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi);
     assert_eq!(rig.focus.read_state().await.unwrap().homed, kept);
 
     // The same over a bad line.
@@ -88,7 +92,7 @@ async fn works_over_a_terminal(driver: ControllerDriver) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_bench_of_two_kinds_of_controllers_opens_with_one_of_them_absent() {
-    let kit = Kit::new(ControllerDriver::Zaber);
+    let kit = Kit::new(Protocol::Zaber);
     let port = kit.twin.serve_on_terminal().unwrap();
     let controller = |driver, port: &Path| ControllerConfig {
         driver,
@@ -117,9 +121,9 @@ macro_rules! over_a_terminal {
     ($($name:ident: $driver:ident),*) => {
         $(#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
         async fn $name() {
-            works_over_a_terminal(ControllerDriver::$driver).await;
+            works_over_a_terminal(Protocol::$driver).await;
         })*
     };
 }
 
-over_a_terminal!(grbl: Grbl, zaber: Zaber, pi: Pi, tmcl: Tmcl);
+over_a_terminal!(grbl: Grbl, fluidnc: FluidNc, zaber: Zaber, pi: Pi, tmcl: Tmcl);

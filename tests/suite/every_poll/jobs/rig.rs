@@ -117,7 +117,8 @@ impl Rig {
             axis.config.accept_wider_firmware_limits = true;
         }
         let dial = Tapped { dial: twin.dial(), points: Arc::clone(&points), trouble: Arc::clone(&trouble) };
-        let controller = Controller::start("tapped controller", Box::new(GrblDriver), Arc::new(dial), None, axes);
+        let controller =
+            Controller::start("tapped controller", Box::new(GrblDriver::default()), Arc::new(dial), None, axes);
         controller.first_attempt().await.unwrap();
         let told = |axis| {
             let (stage, points) = (controller.stage(axis).unwrap(), Arc::clone(&points));
