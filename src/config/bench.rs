@@ -93,7 +93,7 @@ impl BenchConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum ControllerDriver {
-    /// Grbl 1.1 and grblHAL.
+    /// Grbl 1.1, grblHAL and FluidNC.
     Grbl,
     /// Zaber's ASCII protocol.
     Zaber,

@@ -256,7 +256,7 @@ class ControllerDriver(str, Enum):
     """Which protocol a stage controller speaks."""
 
     GRBL = "grbl"
-    """Grbl 1.1 and grblHAL."""
+    """Grbl 1.1, grblHAL and FluidNC."""
     ZABER = "zaber"
     """Zaber's ASCII protocol."""
     PI = "pi"
