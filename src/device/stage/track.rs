@@ -38,14 +38,16 @@ impl Track {
     }
 
     /// What is certain of the axis by a position that was asked for and heard at these times. Its speed is its mean since
-    /// the one before, but for an axis that has begun to brake before the end of what it was told.
+    /// the one before, but for an axis that has begun to brake before the end of what it was told, and brakes on while the
+    /// answer is on its way.
     pub fn see(&mut self, at: Millimetres, asked: Instant, heard: Instant) -> Seen {
         let mean = self
             .before
             .map_or(0.0, |(before, asked)| (at.value() - before).abs() / (heard - asked).as_secs_f64().max(1e-3));
         self.before = Some((at.value(), asked));
         let braking = self.told.map_or(0.0, |told| (2.0 * self.acceleration * (told.to - at).abs().value()).sqrt());
-        Seen { at, speed_mm_per_s: mean.min(braking) }
+        let braking = braking - self.acceleration * (heard - asked).as_secs_f64();
+        Seen { at, speed_mm_per_s: mean.min(braking).max(0.0) }
     }
 
     /// Whether what the course says is worth an order, given where the axis is: it leads on from what was told before.
@@ -96,13 +98,16 @@ mod tests {
         // Speeding up it is faster than its mean since the look before, from when that was asked to when this was heard.
         let seen = track.see(Millimetres(1.22), at(100), at(110));
         assert!((seen.speed_mm_per_s - 2.0).abs() < 1e-9, "{seen:?}");
-        // So near the end of what it was told it brakes, v² = 2as.
+        // So near the end of what it was told it brakes, v² = 2as, and has done so for as long as the answer took.
         let seen = track.see(Millimetres(1.9), at(250), at(260));
-        assert!((seen.speed_mm_per_s - 2.0).abs() < 1e-9, "{seen:?}");
+        assert!((seen.speed_mm_per_s - 1.8).abs() < 1e-9, "{seen:?}");
         // Told more, it does no longer.
         track.tell(Next { to: Millimetres(3.0), speed_mm_per_s: 5.0 });
         let seen = track.see(Millimetres(2.05), at(290), at(310));
         assert!((seen.speed_mm_per_s - 2.5).abs() < 1e-9, "{seen:?}");
+        // By the time that this is heard it stands.
+        let seen = track.see(Millimetres(2.99), at(490), at(590));
+        assert_eq!(seen.speed_mm_per_s, 0.0, "{seen:?}");
     }
 
     #[test]
