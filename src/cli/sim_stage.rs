@@ -20,6 +20,9 @@ pub(super) struct Args {
     /// What the controller speaks.
     #[arg(long, value_enum)]
     protocol: Protocol,
+    /// Serve only the axes that the configuration has on this controller: one axis makes of `thorlabs` a K-Cube (KDC101).
+    #[arg(long, value_name = "NAME")]
+    controller: Option<String>,
     /// A link to the pseudo-terminal, made anew, to have a name that stays.
     #[arg(long, value_name = "PATH", conflicts_with = "listen")]
     link: Option<PathBuf>,
@@ -27,7 +30,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
     /// Write every motion of the slides to this file: time in microseconds since 1970, number of the axis (0: focus, 1:
-    /// e), position in mm.
+    /// e; 0 for the only one), position in mm.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Print one JSON object instead of text once it serves: `protocol`, `port`.
@@ -35,18 +38,32 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// The bench's axes as a twin of this protocol can have them: under names of its own where the configured ones are
-/// another protocol's.
-fn axes(context: &Context, protocol: Protocol) -> [AxisConfig; 2] {
-    let mut axes = [context.config.bench.focus.clone(), context.config.bench.e.clone()];
-    for (axis, name) in axes.iter_mut().zip(protocol.first_axes()) {
-        let controller = context.config.bench.controllers.get(&axis.controller);
+/// The bench's axes, with their names, as a twin of this protocol can have them: under the protocol's own where the
+/// configured ones are another's. All, or those on one controller.
+fn axes(
+    context: &Context,
+    protocol: Protocol,
+    only: Option<&str>,
+) -> anyhow::Result<Vec<(&'static str, AxisConfig)>> {
+    let bench = &context.config.bench;
+    let mut axes = vec![("focus", bench.focus.clone()), ("e", bench.e.clone())];
+    if let Some(name) = only {
+        let is_one = bench.controllers.get(name).is_some_and(|controller| controller.driver == protocol.driver());
+        axes.retain(|(_, axis)| is_one && axis.controller == name);
+        anyhow::ensure!(
+            !axes.is_empty(),
+            "the configuration has no {} controller `{name}` with an axis",
+            protocol.name()
+        );
+    }
+    for ((_, axis), name) in axes.iter_mut().zip(protocol.first_axes()) {
+        let controller = bench.controllers.get(&axis.controller);
         if controller.is_none_or(|controller| controller.driver != protocol.driver()) {
             name.clone_into(&mut axis.axis);
             axis.steps_per_mm = protocol.driver().units_per_mm().unwrap_or(axis.steps_per_mm);
         }
     }
-    axes
+    Ok(axes)
 }
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
@@ -57,9 +74,9 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
 
 async fn serve(context: &Context, args: &Args) -> anyhow::Result<()> {
     let mut signals = Signals::new()?;
-    let axes = axes(context, args.protocol);
+    let axes = axes(context, args.protocol, args.controller.as_deref())?;
     // A little off home, as after any other day.
-    let starts = axes.iter().map(|axis| (axis, axis.home_position_mm - axis.home_side.sign()));
+    let starts = axes.iter().map(|(_, axis)| (axis, axis.home_position_mm - axis.home_side.sign()));
     let slides = Slides::new(&starts.collect::<Vec<_>>());
     let plant: Arc<dyn Plant> = match &args.record {
         Some(path) => {
@@ -67,7 +84,7 @@ async fn serve(context: &Context, args: &Args) -> anyhow::Result<()> {
         }
         None => slides,
     };
-    let twin = firmware(args.protocol, &axes.each_ref(), plant);
+    let twin = firmware(args.protocol, &axes.iter().map(|(_, axis)| axis).collect::<Vec<_>>(), plant);
     let port = match &args.listen {
         Some(address) => listen(twin, address).await?,
         None => {
@@ -82,7 +99,7 @@ async fn serve(context: &Context, args: &Args) -> anyhow::Result<()> {
         println!("{}", serde_json::json!({ "protocol": args.protocol.name(), "port": port }));
     } else {
         println!("plenalign: SIMULATED {} controller at {port}; end it with Ctrl-C", args.protocol.name());
-        for (axis, name) in axes.iter().zip(["focus", "e"]) {
+        for (name, axis) in &axes {
             println!("  axis {} is the {name} axis, {} units/mm", axis.axis, axis.steps_per_mm);
         }
     }
