@@ -40,11 +40,7 @@ pub(super) struct Args {
 
 /// The bench's axes, with their names, as a twin of this protocol can have them: under the protocol's own where the
 /// configured ones are another's. All, or those on one controller.
-fn axes(
-    context: &Context,
-    protocol: Protocol,
-    only: Option<&str>,
-) -> anyhow::Result<Vec<(&'static str, AxisConfig)>> {
+fn axes(context: &Context, protocol: Protocol, only: Option<&str>) -> anyhow::Result<Vec<(&'static str, AxisConfig)>> {
     let bench = &context.config.bench;
     let mut axes = vec![("focus", bench.focus.clone()), ("e", bench.e.clone())];
     if let Some(name) = only {

@@ -101,6 +101,8 @@ pub enum ControllerDriver {
     Pi,
     /// Trinamic's TMCL.
     Tmcl,
+    /// Thorlabs' APT protocol.
+    Thorlabs,
 }
 
 /// What is known of a protocol before anything is connected: all that the configuration has to be told of a driver.
@@ -109,6 +111,8 @@ struct Traits {
     name: &'static str,
     /// The baud rate that its controllers leave the factory with.
     usual_baud: u32,
+    /// Whether its port needs the handshake of RTS and CTS.
+    handshake: bool,
     /// Whether a controller can have an axis of this name.
     has_axis: fn(&str) -> bool,
     /// Which it can have, in words.
@@ -126,6 +130,7 @@ impl ControllerDriver {
             Self::Grbl => Traits {
                 name: "grbl",
                 usual_baud: 115_200,
+                handshake: false,
                 has_axis: |name| ["X", "Y", "Z"].contains(&name),
                 axes: "X, Y or Z on a Grbl controller",
                 first_axes: ["X", "Y"],
@@ -134,6 +139,7 @@ impl ControllerDriver {
             Self::Zaber => Traits {
                 name: "zaber",
                 usual_baud: 115_200,
+                handshake: false,
                 has_axis: |name| is_number(name, 1, 9),
                 axes: "1 to 9 on a Zaber device",
                 first_axes: ["1", "2"],
@@ -142,6 +148,7 @@ impl ControllerDriver {
             Self::Pi => Traits {
                 name: "pi",
                 usual_baud: 115_200,
+                handshake: false,
                 has_axis: |name| (1..=8).contains(&name.len()) && name.bytes().all(|byte| byte.is_ascii_alphanumeric()),
                 axes: "letters and digits on a PI controller, 1 as a rule",
                 first_axes: ["1", "2"],
@@ -150,9 +157,19 @@ impl ControllerDriver {
             Self::Tmcl => Traits {
                 name: "tmcl",
                 usual_baud: 9600,
+                handshake: false,
                 has_axis: |name| is_number(name, 0, 5),
                 axes: "0 to 5 on a Trinamic module",
                 first_axes: ["0", "1"],
+                units_per_mm: None,
+            },
+            Self::Thorlabs => Traits {
+                name: "thorlabs",
+                usual_baud: 115_200,
+                handshake: true,
+                has_axis: |name| is_number(name, 1, 3),
+                axes: "1 to 3 on a Thorlabs controller: its bay; 1 on one without bays",
+                first_axes: ["1", "2"],
                 units_per_mm: None,
             },
         }
@@ -183,6 +200,12 @@ impl ControllerDriver {
     #[must_use]
     pub const fn units_per_mm(self) -> Option<f64> {
         self.traits().units_per_mm
+    }
+
+    /// Whether the protocol's controllers need the handshake of RTS and CTS on their port.
+    #[must_use]
+    pub const fn handshake(self) -> bool {
+        self.traits().handshake
     }
 
     /// The baud rate that the protocol's controllers leave the factory with.
@@ -275,7 +298,7 @@ pub struct AxisConfig {
     /// Axis letter or number on that controller.
     pub axis: String,
     /// The controller's units of position a millimetre (Grbl, Zaber, TMCL: motor steps or microsteps; PI: 1 where it
-    /// counts in mm): compared with the controller's own setting, where it has one.
+    /// counts in mm; Thorlabs: counts of the encoder or microsteps): compared with the controller's own setting, where it has one.
     pub steps_per_mm: f64,
     /// Whether the controller's positive direction is the coordinate's negative one.
     pub reversed: bool,

@@ -15,6 +15,7 @@ use super::stage::grbl_controller::GrblDriver;
 use super::stage::pi_controller::PiDriver;
 use super::stage::session::Driver;
 use super::stage::supervisor::{Controller, check_identity};
+use super::stage::thorlabs_controller::ThorlabsDriver;
 use super::stage::tmcl_controller::TmclDriver;
 use super::stage::zaber_controller::ZaberDriver;
 use super::{AxisName, Bench, DeviceError, FrameSource, Stage};
@@ -46,6 +47,7 @@ pub fn driver(config: &ControllerConfig) -> Box<dyn Driver> {
         ControllerDriver::Zaber => Box::new(ZaberDriver { address: config.address }),
         ControllerDriver::Pi => Box::new(PiDriver),
         ControllerDriver::Tmcl => Box::new(TmclDriver { address: config.address }),
+        ControllerDriver::Thorlabs => Box::new(ThorlabsDriver),
     }
 }
 
@@ -58,8 +60,7 @@ pub fn driver(config: &ControllerConfig) -> Box<dyn Driver> {
 /// configured one.
 pub async fn identify(name: &str, config: &ControllerConfig) -> Result<String, DeviceError> {
     let device = controller_name(name);
-    let dial = SerialDial { device: device.clone(), port: config.port.clone(), baud: config.baud() };
-    let identity = driver(config).identify(dial.open().await?, &device).await?;
+    let identity = driver(config).identify(SerialDial::of(&device, config).open().await?, &device).await?;
     check_identity(&device, &identity, config.identity.as_deref())?;
     Ok(identity)
 }
@@ -88,7 +89,7 @@ pub async fn open_stages(bench: &BenchConfig) -> Result<(Arc<dyn Stage>, Arc<dyn
             device: device.clone(),
             reason: format!("there is no [bench.controllers.{name}] in the configuration; add it, with its `port`"),
         })?;
-        let dial = SerialDial { device: device.clone(), port: config.port.clone(), baud: config.baud() };
+        let dial = SerialDial::of(&device, config);
         let identity = config.identity.clone();
         controllers.push(Controller::start(&device, driver(config), Arc::new(dial), identity, setups));
     }

@@ -6,15 +6,19 @@
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio_serial::{SerialPortBuilderExt, SerialStream};
+use tokio_serial::{ClearBuffer, FlowControl, SerialPort as _, SerialPortBuilderExt, SerialStream};
 
 use super::DeviceError;
+use crate::config::ControllerConfig;
 
 /// What marks a port given by USB serial number in the configuration.
 pub const USB_PREFIX: &str = "usb:";
+/// Rest before and after what came earlier is forgotten.
+const DWELL: Duration = Duration::from_millis(50);
 /// Where the kernel lists terminals.
 pub(super) const TERMINALS: &str = "/sys/class/tty";
 
@@ -49,6 +53,17 @@ pub struct SerialDial {
     pub port: PathBuf,
     /// Baud rate.
     pub baud: u32,
+    /// Whether it has the handshake of RTS and CTS.
+    pub handshake: bool,
+}
+
+impl SerialDial {
+    /// The way to a controller of the configuration; `device` is its name, for errors.
+    #[must_use]
+    pub fn of(device: &str, config: &ControllerConfig) -> Self {
+        let (device, port) = (device.to_owned(), config.port.clone());
+        Self { device, port, baud: config.baud(), handshake: config.driver.handshake() }
+    }
 }
 
 #[async_trait]
@@ -62,7 +77,11 @@ impl Dial for SerialDial {
         // A driver may take its time to open a port.
         let opened = tokio::task::spawn_blocking(move || {
             let path = find(&dial.device, &dial.port)?;
-            open_serial(&dial.device, &path, dial.baud)
+            let mut stream = open_serial(&dial.device, &path, dial.baud, dial.handshake)?;
+            if dial.handshake {
+                settle(&mut stream);
+            }
+            Ok(stream)
         });
         let stream = opened.await.unwrap_or_else(|_| {
             Err(DeviceError::Disconnected { device: self.device.clone(), reason: "opening it failed".to_owned() })
@@ -115,14 +134,29 @@ fn usb_serial(device: &Path) -> Option<String> {
     Some(fs::read_to_string(usb.join("serial")).ok()?.trim().to_owned())
 }
 
-/// Opens a serial port, 8 data bits, no parity, one stop bit.
+/// Raises RTS and forgets what came before, as Thorlabs has it of a program that opens a port to its controllers. A port
+/// without such lines, as a pseudo-terminal, is as good.
+fn settle(stream: &mut SerialStream) {
+    let told = stream.write_request_to_send(true).and_then(|()| {
+        std::thread::sleep(DWELL);
+        stream.clear(ClearBuffer::All)
+    });
+    if let Err(error) = told {
+        tracing::debug!(%error, "a port has no handshake");
+    }
+    std::thread::sleep(DWELL);
+}
+
+/// Opens a serial port, 8 data bits, no parity, one stop bit, with or without the handshake of RTS and CTS.
 ///
 /// # Errors
 /// [`DeviceError::Busy`] when another program holds it, [`DeviceError::Disconnected`] when it is not there or cannot be
 /// opened.
-pub fn open_serial(device: &str, path: &Path, baud: u32) -> Result<SerialStream, DeviceError> {
+pub fn open_serial(device: &str, path: &Path, baud: u32, handshake: bool) -> Result<SerialStream, DeviceError> {
     let gone = |reason| DeviceError::Disconnected { device: device.to_owned(), reason };
-    tokio_serial::new(path.to_string_lossy(), baud).open_native_async().map_err(|error| match error.kind() {
+    let flow = if handshake { FlowControl::Hardware } else { FlowControl::None };
+    let port = tokio_serial::new(path.to_string_lossy(), baud).flow_control(flow);
+    port.open_native_async().map_err(|error| match error.kind() {
         // The crate says so when the exclusive lock is taken, not when there is no device.
         tokio_serial::ErrorKind::NoDevice => {
             DeviceError::Busy { device: device.to_owned(), reason: format!("{}: {error}", path.display()) }
@@ -148,7 +182,7 @@ mod tests {
     fn a_missing_port_is_told_from_a_busy_one() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let _guard = runtime.enter();
-        let error = open_serial("controller `main`", Path::new("/dev/does-not-exist"), 115_200).unwrap_err();
+        let error = open_serial("controller `main`", Path::new("/dev/does-not-exist"), 115_200, false).unwrap_err();
         assert!(matches!(error, DeviceError::Disconnected { .. }), "{error}");
         assert!(error.to_string().contains("/dev/does-not-exist"));
     }

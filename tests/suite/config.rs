@@ -200,6 +200,7 @@ fn axes_that_a_controller_cannot_have_are_refused() {
         ("zaber", "0", "1 to 9"),
         ("pi", "1-2", "letters and digits"),
         ("tmcl", "6", "0 to 5"),
+        ("thorlabs", "4", "1 to 3"),
     ] {
         let text = format!(
             "{CAMERA}[bench]\ndriver = \"hardware\"\n[bench.controllers.main]\ndriver = \"{driver}\"\nport = \"/dev/x\"\n\

@@ -154,7 +154,14 @@ fn a_port_and_a_camera_that_are_not_there_are_problems() {
 #[test]
 fn controllers_are_asked_only_on_demand() {
     let folder = tempfile::tempdir().unwrap();
-    for (driver, identity) in [("grbl", "Grbl 1.1"), ("zaber", "Zaber device"), ("pi", "Physik"), ("tmcl", "TMCM-")] {
+    let kinds = [
+        ("grbl", "Grbl 1.1"),
+        ("zaber", "Zaber device"),
+        ("pi", "Physik"),
+        ("tmcl", "TMCM-"),
+        ("thorlabs", "Thorlabs BSC203"),
+    ];
+    for (driver, identity) in kinds {
         let (link, record) = (folder.path().join(driver), folder.path().join(format!("{driver}.record")));
         let mut command = plenalign(folder.path());
         command.args(["sim-stage", "--json", "--protocol", driver, "--link"]).arg(&link).arg("--record").arg(&record);

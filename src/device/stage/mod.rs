@@ -14,6 +14,8 @@ pub mod session;
 pub mod stopping;
 pub mod strangers;
 pub mod supervisor;
+pub mod thorlabs;
+pub mod thorlabs_controller;
 pub mod tmcl;
 pub mod tmcl_controller;
 pub mod track;

@@ -10,6 +10,7 @@ pub mod line;
 pub mod pi;
 mod pi_parameters;
 mod protocol;
+pub mod thorlabs;
 pub mod tmcl;
 pub mod zaber;
 
@@ -37,6 +38,7 @@ use grbl::{FirmwareConfig, GrblFirmware};
 use line::Line;
 use pi::PiFirmware;
 pub use protocol::Protocol;
+use thorlabs::ThorlabsFirmware;
 use tmcl::TmclFirmware;
 use zaber::ZaberFirmware;
 
@@ -76,7 +78,7 @@ pub trait Firmware: Send {
 /// The firmware of a protocol's controllers, set up for axes as configured.
 #[must_use]
 pub fn firmware(protocol: impl Into<Protocol>, axes: &[&AxisConfig], plant: Arc<dyn Plant>) -> ControllerTwin {
-    let drives = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
+    let drives: Vec<DriveConfig> = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
     match protocol.into() {
         Protocol::Grbl => ControllerTwin::new(GrblFirmware::new(FirmwareConfig::for_axes(axes), plant)),
         Protocol::GrblHal => ControllerTwin::new(GrblFirmware::new(FirmwareConfig::grblhal(axes), plant)),
@@ -84,6 +86,7 @@ pub fn firmware(protocol: impl Into<Protocol>, axes: &[&AxisConfig], plant: Arc<
         Protocol::Zaber => ControllerTwin::new(ZaberFirmware::new(drives, &plant)),
         Protocol::Pi => ControllerTwin::new(PiFirmware::new(drives, &plant)),
         Protocol::Tmcl => ControllerTwin::new(TmclFirmware::new(drives, &plant)),
+        Protocol::Thorlabs => ControllerTwin::new(ThorlabsFirmware::of(drives, &plant)),
     }
 }
 

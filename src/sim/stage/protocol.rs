@@ -19,6 +19,8 @@ pub enum Protocol {
     Pi,
     /// Trinamic's TMCL.
     Tmcl,
+    /// Thorlabs' APT.
+    Thorlabs,
 }
 
 impl Protocol {
@@ -30,6 +32,7 @@ impl Protocol {
             Self::Zaber => ControllerDriver::Zaber,
             Self::Pi => ControllerDriver::Pi,
             Self::Tmcl => ControllerDriver::Tmcl,
+            Self::Thorlabs => ControllerDriver::Thorlabs,
         }
     }
 
@@ -57,6 +60,7 @@ impl From<ControllerDriver> for Protocol {
             ControllerDriver::Zaber => Self::Zaber,
             ControllerDriver::Pi => Self::Pi,
             ControllerDriver::Tmcl => Self::Tmcl,
+            ControllerDriver::Thorlabs => Self::Thorlabs,
         }
     }
 }

@@ -159,7 +159,7 @@ fn enough(tally: &Tally) {
     least("new confirm keys", tally.new_confirm_keys, 4);
     least("presses that were over", tally.presses_over, 10);
     for (driver, of) in ControllerDriver::value_variants().iter().zip(tally.of_protocol) {
-        least(&format!("sequences with {driver:?}"), of, 12);
+        least(&format!("sequences with {driver:?}"), of, 9);
     }
     least("stops in motion", tally.stops_in_motion, 15);
     least("expiries in motion", tally.expiries_in_motion, 12);

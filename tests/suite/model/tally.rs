@@ -8,7 +8,7 @@ use std::ops::AddAssign;
 pub(super) struct Tally {
     pub(super) sequences: u64,
     /// Of each protocol.
-    pub(super) of_protocol: [u64; 4],
+    pub(super) of_protocol: [u64; 5],
     pub(super) steps: u64,
     pub(super) requests: u64,
     pub(super) refusals: u64,

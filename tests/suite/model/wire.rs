@@ -5,6 +5,7 @@ use std::sync::Arc;
 use async_trait::async_trait;
 use plenalign::config::ControllerDriver;
 use plenalign::device::serial::{Dial, Wire};
+use plenalign::device::stage::thorlabs::{FIRST_BAY, Message, id};
 use plenalign::device::stage::tmcl::{FRAME, Frame, Request, command};
 use plenalign::device::{AxisName, DeviceError};
 use plenalign::sim::stage::TwinDial;
@@ -84,6 +85,12 @@ impl Tap {
             self.unfinished.clear();
             return frame_order(&frame);
         }
+        if self.driver == ControllerDriver::Thorlabs {
+            self.unfinished.push(byte);
+            let (message, _) = Message::read(&self.unfinished)?;
+            self.unfinished.clear();
+            return message_order(&message);
+        }
         match byte {
             b'\n' => {
                 let line = String::from_utf8_lossy(&std::mem::take(&mut self.unfinished)).into_owned();
@@ -106,7 +113,7 @@ impl Tap {
         let (homing, moves, axis) = match self.driver {
             ControllerDriver::Grbl => (begins("$H"), begins("$J="), if line.contains('Y') { "2" } else { "1" }),
             ControllerDriver::Zaber => (line.contains(" home"), line.contains(" move "), words.nth(1)?),
-            ControllerDriver::Pi | ControllerDriver::Tmcl => {
+            ControllerDriver::Pi | ControllerDriver::Tmcl | ControllerDriver::Thorlabs => {
                 (begins("FNL ") || begins("FPL ") || begins("FRF "), begins("MOV "), words.nth(1)?)
             }
         };
@@ -123,15 +130,25 @@ fn frame_order(frame: &Frame) -> Option<Seen> {
     (homing || moves).then(|| Seen::Order { axis, homing, line: format!("{request:?}") })
 }
 
+/// The motion that a Thorlabs message begins, if it does.
+fn message_order(message: &Message) -> Option<Seen> {
+    let (homing, moves) = (message.id == id::MOVE_HOME, message.id == id::MOVE_ABSOLUTE);
+    let axis = if message.dest == FIRST_BAY + 1 { AxisName::E } else { AxisName::Focus };
+    (homing || moves).then(|| Seen::Order { axis, homing, line: format!("{message:?}") })
+}
+
 #[test]
 fn the_orders_of_every_protocol_are_known() {
-    use ControllerDriver::{Grbl, Pi, Tmcl, Zaber};
+    use ControllerDriver::{Grbl, Pi, Thorlabs, Tmcl, Zaber};
     let frame = |command, motor| Request { address: 1, command, kind: 0, motor, value: 5 }.frame().to_vec();
-    let orders: [(ControllerDriver, [Vec<u8>; 2], Vec<u8>); 4] = [
+    let short = |id, unit| Message::short(id, unit, 1, 0).bytes();
+    let go = Message::numbers(id::MOVE_ABSOLUTE, FIRST_BAY, &[5]).bytes();
+    let orders: [(ControllerDriver, [Vec<u8>; 2], Vec<u8>); 5] = [
         (Grbl, [b"$J=G53 X1 F60\n".to_vec(), b"?$HY\n".to_vec()], b"$$\n".to_vec()),
         (Zaber, [b"/01 1 07 move abs 5:00\n".to_vec(), b"/01 2 08 home:00\n".to_vec()], b"/01 1 get pos:00\n".to_vec()),
         (Pi, [b"VEL 1 2.0\nMOV 1 5.0\nERR?\n".to_vec(), b"\x18FPL 2\n".to_vec()], b"\x05SVO 1 1\n".to_vec()),
         (Tmcl, [frame(command::MVP, 0), frame(command::RFS, 1)], frame(command::GAP, 0)),
+        (Thorlabs, [go, short(id::MOVE_HOME, FIRST_BAY + 1)], short(id::REQ_BITS, FIRST_BAY)),
     ];
     assert_eq!(FRAME, frame(command::MVP, 0).len());
     for (driver, [moves, homes], other) in orders {

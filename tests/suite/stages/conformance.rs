@@ -40,6 +40,7 @@ async fn it_says_what_it_is_and_moves_nothing_before_homing(driver: Protocol) {
         Protocol::Zaber => "Zaber device 50081, serial number 104233, firmware 7.36",
         Protocol::Pi => "(c)2013 Physik Instrumente (PI) GmbH & Co. KG, C-863.12, 0115500218, 1.2.5.3",
         Protocol::Tmcl => "TMCM-6214, firmware 1.07",
+        Protocol::Thorlabs => "Thorlabs BSC203, serial number 70184932, firmware 2.1.9",
     };
     assert_eq!((info.identity.as_str(), info.driver.as_str()), (identity, driver.driver().name()));
     assert_eq!(info.disagreements, Vec::<String>::new());
@@ -298,7 +299,7 @@ async fn a_released_motor_has_to_be_homed(driver: Protocol) {
 async fn a_position_is_set_where_the_controller_can_do_without_homing(driver: Protocol) {
     let rig = Kit::new(driver).connect().await.unwrap();
     let set = rig.e.set_position(Millimetres(START[1]), rig.e.generation()).await;
-    if matches!(driver, Protocol::Zaber | Protocol::Pi) {
+    if matches!(driver, Protocol::Zaber | Protocol::Pi | Protocol::Thorlabs) {
         assert!(matches!(&set, Err(DeviceError::Refused { reason, .. }) if reason.contains("home")), "{set:?}");
         assert!(!rig.e.read_state().await.unwrap().homed);
         return;
@@ -360,6 +361,7 @@ async fn a_target_beyond_the_controllers_limits_is_refused_without_motion(driver
         Protocol::Grbl | Protocol::GrblHal => "error:15",
         Protocol::FluidNc => "beyond the travel",
         Protocol::Zaber => "BADDATA",
+        Protocol::Thorlabs => "soft limits",
         _ => "error 7",
     };
     assert!(matches!(&error, DeviceError::Refused { reason, .. } if reason.contains(words)), "{error}");

@@ -9,7 +9,7 @@ use plenalign::control::{Refusal, ServiceError};
 use plenalign::device::jog::deadman;
 use plenalign::device::stage::tmcl::{Request, command};
 use plenalign::device::{AxisName, Bench, DeviceError, Stage, StopDelivery};
-use plenalign::sim::stage::Protocol;
+use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
 
 use super::super::bench::rules;
@@ -27,6 +27,14 @@ struct Contradiction {
 
 fn set_shaft(kit: &mut Kit, value: i32) {
     kit.twin.receive(&Request { address: 1, command: command::SAP, kind: 251, motor: 1, value }.frame());
+}
+
+/// Sets how the second bay of a Thorlabs controller homes: the direction, and the switch.
+fn set_homing(twin: &ControllerTwin, direction: u8, switch: u8) {
+    let header = [0x40, 0x04, 14, 0, 0x80 | 0x22, 0x01];
+    // At 5 mm/s.
+    let speed = (5.0 * 409_600.0 * 53.68_f64).round() as i32;
+    twin.receive(&[&header[..], &[1, 0, direction, 0, switch, 0], &speed.to_le_bytes(), &[0; 4]].concat());
 }
 
 fn contradictions(driver: Protocol) -> Vec<Contradiction> {
@@ -102,6 +110,28 @@ fn contradictions(driver: Protocol) -> Vec<Contradiction> {
             make: |kit| set_shaft(kit, 1),
             mend: |kit| set_shaft(kit, 0),
         }],
+        Protocol::Thorlabs => vec![
+            Contradiction {
+                words: "to its reverse limit switch",
+                make: |kit| set_homing(&kit.twin, 2, 1),
+                mend: |kit| set_homing(&kit.twin, 1, 4),
+            },
+            Contradiction {
+                words: "direction 2 and limit switch 4",
+                make: |kit| set_homing(&kit.twin, 2, 4),
+                mend: |kit| set_homing(&kit.twin, 1, 4),
+            },
+            Contradiction {
+                words: "to its forward limit switch",
+                make: |kit| kit.bench.e.home_side = Side::Low,
+                mend: |kit| kit.bench.e.home_side = Side::High,
+            },
+            Contradiction {
+                words: "to its forward limit switch",
+                make: |kit| kit.bench.e.reversed = true,
+                mend: |kit| kit.bench.e.reversed = false,
+            },
+        ],
     }
 }
 

@@ -39,6 +39,7 @@ async fn a_limit_switch_is_an_alarm_that_homing_leaves(driver: Protocol) {
         Protocol::Zaber => "WL",
         Protocol::Pi => "-1024",
         Protocol::Tmcl => "right limit switch",
+        Protocol::Thorlabs => "a limit switch",
     };
     assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains(words)), "{error}");
     let switch = BenchConfig::default().e.home_position_mm + PULL_OFF_MM;
@@ -129,8 +130,8 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: Protocol) {
     assert_eq!(rig.slides.at(1), at, "nothing resumes");
     let state = rig.e.read_state().await.unwrap();
     assert!(state.connected, "{state:?}");
-    // Zaber and PI controllers say that they kept their reference; the others cannot, or were reset.
-    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi);
+    // These say that they kept their reference; the others cannot, or were reset.
+    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi | Protocol::Thorlabs);
     assert_eq!(state.homed, kept, "{state:?}");
     if kept {
         assert!(near(state.position.value(), at, 0.004), "{state:?} at {at}");

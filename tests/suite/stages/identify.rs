@@ -76,6 +76,11 @@ async fn it_says_what_it_is_and_is_told_nothing(of: Protocol) {
             // 136: the version.
             assert!(sent.chunks(9).all(|frame| frame[1] == 136), "{sent:02x?}");
         }
+        Protocol::Thorlabs => {
+            assert!(identity.starts_with("Thorlabs BSC203"), "{identity}");
+            // 5: what a unit is, of a unit of its own and of a main board.
+            assert!(sent.len() == 12 && sent.chunks(6).all(|header| header[..2] == [5, 0]), "{sent:02x?}");
+        }
     }
     assert_eq!([kit.slides.at(0), kit.slides.at(1)], before);
 }

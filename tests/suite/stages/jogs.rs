@@ -41,6 +41,7 @@ macro_rules! that_go_on {
         on!(zaber, Zaber, $($test),*);
         on!(pi, Pi, $($test),*);
         on!(tmcl, Tmcl, $($test),*);
+        on!(thorlabs, Thorlabs, $($test),*);
     };
 }
 
@@ -90,7 +91,7 @@ impl State {
         self.written.extend(bytes);
         // Orders that are lines count when they are whole.
         let whole = match self.driver {
-            Protocol::Tmcl => self.written.len(),
+            Protocol::Tmcl | Protocol::Thorlabs => self.written.len(),
             _ => self.written.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1),
         };
         if orders(self.driver, &self.written[..whole]) >= self.after {

@@ -25,14 +25,15 @@ macro_rules! every_protocol {
         mod zaber { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Zaber).await; })* }
         mod pi { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Pi).await; })* }
         mod tmcl { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Tmcl).await; })* }
+        mod thorlabs { $(#[tokio::test(start_paused = true)] async fn $test() { super::$test(super::Protocol::Thorlabs).await; })* }
     };
 }
 pub(super) use every_protocol;
 
 #[test]
 fn every_protocol_is_in_the_list() {
-    use Protocol::{FluidNc, Grbl, GrblHal, Pi, Tmcl, Zaber};
-    let all = [Grbl, GrblHal, FluidNc, Zaber, Pi, Tmcl];
+    use Protocol::{FluidNc, Grbl, GrblHal, Pi, Thorlabs, Tmcl, Zaber};
+    let all = [Grbl, GrblHal, FluidNc, Zaber, Pi, Tmcl, Thorlabs];
     assert_eq!(Protocol::value_variants(), all, "every_protocol! has to have it, too");
 }
 
@@ -69,6 +70,8 @@ pub(crate) fn suit(driver: impl Into<Protocol>, bench: &mut BenchConfig) {
             }
         }
         Protocol::Grbl | Protocol::GrblHal | Protocol::Tmcl => {}
+        // Microsteps of a motor on a screw of 1 mm a turn.
+        Protocol::Thorlabs => (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (409_600.0, 409_600.0),
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use plenalign::device::serial::{Dial, Wire};
+use plenalign::device::stage::thorlabs::{Body, Message, id};
 use plenalign::device::stage::tmcl::{command, parameter};
 use plenalign::device::{DeviceError, Stage};
 use plenalign::sim::stage::Protocol;
@@ -52,6 +53,10 @@ fn switched_off(driver: Protocol, written: &[u8]) -> usize {
                 frame[1] == command::SAP && frame[2] == parameter::STANDBY_CURRENT && frame[4..8] == [0; 4]
             };
             written.chunks_exact(9).filter(|frame| off(frame)).count()
+        }
+        Protocol::Thorlabs => {
+            let off = |message: &Message| message.id == id::SET_ENABLED && matches!(message.body, Body::Short(_, 2));
+            Message::all(written).filter(off).count()
         }
     }
 }
@@ -148,4 +153,9 @@ fn pi() {
 #[test]
 fn tmcl() {
     at_every_poll(Protocol::Tmcl);
+}
+
+#[test]
+fn thorlabs() {
+    at_every_poll(Protocol::Thorlabs);
 }

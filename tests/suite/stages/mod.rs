@@ -21,3 +21,4 @@ mod stopped_at_every_poll;
 mod strangers;
 mod stubborn;
 mod terminal;
+mod thorlabs;

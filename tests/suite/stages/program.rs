@@ -31,7 +31,8 @@ async fn the_program_serves_a_twin_of_every_protocol() {
         let mut kit = Kit::new(driver);
         // The program's limits are the preset's, whose low ends homing on Zaber and PI begins at.
         (kit.bench.focus.accept_wider_firmware_limits, kit.bench.e.accept_wider_firmware_limits) = (true, true);
-        let dial = SerialDial { device: "controller `main`".to_owned(), port, baud: 115_200 };
+        let (device, handshake) = ("controller `main`".to_owned(), driver.driver().handshake());
+        let dial = SerialDial { device, port, baud: 115_200, handshake };
         let controller = kit.start_on(Arc::new(dial), None);
         timeout(Duration::from_secs(20), controller.first_attempt()).await.unwrap().unwrap();
         let stage = kit.rig(&controller).focus;

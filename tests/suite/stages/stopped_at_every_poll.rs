@@ -10,6 +10,7 @@ use plenalign::config::Side;
 use plenalign::device::jog::{Next, Seen};
 use plenalign::device::serial::{Dial, Wire};
 use plenalign::device::stage::supervisor::ControllerStage;
+use plenalign::device::stage::thorlabs::{Message, id};
 use plenalign::device::stage::tmcl::command;
 use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::stage::Protocol;
@@ -72,6 +73,10 @@ pub(super) fn orders(driver: Protocol, written: &[u8]) -> usize {
         Protocol::Tmcl => {
             let moves = |frame: &[u8]| frame[1] == command::MVP || (frame[1] == command::RFS && frame[2] == 0);
             return written.chunks_exact(9).filter(|frame| moves(frame)).count();
+        }
+        Protocol::Thorlabs => {
+            let moves = [id::MOVE_HOME, id::MOVE_RELATIVE, id::MOVE_ABSOLUTE, id::MOVE_VELOCITY, id::MOVE_JOG];
+            return Message::all(written).filter(|message| moves.contains(&message.id)).count();
         }
     };
     let text = String::from_utf8_lossy(written);
@@ -219,4 +224,9 @@ fn pi() {
 #[test]
 fn tmcl() {
     at_every_poll(Protocol::Tmcl);
+}
+
+#[test]
+fn thorlabs() {
+    at_every_poll(Protocol::Thorlabs);
 }

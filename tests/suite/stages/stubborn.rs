@@ -10,6 +10,7 @@ use plenalign::sim::plant::Plant;
 use plenalign::sim::stage::drive::DriveConfig;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::pi::PiFirmware;
+use plenalign::sim::stage::thorlabs::ThorlabsFirmware;
 use plenalign::sim::stage::tmcl::TmclFirmware;
 use plenalign::sim::stage::zaber::ZaberFirmware;
 use plenalign::sim::stage::{ControllerTwin, Firmware, Protocol};
@@ -32,6 +33,8 @@ const STOP_ALL: u8 = 24;
 /// Bytes of a TMCL command, and the number of the one that stops a motor.
 const TMCL_LENGTH: usize = 9;
 const MOTOR_STOP: u8 = 3;
+/// What a Thorlabs message that stops a motor along its ramp begins with.
+const THORLABS_STOP: [u8; 4] = [0x65, 0x04, 1, 2];
 
 /// A firmware that hears no soft stop for a while, once it is told to be so.
 struct Stubborn {
@@ -55,6 +58,7 @@ impl Stubborn {
             Protocol::Zaber => Box::new(ZaberFirmware::new(drives, &plant)),
             Protocol::Pi => Box::new(PiFirmware::new(drives, &plant)),
             Protocol::Tmcl => Box::new(TmclFirmware::new(drives, &plant)),
+            Protocol::Thorlabs => Box::new(ThorlabsFirmware::of(drives, &plant)),
         };
         Self { firmware, driver: kit.driver, armed: Arc::clone(armed), since: None, command: Vec::new() }
     }
@@ -73,6 +77,11 @@ impl Firmware for Stubborn {
             // `estop` has no blank before its `stop`.
             Protocol::Zaber => (byte == b'\n', String::from_utf8_lossy(&self.command).contains(" stop")),
             Protocol::Tmcl => (self.command.len() == TMCL_LENGTH, self.command.get(1) == Some(&MOTOR_STOP)),
+            Protocol::Thorlabs => {
+                let (data, length) = (self.command.get(4).is_some_and(|dest| dest & 0x80 != 0), self.command.get(2));
+                let length = 6 + if data { usize::from(*length.unwrap_or(&0)) } else { 0 };
+                (self.command.len() >= length, self.command.get(..4) == Some(&THORLABS_STOP))
+            }
         };
         if whole {
             let command = std::mem::take(&mut self.command);

@@ -44,7 +44,8 @@ async fn works_over_a_terminal(driver: Protocol) {
     // As /dev/serial/by-id has it: a link whose name stays while the terminal's does not.
     let link = folder.path().join("usb-controller");
     point(&link, &kit.twin.serve_on_terminal().unwrap());
-    let dial = SerialDial { device: "controller `main`".to_owned(), port: link.clone(), baud: 115_200 };
+    let (device, port) = ("controller `main`".to_owned(), link.clone());
+    let dial = SerialDial { device, port, baud: 115_200, handshake: driver.driver().handshake() };
     let controller = kit.start_on(Arc::new(dial.clone()), None);
     controller.first_attempt().await.unwrap();
     let busy = dial.open().await.err().unwrap();
@@ -74,7 +75,7 @@ async fn works_over_a_terminal(driver: Protocol) {
     point(&link, &kit.twin.serve_on_terminal().unwrap());
     let found = timeout(Duration::from_secs(10), state.wait_for(|state| state.connected)).await.is_ok();
     assert!(found, "it is found under its new name: {:?}", rig.focus.state().borrow().clone());
-    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi);
+    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi | Protocol::Thorlabs);
     assert_eq!(rig.focus.read_state().await.unwrap().homed, kept);
 
     // The same over a bad line.
@@ -126,4 +127,4 @@ macro_rules! over_a_terminal {
     };
 }
 
-over_a_terminal!(grbl: Grbl, fluidnc: FluidNc, zaber: Zaber, pi: Pi, tmcl: Tmcl);
+over_a_terminal!(grbl: Grbl, fluidnc: FluidNc, zaber: Zaber, pi: Pi, tmcl: Tmcl, thorlabs: Thorlabs);

@@ -1641,7 +1641,7 @@ export interface components {
       /**
        * Format: double
        * @description The controller's units of position a millimetre (Grbl, Zaber, TMCL: motor steps or microsteps; PI: 1 where it
-       *     counts in mm): compared with the controller's own setting, where it has one.
+       *     counts in mm; Thorlabs: counts of the encoder or microsteps): compared with the controller's own setting, where it has one.
        * @default 400
        */
       steps_per_mm: number;
@@ -1954,7 +1954,7 @@ export interface components {
       port: string;
     };
     /** @description Which protocol a stage controller speaks. */
-    "Config.ControllerDriver": "grbl" | "zaber" | "pi" | "tmcl";
+    "Config.ControllerDriver": "grbl" | "zaber" | "pi" | "tmcl" | "thorlabs";
     /** @description `[bench.simulation.dust]`: round specks on the sensor or its cover glass. */
     "Config.DustConfig": {
       /**

@@ -137,7 +137,8 @@ class AxisConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Greatest speed, mm/s."""
     steps_per_mm: float | UnsetType = UNSET
     """The controller's units of position a millimetre (Grbl, Zaber, TMCL: motor steps or microsteps; PI: 1 where it
-    counts in mm): compared with the controller's own setting, where it has one.
+    counts in mm; Thorlabs: counts of the encoder or microsteps): compared with the controller's own setting,
+    where it has one.
     """
     zero_uncertainty_mm: float | UnsetType = UNSET
     """Bound on the error of the coordinate's zero after homing, mm."""
@@ -263,6 +264,8 @@ class ControllerDriver(str, Enum):
     """PI's General Command Set 2."""
     TMCL = "tmcl"
     """Trinamic's TMCL."""
+    THORLABS = "thorlabs"
+    """Thorlabs' APT protocol."""
 
 
 class DustConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
