@@ -17,10 +17,20 @@ fi
 # As the tests build it: a plain build would compile every dependency anew, without what the tests need of it.
 cargo test --quiet --no-run --test integration --manifest-path "$root/Cargo.toml"
 failed=0
-for client in zaber pi tmcl; do
+for client in zaber pi tmcl thorlabs-rack thorlabs-cube; do
+  script=${client%%-*}.py arguments=()
+  config=() only=()
+  case $client in
+  thorlabs-rack)
+    arguments=(rack) config=(--config "$root/deploy/examples/thorlabs.toml")
+    ;;
+  thorlabs-cube)
+    arguments=(cube) config=(--config "$root/deploy/examples/thorlabs-kcubes.toml") only=(--controller lens)
+    ;;
+  esac
   log=$(mktemp)
   # Quick axes, so that it takes seconds: both at 20 mm/s.
-  "$root/target/debug/plenalign" sim-stage --json --protocol "$client" \
+  "$root/target/debug/plenalign" "${config[@]}" sim-stage --json --protocol "${client%%-*}" "${only[@]}" \
     --set bench.focus.speed_mm_per_s=20 --set bench.focus.acceleration_mm_per_s2=200 \
     --set bench.e.speed_mm_per_s=20 --set bench.e.acceleration_mm_per_s2=200 >"$log" &
   twin=$!
@@ -33,7 +43,7 @@ for client in zaber pi tmcl; do
   if [[ -z $port ]]; then
     echo "vendor clients: the $client twin did not start" >&2
     failed=1
-  elif ! timeout 120 "$venv/bin/python" "$client.py" "$port"; then
+  elif ! timeout 120 "$venv/bin/python" "$script" "${arguments[@]}" "$port"; then
     echo "vendor clients: $client FAILED" >&2
     failed=1
   fi
