@@ -72,7 +72,7 @@ fn near_switch(setup: &AxisSetup, (low, high): (f64, f64)) -> Option<String> {
             "The configured {side} limit of the {axis} axis, {limit} mm, is {:.3} mm from its home switch at {switch:.3} mm, \
              where a move ends in an alarm and both references are lost: keep it a millimetre off \
              (bench.{axis}.{side}_limit_mm = {keep:.3}), or have homing pull off farther ($27).",
-            clear_mm.max(0.0)
+            clear_mm.abs()
         )
     })
 }
