@@ -131,7 +131,7 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: Protocol) {
     let state = rig.e.read_state().await.unwrap();
     assert!(state.connected, "{state:?}");
     // These say that they kept their reference; the others cannot, or were reset.
-    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi | Protocol::Thorlabs);
+    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi);
     assert_eq!(state.homed, kept, "{state:?}");
     if kept {
         assert!(near(state.position.value(), at, 0.004), "{state:?} at {at}");

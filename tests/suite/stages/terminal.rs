@@ -75,7 +75,7 @@ async fn works_over_a_terminal(driver: Protocol) {
     point(&link, &kit.twin.serve_on_terminal().unwrap());
     let found = timeout(Duration::from_secs(10), state.wait_for(|state| state.connected)).await.is_ok();
     assert!(found, "it is found under its new name: {:?}", rig.focus.state().borrow().clone());
-    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi | Protocol::Thorlabs);
+    let kept = matches!(driver, Protocol::Zaber | Protocol::Pi);
     assert_eq!(rig.focus.read_state().await.unwrap().homed, kept);
 
     // The same over a bad line.

@@ -16,6 +16,7 @@ use plenalign::sim::stage::{ControllerTwin, Protocol, firmware};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep};
 
+use super::contradictions::set_homing;
 use super::kit::{Kit, bench, near};
 
 /// One axis on a controller of its own, and what its motor turns.
@@ -143,6 +144,19 @@ async fn a_motor_that_is_switched_off_has_lost_its_position() {
     assert!(fault.as_ref().is_some_and(|fault| fault.contains("switched off")), "{fault:?}");
     rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
+}
+
+/// What was not stored is lost with the power, and its own program may set it: to home towards the other end, the shell.
+#[tokio::test(start_paused = true)]
+async fn homing_that_was_turned_round_since_it_was_connected_moves_nothing() {
+    let rig = super::kit::homed(Protocol::Thorlabs).await;
+    let stood = rig.slides.at(1);
+    set_homing(&rig.twin, 2, 1);
+    let error = rig.e.home(rig.e.generation()).await.unwrap_err();
+    assert!(error.to_string().contains("reverse limit switch"), "{error}");
+    assert_eq!(rig.slides.at(1), stood);
+    set_homing(&rig.twin, 1, 4);
+    rig.e.home(rig.e.generation()).await.unwrap();
 }
 
 /// Homing that would take far longer than it is given, and a switch that stops nothing, are said.

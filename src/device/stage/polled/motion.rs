@@ -58,6 +58,13 @@ impl<D: Dialogue> Polled<D> {
         Err(DeviceError::Stopped { axis: self.axis(axis).link.name() })
     }
 
+    /// Waits until an axis's position is not known any more.
+    async fn home_lost(&self, axis: usize) {
+        while self.axis(axis).link.home().is_some() {
+            tokio::time::sleep(POLL_MOVING).await;
+        }
+    }
+
     pub(super) fn alarm(&self, axis: usize, reason: String) -> DeviceError {
         self.axis(axis).link.forget_home();
         DeviceError::Alarm { device: self.name.clone(), reason }
@@ -98,6 +105,7 @@ impl<D: Dialogue> Polled<D> {
         let reading = tokio::select! {
             biased;
             () = self.orders.outdated(generation) => return self.stopped(index).await,
+            () = self.home_lost(index) => Err(DeviceError::NotHomed { axis: name }),
             reading = self.rest(index) => reading,
             () = tokio::time::sleep(allowed) => Err(self.timeout(&format!("end a move of {distance:.3} mm"), allowed)),
         };

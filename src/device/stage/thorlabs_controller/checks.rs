@@ -1,5 +1,7 @@
 //! What a controller is set to, against the configuration, when it is connected.
 
+use std::sync::atomic::AtomicBool;
+
 use super::{Axis, ThorlabsDialogue, quiet};
 use crate::device::DeviceError;
 use crate::device::stage::axis::AxisSetup;
@@ -19,6 +21,8 @@ const STOPS: [u16; 2] = [2, 3];
 const IN_FORCE: [u16; 2] = [2, 3];
 /// Homing is given ten times what the travel takes at the axis's own speed: a slower one may not end in time.
 const SLOW: f64 = 0.15;
+/// What rounding may add to a speed.
+const FAST: f64 = 1.01;
 
 /// The bay of an axis, counted from 0, where its name is one that a controller can have.
 pub(super) fn bay(setup: &AxisSetup) -> Option<u8> {
@@ -70,13 +74,19 @@ impl ThorlabsDialogue {
             acceleration_mm_per_s2: config.acceleration_mm_per_s2,
             ..AxisFacts::default()
         };
-        let (direction, switch) = (homing.word(2).unwrap_or_default(), homing.word(4).unwrap_or_default());
-        facts.contradictions.extend(homes_elsewhere(setup, direction, switch));
+        facts.contradictions.extend(homes_elsewhere(setup, &homing));
         let speed = motor.speed_mm_per_s(f64::from(homing.long(6).unwrap_or_default()), scale);
         if speed < SLOW * config.speed_mm_per_s {
             facts.disagreements.push(format!(
                 "The controller homes the {axis} axis at {speed:.3} mm/s (home parameters), which may take longer than \
                  homing is given; set its homing velocity in Thorlabs' own program."
+            ));
+        }
+        if speed > FAST * config.speed_mm_per_s {
+            facts.disagreements.push(format!(
+                "The controller homes the {axis} axis at {speed:.3} mm/s (home parameters), faster than \
+                 bench.{axis}.speed_mm_per_s ({}).",
+                config.speed_mm_per_s
             ));
         }
         for (at, name) in [(2, "CW"), (4, "CCW")] {
@@ -101,12 +111,13 @@ impl ThorlabsDialogue {
             facts.limits_mm = Some((low, high));
             facts.note(setup.compare_limits(low, high));
         }
-        Ok(Axis { unit, scale, facts, limits })
+        Ok(Axis { unit, scale, facts, limits, setup: setup.clone(), seen_homed: AtomicBool::new(false) })
     }
 }
 
 /// Where the parameters of homing would take the axis elsewhere than the configuration says: a sentence.
-fn homes_elsewhere(setup: &AxisSetup, direction: u16, switch: u16) -> Option<String> {
+pub(super) fn homes_elsewhere(setup: &AxisSetup, homing: &Message) -> Option<String> {
+    let (direction, switch) = (homing.word(2).unwrap_or_default(), homing.word(4).unwrap_or_default());
     let axis = setup.axis;
     let (words, negative) = match (direction, switch) {
         (FORWARD, FORWARD_SWITCH) => ("to its forward limit switch", false),

@@ -3,11 +3,13 @@
 mod checks;
 mod questions;
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot, watch};
 
+use super::axis::AxisSetup;
 use super::exchange::Exchange;
 use super::polled::{AxisReading, Dialogue, Homing, Polled};
 use super::session::{AxisFacts, Driver, Session, Wanted};
@@ -21,6 +23,8 @@ use questions::Turn;
 
 /// Nearer to its target than this an axis need not be seen to begin, mm.
 const THERE_MM: f64 = 1e-3;
+/// Homing ends at the controller's zero, give or take this, mm.
+const HOME_MM: f64 = 0.01;
 /// Looks at an axis within which it has to begin what it was told.
 const BEGINNING: u32 = 20;
 
@@ -36,6 +40,9 @@ struct Axis {
     facts: AxisFacts,
     /// Where the controller stops the axis by its own numbers, mm.
     limits: Option<(f64, f64)>,
+    setup: AxisSetup,
+    /// Whether it was homed on this connection: before, its motor may have been switched off, turned, and on again.
+    seen_homed: AtomicBool,
 }
 
 struct ThorlabsDialogue {
@@ -136,7 +143,7 @@ impl ThorlabsDialogue {
             position: f64::from(position) / axis.scale,
             moving: bits.moves(),
             // A motor that was off may have been turned by hand.
-            referenced: Some(bits.homed() && bits.enabled()),
+            referenced: Some(bits.homed() && bits.enabled() && axis.seen_homed.load(Ordering::SeqCst)),
             fault: bits.fault(),
         }
     }
@@ -163,9 +170,14 @@ impl ThorlabsDialogue {
         turn: &mut Turn,
         axis: &Axis,
         what: &str,
+        generation: u64,
         done: impl Fn(i32, Bits) -> bool,
     ) -> Result<(), DeviceError> {
         for _ in 0..BEGINNING {
+            if self.exchange.port.generation() != generation {
+                // A stop has come, which looks for itself.
+                return Ok(());
+            }
             // As a rule this says it at once.
             if self.state(turn, axis.unit).await?.1.moves() {
                 return Ok(());
@@ -227,7 +239,7 @@ impl Dialogue for ThorlabsDialogue {
         *self.complaint.lock().unwrap_or_else(PoisonError::into_inner) = None;
         let mut turn = self.turn.lock().await;
         let on = Message::short(id::SET_ENABLED, axis.unit, CHANNEL, 1);
-        // No motion, homing included, has another acceleration than the configured one, nor a greater speed.
+        // No move has another acceleration than the configured one, nor a greater speed; homing has a speed of its own.
         self.at_speed(&mut turn, axis, axis.facts.speed_mm_per_s, on, generation).await?;
         for _ in 0..BEGINNING {
             if self.whole(&mut turn, axis.unit).await?.1.enabled() {
@@ -241,25 +253,51 @@ impl Dialogue for ThorlabsDialogue {
     async fn start_homing(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {
         let axis = &self.axes[axis];
         let mut turn = self.turn.lock().await;
+        axis.seen_homed.store(false, Ordering::SeqCst);
+        // Now: since it was connected it may have lost what was not stored, or been set by its own program.
+        let homing = self.ask(&mut turn, axis.unit, "tell how it homes", id::REQ_HOMING, CHANNEL).await?;
+        if let Some(reason) = checks::homes_elsewhere(&axis.setup, &homing) {
+            return Err(DeviceError::Refused { device: self.exchange.name.clone(), reason });
+        }
         let home = Message::short(id::MOVE_HOME, axis.unit, CHANNEL, 0);
         self.tell(&mut turn, axis.unit, "begin to home", home, generation).await?;
         // It still says that it is homed, of another time, until it begins.
-        self.begun(&mut turn, axis, "home", |_, bits| !bits.homed()).await
+        self.begun(&mut turn, axis, "home", generation, |_, bits| !bits.homed()).await
     }
 
     async fn homing(&self, axis: usize) -> Result<Homing, DeviceError> {
-        Ok(self.read(axis).await?.homing("limit switch"))
+        let axis = &self.axes[axis];
+        let mut turn = self.turn.lock().await;
+        let (position, bits) = self.whole(&mut turn, axis.unit).await?;
+        let reading = AxisReading { referenced: Some(bits.homed()), ..self.reading(axis, (position, bits)) };
+        Ok(match reading.homing("limit switch") {
+            Homing::Done(at) if at.abs() > HOME_MM => Homing::Failed(format!(
+                "it says that it is homed, and stands at {at:.3} mm and not at its zero; home again"
+            )),
+            Homing::Done(at) => {
+                axis.seen_homed.store(true, Ordering::SeqCst);
+                Homing::Done(at)
+            }
+            other => other,
+        })
     }
 
     async fn start_move(&self, axis: usize, position: f64, speed: f64, generation: u64) -> Result<(), DeviceError> {
         let axis = &self.axes[axis];
         let target = self.target(axis, position)?;
         let mut turn = self.turn.lock().await;
+        // Switched off and on while others were asked, it counts from where it stands.
+        let (_, bits) = self.whole(&mut turn, axis.unit).await?;
+        if !(bits.homed() && bits.enabled()) {
+            let reason = "it has lost its reference, or its motor is off; home the axis".to_owned();
+            return Err(DeviceError::Refused { device: self.exchange.name.clone(), reason });
+        }
         let go = Message::numbers(id::MOVE_ABSOLUTE, axis.unit, &[target]);
         self.at_speed(&mut turn, axis, speed, go, generation).await?;
         // At a limit it may not begin: why it stands tells that afterwards.
-        let there = |at: i32, bits: Bits| f64::from(at - target).abs() < THERE_MM * axis.scale || bits.at_limit();
-        self.begun(&mut turn, axis, "move", there).await
+        let there =
+            |at: i32, bits: Bits| (f64::from(at) - f64::from(target)).abs() < THERE_MM * axis.scale || bits.at_limit();
+        self.begun(&mut turn, axis, "move", generation, there).await
     }
 
     async fn go_on(&self, axis: usize, position: f64, _: f64, generation: u64) -> Result<(), DeviceError> {

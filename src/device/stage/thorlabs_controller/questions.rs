@@ -132,7 +132,12 @@ impl ThorlabsDialogue {
             .map(|number| number.round().clamp(1.0, f64::from(i32::MAX)) as i32);
         let set = Message::numbers(id::SET_SPEED, axis.unit, &[0, wanted[0], wanted[1]]);
         let asked = (id::REQ_SPEED, axis.unit);
-        let answer = self.command(turn, "take a speed", &[set, command], asked, generation).await?;
+        let answer = self.command(turn, "take a speed", &[set, command], asked, generation).await;
+        let answer = answer.map_err(|error| match error {
+            // Refused, the speed; what was told with it may have begun.
+            DeviceError::Refused { reason, .. } => self.exchange.senseless(format!("a refusal of a speed: {reason}")),
+            other => other,
+        })?;
         for (name, at, wanted) in [("acceleration", 6, wanted[0]), ("speed", 10, wanted[1])] {
             let taken = answer.long(at).unwrap_or_default();
             if (f64::from(taken) - f64::from(wanted)).abs() > 0.01 * f64::from(wanted) + 1.0 {
