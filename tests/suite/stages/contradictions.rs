@@ -30,7 +30,7 @@ fn set_shaft(kit: &mut Kit, value: i32) {
 }
 
 /// Sets how the second bay of a Thorlabs controller homes: the direction, and the switch.
-fn set_homing(twin: &ControllerTwin, direction: u8, switch: u8) {
+pub(super) fn set_homing(twin: &ControllerTwin, direction: u8, switch: u8) {
     let header = [0x40, 0x04, 14, 0, 0x80 | 0x22, 0x01];
     // At 5 mm/s.
     let speed = (5.0 * 409_600.0 * 53.68_f64).round() as i32;

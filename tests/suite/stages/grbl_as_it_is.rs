@@ -13,7 +13,7 @@ use plenalign::sim::stage::{ControllerTwin, Firmware, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep, timeout};
 
-use super::kit::{Kit, Rig, near};
+use super::kit::{Kit, Rig, START, near, wait_for};
 
 /// Where e's far switch closes on these slides: a millimetre beyond its limit of travel.
 const FAR_SWITCH: f64 = -6.0;
@@ -304,6 +304,29 @@ async fn what_ends_a_move_is_said_in_words() {
         assert!(!error.to_string().contains("cannot be understood"), "{error}");
     }
     assert!(!rig.e.state().borrow().homed && rig.slides.at(1) > 20.0);
+}
+
+/// grblHAL whose reports leave the pins out would be homed from a far switch.
+#[tokio::test(start_paused = true)]
+async fn a_controller_that_does_not_report_its_pins_moves_nothing() {
+    let kit = Kit::new(Protocol::GrblHal);
+    kit.twin.receive(b"$10=1\n");
+    let rig = kit.connect().await.unwrap();
+    for stage in [&rig.focus, &rig.e] {
+        let error = stage.home(stage.generation()).await.unwrap_err();
+        assert!(error.to_string().contains("set $10=17"), "{error}");
+    }
+    assert_eq!([rig.slides.at(0), rig.slides.at(1)], START);
+}
+
+/// Asleep, its motors are off.
+#[tokio::test(start_paused = true)]
+async fn a_controller_that_another_program_put_to_sleep_has_lost_its_positions() {
+    let rig = homed(&kit([1.3, 20.4], |_| {})).await;
+    rig.twin.receive(b"$SLP\n");
+    wait_for(&rig.e, "unknown", |state| !state.homed).await;
+    assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
+    assert!(!rig.focus.state().borrow().homed && !rig.e.state().borrow().homed);
 }
 
 #[tokio::test(start_paused = true)]

@@ -83,7 +83,7 @@ async fn other_firmwares_are_told_by_name() {
     for (stranger, name, heard) in cases {
         let told = told(stranger, None).await;
         for words in &told {
-            assert!(words.contains("expected Grbl 1.1, grblHAL, or FluidNC 3 or 4, found "), "{words}");
+            assert!(words.contains("expected Grbl 1.1, grblHAL, or FluidNC 3.7 to 4, found "), "{words}");
             assert!(words.contains(name) && words.contains(heard) && words.contains("cannot be driven"), "{words}");
         }
         assert_eq!(told[0], told[1], "the same words");

@@ -31,7 +31,11 @@ impl Version {
         match self.dialect {
             Dialect::Grbl => of(&["Grbl 1.1"]),
             Dialect::GrblHal => of(&["GrblHAL 1.1"]),
-            Dialect::FluidNc => of(&["FluidNC v3.", "FluidNC v4."]),
+            // Before 3.7 a jog of one axis drew every other one into its soft limits.
+            Dialect::FluidNc => {
+                let minor = self.words.strip_prefix("FluidNC v3.").and_then(|rest| rest.split(['.', '-']).next());
+                minor.and_then(|minor| minor.parse().ok()).is_some_and(|minor: u32| minor >= 7) || of(&["FluidNC v4."])
+            }
         }
     }
 
@@ -128,8 +132,12 @@ mod tests {
         assert_eq!((told(&["[OPT:V]"]), told(&["[VER:1]"])), (None, None));
         assert_eq!(banner("Grbl something else"), None);
         assert_eq!(words(banner("Grbl 0.9j ['$' for help]")).as_deref(), Some("Grbl 0.9j"));
-        for other in ["Grbl 0.9j ['$' for help]", "Grbl 5.0 [FluidNC v5.0.0 (wifi) '$' for help]", "Grbl 3.9 [a bench]"]
-        {
+        for other in [
+            "Grbl 0.9j ['$' for help]",
+            "Grbl 5.0 [FluidNC v5.0.0 (wifi) '$' for help]",
+            "Grbl 3.6 [FluidNC v3.6.8 (wifi) '$' for help]",
+            "Grbl 3.9 [a bench]",
+        ] {
             assert!(banner(other).is_some_and(|version| !version.is_known()), "{other}");
         }
     }

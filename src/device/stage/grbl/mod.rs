@@ -12,7 +12,7 @@ mod words;
 
 pub use dialect::{Dialect, Version, banner, version};
 pub use lines::Grbl;
-pub use settings::{Settings, homes_single_axes, homes_to_zero, setting};
+pub use settings::{Settings, Votes, homes_single_axes, homes_to_zero, setting};
 pub use status::{Mode, Status, status};
 pub use tree::Tree;
 pub use words::{Alarm, error_meaning};

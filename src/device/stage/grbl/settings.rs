@@ -15,12 +15,6 @@ impl Settings {
         Self(lines.iter().filter_map(|line| setting(line)).collect())
     }
 
-    /// Whether every setting that the other ones have is among these.
-    #[must_use]
-    pub fn covers(&self, other: &Self) -> bool {
-        other.0.keys().all(|number| self.0.contains_key(number))
-    }
-
     /// A setting's value.
     #[must_use]
     pub fn get(&self, number: u16) -> Option<f64> {
@@ -38,6 +32,40 @@ impl Settings {
     #[must_use]
     pub fn of_axis(&self, group: u16, axis: Letter) -> Option<f64> {
         self.get(group + axis.index() as u16)
+    }
+}
+
+/// Settings that are believed, each by itself, once two readings have said the same of it. A line has no checksum, and a
+/// digit that is lost on the way makes another number of it, or another setting.
+#[derive(Debug, Default)]
+pub struct Votes {
+    readings: usize,
+    told: BTreeMap<u16, Vec<f64>>,
+}
+
+impl Votes {
+    /// Takes a reading, and returns the settings once all of them are believed.
+    pub fn told(&mut self, settings: &Settings) -> Option<Settings> {
+        self.readings += 1;
+        for (&number, &value) in &settings.0 {
+            self.told.entry(number).or_default().push(value);
+        }
+        let mut agreed = BTreeMap::new();
+        for (&number, values) in &self.told {
+            let said = |value: f64| values.iter().filter(|&&other| other == value).count();
+            let twice: Vec<f64> = values.iter().copied().filter(|&value| said(value) > 1).collect();
+            match twice[..] {
+                // Two values that were each said twice: one is of before.
+                [first, ..] if twice.iter().any(|&value| value != first) => return None,
+                [value, ..] => {
+                    agreed.insert(number, value);
+                }
+                // What one reading of several has is no setting.
+                [] if values.len() == 1 && self.readings > 2 => {}
+                [] => return None,
+            }
+        }
+        (self.readings > 1 && !agreed.is_empty()).then_some(Settings(agreed))
     }
 }
 
@@ -74,6 +102,21 @@ pub fn homes_to_zero(lines: &[String]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_setting_is_believed_once_it_was_told_twice_alike() {
+        let read =
+            |lines: &[&str]| Settings::from_lines(&lines.iter().map(|&line| line.to_owned()).collect::<Vec<_>>());
+        let whole = read(&["$27=2.000", "$101=8000.000", "$110=120.000"]);
+        let mut agreed = Votes::default();
+        assert_eq!(agreed.told(&whole), None, "once");
+        assert_eq!(agreed.told(&whole), Some(whole.clone()));
+        // Lost: a nought, a digit of a number, a whole line.
+        let mut agreed = Votes::default();
+        assert_eq!(agreed.told(&read(&["$27=2.000", "$101=800.000", "$110=120.000"])), None);
+        assert_eq!(agreed.told(&read(&["$27=2.000", "$101=8000.000", "$10=120.000"])), None);
+        assert_eq!(agreed.told(&read(&["$101=8000.000", "$110=120.000"])), Some(whole));
+    }
 
     #[test]
     fn settings_and_options_are_read() {

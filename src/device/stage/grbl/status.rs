@@ -80,6 +80,8 @@ pub fn status(line: &str) -> Option<Status> {
                 status.hold_pressed = value.contains('H');
             }
             "MPG" => status.pendant = Some(value == "1"),
+            // What is left of a name that has lost a letter: the `Pn` of a pressed switch, perhaps.
+            "P" | "n" | "" => return None,
             // Tool, buffers, overrides and what else the heirs add.
             _ => {}
         }

@@ -1,35 +1,37 @@
 //! A controller's settings against the configuration.
 
 use super::super::axis::AxisSetup;
-use super::super::grbl::{Letter, Settings};
+use super::super::grbl::{Dialect, Letter, Settings};
 use super::super::session::AxisFacts;
 use crate::config::Side;
 
 /// What the configured limit should keep from the home switch, mm: switches do not trip at the same place for ever.
 const CLEARANCE_MM: f64 = 1.0;
+/// The bit of grblHAL's $10 that has its reports tell the pins; Grbl's always do.
+const PINS_REPORTED: u32 = 16;
 /// Grbl prints a setting rounded to three decimals: it may differ by half of the last one.
 const PRINTED: f64 = 0.5e-3;
 /// Grbl keeps a setting in 32 bits: a number of any size may be this much off, relative.
 const KEPT: f64 = 1.2e-7;
 
 /// What the settings say of an axis. `zero` says that the firmware was built to make home the machine's zero.
-pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, zero: bool) -> AxisFacts {
+pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, dialect: Dialect, zero: bool) -> AxisFacts {
     let limits_mm = soft_limits(setup, letter, settings, zero);
     let rate = settings.of_axis(110, letter).map_or(f64::INFINITY, |rate| rate / 60.0);
     let acceleration = settings.of_axis(120, letter).unwrap_or(f64::INFINITY);
     let mut facts = AxisFacts {
         disagreements: disagreements(setup, letter, settings),
-        contradictions: contradictions(setup, letter, settings),
+        contradictions: contradictions(setup, letter, settings, dialect),
         homes_also: None,
         speed_mm_per_s: setup.config.speed_mm_per_s.min(rate).max(1e-6),
         acceleration_mm_per_s2: setup.config.acceleration_mm_per_s2.min(acceleration).max(1e-6),
         limits_mm,
     };
+    facts.disagreements.extend(near_switch(setup, settings));
     if let Some((low, high)) = limits_mm {
         // On the home side Grbl's limit is where the switch trips: the configured one keeps a distance from it, and the
         // switch is what bounds the axis there.
         let config = &setup.config;
-        facts.disagreements.extend(near_switch(setup, (low, high)));
         let (low, high) = match config.home_side {
             Side::Low => (low.max(config.low_limit_mm), high),
             Side::High => (low, high.min(config.high_limit_mm)),
@@ -44,24 +46,30 @@ fn soft_limits(setup: &AxisSetup, letter: Letter, settings: &Settings, zero: boo
     if !settings.is_on(20) {
         return None;
     }
-    let (travel, pull_off) = (settings.of_axis(130, letter)?, settings.get(27).unwrap_or(0.0));
-    // Homing ends a pull-off from the switch. Machine space runs from -travel to 0, unless home was made its zero.
-    let (low, high, home) = match (homes_negative(letter, settings), zero) {
-        (true, false) => (-travel, 0.0, -travel + pull_off),
-        (false, false) => (-travel, 0.0, -pull_off),
-        (true, true) => (0.0, travel, 0.0),
-        (false, true) => (-travel, 0.0, 0.0),
-    };
-    Some(setup.range((low, high), home))
+    let travel = settings.of_axis(130, letter)?;
+    let (low, high) = if zero && homes_negative(letter, settings) { (0.0, travel) } else { (-travel, 0.0) };
+    Some(setup.range((low, high), home_mm(letter, settings, zero)?))
+}
+
+/// Where homing ends, machine mm: a pull-off from the switch. Machine space runs from minus the travel to 0, unless home was
+/// made its zero.
+pub(super) fn home_mm(letter: Letter, settings: &Settings, zero: bool) -> Option<f64> {
+    let (travel, pull_off) = (settings.of_axis(130, letter)?, settings.get(27)?);
+    Some(match (zero, homes_negative(letter, settings)) {
+        (true, _) => 0.0,
+        (false, true) => -travel + pull_off,
+        (false, false) => -pull_off,
+    })
 }
 
 /// A sentence where the configured limit is on the home switch, or nearer to it than a switch is exact.
-fn near_switch(setup: &AxisSetup, (low, high): (f64, f64)) -> Option<String> {
+fn near_switch(setup: &AxisSetup, settings: &Settings) -> Option<String> {
     let AxisSetup { axis, config } = setup;
     let side = config.home_side;
-    let (switch, limit) = match side {
-        Side::Low => (low, config.low_limit_mm),
-        Side::High => (high, config.high_limit_mm),
+    let switch = config.home_position_mm + side.sign() * settings.get(27)?;
+    let limit = match side {
+        Side::Low => config.low_limit_mm,
+        Side::High => config.high_limit_mm,
     };
     let clear_mm = side.sign() * (switch - limit);
     // A limit well beyond the switch is told as travel that the controller does not have.
@@ -87,9 +95,18 @@ fn homes_negative(letter: Letter, settings: &Settings) -> bool {
 }
 
 /// Where the settings would take an axis elsewhere than its configuration says, one sentence each.
-fn contradictions(setup: &AxisSetup, letter: Letter, settings: &Settings) -> Vec<String> {
+fn contradictions(setup: &AxisSetup, letter: Letter, settings: &Settings, dialect: Dialect) -> Vec<String> {
     let AxisSetup { axis, config } = setup;
     let mut sentences = Vec::new();
+    if let (Dialect::GrblHal, Some(reported)) = (dialect, settings.get(10))
+        && (reported as u32) & PINS_REPORTED == 0
+    {
+        sentences.push(format!(
+            "The controller's reports do not tell which limit switch is pressed ($10={reported}), from which the {axis} axis \
+             must not be homed; set $10={}.",
+            (reported as u32) | PINS_REPORTED
+        ));
+    }
     let number = 100 + letter.index() as u16;
     match settings.of_axis(100, letter) {
         Some(steps) if (steps - config.steps_per_mm).abs() > PRINTED + KEPT * config.steps_per_mm => {

@@ -14,6 +14,10 @@ use crate::units::Millimetres;
 
 /// Least time between two status requests: each is answered by a line of its own.
 const REPORTS: Duration = CYCLE.saturating_add(Duration::from_millis(10));
+/// Reports asked for until two agree on where an axis is.
+const REPORTS_ASKED: u32 = 4;
+/// What a ramp, or a report's age, may add to the way between two reports, mm.
+const SLACK_MM: f64 = 0.05;
 /// Longest wait for a status report before it is asked for once more.
 const REPORT: Duration = Duration::from_millis(200);
 
@@ -60,10 +64,9 @@ impl Controller {
         let (name, letter, setup) = (axis.link.name(), axis.letter, axis.link.setup());
         let mut track = Track::new(axis.facts().acceleration_mm_per_s2);
         let mut line = self.latest_line();
-        let mut home = None;
+        let (mut home, mut seen) = (None, None);
         loop {
-            let asked = Instant::now();
-            let reading = self.report(line).await?;
+            let (asked, reading) = self.believed(index, line, &mut seen).await?;
             line = reading.line_number;
             // Only now: a reset meanwhile has lost it, or made it another.
             let Some(now) = axis.link.home().filter(|now| *home.get_or_insert(*now) == *now) else {
@@ -107,6 +110,31 @@ impl Controller {
             }
             _ => Ok(Millimetres(reached)),
         }
+    }
+
+    /// A report later than a line, with when it was asked for, whose position the axis can have come to from that of the
+    /// report before it: a digit lost on the line makes another number of one.
+    async fn believed(
+        &self,
+        index: usize,
+        mut after_line: u64,
+        seen: &mut Option<(Instant, f64)>,
+    ) -> Result<(Instant, Reading), DeviceError> {
+        let axis = &self.axes[index];
+        let speed = axis.facts().speed_mm_per_s;
+        for _ in 0..REPORTS_ASKED {
+            let asked = Instant::now();
+            let reading = self.report(after_line).await?;
+            after_line = reading.line_number;
+            let at = reading.machine[axis.letter.index()];
+            let before = seen.replace((reading.at, at));
+            let reach = |when: Instant| 2.0 * speed * (reading.at - when).as_secs_f64() + SLACK_MM;
+            if before.is_some_and(|(when, was)| (at - was).abs() <= reach(when)) {
+                return Ok((asked, reading));
+            }
+        }
+        let detail = format!("its reports contradict one another as to where the {} axis is", axis.link.name());
+        Err(DeviceError::Protocol { device: self.name.clone(), detail })
     }
 
     /// A report later than a line, asked for now.

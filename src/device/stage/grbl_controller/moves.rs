@@ -7,7 +7,6 @@ use tokio::time::Instant;
 
 use super::super::grbl::{self, Alarm, Dialect, Letter, Mode};
 use super::{ANSWER, Axis, AxisFacts, Controller, Reading, locked};
-use crate::config::Side;
 use crate::device::port::PortError;
 use crate::device::{AxisName, DeviceError, MoveTime};
 use crate::units::Millimetres;
@@ -141,7 +140,10 @@ impl Controller {
         let homed: Vec<&Axis> =
             self.axes.iter().enumerate().filter(|(i, _)| !single || *i == index).map(|(_, axis)| axis).collect();
         let letter = alone.then(|| self.axes[index].letter);
-        let limits = self.fresh_reading(self.latest_line()).await?.limits;
+        // Pins are told only while they are pressed: what one report leaves out may have been lost on its way.
+        let first = self.fresh_reading(self.latest_line()).await?;
+        let second = self.fresh_reading(first.line_number).await?;
+        let limits = std::array::from_fn(|pin| first.limits[pin] || second.limits[pin]);
         self.check_switches(&homed, limits)?;
         // A stop may have come meanwhile.
         self.ready(name, generation).await?;
@@ -206,8 +208,8 @@ impl Controller {
         let at = reading.machine[letter.index()];
         let reason = match told.home_mm(letter) {
             Some(home) if (at - home).abs() > ARRIVAL_MM => format!(
-                "homing the {name} axis has ended at the machine position {at:.3} mm, and not at mpos_mm ({home:.3}): where it \
-                 stands is not known"
+                "homing the {name} axis has ended at the machine position {at:.3} mm, and not at {home:.3}, as the controller is set \
+                 and built: was this axis homed at all? Where it stands is not known"
             ),
             _ if took < told.least_homing_time(letter) => format!(
                 "homing the {name} axis was over after {took:.1?}, too soon to have moved it: where it stands is not known"
@@ -248,11 +250,10 @@ impl Controller {
 
     /// Refuses a target where the home switch trips: it would end in an alarm, and cost every axis its reference.
     fn check_trip(&self, axis: &Axis, target: Millimetres) -> Result<(), DeviceError> {
-        let Some((low, high)) = axis.facts().limits_mm else { return Ok(()) };
-        let (side, trip) = match axis.link.setup().config.home_side {
-            Side::Low => ("low", low),
-            Side::High => ("high", high),
-        };
+        let Some(switch) = locked(&self.told).switch_mm() else { return Ok(()) };
+        let config = &axis.link.setup().config;
+        let side = config.home_side;
+        let trip = config.home_position_mm + side.sign() * switch;
         if (target.value() - trip).abs() > SWITCH_MM {
             return Ok(());
         }

@@ -9,7 +9,7 @@ use tokio::sync::{Notify, mpsc, watch};
 use tokio::time::Instant;
 
 use super::super::axis::{AxisLink, AxisSetup};
-use super::super::grbl::{self, Dialect, Grbl, Letter, Settings, Tree, Version};
+use super::super::grbl::{self, Dialect, Grbl, Letter, Settings, Tree, Version, Votes};
 use super::super::session::{Driver, Session, Wanted};
 use super::super::stopping::Stopping;
 use super::super::strangers::Heard;
@@ -27,7 +27,7 @@ const OPENING_STOP: Duration = Duration::from_millis(300);
 /// The baud rate of nearly every board with one of these firmwares.
 const USUAL_BAUD: u32 = 115_200;
 /// What ought to answer.
-const EXPECTED: &str = "Grbl 1.1, grblHAL, or FluidNC 3 or 4";
+const EXPECTED: &str = "Grbl 1.1, grblHAL, or FluidNC 3.7 to 4";
 /// Most lines of a stranger that are kept.
 const MOST_LINES: usize = 32;
 /// How often FluidNC's configuration is asked for, until it is told twice alike.
@@ -116,10 +116,10 @@ impl Driver for GrblDriver {
         let (port, mut notices) = Port::start(wire, Grbl::default(), Arc::default());
         let mut lines = Vec::new();
         let mut version = started(&port, &mut notices, name, Instant::now() + START_UP, &mut lines).await?;
-        if version.is_none() {
+        if version.as_ref().is_none_or(Version::is_unclear) {
             match port.ask(grbl::BUILD_INFO, ANSWER).await {
                 Ok(answer) => {
-                    version = grbl::version(&answer.lines);
+                    version = grbl::version(&answer.lines).or(version);
                     lines.extend(answer.lines);
                 }
                 // A board that takes its time to start has done so now.
@@ -226,7 +226,19 @@ fn known(name: &str, version: Version) -> Result<Version, DeviceError> {
 
 /// The numbered settings, and what the firmware was built with.
 async fn settings(port: &Port, name: &str, dialect: Dialect, options: &Answer) -> Result<Told, DeviceError> {
-    let settings = Settings::from_lines(&ask(port, name, dialect, grbl::SETTINGS, ANSWER).await?.lines);
+    let mut votes = Votes::default();
+    let mut settings = None;
+    for _ in 0..DUMPS {
+        let lines = ask(port, name, dialect, grbl::SETTINGS, ANSWER).await?.lines;
+        settings = votes.told(&Settings::from_lines(&lines));
+        if settings.is_some() {
+            break;
+        }
+    }
+    let Some(settings) = settings else {
+        let detail = "its settings ($$) were not told twice alike".to_owned();
+        return Err(DeviceError::Protocol { device: name.to_owned(), detail });
+    };
     if settings.is_on(13) {
         return Err(DeviceError::Refused {
             device: name.to_owned(),
@@ -234,7 +246,7 @@ async fn settings(port: &Port, name: &str, dialect: Dialect, options: &Answer) -
         });
     }
     let (zero, single) = (grbl::homes_to_zero(&options.lines), grbl::homes_single_axes(&options.lines));
-    Ok(Told::Settings { settings, zero, single })
+    Ok(Told::Settings { settings, dialect, zero, single })
 }
 
 /// FluidNC's configuration.

@@ -2,13 +2,13 @@
 
 use std::sync::atomic::Ordering;
 
-use super::super::grbl::{self, Settings, Tree};
+use super::super::grbl::{self, Settings, Tree, Votes};
 use super::told::Told;
 use super::{ANSWER, Controller, DUMPED, POLL_MOVING, locked};
 use crate::device::{AxisName, DeviceError};
 
 /// How often the settings are asked for where not all are told.
-const TRIES: usize = 4;
+const TRIES: usize = 6;
 
 impl Controller {
     /// Notes that another may have commanded the controller.
@@ -68,25 +68,27 @@ impl Controller {
     async fn told_anew(&self) -> Result<Told, DeviceError> {
         let before = locked(&self.told).clone();
         match before {
-            Told::Settings { settings, zero, single } => {
-                Ok(Told::Settings { settings: self.told_settings(&settings).await?, zero, single })
+            Told::Settings { settings, dialect, zero, single } => {
+                Ok(Told::Settings { settings: self.told_settings(&settings).await?, dialect, zero, single })
             }
             Told::Tree(tree, letters) => Ok(Told::Tree(self.told_tree(tree).await?, letters)),
         }
     }
 
-    /// Every setting. Where another's answer ends this question, what it was answered comes later.
+    /// Every setting, told twice alike: the ones from before count. Where another's answer ends this question, what it was
+    /// answered comes later.
     async fn told_settings(&self, before: &Settings) -> Result<Settings, DeviceError> {
+        let mut votes = Votes::default();
+        votes.told(before);
         for _ in 0..TRIES {
             let answer = self.port.ask(grbl::SETTINGS, ANSWER).await;
             let answer = answer.map_err(|error| self.device_error("tell its settings", error))?;
-            let told = Settings::from_lines(&answer.lines);
-            if told.covers(before) {
+            if let Some(told) = votes.told(&Settings::from_lines(&answer.lines)) {
                 return Ok(told);
             }
             tokio::time::sleep(POLL_MOVING).await;
         }
-        let detail = "it does not tell every setting; does another program command it?".to_owned();
+        let detail = "it does not tell every setting twice alike; does another program command it?".to_owned();
         Err(DeviceError::Protocol { device: self.name.clone(), detail })
     }
 

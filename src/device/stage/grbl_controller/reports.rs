@@ -128,7 +128,12 @@ impl Controller {
                 let alarm = Alarm::from_line(&notice.line, self.dialect).unwrap_or(Alarm::unknown(self.dialect));
                 tracing::warn!(controller = %self.name, alarm = %alarm, "a stage controller is in alarm");
                 self.forget_positions();
+                let moved = self.axes.iter().any(|axis| axis.link.state().moving) || self.homing.load(Ordering::SeqCst);
                 let words = self.alarm_words(alarm);
+                if !moved {
+                    // A switch that changes at rest was reached by hand: which one is not known.
+                    self.forget_ways();
+                }
                 self.set_states(|state| {
                     state.moving = false;
                     state.fault = Some(words.clone());
@@ -162,6 +167,11 @@ impl Controller {
         let Some(machine) = machine else { return };
         let now = Instant::now();
         let quiet = self.alarm.borrow().is_none();
+        if status.mode == Mode::Sleep {
+            // The motors are off: the axes can be turned by hand.
+            self.forget_positions();
+            self.forget_ways();
+        }
         for axis in &self.axes {
             let home = axis.link.home();
             let at = machine[axis.letter.index()];

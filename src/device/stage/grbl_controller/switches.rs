@@ -55,6 +55,9 @@ impl Axis {
 
     /// Notes a motion that is about to begin, by how the controller's position will change (mm).
     pub(super) fn note_move(&self, by_mm: f64, limits: [bool; 3]) {
+        if by_mm == 0.0 {
+            return;
+        }
         let homewards = (by_mm < 0.0) == self.link.setup().homes_negative();
         let mut way = locked(&self.way);
         way.last = match homewards {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::super::axis::AxisSetup;
-use super::super::grbl::{Letter, Settings, Tree};
+use super::super::grbl::{Dialect, Letter, Settings, Tree};
 use super::super::session::AxisFacts;
 use super::switches::blocks_time;
 use super::{checks, fluidnc};
@@ -19,6 +19,8 @@ pub(super) enum Told {
     Settings {
         /// The answer to `$$`.
         settings: Settings,
+        /// Grbl or grblHAL.
+        dialect: Dialect,
         /// Whether the firmware was built to make home the machine's zero.
         zero: bool,
         /// Whether it was built to home single axes.
@@ -32,7 +34,7 @@ impl Told {
     /// What is known of an axis by it, but for what it has to share with the other one.
     pub(super) fn facts(&self, setup: &AxisSetup, letter: Letter, others: &[AxisName]) -> AxisFacts {
         let facts = match self {
-            Self::Settings { settings, zero, .. } => checks::facts(setup, letter, settings, *zero),
+            Self::Settings { settings, dialect, zero, .. } => checks::facts(setup, letter, settings, *dialect, *zero),
             Self::Tree(tree, letters) => fluidnc::facts(setup, letter, tree, letters),
         };
         let homes_also = others.iter().copied().find(|other| *other != setup.axis && !self.homes_single_axes());
@@ -84,11 +86,19 @@ impl Told {
         }
     }
 
-    /// Where homing ends, machine mm, where it is a number of its own and not by the limits.
+    /// Where homing ends, machine mm.
     pub(super) fn home_mm(&self, letter: Letter) -> Option<f64> {
         match self {
-            Self::Settings { .. } => None,
+            Self::Settings { settings, zero, .. } => checks::home_mm(letter, settings, *zero),
             Self::Tree(tree, _) => fluidnc::home_mm(tree, letter),
+        }
+    }
+
+    /// How far the home switch lies beyond home, mm, where a move can be told to go there.
+    pub(super) fn switch_mm(&self) -> Option<f64> {
+        match self {
+            Self::Settings { settings, .. } => settings.get(27),
+            Self::Tree(..) => None,
         }
     }
 

@@ -93,17 +93,18 @@ impl<D: Dialogue> Polled<D> {
     }
 
     /// Asks again where a reading leaps from the one before it: where answers have no checksum, a digit that the line has
-    /// lost makes another number of it. What two answers say is believed, whatever came before them.
+    /// lost makes another number of it. What two answers say is believed, whatever came before them; of an axis that moves
+    /// the last of several that differ, since the next one comes soon.
     async fn believed(&self, index: usize, mut reading: AxisReading) -> Result<AxisReading, DeviceError> {
         let axis = self.axis(index);
         let speed = self.dialogue.facts(index).speed_mm_per_s;
         let mut asked = 1;
+        // Homing has speeds of its own, and makes another coordinate; and an axis that is not homed may be turned by hand.
+        let known = !axis.homing.load(Ordering::SeqCst) && axis.link.home().is_some();
         loop {
             let now = Seen { position: reading.position, moving: reading.moving, at: Instant::now() };
             let before = axis.seen.lock().unwrap_or_else(PoisonError::into_inner).replace(now);
-            // Homing has speeds of its own, and makes another coordinate.
-            let leaps =
-                !axis.homing.load(Ordering::SeqCst) && before.is_some_and(|before| before.leaps_to(&now, speed));
+            let leaps = known && before.is_some_and(|before| before.leaps_to(&now, speed));
             if !leaps || (asked == ANSWERS && reading.moving) {
                 return Ok(reading);
             }

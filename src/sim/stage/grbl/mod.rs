@@ -1,5 +1,5 @@
-//! Grbl 1.1's firmware, and its heirs grblHAL and FluidNC ([`Heir`]). A jog that is queued in the direction of the one under way is blended with it; other blocks come
-//! to rest between one another, unlike Grbl's.
+//! Grbl 1.1's firmware, and its heirs grblHAL and FluidNC ([`Heir`]). A jog that is queued in the direction of the one under
+//! way is blended with it; other blocks come to rest between one another, unlike Grbl's.
 //!
 //! ```text
 //!            $J=            end, 0x85, !
@@ -11,7 +11,7 @@
 //! ```
 //!
 //! After every alarm nothing is taken for half a second, not even 0x18. Both switches of an axis are wired to its one pin.
-//! What FluidNC does otherwise is in [`fluidnc`].
+//! What FluidNC does otherwise is in `fluidnc.rs`.
 
 mod alarms;
 mod configuration;

@@ -33,7 +33,9 @@ impl GrblFirmware {
         let mut report = format!("<{state}|{position}:{x:.3},{y:.3}{z}|FS:{feed:.0},0");
         let pressed: String =
             "XYZ".chars().zip(self.pins()).filter_map(|(name, pressed)| pressed.then_some(name)).collect();
-        if !pressed.is_empty() {
+        // grblHAL tells them only where $10 says so.
+        let told = self.config.heir != Heir::GrblHal || self.settings.get(10) as u32 & 16 != 0;
+        if !pressed.is_empty() && told {
             report.push_str("|Pn:");
             report.push_str(&pressed);
         }
