@@ -8,7 +8,7 @@ ONCE ?=
 # Of `make package` and `make test-package`: the architecture, where it is not the machine's own (arm64).
 ARCH ?=
 
-.PHONY: run test test-long test-hardware test-vendor-clients test-schemathesis package test-package bench web fmt clean
+.PHONY: run check test test-long test-hardware test-vendor-clients test-schemathesis package test-package bench web fmt clean
 
 run:
 	@deploy/setup.sh build
@@ -16,6 +16,13 @@ run:
 	@echo "building plenalign (release; the first time takes some minutes)"
 	@cargo build --release --quiet
 	@exec target/release/plenalign demo --listen $(LISTEN) $(if $(ONCE),--once)
+
+# What one runs before a commit: format, clippy, unit tests, contract, structure. `make test` has the rest.
+check:
+	@cargo fmt --check
+	@cargo clippy --quiet --all-targets -- -D warnings
+	@cargo test --quiet --lib
+	@cargo test --quiet --test integration -- contract:: structure:: docs::
 
 test:
 	@tests/checks.sh
