@@ -47,6 +47,8 @@ grep -h '^[0-9]* jobs, ' "$results"/soak-*.log | awk '{ jobs += $1; converged +=
 tens MODEL many_sequences "$model_first" "$model_last"
 grep -h '^[0-9]* sequences, ' "$results"/model-*.log | awk '{ sequences += $1; steps += $3; requests += $5 }
   END { print sequences " sequences of " steps " steps with " requests " requests, every promise kept" }'
+# What judges the estimator is proven itself, and renders what is kept of it.
+tests/second-renderer/run.sh
 # Every kind of job ended at each of its points; the kinds that are there already are not run again.
 jobs=${JOBS:-homing joint_alignment air_only shell_only clarity_only l_bound_measurement focus_sweep spacing_watch calibration release}
 for job in $jobs; do

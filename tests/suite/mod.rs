@@ -62,6 +62,7 @@ mod rendered;
 mod renderer;
 mod reset;
 mod retention;
+mod second_renderer;
 mod shutdown;
 mod soak;
 mod spacing;

@@ -1,0 +1,97 @@
+//! The spacing estimator against the second renderer, which shares nothing with this program: `tests/second-renderer` has
+//! its rays, what proves it, and what each frame tries.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use plenalign::imaging::measurement::{FrameMeasurement, FrameOptions, WhiteModel, measure_frame};
+use plenalign::raw::{self, CfaPattern, RawImage};
+use serde_json::Value;
+
+/// Frames that ought to be measured or refused otherwise than they are, and how they fail. One that is measured right has
+/// to leave the list.
+const NOT_YET: &[(&str, &str)] = &[
+    ("blur_far_12", "refused: the grid is said to have changed"),
+    ("pitch_55_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
+    ("pitch_75_hex_gal", "refused: a higher order of the lattice is taken for its pitch"),
+    ("pitch_75_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
+    ("pitch_90_hex_gal", "refused: a higher order of the lattice is taken for its pitch"),
+    ("pitch_90_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
+    ("pitch_75_squ_gal", "refused: no texture is said to be there"),
+    ("pitch_75_squ_kep", "refused: no texture is said to be there"),
+    ("small_hex_12_n2.2_1", "refused: smeared, though nothing has moved"),
+    ("small_hex_12_n2.2_2", "refused: smeared, though nothing has moved"),
+    ("small_squ_12_n2.2_1", "refused: smeared, though nothing has moved"),
+    ("small_squ_12_n2.2_2", "refused: smeared, though nothing has moved"),
+    ("contrast_2", "refused: two per cent of contrast"),
+    ("texture_dots", "refused: sparse dots"),
+    ("wide_2048", "wrong by 16 sigma: the field of spacings has another shape than the one fitted"),
+];
+
+/// Frames of which no number may come, each for its own reason.
+const NO_NUMBER: &[&str] =
+    &["texture_bars", "texture_sine", "texture_flat", "texture_step", "range_2", "range_38", "range_small_1"];
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/second")
+}
+
+fn picture(name: &Value) -> RawImage {
+    raw::read(&folder().join(name.as_str().unwrap())).unwrap()
+}
+
+/// The exact spacing on the axis, averaged over a window of this radius, px.
+fn exact(board: &Value, window_px: f64) -> f64 {
+    let by_radius = board["spacing_exact_by_radius_px"].as_object().unwrap();
+    let mut table: Vec<(f64, f64)> =
+        by_radius.iter().filter_map(|(radius, spacing)| Some((radius.parse().unwrap(), spacing.as_f64()?))).collect();
+    table.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let after = table.iter().position(|(radius, _)| *radius > window_px).unwrap_or(table.len() - 1).max(1);
+    let [(r0, s0), (r1, s1)] = [table[after - 1], table[after]];
+    s0 + (s1 - s0) * ((window_px - r0) / (r1 - r0)).min(1.0)
+}
+
+fn measured(truth: &Value) -> Result<FrameMeasurement, String> {
+    let pitch = truth["mla_pitch_mm"].as_f64().unwrap() / (truth["pixel_um"].as_f64().unwrap() / 1000.0);
+    let mosaic = (truth["sensor"]["bayer"] == "RGGB").then_some(CfaPattern::Rggb);
+    let white = WhiteModel::of(&picture(&truth["white"]), mosaic).map_err(|error| error.to_string())?;
+    let options = FrameOptions { mosaic, ..FrameOptions::new(pitch) };
+    measure_frame(&picture(&truth["frame"]), Some(&white), &options).map_err(|error| error.to_string())
+}
+
+#[test]
+fn frames_of_another_renderer_measure_within_three_sigma_or_are_known() {
+    let text = std::fs::read_to_string(folder().join("truth.json")).unwrap();
+    let all: Value = serde_json::from_str(&text).unwrap();
+    let frames: BTreeMap<String, Value> = serde_json::from_value(all["frames"].clone()).unwrap();
+    let (mut right, mut squares, mut wrong) = (0, 0.0, Vec::new());
+    // A board in the whole field: what several come to has a spacing each.
+    for (name, truth) in frames.iter().filter(|(_, truth)| truth["boards"].as_array().unwrap().len() == 1) {
+        let outcome = measured(truth).map(|measured| {
+            let spacing = measured.spacing;
+            (spacing.on_axis_px - exact(&truth["boards"][0], spacing.window_px)) / spacing.sigma_px
+        });
+        let excused = NOT_YET.iter().any(|(known, _)| known == name);
+        match outcome {
+            Ok(sigmas) if NO_NUMBER.contains(&name.as_str()) => {
+                wrong.push(format!("{name}: a number, {sigmas:+.1} sigma"))
+            }
+            Err(_) if NO_NUMBER.contains(&name.as_str()) => {}
+            Ok(sigmas) if sigmas.abs() < 3.0 && excused => {
+                wrong.push(format!("{name} is right now: take it off the list"))
+            }
+            Ok(sigmas) if sigmas.abs() < 3.0 => {
+                right += 1;
+                squares += sigmas * sigmas;
+            }
+            Ok(sigmas) if !excused => wrong.push(format!("{name}: {sigmas:+.1} sigma")),
+            Err(why) if !excused => wrong.push(format!("{name}: {why}")),
+            Ok(_) | Err(_) => {}
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(right >= 50, "{right} frames were measured");
+    // Neither too sure nor too modest.
+    let rms = (squares / f64::from(right)).sqrt();
+    assert!((0.6..1.3).contains(&rms), "rms error over sigma: {rms:.2} of {right}");
+}
