@@ -7,12 +7,10 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 logs=$(mktemp -d)
-lane_pids=()
+lane_pid=
 finish() {
   # Whatever still runs beside a part that has failed, with all that it started.
-  for pid in "${lane_pids[@]}"; do
-    kill -TERM -- "-$pid" 2>/dev/null || true
-  done
+  [[ -z $lane_pid ]] || kill -TERM -- "-$lane_pid" 2>/dev/null || true
   rm -rf "$logs"
 }
 trap finish EXIT
@@ -28,58 +26,50 @@ part() {
   times+=("$(printf '%6d s  %s' $((SECONDS - start)) "$name")")
 }
 
-# What runs beside the rest: `beside LANE NAME COMMAND...`. The parts of one lane run one after another in the order of the
-# calls, and lanes beside one another.
-parts=()
-beside() { parts+=("$(printf '%q ' "$@")"); }
+# What runs beside the rest, started by `beside NAME COMMAND...` one after another in the order of the calls.
+lane=()
+beside() { lane+=("$(printf '%q ' "$@")"); }
 run_lane() {
-  local lane=$1 number start
-  for number in "${!parts[@]}"; do
-    eval "set -- ${parts[number]}"
-    [[ $1 == "$lane" ]] || continue
+  local entry start number=0
+  for entry in "${lane[@]}"; do
+    eval "set -- $entry"
     start=$SECONDS
-    if ! "${@:3}" >"$logs/$number" 2>&1 </dev/null; then
-      printf '%d\t%s\n' $((SECONDS - start)) "$2" >"$logs/$number.failed"
+    if ! "${@:2}" >"$logs/$number" 2>&1 </dev/null; then
+      printf '%d\t%s\n' $((SECONDS - start)) "$1" >"$logs/failed"
       return 1
     fi
-    printf '%d\t%s\n' $((SECONDS - start)) "$2" >"$logs/$number.done"
+    printf '%d\t%s\n' $((SECONDS - start)) "$1" >"$logs/$number.done"
+    number=$((number + 1))
   done
 }
-start_lanes() {
-  local lane
-  # With job control a lane is a process group, which can be ended as one.
+start_lane() {
+  # With job control the lane is a process group, which can be ended as one.
   set -m
-  for lane in "$@"; do
-    run_lane "$lane" &
-    lane_pids+=($!)
-  done
+  run_lane &
+  lane_pid=$!
   set +m
 }
-# Waits for the lanes' ends, and shows what their parts printed.
-join_lanes() {
-  local pid number status=0 failed="" seconds name
-  for pid in "${lane_pids[@]}"; do
-    wait "$pid" || status=$?
-  done
-  lane_pids=()
-  for number in "${!parts[@]}"; do
-    [[ -e $logs/$number ]] || continue
-    eval "set -- ${parts[number]}"
-    echo "== $2"
+# Waits for the lane's end, and shows what its parts printed.
+join_lane() {
+  local status=0 number seconds name
+  wait "$lane_pid" || status=$?
+  lane_pid=
+  for ((number = 0; number < ${#lane[@]}; number++)); do
+    [[ -e $logs/$number ]] || break
+    eval "set -- ${lane[number]}"
+    echo "== $1"
     cat "$logs/$number"
     if [[ -e $logs/$number.done ]]; then
       IFS=$'\t' read -r seconds name <"$logs/$number.done"
       times+=("$(printf '%6d s  %s (beside)' "$seconds" "$name")")
-    elif [[ -e $logs/$number.failed ]]; then
-      IFS=$'\t' read -r seconds name <"$logs/$number.failed"
-      failed+="${failed:+, }$name after $seconds s"
     fi
   done
   if ((status != 0)); then
-    echo "== FAILED: ${failed:-a lane}" >&2
+    IFS=$'\t' read -r seconds name <"$logs/failed"
+    echo "== $name FAILED after $seconds s" >&2
     exit 1
   fi
-  parts=()
+  lane=()
   rm -f "$logs"/*
 }
 
@@ -94,30 +84,30 @@ docs() { RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --document-priva
 
 part "set-up" deploy/setup.sh test
 part "format" cargo fmt --check
-beside page "page built and checked" page
-start_lanes page
+beside "page built and checked" page
+start_lane
 part "clippy" lints
-join_lanes
+join_lane
 part "tests built" cargo test --quiet --no-run
 
-beside page "page in a browser" browser
-beside page "recordings" tests/mcap-client/run.sh
-beside page "Alpaca client" tests/alpaca-client/run.sh
-beside page "documentation" tests/docs/run.sh
-beside page "websocket clients" tests/ws-clients/run.sh
-beside page "foxglove" tests/foxglove/run.sh
-beside page "metrics, dashboards, alerts" tests/promtool.sh
-beside clients "python client" tests/python-client/run.sh
-beside clients "MQTT" tests/mqtt/run.sh
+beside "page in a browser" browser
+beside "python client" tests/python-client/run.sh
+beside "recordings" tests/mcap-client/run.sh
 # The same examples in every run; `make test-long` takes new ones.
-beside clients "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
-beside clients "vendors' clients" tests/vendor-clients/run.sh
-beside clients "batch files" tests/batch/run.sh
-beside clients "announcement" tests/mdns/run.sh
-start_lanes page clients
+beside "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
+beside "Alpaca client" tests/alpaca-client/run.sh
+beside "documentation" tests/docs/run.sh
+beside "vendors' clients" tests/vendor-clients/run.sh
+beside "websocket clients" tests/ws-clients/run.sh
+beside "foxglove" tests/foxglove/run.sh
+beside "metrics, dashboards, alerts" tests/promtool.sh
+beside "batch files" tests/batch/run.sh
+beside "announcement" tests/mdns/run.sh
+beside "MQTT" tests/mqtt/run.sh
+start_lane
 part "tests" cargo test --quiet
 part "docs" docs
-join_lanes
+join_lane
 
 echo "== all checks passed in $SECONDS s"
 printf '%s\n' "${times[@]}"
