@@ -74,7 +74,7 @@ impl FirmwareConfig {
             axes: ["X", "Y", "Z"].map(|letter| fitted(letter).map(FirmwareAxis::of)),
             pull_off_mm: PULL_OFF_MM,
             seek_rate_mm_per_min: 600.0,
-            locate_rate_mm_per_min: 30.0,
+            locate_rate_mm_per_min: 60.0,
             single_axis_homing: true,
             hard_limits: true,
             blank_settings: false,
