@@ -74,11 +74,11 @@ fn frames_of_another_renderer_measure_within_three_sigma_or_are_known() {
         let excused = NOT_YET.iter().any(|(known, _)| known == name);
         match outcome {
             Ok(sigmas) if NO_NUMBER.contains(&name.as_str()) => {
-                wrong.push(format!("{name}: a number, {sigmas:+.1} sigma"))
+                wrong.push(format!("{name}: a number, {sigmas:+.1} sigma"));
             }
             Err(_) if NO_NUMBER.contains(&name.as_str()) => {}
             Ok(sigmas) if sigmas.abs() < 3.0 && excused => {
-                wrong.push(format!("{name} is right now: take it off the list"))
+                wrong.push(format!("{name} is right now: take it off the list"));
             }
             Ok(sigmas) if sigmas.abs() < 3.0 => {
                 right += 1;
