@@ -3,8 +3,8 @@
 //! About a micro-image the frame is multiplied by a window and by exp(2πi g·r) for each first harmonic g, and summed:
 //! the sum's phase is 2π g·u, where u is how far the true centre lies from the place assumed.
 
+use fourier::Complex;
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
 
 use super::frame::{Frame, Window};
 use super::harmonics::{Harmonics, Point};

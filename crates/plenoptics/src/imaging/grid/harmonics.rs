@@ -3,8 +3,8 @@
 //! The window is a triangle along both lattice vectors, two cells wide: its transform has double zeros at every other
 //! harmonic, so that neither the mean nor a slope of the frame nor another harmonic enters.
 
+use fourier::Complex;
 use nalgebra::{Matrix3, Vector3};
-use rustfft::num_complex::Complex;
 
 use super::{Grid, reciprocal};
 use crate::optics::ArrayKind;

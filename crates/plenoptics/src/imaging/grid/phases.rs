@@ -1,7 +1,7 @@
 //! Phases of many micro-images: what they say together without a model, and of single ones.
 
+use fourier::Complex;
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
 
 use super::Grid;
 use super::demodulate::Lens;

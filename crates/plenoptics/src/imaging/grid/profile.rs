@@ -9,9 +9,9 @@
 //! What the parabola leaves of a micro-image says how far its place is to be believed: those on even parts of the scene
 //! outweigh those full of detail.
 
+use fourier::Complex;
 use nalgebra::{DMatrix, SMatrix, SVector};
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
 
 use super::demodulate::Lens;
 use super::fit::{Fit, Model};

@@ -1,9 +1,7 @@
 //! Lattices that a frame's Fourier spectrum could have.
 
+use fourier::Complex;
 use rayon::prelude::*;
-use realfft::RealFftPlanner;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
 
 use super::frame::Frame;
 use crate::optics::ArrayKind;
@@ -153,7 +151,7 @@ fn hann(n: usize) -> Vec<f32> {
 
 /// Power at (kx, ky), kx from 0 to w/2, row by row of ky.
 fn power_spectrum(frame: &Frame, [x0, y0, w, h]: [usize; 4]) -> Vec<f32> {
-    let forward = RealFftPlanner::<f32>::new().plan_fft_forward(w);
+    let forward = fourier::real_forward(w);
     let half = w / 2 + 1;
     let mut values = vec![0.0f32; w * h];
     values.par_chunks_exact_mut(w).enumerate().for_each(|(y, row)| frame.row(y0 + y, x0, row));
@@ -182,7 +180,7 @@ fn power_spectrum(frame: &Frame, [x0, y0, w, h]: [usize; 4]) -> Vec<f32> {
             columns[kx * h + y] = v;
         }
     }
-    let vertical = FftPlanner::<f32>::new().plan_fft_forward(h);
+    let vertical = fourier::forward(h);
     columns.par_chunks_exact_mut(h).for_each_init(
         || vec![Complex::new(0.0f32, 0.0); vertical.get_inplace_scratch_len()],
         |scratch, column| vertical.process_with_scratch(column, scratch),

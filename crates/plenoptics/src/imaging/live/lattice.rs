@@ -4,9 +4,9 @@
 //! the sum's phase says how far the micro-image lies from its place. In the logarithm the texture is a term
 //! beside the micro-images' profile and averages out over the sample.
 
+use fourier::Complex;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
 
 use super::frame::{Frame, Sample};
 use super::plan::spread;

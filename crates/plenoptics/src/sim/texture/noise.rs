@@ -1,9 +1,8 @@
 //! Periodic random fields.
 
+use fourier::Complex;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
 
 /// A periodic random field of `side`² texels with mean 0 and standard deviation 1, whose amplitude is `amplitude(x, y)`
 /// at x and y cycles a side.
@@ -11,9 +10,7 @@ pub(super) fn field(side: usize, seed: u64, amplitude: impl Fn(f64, f64) -> f64)
     let mut random = Pcg64::seed_from_u64(seed);
     let mut values: Vec<Complex<f32>> =
         (0..side * side).map(|_| Complex::new(random.random::<f32>() - 0.5, 0.0)).collect();
-    let mut planner = FftPlanner::new();
-    let forward = planner.plan_fft_forward(side);
-    let inverse = planner.plan_fft_inverse(side);
+    let (forward, inverse) = (fourier::forward(side), fourier::inverse(side));
     // Rows, transpose, rows: after filtering the same again, which leaves the field as it lay.
     forward.process(&mut values);
     transpose(&mut values, side);
