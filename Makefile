@@ -20,9 +20,8 @@ run:
 # What one runs before a commit: format, clippy, unit tests, contract, structure. `make test` has the rest.
 check:
 	@cargo fmt --check
-	@cargo clippy --quiet --all-targets -- -D warnings
-	@cargo test --quiet --lib
-	@cargo test --quiet --test integration -- contract:: structure:: docs::
+	@. tests/lints.sh && cargo test --quiet --no-run --all-targets && cargo test --quiet --lib && \
+		cargo test --quiet --test integration -- contract:: structure:: docs::
 
 test:
 	@tests/checks.sh

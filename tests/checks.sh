@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Every check, with each part's time: format, clippy, tests, docs, page, and other people's clients.
+# Every check, with each part's time: format, lints, tests, docs, page, and other people's clients.
 #
 # Parts that mostly wait (for a daemon, a browser, a bench that moves) run beside those that compute, so that neither
 # core stands idle: what a part prints is shown whole, once it has ended.
@@ -7,10 +7,12 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 logs=$(mktemp -d)
-lane_pid=
+lane_pids=()
 finish() {
   # Whatever still runs beside a part that has failed, with all that it started.
-  [[ -z $lane_pid ]] || kill -TERM -- "-$lane_pid" 2>/dev/null || true
+  for pid in "${lane_pids[@]}"; do
+    kill -TERM -- "-$pid" 2>/dev/null || true
+  done
   rm -rf "$logs"
 }
 trap finish EXIT
@@ -26,88 +28,97 @@ part() {
   times+=("$(printf '%6d s  %s' $((SECONDS - start)) "$name")")
 }
 
-# What runs beside the rest, started by `beside NAME COMMAND...` one after another in the order of the calls.
-lane=()
-beside() { lane+=("$(printf '%q ' "$@")"); }
+# What runs beside the rest: `beside LANE NAME COMMAND...`. The parts of one lane run one after another in the order of the
+# calls, and lanes beside one another.
+parts=()
+beside() { parts+=("$(printf '%q ' "$@")"); }
 run_lane() {
-  local entry start number=0
-  for entry in "${lane[@]}"; do
-    eval "set -- $entry"
+  local lane=$1 number start
+  for number in "${!parts[@]}"; do
+    eval "set -- ${parts[number]}"
+    [[ $1 == "$lane" ]] || continue
     start=$SECONDS
-    if ! "${@:2}" >"$logs/$number" 2>&1 </dev/null; then
-      printf '%d\t%s\n' $((SECONDS - start)) "$1" >"$logs/failed"
+    if ! "${@:3}" >"$logs/$number" 2>&1 </dev/null; then
+      printf '%d\t%s\n' $((SECONDS - start)) "$2" >"$logs/$number.failed"
       return 1
     fi
-    printf '%d\t%s\n' $((SECONDS - start)) "$1" >"$logs/$number.done"
-    number=$((number + 1))
+    printf '%d\t%s\n' $((SECONDS - start)) "$2" >"$logs/$number.done"
   done
 }
-start_lane() {
-  # With job control the lane is a process group, which can be ended as one.
+start_lanes() {
+  local lane
+  # With job control a lane is a process group, which can be ended as one.
   set -m
-  run_lane &
-  lane_pid=$!
+  for lane in "$@"; do
+    run_lane "$lane" &
+    lane_pids+=($!)
+  done
   set +m
 }
-# Waits for the lane's end, and shows what its parts printed.
-join_lane() {
-  local status=0 number seconds name
-  wait "$lane_pid" || status=$?
-  lane_pid=
-  for ((number = 0; number < ${#lane[@]}; number++)); do
-    [[ -e $logs/$number ]] || break
-    eval "set -- ${lane[number]}"
-    echo "== $1"
+# Waits for the lanes' ends, and shows what their parts printed.
+join_lanes() {
+  local pid number status=0 failed="" seconds name
+  for pid in "${lane_pids[@]}"; do
+    wait "$pid" || status=$?
+  done
+  lane_pids=()
+  for number in "${!parts[@]}"; do
+    [[ -e $logs/$number ]] || continue
+    eval "set -- ${parts[number]}"
+    echo "== $2"
     cat "$logs/$number"
     if [[ -e $logs/$number.done ]]; then
       IFS=$'\t' read -r seconds name <"$logs/$number.done"
       times+=("$(printf '%6d s  %s (beside)' "$seconds" "$name")")
+    elif [[ -e $logs/$number.failed ]]; then
+      IFS=$'\t' read -r seconds name <"$logs/$number.failed"
+      failed+="${failed:+, }$name after $seconds s"
     fi
   done
   if ((status != 0)); then
-    IFS=$'\t' read -r seconds name <"$logs/failed"
-    echo "== $name FAILED after $seconds s" >&2
+    echo "== FAILED: ${failed:-a lane}" >&2
     exit 1
   fi
-  lane=()
+  parts=()
   rm -f "$logs"/*
 }
 
 page() { make --no-print-directory web && (cd web && npm run --silent check && npm test --silent); }
 # The hardware tests are a target that "all" does not take in.
-lints() {
-  cargo clippy --quiet --all-targets -- -D warnings &&
-    cargo clippy --quiet --test hardware -- -D warnings
+built_and_linted() {
+  cargo test --quiet --no-run --all-targets && cargo test --quiet --no-run --test hardware
 }
 browser() { (cd web && npm run --silent e2e); }
-docs() { RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --document-private-items; }
+docs() { RUSTDOC=$PWD/tests/rustdoc.sh cargo test --quiet --doc; }
 
 part "set-up" deploy/setup.sh test
 part "format" cargo fmt --check
-beside "page built and checked" page
-start_lane
-part "clippy" lints
-join_lane
-part "tests built" cargo test --quiet --no-run
+. tests/lints.sh
+beside page "page built and checked" page
+start_lanes page
+part "tests built and linted" built_and_linted
+join_lanes
 
-beside "page in a browser" browser
-beside "python client" tests/python-client/run.sh
-beside "recordings" tests/mcap-client/run.sh
+# The program is there, and nothing else is built beside the tests.
+export NO_BUILD=1
+beside page "page in a browser" browser
+beside page "documentation" tests/docs/run.sh
+beside page "foxglove" tests/foxglove/run.sh
+beside python "Python client" tests/python-client/run.sh
+beside python "websocket clients" tests/ws-clients/run.sh
+beside python "metrics, dashboards, alerts" tests/promtool.sh
+beside python "batch files" tests/batch/run.sh
+beside waiting "MQTT" tests/mqtt/run.sh
+beside waiting "recordings" tests/mcap-client/run.sh
+beside waiting "vendors' clients" tests/vendor-clients/run.sh
 # The same examples in every run; `make test-long` takes new ones.
-beside "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
-beside "Alpaca client" tests/alpaca-client/run.sh
-beside "documentation" tests/docs/run.sh
-beside "vendors' clients" tests/vendor-clients/run.sh
-beside "websocket clients" tests/ws-clients/run.sh
-beside "foxglove" tests/foxglove/run.sh
-beside "metrics, dashboards, alerts" tests/promtool.sh
-beside "batch files" tests/batch/run.sh
-beside "announcement" tests/mdns/run.sh
-beside "MQTT" tests/mqtt/run.sh
-start_lane
-part "tests" cargo test --quiet
+beside waiting "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
+beside waiting "Alpaca client" tests/alpaca-client/run.sh
+beside waiting "announcement" tests/mdns/run.sh
+start_lanes page python waiting
+part "tests" cargo test --quiet --tests
 part "docs" docs
-join_lane
+join_lanes
 
 echo "== all checks passed in $SECONDS s"
 printf '%s\n' "${times[@]}"

@@ -41,8 +41,11 @@ end_daemon() {
   daemon_folder=
 }
 
+# Builds the program, unless NO_BUILD says that it is there.
 build_daemon() {
+  [[ -z ${NO_BUILD:-} ]] || return 0
   # As the tests build it: a plain build would compile every dependency anew, without what the tests need of it.
+  . "$root/tests/lints.sh"
   cargo test --quiet --no-run --test integration --manifest-path "$root/Cargo.toml"
 }
 
@@ -53,7 +56,7 @@ start_daemon() {
   trap end_daemon EXIT
   DAEMON_LOG=$daemon_folder/log
   export PLENALIGN_STATE_DIR=$daemon_folder
-  # As fast as it goes: every request, and every picture.
+  # As fast as it goes: every request, every picture, and quick axes.
   cat >"$daemon_folder/plenalign.toml" <<'TOML'
 [server]
 auth = "required"
@@ -64,6 +67,12 @@ TOML
 [sensor]
 width_px = 400
 height_px = 400
+[bench.focus]
+speed_mm_per_s = 20
+acceleration_mm_per_s2 = 200
+[bench.e]
+speed_mm_per_s = 20
+acceleration_mm_per_s2 = 200
 [bench.camera]
 timeout_ms = 10000
 [bench.simulation]

@@ -6,5 +6,5 @@ set -euo pipefail
 cd "$(dirname "$0")"
 . ../daemon.sh
 
-[[ -n ${NO_BUILD:-} ]] || build_daemon
+build_daemon
 exec python3 run.py "$root" "$@"

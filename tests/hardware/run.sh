@@ -21,6 +21,7 @@ log=target/hardware/setup.log
 deploy/setup.sh hardware >"$log" 2>&1 || skip "what it needs cannot be installed: $(tail -n 1 "$log")"
 qemu-system-x86_64 -machine none -accel help 2>/dev/null | grep -q tcg || skip "this QEMU cannot emulate (no tcg)"
 
+. tests/lints.sh
 binary=$(cargo test --quiet --no-run --test hardware --message-format=json |
   sed -n 's/.*"target":{[^}]*"name":"hardware".*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
 [[ -x $binary ]] || { echo "hardware: the test binary was not built" >&2; exit 1; }

@@ -11,7 +11,7 @@ cd "$(dirname "$0")"
 if [[ ${1:-} != inside ]]; then
   python_environment mqtt
   unpack_debian mosquitto usr/sbin/mosquitto mosquitto libmosquitto1 libcjson1 libdlt2 libwrap0 libnsl2 libtirpc3
-  [[ -n ${NO_BUILD:-} ]] || build_daemon
+  build_daemon
   own_network ./run.sh inside "$@"
 fi
 shift

@@ -12,7 +12,7 @@ bin=$root/target/python-client/bin
 "$bin/pip" install --quiet --disable-pip-version-check --no-build-isolation --no-deps --force-reinstall \
   "$root/clients/python"
 "$bin/pip" check --disable-pip-version-check >/dev/null
-[[ -n ${NO_BUILD:-} ]] || build_daemon
+build_daemon
 for folder in . "$root/clients/python"; do
   "$bin/ruff" check --quiet --no-cache "$folder"
   "$bin/ruff" format --quiet --check --no-cache "$folder"

@@ -3,19 +3,11 @@
 # protocol well enough for them, it is worth testing our drivers against.
 set -euo pipefail
 cd "$(dirname "$0")"
-root=$(cd ../.. && pwd)
+. ../daemon.sh
+
+python_environment vendor-clients
 venv=$root/target/vendor-clients
-
-if ! cmp -s requirements.txt "$venv/requirements.txt"; then
-  echo "vendor clients: installing $(paste -sd' ' requirements.txt)"
-  rm -rf "$venv"
-  python3 -m venv "$venv"
-  "$venv/bin/pip" install --quiet --disable-pip-version-check -r requirements.txt
-  cp requirements.txt "$venv/requirements.txt"
-fi
-
-# As the tests build it: a plain build would compile every dependency anew, without what the tests need of it.
-cargo test --quiet --no-run --test integration --manifest-path "$root/Cargo.toml"
+build_daemon
 failed=0
 for client in zaber pi tmcl thorlabs-rack thorlabs-cube; do
   script=${client%%-*}.py arguments=()
