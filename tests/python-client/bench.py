@@ -15,6 +15,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "target" / "debug" / "plenalign"
 
+# Quick axes: what a test waits for is not their way.
 SMALL = """
 [server]
 requests_per_s = 100000
@@ -22,6 +23,12 @@ requests_per_s = 100000
 [sensor]
 width_px = 560
 height_px = 560
+[bench.focus]
+speed_mm_per_s = 20
+acceleration_mm_per_s2 = 200
+[bench.e]
+speed_mm_per_s = 20
+acceleration_mm_per_s2 = 200
 [bench.camera]
 timeout_ms = 10000
 [bench.simulation]

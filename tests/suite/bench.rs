@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::config::{BenchDriver, Config, ControllerConfig, ControllerDriver};
+use plenalign::config::{BenchConfig, BenchDriver, Config, ControllerConfig, ControllerDriver};
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot};
 use plenalign::control::lease::{LeaseRequest, Leases, Permit};
@@ -23,6 +23,18 @@ pub(crate) fn small_config(seed: u64) -> Config {
     config.bench.simulation.rays = 16;
     config
 }
+
+/// Has both axes go so fast that a test hardly waits for their way, nor for their homing.
+pub(crate) fn quick_axes(bench: &mut BenchConfig) {
+    for axis in [&mut bench.focus, &mut bench.e] {
+        axis.speed_mm_per_s = 40.0;
+        axis.acceleration_mm_per_s2 = 400.0;
+    }
+}
+
+/// The same in a program's configuration, at its end.
+pub(crate) const QUICK_AXES: &str = "[bench.focus]\nspeed_mm_per_s = 40\nacceleration_mm_per_s2 = 400\n\
+     [bench.e]\nspeed_mm_per_s = 40\nacceleration_mm_per_s2 = 400\n";
 
 /// A configuration's bench with real drivers: both axes on one Grbl controller at a port, and no camera.
 pub(crate) fn grbl_hardware(mut config: Config, port: &Path) -> Config {

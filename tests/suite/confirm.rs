@@ -12,6 +12,7 @@ use reqwest::{Method, Response};
 use serde_json::{Value, json};
 use tokio::time::{Instant, sleep};
 
+use super::bench::QUICK_AXES;
 use super::daemon::{Daemon, client, problem};
 use super::fakes::fakes;
 use super::program::{Program, plenalign, serve};
@@ -238,8 +239,8 @@ async fn a_lost_confirm_key_is_replaced_without_ending_the_job() {
 #[tokio::test]
 async fn the_command_line_prints_the_link_that_confirms_its_job() {
     let folder = tempfile::tempdir().unwrap();
-    let config = "[sensor]\nwidth_px = 400\nheight_px = 400\n[bench.simulation]\nrays = 4\noperator_confirms = false\n";
-    std::fs::write(folder.path().join("bench.toml"), config).unwrap();
+    let small = "[sensor]\nwidth_px = 400\nheight_px = 400\n[bench.simulation]\nrays = 4\noperator_confirms = false\n";
+    std::fs::write(folder.path().join("bench.toml"), format!("{small}{QUICK_AXES}")).unwrap();
     let mut command = serve(folder.path(), &[]);
     command.env("TMPDIR", folder.path());
     let program = Program::start(command);

@@ -16,13 +16,15 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::http::Request;
 use tokio_tungstenite::tungstenite::{Error, Message};
 
+use super::bench::QUICK_AXES;
 use super::program::{Program, plenalign, serve};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn daemon(state: &Path, bridge: &str) -> Program {
-    let text =
-        format!("[foxglove]\n{bridge}\n[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\n");
+    let text = format!(
+        "[foxglove]\n{bridge}\n[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\n{QUICK_AXES}"
+    );
     std::fs::write(state.join("bench.toml"), text).unwrap();
     Program::start(serve(state, &[]))
 }

@@ -18,7 +18,7 @@ use reqwest::{Client, Method};
 use serde_json::{Value, json};
 use tokio::time::{Instant, sleep, timeout};
 
-use super::bench::{grbl_hardware, small_config};
+use super::bench::{grbl_hardware, quick_axes, small_config};
 use super::daemon::client;
 use super::program::{Program, plenalign};
 
@@ -170,9 +170,8 @@ fn assert_unknown(bench: &Value) {
 fn quick(seed: u64) -> Config {
     let mut config = small_config(seed);
     config.bench.simulation.rays = 4;
+    quick_axes(&mut config.bench);
     for axis in [&mut config.bench.focus, &mut config.bench.e] {
-        axis.speed_mm_per_s = 40.0;
-        axis.acceleration_mm_per_s2 = 400.0;
         axis.settle_ms = 20;
     }
     config

@@ -8,7 +8,7 @@ use reqwest::{Method, StatusCode};
 use serde_json::{Value, json};
 use tokio::time::{Instant, sleep};
 
-use super::bench::small_config;
+use super::bench::{quick_axes, small_config};
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
 
@@ -30,8 +30,7 @@ async fn until(daemon: &Daemon, path: &str, what: &str, fits: impl Fn(&Value) ->
 async fn with_white() -> Daemon {
     let mut config = small_config(1);
     config.bench.simulation.rays = 4;
-    config.bench.focus.speed_mm_per_s = 40.0;
-    config.bench.focus.acceleration_mm_per_s2 = 400.0;
+    quick_axes(&mut config.bench);
     let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
     let daemon = Daemon::start_with(config, bench).await;
     let watch = json!({ "kind": "spacing_watch", "duration_s": 60.0, "interval_s": 30.0 });

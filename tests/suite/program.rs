@@ -10,6 +10,8 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;
 
+use super::bench::QUICK_AXES;
+
 /// The program with a state folder of the test's own, and nothing taken from the environment of whoever runs the test.
 pub(crate) fn plenalign(state: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_plenalign"));
@@ -28,11 +30,12 @@ pub(crate) fn own_mounts() -> Command {
 }
 
 /// `plenalign serve` on a simulated bench and a free port of loopback, whose configuration is in the state folder: what
-/// the test has put there, or else the reference bench, roughly rendered.
+/// the test has put there, or else a small and quick one.
 pub(crate) fn serve(state: &Path, arguments: &[&str]) -> Command {
     let config = state.join("bench.toml");
     if !config.exists() {
-        std::fs::write(&config, "[bench.simulation]\nrays = 4\n").unwrap();
+        let small = "[sensor]\nwidth_px = 400\nheight_px = 400\n[bench.simulation]\nrays = 4\n";
+        std::fs::write(&config, format!("{small}{QUICK_AXES}")).unwrap();
     }
     let mut command = plenalign(state);
     command.args(["serve", "--simulated", "--json", "--config"]).arg(config);

@@ -16,7 +16,7 @@ use plenalign::store::Store;
 use prost::Message as _;
 use serde_json::{Value, json};
 
-use super::bench::{permit, run, small_config};
+use super::bench::{QUICK_AXES, permit, quick_axes, run, small_config};
 use super::program::{Program, plenalign, serve};
 
 /// A service whose state, and with it its recordings, is in a folder.
@@ -109,6 +109,7 @@ fn identical(replayed: &Replay) {
 async fn an_alignment_is_recorded_and_replayed_to_the_last_bit() {
     let state = tempfile::tempdir().unwrap();
     let mut config = small_config(41);
+    quick_axes(&mut config.bench);
     config.server.names = vec!["secret.example".to_owned()];
     let service = service(config, state.path()).await;
     let job = run(&service, recorded(JobKind::JointAlignment)).await;
@@ -195,6 +196,7 @@ async fn plays(file: &Path, frames: &[RawImage]) {
 async fn what_an_earlier_job_left_is_recorded_with_the_job_that_goes_on_from_it() {
     let state = tempfile::tempdir().unwrap();
     let mut config = small_config(42);
+    quick_axes(&mut config.bench);
     config.bench.simulation.bits = 12;
     let service = service(config, state.path()).await;
     let air = run(&service, JobRequest::of(JobKind::AirOnly)).await;
@@ -228,6 +230,7 @@ async fn what_an_earlier_job_left_is_recorded_with_the_job_that_goes_on_from_it(
 async fn a_failed_and_a_cancelled_job_are_replayed_as_far_as_they_came() {
     let state = tempfile::tempdir().unwrap();
     let mut config = small_config(43);
+    quick_axes(&mut config.bench);
     config.bench.simulation.operator_confirms = false;
     let service = service(config, state.path()).await;
     let early = run(&service, recorded(JobKind::ShellOnly)).await;
@@ -261,6 +264,7 @@ async fn a_disk_without_room_ends_the_recording_and_not_the_job() {
         (Box::new(|config: &mut Config| config.record.folder = PathBuf::from("/proc/nowhere")), "/proc/nowhere"),
     ] {
         let mut config = small_config(44);
+        quick_axes(&mut config.bench);
         change(&mut config);
         let service = service(config, state.path()).await;
         let job = run(&service, kind.clone()).await;
@@ -311,7 +315,7 @@ fn the_program_records_gives_away_and_replays() {
     let state = tempfile::tempdir().unwrap();
     std::fs::write(
         state.path().join("bench.toml"),
-        "[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\n",
+        format!("[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\n{QUICK_AXES}"),
     )
     .unwrap();
     let daemon = Program::start(serve(state.path(), &[]));

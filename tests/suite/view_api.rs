@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep};
 use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::Message;
 
-use super::bench::small_config;
+use super::bench::{quick_axes, small_config};
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
 
@@ -22,8 +22,7 @@ use super::fakes::fakes;
 async fn before_a_board() -> Daemon {
     let mut config = small_config(3);
     config.bench.simulation.rays = 4;
-    config.bench.focus.speed_mm_per_s = 40.0;
-    config.bench.focus.acceleration_mm_per_s2 = 400.0;
+    quick_axes(&mut config.bench);
     let distance_mm = config.design().joint(0.0).equivalent_distance;
     let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
     bench.simulated.as_ref().unwrap().obey(&Setup::AirTripleBoard { distances_mm: [distance_mm; 3] });

@@ -9,12 +9,12 @@ use plenalign::config::{ControllerConfig, ControllerDriver};
 use plenalign::device::open::open_stages;
 use plenalign::device::serial::{Dial, SerialDial};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
-use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
+use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::line::Line;
-use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
 use tokio::time::{sleep, timeout};
 
+use super::super::bench::quick_axes;
 use super::kit::{Kit, bench, near};
 
 /// Points a link at another path.
@@ -25,21 +25,9 @@ fn point(link: &Path, at: &Path) {
 
 async fn works_over_a_terminal(driver: Protocol) {
     let mut bench = bench(driver);
-    // Quick axes: this runs in real time.
-    for axis in [&mut bench.focus, &mut bench.e] {
-        axis.speed_mm_per_s = 40.0;
-        axis.acceleration_mm_per_s2 = 400.0;
-    }
-    let mut kit = Kit::with(driver, bench);
-    if driver.driver() == ControllerDriver::Grbl {
-        let axes = [&kit.bench.focus, &kit.bench.e];
-        let mut config = match driver {
-            Protocol::FluidNc => FirmwareConfig::fluidnc(&axes),
-            _ => FirmwareConfig::for_axes(&axes),
-        };
-        (config.seek_rate_mm_per_min, config.locate_rate_mm_per_min) = (2400.0, 300.0);
-        kit.twin = ControllerTwin::new(GrblFirmware::new(config, kit.slides.clone()));
-    }
+    // This runs in real time.
+    quick_axes(&mut bench);
+    let kit = Kit::with(driver, bench);
     let folder = tempfile::tempdir().unwrap();
     // As /dev/serial/by-id has it: a link whose name stays while the terminal's does not.
     let link = folder.path().join("usb-controller");

@@ -69,12 +69,14 @@ impl FirmwareConfig {
     #[must_use]
     pub fn for_axes(axes: &[&AxisConfig]) -> Self {
         let fitted = |letter: &str| axes.iter().copied().find(|axis| axis.axis.eq_ignore_ascii_case(letter));
+        // Quick axes are homed quickly: 600 and 60 mm/min where the slowest goes at 2 mm/s.
+        let slowest_mm_per_min = 60.0 * axes.iter().map(|axis| axis.speed_mm_per_s).fold(f64::INFINITY, f64::min);
         Self {
             heir: Heir::Grbl,
             axes: ["X", "Y", "Z"].map(|letter| fitted(letter).map(FirmwareAxis::of)),
             pull_off_mm: PULL_OFF_MM,
-            seek_rate_mm_per_min: 600.0,
-            locate_rate_mm_per_min: 60.0,
+            seek_rate_mm_per_min: 5.0 * slowest_mm_per_min,
+            locate_rate_mm_per_min: 0.5 * slowest_mm_per_min,
             single_axis_homing: true,
             hard_limits: true,
             blank_settings: false,

@@ -19,7 +19,7 @@ use plenalign::sim::truth::Truth;
 use plenalign::store::Store;
 use tokio::time::sleep;
 
-use super::super::super::bench::small_config;
+use super::super::super::bench::{quick_axes, small_config};
 use super::super::super::fakes::Hand;
 use super::super::commands::done;
 use super::devices::{Told, Watched};
@@ -82,6 +82,7 @@ pub(super) fn cases() -> Vec<Case> {
 
 fn config(case: &Case) -> Config {
     let mut config = small_config(1);
+    quick_axes(&mut config.bench);
     if case.measures_l_bound {
         config.assembly.l_bound = LBoundSource::Measure;
     }
@@ -104,12 +105,11 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    /// A bench on which nothing but homing has been made quick.
+    /// A bench whose axes are quick.
     pub(super) async fn new(case: &Case) -> Self {
         let config = Arc::new(config(case));
         let (truth, points, trouble) = (Truth::new(&config), Arc::<Points>::default(), Arc::<Trouble>::default());
-        let mut firmware = FirmwareConfig::for_axes(&[&config.bench.focus, &config.bench.e]);
-        (firmware.seek_rate_mm_per_min, firmware.locate_rate_mm_per_min) = (1200.0, 240.0);
+        let firmware = FirmwareConfig::for_axes(&[&config.bench.focus, &config.bench.e]);
         let twin = ControllerTwin::new(GrblFirmware::new(firmware, Arc::clone(&truth) as _));
         let mut axes =
             vec![AxisSetup::new(AxisName::Focus, &config.bench.focus), AxisSetup::new(AxisName::E, &config.bench.e)];
