@@ -13,7 +13,7 @@ use plenalign::device::stage::grbl_controller::GrblDriver;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Plant;
-use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware, Heir};
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
@@ -272,19 +272,6 @@ async fn motion_under_way_at_opening_is_stopped() {
     sleep(Duration::from_secs(3)).await;
     assert_eq!(slides.at(1), at);
     assert!(!controller.stage(AxisName::E).unwrap().state().borrow().homed);
-}
-
-#[tokio::test(start_paused = true)]
-async fn grblhal_is_driven_as_well() {
-    let rig = rig_with(|config| {
-        config.heir = Heir::GrblHal;
-        "GrblHAL 1.1f".clone_into(&mut config.version);
-    })
-    .await;
-    assert_eq!(rig.focus.info().identity, "GrblHAL 1.1f");
-    rig.focus.home(rig.focus.generation()).await.unwrap();
-    let readback = rig.focus.move_to(Millimetres(2.5), rig.focus.generation()).await.unwrap();
-    assert!(near(readback.value(), 2.5, 0.002) && near(rig.slides.at(0), 2.5, 0.005), "{readback}");
 }
 
 #[tokio::test(start_paused = true)]

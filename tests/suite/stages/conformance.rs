@@ -52,7 +52,7 @@ async fn it_says_what_it_is_and_moves_nothing_before_homing(driver: Protocol) {
         let (low, high) = limits.unwrap();
         // Grbl's own limit on the home side is the switch.
         let low_end = match driver {
-            Protocol::Grbl | Protocol::GrblHal => kit.bench.focus.home_position_mm - PULL_OFF_MM,
+            Protocol::Grbl => kit.bench.focus.home_position_mm - PULL_OFF_MM,
             _ => kit.bench.focus.low_limit_mm,
         };
         assert!(near(low, low_end, 1e-3) && near(high, 5.0, 1e-3), "{low} {high}");

@@ -8,15 +8,18 @@ use plenalign::device::Stage as _;
 use plenalign::sim::stage::Protocol;
 use plenalign::units::Millimetres;
 
-use super::kit::Kit;
+use super::kit::{Kit, suit};
 
 #[tokio::test(start_paused = true)]
 async fn every_example_is_accepted_by_its_twin_and_homed() {
     for &driver in Protocol::value_variants() {
-        // grblHAL is set as Grbl is.
+        // grblHAL is set as Grbl is, but for limits that begin where homing ends.
         let name = if driver == Protocol::GrblHal { "grbl" } else { driver.name() };
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("deploy/examples/{name}.toml"));
-        let bench = Config::load(&file).unwrap().bench;
+        let mut bench = Config::load(&file).unwrap().bench;
+        if driver == Protocol::GrblHal {
+            suit(driver, &mut bench);
+        }
         let limits =
             [(bench.focus.low_limit_mm, bench.focus.high_limit_mm), (bench.e.low_limit_mm, bench.e.high_limit_mm)];
         let rig = Kit::with(driver, bench).connect().await.unwrap();

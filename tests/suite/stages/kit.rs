@@ -58,7 +58,7 @@ pub(crate) fn suit(driver: impl Into<Protocol>, bench: &mut BenchConfig) {
             }
             (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (20_000.0, 20_000.0);
         }
-        Protocol::Pi | Protocol::FluidNc => {
+        Protocol::Pi | Protocol::FluidNc | Protocol::GrblHal => {
             if driver == Protocol::Pi {
                 // It counts in mm.
                 (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (1.0, 1.0);
@@ -69,7 +69,7 @@ pub(crate) fn suit(driver: impl Into<Protocol>, bench: &mut BenchConfig) {
                 *limit = axis.home_position_mm;
             }
         }
-        Protocol::Grbl | Protocol::GrblHal | Protocol::Tmcl => {}
+        Protocol::Grbl | Protocol::Tmcl => {}
         // Microsteps of a motor on a screw of 1 mm a turn.
         Protocol::Thorlabs => (bench.focus.steps_per_mm, bench.e.steps_per_mm) = (409_600.0, 409_600.0),
     }

@@ -7,6 +7,7 @@ mod faults;
 mod fluidnc;
 mod grbl_as_it_is;
 mod grbl_firmware;
+mod grblhal;
 mod identify;
 mod interleaved;
 mod interrupted;

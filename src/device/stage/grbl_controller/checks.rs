@@ -16,7 +16,7 @@ const KEPT: f64 = 1.2e-7;
 
 /// What the settings say of an axis. `zero` says that the firmware was built to make home the machine's zero.
 pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, dialect: Dialect, zero: bool) -> AxisFacts {
-    let limits_mm = soft_limits(setup, letter, settings, zero);
+    let limits_mm = soft_limits(setup, letter, settings, dialect, zero);
     let rate = settings.of_axis(110, letter).map_or(f64::INFINITY, |rate| rate / 60.0);
     let acceleration = settings.of_axis(120, letter).unwrap_or(f64::INFINITY);
     let mut facts = AxisFacts {
@@ -29,8 +29,8 @@ pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, dial
     };
     facts.disagreements.extend(near_switch(setup, settings));
     if let Some((low, high)) = limits_mm {
-        // On the home side Grbl's limit is where the switch trips: the configured one keeps a distance from it, and the
-        // switch is what bounds the axis there.
+        // On the home side stock Grbl's limit is where the switch trips: the configured one keeps a distance from it, and
+        // the switch is what bounds the axis there.
         let config = &setup.config;
         let (low, high) = match config.home_side {
             Side::Low => (low.max(config.low_limit_mm), high),
@@ -41,14 +41,26 @@ pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, dial
     facts
 }
 
-/// The soft limits in the axis's coordinate, where they are on.
-fn soft_limits(setup: &AxisSetup, letter: Letter, settings: &Settings, zero: bool) -> Option<(f64, f64)> {
+/// The soft limits in the axis's coordinate, where they are on. grblHAL keeps a pull-off from the switches of both ends
+/// where those are on.
+fn soft_limits(
+    setup: &AxisSetup,
+    letter: Letter,
+    settings: &Settings,
+    dialect: Dialect,
+    zero: bool,
+) -> Option<(f64, f64)> {
     if !settings.is_on(20) {
         return None;
     }
-    let travel = settings.of_axis(130, letter)?;
-    let (low, high) = if zero && homes_negative(letter, settings) { (0.0, travel) } else { (-travel, 0.0) };
-    Some(setup.range((low, high), home_mm(letter, settings, zero)?))
+    let kept = if dialect == Dialect::GrblHal && settings.is_on(21) { settings.get(27)? } else { 0.0 };
+    let reach = settings.of_axis(130, letter)? - kept;
+    let ends = match (zero, homes_negative(letter, settings)) {
+        (true, true) => (0.0, reach),
+        (true, false) => (-reach, 0.0),
+        (false, _) => (-reach, -kept),
+    };
+    Some(setup.range(ends, home_mm(letter, settings, zero)?))
 }
 
 /// Where homing ends, machine mm: a pull-off from the switch. Machine space runs from minus the travel to 0, unless home was

@@ -60,6 +60,7 @@ impl GrblFirmware {
         // Homing is answered in the end even where it failed; a jog was answered when it was taken.
         let owes_ok = self.homing.take().is_some();
         self.motion = None;
+        self.envelope = [None; 3];
         let after = if self.fluid.is_some() { After::Locked { owes_ok } } else { After::Start { owes_ok } };
         self.say_alarm(number, after);
     }

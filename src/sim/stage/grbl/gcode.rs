@@ -220,10 +220,12 @@ impl GrblFirmware {
         if self.fluid.is_some() {
             return self.fluid_beyond(target);
         }
-        self.settings.is_on(20)
-            && (0..3).any(|i| {
-                self.config.axes[i].is_some()
-                    && (target[i] > spare || target[i] < -self.settings.of_axis(130, i) - spare)
-            })
+        let limits = |i: usize| match self.config.heir {
+            Heir::GrblHal => self.envelope[i],
+            _ => self.config.axes[i].as_ref().map(|_| (-self.settings.of_axis(130, i), 0.0)),
+        };
+        let beyond =
+            |i: usize| limits(i).is_some_and(|(low, high)| target[i] < low - spare || target[i] > high + spare);
+        self.settings.is_on(20) && (0..3).any(beyond)
     }
 }

@@ -122,6 +122,9 @@ impl GrblFirmware {
                 false => -pull_off,
             };
             self.origin[index] = (machine_mm * self.settings.of_axis(100, index)).round() as i64 - self.steps[index];
+            // Where the switches are on, grblHAL keeps a pull-off from both.
+            let kept = if self.settings.is_on(21) { pull_off } else { 0.0 };
+            self.envelope[index] = Some((kept - self.settings.of_axis(130, index), -kept));
         }
     }
 }

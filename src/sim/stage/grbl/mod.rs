@@ -80,6 +80,8 @@ pub struct GrblFirmware {
     unheard: Vec<u8>,
     /// Machine position less motor position.
     origin: [i64; 3],
+    /// grblHAL's soft limits, machine mm: those of an axis that is homed, as it was set then.
+    envelope: [Option<(f64, f64)>; 3],
     motion: Option<Motion>,
     queue: VecDeque<Block>,
     homing: Option<Homing>,
@@ -176,6 +178,7 @@ impl Firmware for GrblFirmware {
     fn power_cycle(&mut self) {
         // The motors stay where they are; what the firmware knew of them is gone.
         self.origin = std::array::from_fn(|i| -self.steps[i]);
+        self.envelope = [None; 3];
         self.state = State::Alarm;
         self.deaf = false;
         self.owed_ok = false;
@@ -215,6 +218,7 @@ impl GrblFirmware {
             silent_s: 0.0,
             unheard: Vec::new(),
             origin: [0; 3],
+            envelope: [None; 3],
             motion: None,
             queue: VecDeque::new(),
             homing: None,
@@ -401,6 +405,7 @@ impl GrblFirmware {
             self.turn(axis, steps);
         }
         if self.limits_trip() {
+            self.envelope = [None; 3];
             self.alarm(1);
             return;
         }

@@ -87,10 +87,14 @@ impl FirmwareConfig {
         }
     }
 
-    /// The same with grblHAL.
+    /// The same with grblHAL, whose soft limits end a pull-off before its travel.
     #[must_use]
     pub fn grblhal(axes: &[&AxisConfig]) -> Self {
-        Self { heir: Heir::GrblHal, version: "GrblHAL 1.1f".to_owned(), ..Self::for_axes(axes) }
+        let mut config = Self::for_axes(axes);
+        for axis in config.axes.iter_mut().flatten() {
+            axis.travel_mm += PULL_OFF_MM;
+        }
+        Self { heir: Heir::GrblHal, version: "GrblHAL 1.1f".to_owned(), ..config }
     }
 
     /// The same with FluidNC, whose travel begins where homing ends.
