@@ -9,6 +9,8 @@ use crate::config::Side;
 const CLEARANCE_MM: f64 = 1.0;
 /// The bit of grblHAL's $10 that has its reports tell the pins; Grbl's always do.
 const PINS_REPORTED: u32 = 16;
+/// Which axes grblHAL homes in each of its cycles.
+const HOMING_CYCLES: std::ops::RangeInclusive<u16> = 44..=49;
 /// Grbl prints a setting rounded to three decimals: it may differ by half of the last one.
 const PRINTED: f64 = 0.5e-3;
 /// Grbl keeps a setting in 32 bits: a number of any size may be this much off, relative.
@@ -117,6 +119,20 @@ fn contradictions(setup: &AxisSetup, letter: Letter, settings: &Settings, dialec
             "The controller's reports do not tell which limit switch is pressed ($10={reported}), from which the {axis} axis \
              must not be homed; set $10={}.",
             (reported as u32) | PINS_REPORTED
+        ));
+    }
+    if dialect == Dialect::GrblHal && settings.is_on(40) {
+        sentences.push(format!(
+            "The controller takes a motion beyond its soft limits for another one, of the {axis} axis and of whichever stands \
+             outside them ($40); set $40=0."
+        ));
+    }
+    let mut cycles = HOMING_CYCLES.filter(|&cycle| settings.get(cycle).is_some()).peekable();
+    if cycles.peek().is_some() && !cycles.any(|cycle| bit(letter, settings, cycle) == Some(true)) {
+        sentences.push(format!(
+            "The controller homes {} in none of its cycles ($44 to $49), by which the {axis} axis may count as homed where it \
+             stands.",
+            letter.name()
         ));
     }
     let number = 100 + letter.index() as u16;

@@ -134,7 +134,14 @@ impl Controller {
         let _operation = self.operation.lock().await;
         self.ready(name, generation).await?;
         self.wake().await?;
+        let admitted = self.axes[index].facts().homes_also;
         self.renew_settings(index).await?;
+        // Whether the other one may move was looked at by what was known before.
+        if let Some(other) = self.axes[index].facts().homes_also.filter(|_| admitted.is_none()) {
+            let reason =
+                format!("by its settings now, to home the {name} axis is to home the {other} axis too; home it again");
+            return Err(DeviceError::Refused { device: self.name.clone(), reason });
+        }
         let alone = self.homes_single_axes();
         let single = alone || self.axes.len() == 1;
         let homed: Vec<&Axis> =

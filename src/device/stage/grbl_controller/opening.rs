@@ -245,8 +245,7 @@ async fn settings(port: &Port, name: &str, dialect: Dialect, options: &Answer) -
             reason: "it reports inches; set $13=0".to_owned(),
         });
     }
-    let (zero, single) = (grbl::homes_to_zero(&options.lines), grbl::homes_single_axes(&options.lines));
-    Ok(Told::Settings { settings, dialect, zero, single })
+    Ok(Told::built(settings, dialect, &options.lines))
 }
 
 /// FluidNC's configuration.

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use super::super::grbl::{self, Settings, Tree, Votes};
+use super::super::grbl::{self, Dialect, Settings, Tree, Votes};
 use super::told::Told;
 use super::{ANSWER, Controller, DUMPED, POLL_MOVING, locked};
 use crate::device::{AxisName, DeviceError};
@@ -68,6 +68,13 @@ impl Controller {
     async fn told_anew(&self) -> Result<Told, DeviceError> {
         let before = locked(&self.told).clone();
         match before {
+            Told::Settings { settings, dialect: Dialect::GrblHal, .. } => {
+                let settings = self.told_settings(&settings).await?;
+                // What Grbl is built with is one of its settings ($22).
+                let answer = self.port.ask(grbl::BUILD_INFO, ANSWER).await;
+                let options = answer.map_err(|error| self.device_error("tell its options", error))?;
+                Ok(Told::built(settings, Dialect::GrblHal, &options.lines))
+            }
             Told::Settings { settings, dialect, zero, single } => {
                 Ok(Told::Settings { settings: self.told_settings(&settings).await?, dialect, zero, single })
             }

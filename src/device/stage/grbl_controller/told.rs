@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::super::axis::AxisSetup;
-use super::super::grbl::{Dialect, Letter, Settings, Tree};
+use super::super::grbl::{self, Dialect, Letter, Settings, Tree};
 use super::super::session::AxisFacts;
 use super::switches::blocks_time;
 use super::{checks, fluidnc};
@@ -15,15 +15,15 @@ const LONGEST_HOMING_S: f64 = 1800.0;
 /// What a controller has told of what it is set to.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Told {
-    /// Settings by number, of a firmware that was built as these say.
+    /// Settings by number, of a firmware that was built (grblHAL: is set) as these say.
     Settings {
         /// The answer to `$$`.
         settings: Settings,
         /// Grbl or grblHAL.
         dialect: Dialect,
-        /// Whether the firmware was built to make home the machine's zero.
+        /// Whether homing makes home the machine's zero.
         zero: bool,
-        /// Whether it was built to home single axes.
+        /// Whether it homes single axes.
         single: bool,
     },
     /// FluidNC's configuration, and which of its axes are this bench's.
@@ -31,6 +31,12 @@ pub(super) enum Told {
 }
 
 impl Told {
+    /// Settings, with what the answer to `$I` says of the firmware.
+    pub(super) fn built(settings: Settings, dialect: Dialect, options: &[String]) -> Self {
+        let (zero, single) = (grbl::homes_to_zero(options), grbl::homes_single_axes(options));
+        Self::Settings { settings, dialect, zero, single }
+    }
+
     /// What is known of an axis by it, but for what it has to share with the other one.
     pub(super) fn facts(&self, setup: &AxisSetup, letter: Letter, others: &[AxisName]) -> AxisFacts {
         let facts = match self {

@@ -123,7 +123,8 @@ impl GrblFirmware {
             "I" => {
                 let version = self.config.version.split(' ').next_back().unwrap_or_default().to_owned();
                 self.say(&format!("[VER:{version}.20190825:]"));
-                self.say(if self.config.single_axis_homing { "[OPT:VH,15,128]" } else { "[OPT:V,15,128]" });
+                let (zero, single) = (self.homes_to_zero(), self.homes_single_axes());
+                self.say(&format!("[OPT:V{}{},15,128]", if zero { "Z" } else { "" }, if single { "H" } else { "" }));
                 if self.config.heir == Heir::GrblHal {
                     self.say("[FIRMWARE:grblHAL]");
                 }
@@ -144,8 +145,8 @@ impl GrblFirmware {
                     return Err(Refusal::Error(5));
                 }
                 let axis = "XYZ".find(&command[1..]).filter(|_| command.len() == 2);
-                if axis.is_some_and(|axis| !self.config.single_axis_homing || self.config.axes[axis].is_none()) {
-                    return Err(Refusal::Error(3));
+                if axis.is_some_and(|axis| !self.homes_single_axes() || self.config.axes[axis].is_none()) {
+                    return Err(Refusal::Error(if self.config.heir == Heir::GrblHal { 5 } else { 3 }));
                 }
                 self.home(axis);
                 return Ok(Answer::AtEnd);
@@ -175,6 +176,10 @@ impl GrblFirmware {
         let mut target = self.target(words.axes, scale, relative);
         if self.fluid.is_some() {
             target = self.fluid_jog_target(target);
+        } else if self.settings.is_on(40) {
+            // grblHAL draws every axis that is homed into its limits.
+            target =
+                std::array::from_fn(|i| self.envelope[i].map_or(target[i], |(low, high)| target[i].clamp(low, high)));
         } else if self.beyond_travel(target) {
             return Err(Refusal::Error(15));
         }

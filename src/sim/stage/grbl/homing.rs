@@ -1,30 +1,50 @@
 //! The homing cycle: every axis of a block through its phases together, at the rate of the slowest.
 
 use super::motion::{Homing, HomingPhase};
+use super::settings::Heir;
 use super::{GrblFirmware, State};
 
 impl GrblFirmware {
-    /// Starts homing one axis, or all that are fitted: as the stock firmware is built, Z first and X and Y together.
+    /// Starts homing one axis, or all that are fitted.
     pub(super) fn home(&mut self, axis: Option<usize>) {
         let blocks: Vec<Vec<usize>> = match axis {
             Some(axis) => vec![vec![axis]],
             None if self.fluid.is_some() => self.fluid_cycles(),
-            None => [vec![2], vec![0, 1]]
-                .into_iter()
-                .map(|block| block.into_iter().filter(|&axis| self.config.axes[axis].is_some()).collect::<Vec<_>>())
-                .filter(|block| !block.is_empty())
-                .collect(),
+            None => self.blocks(),
         };
         self.homing = Homing::of(blocks);
         self.state = State::Home;
         self.leave_switches();
     }
 
+    /// Which axes home together: as the stock firmware is built, Z first and X and Y together; as grblHAL is set.
+    fn blocks(&self) -> Vec<Vec<usize>> {
+        let masks = match self.config.heir {
+            Heir::GrblHal => (44..50).map(|cycle| self.settings.get(cycle) as u32).collect(),
+            _ => vec![4, 3],
+        };
+        let fitted = |mask: u32| (0..3).filter(|&i| mask & (1 << i) != 0 && self.config.axes[i].is_some()).collect();
+        masks.into_iter().map(fitted).filter(|block: &Vec<usize>| !block.is_empty()).collect()
+    }
+
+    /// Whether single axes can be homed: as it was built, or set.
+    pub(super) fn homes_single_axes(&self) -> bool {
+        match self.config.heir {
+            Heir::GrblHal => self.settings.has_bit(22, 1),
+            _ => self.config.single_axis_homing,
+        }
+    }
+
+    /// Whether homing makes home the machine's zero.
+    pub(super) fn homes_to_zero(&self) -> bool {
+        self.config.heir == Heir::GrblHal && self.settings.has_bit(22, 3)
+    }
+
     pub(super) fn homes_negative(&self, axis: usize) -> bool {
         if let Some(fluid) = &self.fluid {
             return !fluid.axis_flag(axis, "homing/positive_direction");
         }
-        (self.settings.get(23) as u32) & (1 << axis) != 0
+        self.settings.has_bit(23, axis)
     }
 
     /// What a block's axes do in a phase: the rate of each, mm/s, and the longest way, mm. A block is one straight line
@@ -115,16 +135,22 @@ impl GrblFirmware {
         let pull_off = self.settings.get(27);
         for axis in &homing.axes {
             let index = axis.axis;
-            // Machine space is negative: zero is the positive end of the travel.
-            let machine_mm = match self.homes_negative(index) {
+            let (travel, negative) = (self.settings.of_axis(130, index), self.homes_negative(index));
+            // Machine space is negative: zero is the positive end of the travel, but where home is made zero.
+            let machine_mm = match (self.homes_to_zero(), negative) {
                 _ if self.fluid.is_some() => self.fluid_home_mm(index),
-                true => -self.settings.of_axis(130, index) + pull_off,
-                false => -pull_off,
+                (true, _) => 0.0,
+                (false, true) => -travel + pull_off,
+                (false, false) => -pull_off,
             };
             self.origin[index] = (machine_mm * self.settings.of_axis(100, index)).round() as i64 - self.steps[index];
             // Where the switches are on, grblHAL keeps a pull-off from both.
             let kept = if self.settings.is_on(21) { pull_off } else { 0.0 };
-            self.envelope[index] = Some((kept - self.settings.of_axis(130, index), -kept));
+            self.envelope[index] = Some(match (self.homes_to_zero(), negative) {
+                (true, true) => (0.0, travel - kept),
+                (true, false) => (kept - travel, 0.0),
+                (false, _) => (kept - travel, -kept),
+            });
         }
     }
 }

@@ -151,7 +151,7 @@ impl Settings {
             (13, 0.0),
             (20, 1.0),
             (21, if config.hard_limits { 1.0 } else { 0.0 }),
-            (22, 1.0),
+            (22, if config.heir == Heir::GrblHal && config.single_axis_homing { 3.0 } else { 1.0 }),
             (23, mask(|axis| axis.homes_negative)),
             (24, config.locate_rate_mm_per_min),
             (25, config.seek_rate_mm_per_min),
@@ -161,6 +161,10 @@ impl Settings {
             (31, 0.0),
             (32, 0.0),
         ]);
+        if config.heir == Heir::GrblHal {
+            // Jogs are refused; Z is homed first, then X and Y together.
+            values.extend([(40, 0.0), (44, 4.0), (45, 3.0), (46, 0.0), (47, 0.0), (48, 0.0), (49, 0.0)]);
+        }
         for (number, axis) in (0u16..).zip(&config.axes) {
             // Grbl's own defaults stand where no axis is fitted.
             values.insert(100 + number, axis.as_ref().map_or(250.0, |axis| axis.steps_per_mm));
@@ -179,6 +183,11 @@ impl Settings {
         self.get(number) != 0.0
     }
 
+    /// Whether a bit of a setting is set.
+    pub(super) fn has_bit(&self, number: u16, bit: usize) -> bool {
+        (self.get(number) as u32) & (1 << bit) != 0
+    }
+
     pub(super) fn of_axis(&self, group: u16, axis: usize) -> f64 {
         self.get(group + axis as u16)
     }
@@ -193,7 +202,7 @@ impl Settings {
         if value < 0.0 {
             return Err(4);
         }
-        if number == 20 && value != 0.0 && !self.is_on(22) {
+        if matches!(number, 20 | 40) && value != 0.0 && !self.is_on(22) {
             return Err(10);
         }
         // A divisor of zero would stop the firmware's arithmetic.
@@ -215,7 +224,7 @@ impl Settings {
     /// The lines of `$$`.
     pub(super) fn lines(&self) -> impl Iterator<Item = String> {
         self.0.iter().map(|(&number, &value)| match number {
-            0..=6 | 10 | 13 | 20..=23 | 26 | 30..=32 => format!("${number}={value:.0}"),
+            0..=6 | 10 | 13 | 20..=23 | 26 | 30..=32 | 40..=49 => format!("${number}={value:.0}"),
             _ => format!("${number}={value:.3}"),
         })
     }
