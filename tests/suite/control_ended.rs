@@ -265,6 +265,26 @@ async fn a_command_by_hand_whose_task_fails_leaves_an_axis_that_is_free_and_stop
     service.shut_down().await;
 }
 
+/// What an axis failed at is of no account any more once it is homed, by the other's homing too.
+#[tokio::test(start_paused = true)]
+async fn a_failure_is_gone_once_the_homing_of_the_other_axis_has_homed_both() {
+    let fakes = fakes();
+    let e = Arc::new(Broken { inner: fakes.e, stops: Arc::default() });
+    let bench = Bench { e, ..fakes.bench };
+    let service = Service::start(Arc::new(small_config(1)), "a test's".to_owned(), bench, Store::in_memory());
+    service.open_history().await;
+    let (_, permit) = taken(&service, "ada", 3600);
+    service.move_axis(&permit, AxisName::E, Millimetres(20.0)).await.unwrap();
+    free(&service, AxisName::E).await;
+    for also in [None, Some(AxisName::E)] {
+        *fakes.focus.homes_also.lock().unwrap() = also;
+        service.home_axis(&permit, AxisName::Focus).await.unwrap();
+        free(&service, AxisName::Focus).await;
+        assert_eq!(service.axis_view(AxisName::E).failure.is_none(), also.is_some(), "{also:?}");
+    }
+    service.shut_down().await;
+}
+
 #[tokio::test]
 async fn a_wall_beyond_the_travel_refuses_in_words() {
     let (motion, admit) = rules(small_config(1), fakes().bench);

@@ -195,6 +195,7 @@ impl FrameSource for FedCamera {
 
 /// The stand-ins, for a test to hold on to.
 pub(crate) struct Fakes {
+    pub(crate) focus: Arc<StillStage>,
     pub(crate) e: Arc<StillStage>,
     pub(crate) camera: Arc<FedCamera>,
     pub(crate) bench: Bench,
@@ -220,8 +221,8 @@ pub(crate) fn fakes() -> Fakes {
     });
     let e = Arc::new(StillStage::new(AxisName::E));
     let focus = Arc::new(StillStage::new(AxisName::Focus));
-    let bench = Bench { focus, e: e.clone(), camera: camera.clone(), simulated: None };
-    Fakes { e, camera, bench }
+    let bench = Bench { focus: focus.clone(), e: e.clone(), camera: camera.clone(), simulated: None };
+    Fakes { focus, e, camera, bench }
 }
 
 /// Whoever stands at a simulated bench and sets up what a job asks for; confirming it is the test's.
