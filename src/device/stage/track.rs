@@ -17,6 +17,15 @@ pub const END: Duration = Duration::from_secs(3);
 const AT_END_MM: f64 = 0.01;
 /// So much of a second's way is worth an order.
 const WORTH_S: f64 = 0.02;
+/// What a ramp, or a reading's age, may add to the way between two readings in motion, mm.
+const SLACK_MM: f64 = 0.05;
+
+/// The longest way, mm, that an axis of this greatest speed, mm/s, can have come between two readings in motion: what is
+/// farther is a leap, which a digit lost on the line makes.
+#[must_use]
+pub fn reach_mm(speed_mm_per_s: f64, between: Duration) -> f64 {
+    2.0 * speed_mm_per_s * between.as_secs_f64() + SLACK_MM
+}
 
 /// A motion along a course.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep_until, timeout};
 
 use super::super::grbl::{self, Alarm, Mode};
-use super::super::track::{BEGIN, CYCLE, END, Track};
+use super::super::track::{BEGIN, CYCLE, END, Track, reach_mm};
 use super::moves::ARRIVAL_MM;
 use super::{ANSWER, Controller, Reading, locked};
 use crate::device::DeviceError;
@@ -16,8 +16,6 @@ use crate::units::Millimetres;
 const REPORTS: Duration = CYCLE.saturating_add(Duration::from_millis(10));
 /// Reports asked for until two agree on where an axis is.
 const REPORTS_ASKED: u32 = 4;
-/// What a ramp, or a report's age, may add to the way between two reports, mm.
-const SLACK_MM: f64 = 0.05;
 /// Longest wait for a status report before it is asked for once more.
 const REPORT: Duration = Duration::from_millis(200);
 
@@ -128,8 +126,7 @@ impl Controller {
             after_line = reading.line_number;
             let at = reading.machine[axis.letter.index()];
             let before = seen.replace((reading.at, at));
-            let reach = |when: Instant| 2.0 * speed * (reading.at - when).as_secs_f64() + SLACK_MM;
-            if before.is_some_and(|(when, was)| (at - was).abs() <= reach(when)) {
+            if before.is_some_and(|(when, was)| (at - was).abs() <= reach_mm(speed, reading.at - when)) {
                 return Ok((asked, reading));
             }
         }

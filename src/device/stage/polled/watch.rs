@@ -9,6 +9,7 @@ use tokio::time::Instant;
 
 use super::{AxisReading, Dialogue, Polled, Seen, Watching};
 use crate::device::DeviceError;
+use crate::device::stage::track::reach_mm;
 use crate::units::Millimetres;
 
 /// Time between readings in motion and at rest.
@@ -20,15 +21,13 @@ const FAILURES: u32 = 4;
 const JITTER_MM: f64 = 1e-3;
 /// Answers that are asked for until two agree on where an axis is.
 const ANSWERS: u32 = 4;
-/// What a ramp, or a reading's age, may add to the way between two readings in motion, mm.
-const SLACK_MM: f64 = 0.05;
 
 impl Seen {
     /// Whether an axis of this greatest speed (mm/s) cannot have come from here to there; at rest both times it has not
     /// moved at all.
     fn leaps_to(&self, now: &Self, speed: f64) -> bool {
         let reach = match self.moving || now.moving {
-            true => 2.0 * speed * (now.at - self.at).as_secs_f64() + SLACK_MM,
+            true => reach_mm(speed, now.at - self.at),
             false => JITTER_MM,
         };
         (now.position - self.position).abs() > reach
