@@ -44,6 +44,14 @@ pub struct Votes {
 }
 
 impl Votes {
+    /// Ones that count what was believed before.
+    #[must_use]
+    pub fn after(before: &Settings) -> Self {
+        let mut votes = Self::default();
+        votes.told(before);
+        votes
+    }
+
     /// Takes a reading, and returns the settings once all of them are believed.
     pub fn told(&mut self, settings: &Settings) -> Option<Settings> {
         self.readings += 1;

@@ -3,6 +3,7 @@
 //! Moves are jogs in machine coordinates: the controller checks them against its soft limits before they start, and a
 //! single byte ends them. Everything that moves runs one at a time; a stop passes them all.
 
+mod asking;
 mod checks;
 mod fluidnc;
 mod follow;

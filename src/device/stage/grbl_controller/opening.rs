@@ -9,15 +9,15 @@ use tokio::sync::{Notify, mpsc, watch};
 use tokio::time::Instant;
 
 use super::super::axis::{AxisLink, AxisSetup};
-use super::super::grbl::{self, Dialect, Grbl, Letter, Settings, Tree, Version, Votes};
+use super::super::grbl::{self, Dialect, Grbl, Letter, Version, Votes};
 use super::super::session::{Driver, Session, Wanted};
 use super::super::stopping::Stopping;
 use super::super::strangers::Heard;
-use super::renewal::Twice;
+use super::asking::{Asker, Twice};
 use super::reports::{listen, poll};
 use super::told::Told;
-use super::{ANSWER, Axis, Controller, DUMPED, POLL_MOVING, START_UP, device_error};
-use crate::device::port::{Answer, Kind, Notice, Port, PortError};
+use super::{ANSWER, Axis, Controller, START_UP, device_error};
+use crate::device::port::{Kind, Notice, Port, PortError};
 use crate::device::serial::Wire;
 use crate::device::{AxisName, DeviceError};
 
@@ -30,8 +30,6 @@ const USUAL_BAUD: u32 = 115_200;
 const EXPECTED: &str = "Grbl 1.1, grblHAL, or FluidNC 3.7 to 4";
 /// Most lines of a stranger that are kept.
 const MOST_LINES: usize = 32;
-/// How often FluidNC's configuration is asked for, until it is told twice alike.
-const DUMPS: usize = 6;
 
 /// Drives Grbl 1.1, grblHAL and FluidNC: the firmware says which it is.
 #[derive(Debug, Clone, Copy)]
@@ -58,7 +56,8 @@ impl Driver for GrblDriver {
         let (port, mut notices) = Port::start(wire, Grbl::default(), wanted.orders.shared());
         let started = self.start_up(&port, &mut notices, &name).await?;
         let started = if started.is_unclear() { started } else { known(&name, started)? };
-        let options = ask(&port, &name, started.dialect, grbl::BUILD_INFO, ANSWER).await?;
+        let asker = Asker { port: &port, name: &name, dialect: started.dialect, patience: START_UP };
+        let options = asker.ask(grbl::BUILD_INFO, ANSWER).await?;
         // Some builds start with Grbl's own words, and a user may have changed FluidNC's.
         let version = match grbl::version(&options.lines) {
             Some(told) if told.dialect != started.dialect && started.dialect == Dialect::Grbl => told,
@@ -66,11 +65,16 @@ impl Driver for GrblDriver {
         };
         let Version { dialect, words: identity } = known(&name, version)?;
         let letters = wanted.axes.iter().map(|link| letter(&name, link.setup())).collect::<Result<Vec<_>, _>>()?;
+        let asker = Asker { dialect, ..asker };
         let told = if dialect == Dialect::FluidNc {
-            Told::Tree(tree(&port, &name).await?, letters.clone())
+            Told::Tree(asker.tree(Twice::default()).await?, letters.clone())
         } else {
-            settings(&port, &name, dialect, &options).await?
+            Told::built(asker.settings(Votes::default()).await?, dialect, &options.lines)
         };
+        if told.reports_inches() {
+            let reason = "it reports inches; set $13=0 (FluidNC: report_inches: false)".to_owned();
+            return Err(DeviceError::Refused { device: name, reason });
+        }
         let names: Vec<AxisName> = wanted.axes.iter().map(AxisLink::name).collect();
         let mut axes = Vec::new();
         for (link, letter) in wanted.axes.into_iter().zip(letters) {
@@ -78,7 +82,7 @@ impl Driver for GrblDriver {
             link.forget_home();
             axes.push(Axis { link, letter, facts, way });
         }
-        // What contradicts is asked for once more: it may have been damaged on its way.
+        // What contradicts is read once more soon: the line may have lost the same byte twice.
         let unsure = axes.iter().any(|axis| !axis.facts().contradictions.is_empty());
         let controller = Arc::new(Controller {
             name,
@@ -222,56 +226,4 @@ fn known(name: &str, version: Version) -> Result<Version, DeviceError> {
         return Ok(version);
     }
     Err(DeviceError::WrongDevice { device: name.to_owned(), expected: EXPECTED.to_owned(), found: version.words })
-}
-
-/// The numbered settings, and what the firmware was built with.
-async fn settings(port: &Port, name: &str, dialect: Dialect, options: &Answer) -> Result<Told, DeviceError> {
-    let mut votes = Votes::default();
-    let mut settings = None;
-    for _ in 0..DUMPS {
-        let lines = ask(port, name, dialect, grbl::SETTINGS, ANSWER).await?.lines;
-        settings = votes.told(&Settings::from_lines(&lines));
-        if settings.is_some() {
-            break;
-        }
-    }
-    let Some(settings) = settings else {
-        let detail = "its settings ($$) were not told twice alike".to_owned();
-        return Err(DeviceError::Protocol { device: name.to_owned(), detail });
-    };
-    if settings.is_on(13) {
-        return Err(DeviceError::Refused {
-            device: name.to_owned(),
-            reason: "it reports inches; set $13=0".to_owned(),
-        });
-    }
-    Ok(Told::built(settings, dialect, &options.lines))
-}
-
-/// FluidNC's configuration.
-async fn tree(port: &Port, name: &str) -> Result<Tree, DeviceError> {
-    let mut twice = Twice::default();
-    for _ in 0..DUMPS {
-        let answer = ask(port, name, Dialect::FluidNc, grbl::DUMP, DUMPED).await?;
-        let Some(tree) = twice.told(&answer.lines) else { continue };
-        if tree.flag("report_inches") == Some(true) {
-            let reason = "it reports inches; set report_inches: false".to_owned();
-            return Err(DeviceError::Refused { device: name.to_owned(), reason });
-        }
-        return Ok(tree);
-    }
-    Err(twice.error(name))
-}
-
-/// Asks once the controller has started; a board may start twice when its port is opened.
-async fn ask(port: &Port, name: &str, dialect: Dialect, line: &[u8], allowed: Duration) -> Result<Answer, DeviceError> {
-    let deadline = Instant::now() + START_UP;
-    let error = |error| device_error(name, dialect, "tell its settings", error);
-    while Instant::now() < deadline {
-        match port.request(line, allowed, port.generation()).await {
-            Err(PortError::Restarted | PortError::OutOfStep) => tokio::time::sleep(POLL_MOVING).await,
-            other => return other.map_err(error),
-        }
-    }
-    port.request(line, allowed, port.generation()).await.map_err(error)
 }

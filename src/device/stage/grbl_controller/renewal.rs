@@ -1,14 +1,13 @@
 //! A controller's settings read again: whoever shares its port may have changed them.
 
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
-use super::super::grbl::{self, Dialect, Settings, Tree, Votes};
+use super::super::grbl::{self, Dialect, Votes};
+use super::asking::{Asker, Twice};
 use super::told::Told;
-use super::{ANSWER, Controller, DUMPED, POLL_MOVING, locked};
+use super::{ANSWER, Controller, locked};
 use crate::device::{AxisName, DeviceError};
-
-/// How often the settings are asked for where not all are told.
-const TRIES: usize = 6;
 
 impl Controller {
     /// Notes that another may have commanded the controller.
@@ -57,7 +56,7 @@ impl Controller {
                 *locked(&axis.facts) = told.facts(axis.link.setup(), axis.letter, &names);
             }
             self.share_contradictions();
-            // What contradicts is asked for until it was told twice alike: it may have been damaged on its way.
+            // What contradicts is read once more soon: the line may have lost the same byte twice.
             if self.axes.iter().any(|axis| !axis.facts().contradictions.is_empty()) {
                 self.settings_stale.store(true, Ordering::SeqCst);
             }
@@ -66,51 +65,21 @@ impl Controller {
     }
 
     async fn told_anew(&self) -> Result<Told, DeviceError> {
+        // A start that comes in between is not waited out: whoever polls waits for this.
+        let asker = Asker { port: &self.port, name: &self.name, dialect: self.dialect, patience: Duration::ZERO };
         let before = locked(&self.told).clone();
         match before {
-            Told::Settings { settings, dialect: Dialect::GrblHal, .. } => {
-                let settings = self.told_settings(&settings).await?;
-                // What Grbl is built with is one of its settings ($22).
-                let answer = self.port.ask(grbl::BUILD_INFO, ANSWER).await;
-                let options = answer.map_err(|error| self.device_error("tell its options", error))?;
-                Ok(Told::built(settings, Dialect::GrblHal, &options.lines))
-            }
             Told::Settings { settings, dialect, zero, single } => {
-                Ok(Told::Settings { settings: self.told_settings(&settings).await?, dialect, zero, single })
+                let settings = asker.settings(Votes::after(&settings)).await?;
+                if dialect != Dialect::GrblHal {
+                    return Ok(Told::Settings { settings, dialect, zero, single });
+                }
+                // What Grbl is built with is one of its settings ($22).
+                let options = asker.ask(grbl::BUILD_INFO, ANSWER).await?;
+                Ok(Told::built(settings, dialect, &options.lines))
             }
-            Told::Tree(tree, letters) => Ok(Told::Tree(self.told_tree(tree).await?, letters)),
+            Told::Tree(tree, letters) => Ok(Told::Tree(asker.tree(Twice::after(tree)).await?, letters)),
         }
-    }
-
-    /// Every setting, told twice alike: the ones from before count. Where another's answer ends this question, what it was
-    /// answered comes later.
-    async fn told_settings(&self, before: &Settings) -> Result<Settings, DeviceError> {
-        let mut votes = Votes::default();
-        votes.told(before);
-        for _ in 0..TRIES {
-            let answer = self.port.ask(grbl::SETTINGS, ANSWER).await;
-            let answer = answer.map_err(|error| self.device_error("tell its settings", error))?;
-            if let Some(told) = votes.told(&Settings::from_lines(&answer.lines)) {
-                return Ok(told);
-            }
-            tokio::time::sleep(POLL_MOVING).await;
-        }
-        let detail = "it does not tell every setting twice alike; does another program command it?".to_owned();
-        Err(DeviceError::Protocol { device: self.name.clone(), detail })
-    }
-
-    /// The configuration, told twice alike: the one from before counts.
-    async fn told_tree(&self, before: Tree) -> Result<Tree, DeviceError> {
-        let mut twice = Twice { last: Some(before), wrong: None };
-        for _ in 0..=TRIES {
-            let answer = self.port.ask(grbl::DUMP, DUMPED).await;
-            let answer = answer.map_err(|error| self.device_error("tell its configuration", error))?;
-            if let Some(tree) = twice.told(&answer.lines) {
-                return Ok(tree);
-            }
-            tokio::time::sleep(POLL_MOVING).await;
-        }
-        Err(twice.error(&self.name))
     }
 
     /// Where to home one axis is to home the other, what contradicts one keeps both from moving.
@@ -122,32 +91,5 @@ impl Controller {
         for axis in &self.axes {
             locked(&axis.facts).contradictions.clone_from(&all);
         }
-    }
-}
-
-/// A configuration that is believed once it was told twice alike. A line has no checksum, and a byte may come out wrong: what
-/// decides the way that an axis goes to find its switch is not taken from one reading.
-#[derive(Debug, Default)]
-pub(super) struct Twice {
-    last: Option<Tree>,
-    wrong: Option<String>,
-}
-
-impl Twice {
-    /// Takes a dump, and returns the configuration where it is the one of before.
-    pub(super) fn told(&mut self, lines: &[String]) -> Option<Tree> {
-        match Tree::from_lines(lines) {
-            Ok(tree) if self.last.as_ref() == Some(&tree) => return Some(tree),
-            Ok(tree) => self.last = Some(tree),
-            Err(why) => self.wrong = Some(why),
-        }
-        None
-    }
-
-    /// That it was not told twice alike.
-    pub(super) fn error(self, device: &str) -> DeviceError {
-        let why = self.wrong.unwrap_or_else(|| "each time it told another".to_owned());
-        let detail = format!("its configuration ($CD) was not told twice alike: {why}");
-        DeviceError::Protocol { device: device.to_owned(), detail }
     }
 }

@@ -37,6 +37,14 @@ impl Told {
         Self::Settings { settings, dialect, zero, single }
     }
 
+    /// Whether it reports inches.
+    pub(super) fn reports_inches(&self) -> bool {
+        match self {
+            Self::Settings { settings, .. } => settings.is_on(13),
+            Self::Tree(tree, _) => tree.flag("report_inches") == Some(true),
+        }
+    }
+
     /// What is known of an axis by it, but for what it has to share with the other one.
     pub(super) fn facts(&self, setup: &AxisSetup, letter: Letter, others: &[AxisName]) -> AxisFacts {
         let facts = match self {
