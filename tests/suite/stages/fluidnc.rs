@@ -7,12 +7,12 @@ use plenalign::config::{AxisConfig, BenchConfig, Side};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
-use plenalign::sim::stage::{ControllerTwin, Firmware, Protocol};
+use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 use tokio::time::{sleep, timeout};
 
-use super::kit::{Kit, Rig, START, bench, near, wait_for};
+use super::kit::{Behind, Kit, Rig, START, bench, near, wait_for};
 
 /// A kit whose twin is set as `change` says, its axes standing where `start` says.
 fn kit(start: [f64; 2], change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
@@ -247,40 +247,23 @@ async fn an_axis_outside_its_soft_limits_is_not_moved_off_its_switch() {
     assert!(kit.slides.at(1) > FAR[1] + 2.0, "{}", kit.slides.at(1));
 }
 
-/// A firmware that answers homing and does nothing.
-struct Lazy(GrblFirmware, Vec<u8>);
-
-impl Firmware for Lazy {
-    fn receive(&mut self, byte: u8) {
-        match byte {
-            b'?' | b'!' | b'~' | 0x18 | 0x80.. => self.0.receive(byte),
-            b'\n' => {
-                let line = std::mem::take(&mut self.1);
-                let heard: &[u8] = if line.starts_with(b"$H") { b"" } else { &line };
-                heard.iter().chain(b"\n").for_each(|&byte| self.0.receive(byte));
+/// What a firmware hears that answers homing and does nothing.
+fn without_homing() -> impl FnMut(u8) -> Vec<u8> {
+    let mut line = Vec::new();
+    move |byte| match byte {
+        b'?' | b'!' | b'~' | 0x18 | 0x80.. => vec![byte],
+        b'\n' => {
+            let mut line = std::mem::take(&mut line);
+            if line.starts_with(b"$H") {
+                line.clear();
             }
-            _ => self.1.push(byte),
+            line.push(byte);
+            line
         }
-    }
-
-    fn take_output(&mut self) -> Vec<u8> {
-        self.0.take_output()
-    }
-
-    fn advance(&mut self, seconds: f64) {
-        self.0.advance(seconds);
-    }
-
-    fn is_moving(&self) -> bool {
-        self.0.is_moving()
-    }
-
-    fn stall(&mut self, axis: usize, stalled: bool) {
-        self.0.stall(axis, stalled);
-    }
-
-    fn power_cycle(&mut self) {
-        self.0.power_cycle();
+        _ => {
+            line.push(byte);
+            Vec::new()
+        }
     }
 }
 
@@ -290,7 +273,9 @@ async fn homing_that_ends_at_once_or_elsewhere_has_homed_nothing() {
     for (axis, words) in [(AxisName::Focus, "too soon"), (AxisName::E, "and not at 30.000")] {
         let mut kit = kit(START, |_| {});
         let config = FirmwareConfig::fluidnc(&[&kit.bench.focus, &kit.bench.e]);
-        kit.twin = ControllerTwin::new(Lazy(GrblFirmware::new(config, kit.slides.clone()), Vec::new()));
+        let firmware = Box::new(GrblFirmware::new(config, kit.slides.clone()));
+        let (hears, waits) = (Box::new(without_homing()), Box::new(|seconds| seconds));
+        kit.twin = ControllerTwin::new(Behind { firmware, hears, waits });
         let rig = kit.connect().await.unwrap();
         let stage = if axis == AxisName::E { &rig.e } else { &rig.focus };
         let error = stage.home(stage.generation()).await.unwrap_err();

@@ -9,11 +9,11 @@ use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
-use plenalign::sim::stage::{ControllerTwin, Firmware, PULL_OFF_MM};
+use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep, timeout};
 
-use super::kit::{Kit, Rig, START, near, wait_for};
+use super::kit::{Behind, Kit, Rig, START, near, wait_for};
 
 /// Where e's far switch closes on these slides: a millimetre beyond its limit of travel.
 const FAR_SWITCH: f64 = -6.0;
@@ -102,49 +102,24 @@ async fn homing_both_axes_takes_as_long_as_the_slower_one_needs() {
     assert!(near(rig.slides.at(0), 0.0, 0.003) && near(rig.slides.at(1), 30.0, 0.003));
 }
 
-/// A firmware in whose homing nothing comes to an end, once it is told to be so, and what it was sent since.
-struct Endless {
-    firmware: GrblFirmware,
-    sent: Arc<Mutex<Option<Vec<u8>>>>,
-}
-
-impl Firmware for Endless {
-    fn receive(&mut self, byte: u8) {
-        if let Some(sent) = &mut *self.sent.lock().unwrap() {
-            sent.push(byte);
-        }
-        self.firmware.receive(byte);
-    }
-
-    fn take_output(&mut self) -> Vec<u8> {
-        self.firmware.take_output()
-    }
-
-    fn advance(&mut self, seconds: f64) {
-        let homing = self.sent.lock().unwrap().as_ref().is_some_and(|sent| !sent.contains(&0x18));
-        self.firmware.advance(if homing { seconds / 1000.0 } else { seconds });
-    }
-
-    fn is_moving(&self) -> bool {
-        self.firmware.is_moving()
-    }
-
-    fn stall(&mut self, axis: usize, stalled: bool) {
-        self.firmware.stall(axis, stalled);
-    }
-
-    fn power_cycle(&mut self) {
-        self.firmware.power_cycle();
-    }
-}
-
 #[tokio::test(start_paused = true)]
 async fn homing_without_an_end_is_ended_by_what_ends_homing_and_nothing_before_it() {
     let mut kit = kit([1.3, 20.4], |_| {});
     let config = FirmwareConfig::for_axes(&[&kit.bench.focus, &kit.bench.e]);
+    // What it was sent since nothing in its homing comes to an end any more.
     let sent: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
-    kit.twin =
-        ControllerTwin::new(Endless { firmware: GrblFirmware::new(config, kit.slides.clone()), sent: sent.clone() });
+    let (hearing, waiting) = (sent.clone(), sent.clone());
+    kit.twin = ControllerTwin::new(Behind {
+        firmware: Box::new(GrblFirmware::new(config, kit.slides.clone())),
+        hears: Box::new(move |byte| {
+            hearing.lock().unwrap().iter_mut().for_each(|sent| sent.push(byte));
+            vec![byte]
+        }),
+        waits: Box::new(move |seconds| {
+            let homing = waiting.lock().unwrap().as_ref().is_some_and(|sent| !sent.contains(&0x18));
+            if homing { seconds / 1000.0 } else { seconds }
+        }),
+    });
     let rig = kit.connect().await.unwrap();
     let homing = {
         let stage = rig.e.clone();

@@ -10,7 +10,7 @@ use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
 use plenalign::device::{AxisName, DeviceError, Stage, StageState, open};
 use plenalign::sim::plant::Slides;
-use plenalign::sim::stage::{ControllerTwin, Protocol, firmware};
+use plenalign::sim::stage::{ControllerTwin, Firmware, Protocol, firmware};
 use tokio::time::{Instant, timeout};
 
 /// Where the slides stand at power-up.
@@ -81,6 +81,43 @@ pub(super) struct Kit {
     pub(super) bench: BenchConfig,
     pub(super) slides: Arc<Slides>,
     pub(super) twin: ControllerTwin,
+}
+
+/// A firmware that is given of each byte that comes what `hears` makes of it, and of the time that passes what `waits` does.
+pub(super) struct Behind {
+    pub(super) firmware: Box<dyn Firmware>,
+    pub(super) hears: Box<dyn FnMut(u8) -> Vec<u8> + Send>,
+    pub(super) waits: Box<dyn FnMut(f64) -> f64 + Send>,
+}
+
+impl Firmware for Behind {
+    fn receive(&mut self, byte: u8) {
+        (self.hears)(byte).into_iter().for_each(|byte| self.firmware.receive(byte));
+    }
+
+    fn pause(&mut self) {
+        self.firmware.pause();
+    }
+
+    fn take_output(&mut self) -> Vec<u8> {
+        self.firmware.take_output()
+    }
+
+    fn advance(&mut self, seconds: f64) {
+        self.firmware.advance((self.waits)(seconds));
+    }
+
+    fn is_moving(&self) -> bool {
+        self.firmware.is_moving()
+    }
+
+    fn stall(&mut self, axis: usize, stalled: bool) {
+        self.firmware.stall(axis, stalled);
+    }
+
+    fn power_cycle(&mut self) {
+        self.firmware.power_cycle();
+    }
 }
 
 /// The stages of a connected kit.

@@ -17,7 +17,7 @@ use plenalign::sim::stage::{ControllerTwin, Firmware, Protocol};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep};
 
-use super::kit::{Kit, every_protocol, near};
+use super::kit::{Behind, Kit, every_protocol, near};
 
 every_protocol!(a_stop_that_is_not_obeyed_is_followed_by_a_harder_one);
 
@@ -36,9 +36,8 @@ const MOTOR_STOP: u8 = 3;
 /// What a Thorlabs message that stops a motor along its ramp begins with.
 const THORLABS_STOP: [u8; 4] = [0x65, 0x04, 1, 2];
 
-/// A firmware that hears no soft stop for a while, once it is told to be so.
+/// What hears no soft stop for a while, once it is told to be so.
 struct Stubborn {
-    firmware: Box<dyn Firmware>,
     driver: Protocol,
     armed: Arc<AtomicBool>,
     since: Option<Instant>,
@@ -47,7 +46,7 @@ struct Stubborn {
 }
 
 impl Stubborn {
-    fn new(kit: &Kit, armed: &Arc<AtomicBool>) -> Self {
+    fn twin(kit: &Kit, armed: &Arc<AtomicBool>) -> ControllerTwin {
         let axes = [&kit.bench.focus, &kit.bench.e];
         let drives = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
         let plant: Arc<dyn Plant> = kit.slides.clone();
@@ -60,16 +59,17 @@ impl Stubborn {
             Protocol::Tmcl => Box::new(TmclFirmware::new(drives, &plant)),
             Protocol::Thorlabs => Box::new(ThorlabsFirmware::of(drives, &plant)),
         };
-        Self { firmware, driver: kit.driver, armed: Arc::clone(armed), since: None, command: Vec::new() }
+        let mut ears = Self { driver: kit.driver, armed: Arc::clone(armed), since: None, command: Vec::new() };
+        let (hears, waits) = (Box::new(move |byte| ears.hear(byte)), Box::new(|seconds| seconds));
+        ControllerTwin::new(Behind { firmware, hears, waits })
     }
 
     fn ignores_stops(&mut self) -> bool {
         self.armed.load(Ordering::SeqCst) && self.since.get_or_insert_with(Instant::now).elapsed() < deaf(self.driver)
     }
-}
 
-impl Firmware for Stubborn {
-    fn receive(&mut self, byte: u8) {
+    /// What is heard of a byte: nothing before its command is whole.
+    fn hear(&mut self, byte: u8) -> Vec<u8> {
         self.command.push(byte);
         let (whole, stops) = match self.driver {
             Protocol::Grbl | Protocol::GrblHal | Protocol::FluidNc => (true, byte == HOLD || byte == JOG_CANCEL),
@@ -83,43 +83,18 @@ impl Firmware for Stubborn {
                 (self.command.len() >= length, self.command.get(..4) == Some(&THORLABS_STOP))
             }
         };
-        if whole {
-            let command = std::mem::take(&mut self.command);
-            if !(stops && self.ignores_stops()) {
-                command.iter().for_each(|&byte| self.firmware.receive(byte));
-            }
+        if !whole {
+            return Vec::new();
         }
-    }
-
-    fn pause(&mut self) {
-        self.firmware.pause();
-    }
-
-    fn take_output(&mut self) -> Vec<u8> {
-        self.firmware.take_output()
-    }
-
-    fn advance(&mut self, seconds: f64) {
-        self.firmware.advance(seconds);
-    }
-
-    fn is_moving(&self) -> bool {
-        self.firmware.is_moving()
-    }
-
-    fn stall(&mut self, axis: usize, stalled: bool) {
-        self.firmware.stall(axis, stalled);
-    }
-
-    fn power_cycle(&mut self) {
-        self.firmware.power_cycle();
+        let command = std::mem::take(&mut self.command);
+        if stops && self.ignores_stops() { Vec::new() } else { command }
     }
 }
 
 async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: Protocol) {
     let mut kit = Kit::new(driver);
     let armed = Arc::new(AtomicBool::new(false));
-    kit.twin = ControllerTwin::new(Stubborn::new(&kit, &armed));
+    kit.twin = Stubborn::twin(&kit, &armed);
     let rig = kit.connect().await.unwrap();
     rig.focus.home(rig.focus.generation()).await.unwrap();
     rig.e.home(rig.e.generation()).await.unwrap();
