@@ -273,9 +273,8 @@ async fn homing_that_ends_at_once_or_elsewhere_has_homed_nothing() {
     for (axis, words) in [(AxisName::Focus, "too soon"), (AxisName::E, "and not at 30.000")] {
         let mut kit = kit(START, |_| {});
         let config = FirmwareConfig::fluidnc(&[&kit.bench.focus, &kit.bench.e]);
-        let firmware = Box::new(GrblFirmware::new(config, kit.slides.clone()));
-        let (hears, waits) = (Box::new(without_homing()), Box::new(|seconds| seconds));
-        kit.twin = ControllerTwin::new(Behind { firmware, hears, waits });
+        let firmware = GrblFirmware::new(config, kit.slides.clone());
+        kit.twin = ControllerTwin::new(Behind { hears: Box::new(without_homing()), ..Behind::new(firmware) });
         let rig = kit.connect().await.unwrap();
         let stage = if axis == AxisName::E { &rig.e } else { &rig.focus };
         let error = stage.home(stage.generation()).await.unwrap_err();

@@ -110,7 +110,6 @@ async fn homing_without_an_end_is_ended_by_what_ends_homing_and_nothing_before_i
     let sent: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
     let (hearing, waiting) = (sent.clone(), sent.clone());
     kit.twin = ControllerTwin::new(Behind {
-        firmware: Box::new(GrblFirmware::new(config, kit.slides.clone())),
         hears: Box::new(move |byte| {
             hearing.lock().unwrap().iter_mut().for_each(|sent| sent.push(byte));
             vec![byte]
@@ -119,6 +118,7 @@ async fn homing_without_an_end_is_ended_by_what_ends_homing_and_nothing_before_i
             let homing = waiting.lock().unwrap().as_ref().is_some_and(|sent| !sent.contains(&0x18));
             if homing { seconds / 1000.0 } else { seconds }
         }),
+        ..Behind::new(GrblFirmware::new(config, kit.slides.clone()))
     });
     let rig = kit.connect().await.unwrap();
     let homing = {

@@ -83,11 +83,25 @@ pub(super) struct Kit {
     pub(super) twin: ControllerTwin,
 }
 
-/// A firmware that is given of each byte that comes what `hears` makes of it, and of the time that passes what `waits` does.
+/// A firmware that is given of each byte that comes what `hears` makes of it, and of the time that passes what `waits` does;
+/// what it says is what `says` makes of it.
 pub(super) struct Behind {
     pub(super) firmware: Box<dyn Firmware>,
     pub(super) hears: Box<dyn FnMut(u8) -> Vec<u8> + Send>,
     pub(super) waits: Box<dyn FnMut(f64) -> f64 + Send>,
+    pub(super) says: Box<dyn FnMut(Vec<u8>) -> Vec<u8> + Send>,
+}
+
+impl Behind {
+    /// One that changes nothing.
+    pub(super) fn new(firmware: impl Firmware + 'static) -> Self {
+        Self {
+            firmware: Box::new(firmware),
+            hears: Box::new(|byte| vec![byte]),
+            waits: Box::new(|seconds| seconds),
+            says: Box::new(|bytes| bytes),
+        }
+    }
 }
 
 impl Firmware for Behind {
@@ -100,7 +114,7 @@ impl Firmware for Behind {
     }
 
     fn take_output(&mut self) -> Vec<u8> {
-        self.firmware.take_output()
+        (self.says)(self.firmware.take_output())
     }
 
     fn advance(&mut self, seconds: f64) {

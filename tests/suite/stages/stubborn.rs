@@ -13,7 +13,7 @@ use plenalign::sim::stage::pi::PiFirmware;
 use plenalign::sim::stage::thorlabs::ThorlabsFirmware;
 use plenalign::sim::stage::tmcl::TmclFirmware;
 use plenalign::sim::stage::zaber::ZaberFirmware;
-use plenalign::sim::stage::{ControllerTwin, Firmware, Protocol};
+use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep};
 
@@ -50,18 +50,17 @@ impl Stubborn {
         let axes = [&kit.bench.focus, &kit.bench.e];
         let drives = axes.iter().map(|axis| DriveConfig::of(axis)).collect();
         let plant: Arc<dyn Plant> = kit.slides.clone();
-        let firmware: Box<dyn Firmware> = match kit.driver {
-            Protocol::Grbl => Box::new(GrblFirmware::new(FirmwareConfig::for_axes(&axes), plant)),
-            Protocol::GrblHal => Box::new(GrblFirmware::new(FirmwareConfig::grblhal(&axes), plant)),
-            Protocol::FluidNc => Box::new(GrblFirmware::new(FirmwareConfig::fluidnc(&axes), plant)),
-            Protocol::Zaber => Box::new(ZaberFirmware::new(drives, &plant)),
-            Protocol::Pi => Box::new(PiFirmware::new(drives, &plant)),
-            Protocol::Tmcl => Box::new(TmclFirmware::new(drives, &plant)),
-            Protocol::Thorlabs => Box::new(ThorlabsFirmware::of(drives, &plant)),
+        let firmware = match kit.driver {
+            Protocol::Grbl => Behind::new(GrblFirmware::new(FirmwareConfig::for_axes(&axes), plant)),
+            Protocol::GrblHal => Behind::new(GrblFirmware::new(FirmwareConfig::grblhal(&axes), plant)),
+            Protocol::FluidNc => Behind::new(GrblFirmware::new(FirmwareConfig::fluidnc(&axes), plant)),
+            Protocol::Zaber => Behind::new(ZaberFirmware::new(drives, &plant)),
+            Protocol::Pi => Behind::new(PiFirmware::new(drives, &plant)),
+            Protocol::Tmcl => Behind::new(TmclFirmware::new(drives, &plant)),
+            Protocol::Thorlabs => Behind::new(ThorlabsFirmware::of(drives, &plant)),
         };
         let mut ears = Self { driver: kit.driver, armed: Arc::clone(armed), since: None, command: Vec::new() };
-        let (hears, waits) = (Box::new(move |byte| ears.hear(byte)), Box::new(|seconds| seconds));
-        ControllerTwin::new(Behind { firmware, hears, waits })
+        ControllerTwin::new(Behind { hears: Box::new(move |byte| ears.hear(byte)), ..firmware })
     }
 
     fn ignores_stops(&mut self) -> bool {

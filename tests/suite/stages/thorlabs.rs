@@ -2,11 +2,13 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use plenalign::config::{AxisConfig, BenchConfig, Config};
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
+use plenalign::device::stage::thorlabs::{Body, Message};
 use plenalign::device::stage::thorlabs_controller::ThorlabsDriver;
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::{Plant, Slides};
@@ -17,7 +19,7 @@ use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep};
 
 use super::contradictions::set_homing;
-use super::kit::{Kit, bench, near};
+use super::kit::{Behind, Kit, Rig, bench, near, wait_for};
 
 /// One axis on a controller of its own, and what its motor turns.
 struct Cube {
@@ -139,7 +141,7 @@ async fn a_unit_that_fell_silent_for_want_of_a_host_is_woken() {
 async fn a_motor_that_is_switched_off_has_lost_its_position() {
     let rig = super::kit::homed(Protocol::Thorlabs).await;
     rig.twin.receive(&[0x10, 0x02, 1, 2, 0x22, 0x01]);
-    super::kit::wait_for(&rig.e, "unknown", |state| !state.homed).await;
+    wait_for(&rig.e, "unknown", |state| !state.homed).await;
     let fault = rig.e.state().borrow().fault.clone();
     assert!(fault.as_ref().is_some_and(|fault| fault.contains("switched off")), "{fault:?}");
     rig.e.home(rig.e.generation()).await.unwrap();
@@ -176,4 +178,63 @@ async fn parameters_that_do_no_harm_are_told() {
     );
     assert_eq!((info.firmware_limits, info.contradictions), (None, Vec::new()));
     assert_eq!(rig.focus.info().disagreements, Vec::<String>::new());
+}
+
+/// A bench on a rack whose messages pass `says` one by one: what comes of each is what is heard of it.
+fn rack(mut says: impl FnMut(Message) -> Vec<Message> + Send + 'static) -> Kit {
+    let mut kit = Kit::new(Protocol::Thorlabs);
+    let plant: Arc<dyn Plant> = kit.slides.clone();
+    let drives = [&kit.bench.focus, &kit.bench.e].map(DriveConfig::of).to_vec();
+    let says = move |bytes: Vec<u8>| Message::all(&bytes).flat_map(&mut says).flat_map(|said| said.bytes()).collect();
+    let firmware = Behind { says: Box::new(says), ..Behind::new(ThorlabsFirmware::bsc203(drives, &plant)) };
+    kit.twin = ControllerTwin::new(firmware);
+    kit
+}
+
+async fn homed(kit: &Kit) -> Rig {
+    let rig = kit.connect().await.unwrap();
+    rig.focus.home(rig.focus.generation()).await.unwrap();
+    rig.e.home(rig.e.generation()).await.unwrap();
+    rig
+}
+
+/// The second bay.
+const E_BAY: u8 = 0x22;
+const STATE: u16 = 0x0481;
+const BITS: u16 = 0x042A;
+
+/// An encoder that has a fault counts what it likes, and its axis is told to be at rest and homed all the same.
+#[tokio::test(start_paused = true)]
+async fn a_position_under_a_fault_of_its_encoder_is_not_believed() {
+    let faulty = Arc::<AtomicBool>::default();
+    let fault = Arc::clone(&faulty);
+    let kit = rack(move |mut message| {
+        let at = match message.id {
+            STATE => 13,
+            BITS => 5,
+            _ => return vec![message],
+        };
+        if let Body::Data(data) = &mut message.body
+            && message.source == E_BAY
+            && fault.load(Ordering::SeqCst)
+        {
+            data[at] |= 0x02;
+        }
+        vec![message]
+    });
+    let rig = homed(&kit).await;
+    faulty.store(true, Ordering::SeqCst);
+    wait_for(&rig.e, "unknown", |state| !state.homed).await;
+    let said = rig.e.state().borrow().fault.clone();
+    assert!(said.as_ref().is_some_and(|said| said.contains("encoder")), "{said:?}");
+    let stood = rig.slides.at(1);
+    assert!(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.is_err());
+    assert_eq!(rig.slides.at(1), stood);
+    assert!(rig.focus.state().borrow().homed, "the other has an encoder of its own");
+    let error = rig.e.home(rig.e.generation()).await.unwrap_err();
+    assert!(error.to_string().contains("encoder"), "{error}");
+    faulty.store(false, Ordering::SeqCst);
+    assert!(!rig.e.read_state().await.unwrap().homed, "it does not come back by itself");
+    rig.e.home(rig.e.generation()).await.unwrap();
+    assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
 }

@@ -16,6 +16,8 @@ const HOMING: u32 = 1 << 9;
 const HOMED: u32 = 1 << 10;
 /// It is too far from where it should be.
 const MOTION_ERROR: u32 = 1 << 14;
+/// What counts its position is not to be believed.
+const ENCODER_FAULT: u32 = 1 << 25;
 const ENABLED: u32 = 1 << 31;
 
 /// What may keep a motor from arriving.
@@ -24,7 +26,7 @@ const TROUBLES: &[(u32, &str)] = &[
     (1 << 17, "it is too hot"),
     (1 << 18, "its supply voltage is too low"),
     (1 << 24, "its motor current reached the limit"),
-    (1 << 25, "its encoder has a fault"),
+    (ENCODER_FAULT, "its encoder has a fault"),
     (1 << 26, "its motor current was too great"),
     (1 << 27, "its supply current is too great"),
     (SWITCHES, "a limit switch was hit"),
@@ -42,6 +44,12 @@ impl Bits {
     #[must_use]
     pub const fn homed(self) -> bool {
         self.0 & HOMED != 0
+    }
+
+    /// Whether its position is one to be believed: homed, and neither turned by hand since nor counted wrongly.
+    #[must_use]
+    pub const fn knows_its_place(self) -> bool {
+        self.homed() && self.enabled() && self.0 & ENCODER_FAULT == 0
     }
 
     /// Whether the motor is on.
@@ -65,7 +73,7 @@ impl Bits {
     /// What stays as it is from one moment to the next, as a rule.
     #[must_use]
     pub const fn steady(self) -> u32 {
-        self.0 & (HOMED | ENABLED)
+        self.0 & (HOMED | ENABLED | ENCODER_FAULT)
     }
 
     /// Why the axis cannot move.
@@ -73,6 +81,11 @@ impl Bits {
     pub fn fault(self) -> Option<String> {
         if self.0 & MOTION_ERROR != 0 {
             return Some("motion error: it fell too far behind; find out why, then home the axis".to_owned());
+        }
+        if self.0 & ENCODER_FAULT != 0 {
+            return Some(
+                "its encoder has a fault, and where it stands is not known; see to it, then home the axis".to_owned(),
+            );
         }
         (!self.enabled()).then(|| "its motor is switched off; home the axis".to_owned())
     }
@@ -97,6 +110,11 @@ mod tests {
             assert!(Bits(rest.0 | moving).moves(), "{moving:#x}");
         }
         assert!(Bits(0x8000_4400).fault().is_some_and(|words| words.contains("motion error")));
+        assert!(Bits(0x8200_0400).fault().is_some_and(|words| words.contains("encoder")));
+        assert!(rest.knows_its_place());
+        for unknown in [0x8000_0000, 0x0000_0400, 0x8200_0400] {
+            assert!(!Bits(unknown).knows_its_place(), "{unknown:#x}");
+        }
         assert!(Bits(0x0000_0400).fault().is_some_and(|words| words.contains("switched off")));
         assert!(Bits(0x8000_0401).trouble().is_some_and(|words| words.contains("a limit switch")));
         assert!(Bits(0x8000_0408).trouble().is_some_and(|words| words.contains("soft limit")));

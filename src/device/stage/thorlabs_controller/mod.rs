@@ -142,8 +142,7 @@ impl ThorlabsDialogue {
         AxisReading {
             position: f64::from(position) / axis.scale,
             moving: bits.moves(),
-            // A motor that was off may have been turned by hand.
-            referenced: Some(bits.homed() && bits.enabled() && axis.seen_homed.load(Ordering::SeqCst)),
+            referenced: Some(bits.knows_its_place() && axis.seen_homed.load(Ordering::SeqCst)),
             fault: bits.fault(),
         }
     }
@@ -288,8 +287,9 @@ impl Dialogue for ThorlabsDialogue {
         let mut turn = self.turn.lock().await;
         // Switched off and on while others were asked, it counts from where it stands.
         let (_, bits) = self.whole(&mut turn, axis.unit).await?;
-        if !(bits.homed() && bits.enabled()) {
-            let reason = "it has lost its reference, or its motor is off; home the axis".to_owned();
+        if !bits.knows_its_place() {
+            let reason =
+                "it has lost its reference, its motor is off, or its encoder has a fault; home the axis".to_owned();
             return Err(DeviceError::Refused { device: self.exchange.name.clone(), reason });
         }
         let go = Message::numbers(id::MOVE_ABSOLUTE, axis.unit, &[target]);
