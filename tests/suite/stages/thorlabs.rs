@@ -8,7 +8,7 @@ use std::time::Duration;
 use plenalign::config::{AxisConfig, BenchConfig, Config};
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
-use plenalign::device::stage::thorlabs::{Body, Message};
+use plenalign::device::stage::thorlabs::{Body, HOST, Message};
 use plenalign::device::stage::thorlabs_controller::ThorlabsDriver;
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::{Plant, Slides};
@@ -237,4 +237,35 @@ async fn a_position_under_a_fault_of_its_encoder_is_not_believed() {
     assert!(!rig.e.read_state().await.unwrap().homed, "it does not come back by itself");
     rig.e.home(rig.e.generation()).await.unwrap();
     assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
+}
+
+/// What one bay complains about is no reason of the other's; what the controller does may be.
+#[tokio::test(start_paused = true)]
+async fn a_complaint_is_believed_of_whoever_it_is_about() {
+    for (source, believed) in [(0x21, false), (E_BAY, true), (0x11, true)] {
+        let complains = Arc::<AtomicBool>::default();
+        let due = Arc::clone(&complains);
+        let kit = rack(move |message| {
+            let mut data = vec![0; 68];
+            data[4..12].copy_from_slice(b"too warm");
+            let complaint = Message { id: 0x0081, dest: HOST, source, body: Body::Data(data) };
+            let due = due.swap(false, Ordering::SeqCst);
+            due.then_some(complaint).into_iter().chain([message]).collect()
+        });
+        let rig = homed(&kit).await;
+        let mover = rig.e.clone();
+        let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
+        wait_for(&rig.e, "on its way", |state| state.position.value() < 25.0).await;
+        complains.store(true, Ordering::SeqCst);
+        // Another program stops it.
+        rig.twin.receive(&[0x65, 0x04, 1, 2, E_BAY, 0x01]);
+        let error = moving.await.unwrap().unwrap_err();
+        assert_eq!(error.to_string().contains("too warm"), believed, "{source:#x}: {error}");
+        assert_eq!(rig.e.read_state().await.unwrap().homed, !believed, "{source:#x}");
+        // Nor is it of the next move.
+        if believed {
+            rig.e.home(rig.e.generation()).await.unwrap();
+        }
+        assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
+    }
 }

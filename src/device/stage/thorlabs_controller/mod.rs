@@ -3,8 +3,9 @@
 mod checks;
 mod questions;
 
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -25,6 +26,8 @@ use questions::Turn;
 const THERE_MM: f64 = 1e-3;
 /// Homing ends at the controller's zero, give or take this, mm.
 const HOME_MM: f64 = 0.01;
+/// Who says of himself that he is nobody, as some units do.
+const UNNAMED: u8 = 0;
 /// Looks at an axis within which it has to begin what it was told.
 const BEGINNING: u32 = 20;
 
@@ -45,14 +48,16 @@ struct Axis {
     seen_homed: AtomicBool,
 }
 
+/// What each unit complained about last, since its axis was told to move.
+type Complaints = Arc<Mutex<HashMap<u8, String>>>;
+
 struct ThorlabsDialogue {
     exchange: Exchange<Message>,
     identity: String,
     model: &'static Model,
     turn: tokio::sync::Mutex<Turn>,
     axes: Vec<Axis>,
-    /// What a unit complained about last, since an axis was prepared.
-    complaint: Arc<Mutex<Option<String>>>,
+    complaints: Complaints,
 }
 
 #[async_trait]
@@ -69,7 +74,7 @@ impl Driver for ThorlabsDriver {
         let units = wanted.axes.iter().filter_map(|link| checks::bay(link.setup()));
         let stops: Vec<u8> = units.map(|bay| FIRST_BAY + bay).chain([USB_UNIT]).flat_map(quiet).collect();
         exchange.port.urgent(&stops, false).map_err(|error| exchange.error("stop", error))?;
-        let (info, complaint) = introduced(&exchange, notices).await?;
+        let (info, complaints) = introduced(&exchange, notices).await?;
         let Some(model) = info.model() else {
             return Err(DeviceError::WrongDevice {
                 device: exchange.name,
@@ -79,7 +84,7 @@ impl Driver for ThorlabsDriver {
         };
         let turn = tokio::sync::Mutex::default();
         let identity = info.to_string();
-        let mut dialogue = ThorlabsDialogue { exchange, identity, model, turn, axes: Vec::new(), complaint };
+        let mut dialogue = ThorlabsDialogue { exchange, identity, model, turn, axes: Vec::new(), complaints };
         let mut units = Vec::new();
         for link in &wanted.axes {
             let unit = dialogue.unit(link.setup()).await?;
@@ -118,18 +123,18 @@ fn exchange(name: &str, port: Port<Message>) -> Exchange<Message> {
 async fn introduced(
     exchange: &Exchange<Message>,
     mut notices: mpsc::Receiver<Notice<Message>>,
-) -> Result<(Info, Arc<Mutex<Option<String>>>), DeviceError> {
+) -> Result<(Info, Complaints), DeviceError> {
     let text = |message: &Message| format!("message {:#06x}", message.id);
     let answer = exchange.identify("a Thorlabs controller", &who(), &mut notices, text).await?;
     let info = answer.lines.last().and_then(Info::read);
     let info = info.ok_or_else(|| exchange.senseless("what it is without a name"))?;
-    let heard = Arc::<Mutex<Option<String>>>::default();
+    let heard = Complaints::default();
     let hears = Arc::clone(&heard);
     tokio::spawn(async move {
         while let Some(notice) = notices.recv().await {
             if let Some(words) = complaint(&notice.line) {
                 tracing::warn!(unit = notice.line.source, %words, "a Thorlabs controller complains");
-                *hears.lock().unwrap_or_else(PoisonError::into_inner) = Some(words);
+                hears.lock().unwrap_or_else(PoisonError::into_inner).insert(notice.line.source, words);
             }
         }
     });
@@ -189,8 +194,18 @@ impl ThorlabsDialogue {
         Err(self.exchange.senseless(format!("it did not begin to {what}")))
     }
 
-    fn complaint(&self) -> Option<String> {
-        self.complaint.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    fn complaints(&self) -> MutexGuard<'_, HashMap<u8, String>> {
+        self.complaints.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What an axis's unit has complained about, or the controller that it is in: another bay's complaint says nothing of it.
+    fn complaint(&self, unit: u8) -> Option<String> {
+        let complaints = self.complaints();
+        [unit, MAIN_BOARD, UNNAMED].iter().find_map(|source| complaints.get(source).cloned())
+    }
+
+    fn forget_complaints(&self, unit: u8) {
+        self.complaints().retain(|&source, _| ![unit, MAIN_BOARD, UNNAMED].contains(&source));
     }
 }
 
@@ -235,7 +250,7 @@ impl Dialogue for ThorlabsDialogue {
     /// Whether it is on is seen by its status: the question for that alone goes unanswered on some units.
     async fn prepare(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {
         let axis = &self.axes[axis];
-        *self.complaint.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        self.forget_complaints(axis.unit);
         let mut turn = self.turn.lock().await;
         let on = Message::short(id::SET_ENABLED, axis.unit, CHANNEL, 1);
         // No move has another acceleration than the configured one, nor a greater speed; homing has a speed of its own.
@@ -284,6 +299,7 @@ impl Dialogue for ThorlabsDialogue {
     async fn start_move(&self, axis: usize, position: f64, speed: f64, generation: u64) -> Result<(), DeviceError> {
         let axis = &self.axes[axis];
         let target = self.target(axis, position)?;
+        self.forget_complaints(axis.unit);
         let mut turn = self.turn.lock().await;
         // Switched off and on while others were asked, it counts from where it stands.
         let (_, bits) = self.whole(&mut turn, axis.unit).await?;
@@ -311,7 +327,7 @@ impl Dialogue for ThorlabsDialogue {
         let axis = &self.axes[axis];
         let mut turn = self.turn.lock().await;
         let seen = self.whole(&mut turn, axis.unit).await.ok();
-        seen.and_then(|(_, bits)| bits.trouble()).or_else(|| self.complaint())
+        seen.and_then(|(_, bits)| bits.trouble()).or_else(|| self.complaint(axis.unit))
     }
 
     async fn switch_off(&self, axis: usize, generation: u64) -> Result<(), DeviceError> {
