@@ -51,14 +51,32 @@ impl<M: Clone + Debug + Send + 'static> Exchange<M> {
     /// # Errors
     /// As the port has them, in the words of the bench.
     pub async fn ask(&self, what: &str, bytes: impl Into<Vec<u8>>) -> Result<Answer<M>, DeviceError> {
+        self.ask_again(what, bytes, None).await
+    }
+
+    /// Asks, once more if no answer came, and before that another question, where the first one's answer may come behind
+    /// that of the question that brought the port back into step.
+    ///
+    /// # Errors
+    /// As the port has them, in the words of the bench.
+    pub async fn ask_again(
+        &self,
+        what: &str,
+        bytes: impl Into<Vec<u8>>,
+        between: Option<Vec<u8>>,
+    ) -> Result<Answer<M>, DeviceError> {
         let bytes = bytes.into();
-        let first = self.port.ask(bytes.clone(), ANSWER).await;
-        let answer = match first {
-            Err(PortError::Timeout(_) | PortError::OutOfStep | PortError::Cancelled) => match self.back_in_step().await
-            {
-                Ok(()) => self.port.ask(bytes, ANSWER).await,
-                Err(error) => Err(error),
-            },
+        let answer = match self.port.ask(bytes.clone(), ANSWER).await {
+            Err(PortError::Timeout(_) | PortError::OutOfStep | PortError::Cancelled) => {
+                let again = async {
+                    self.back_in_step().await?;
+                    if let Some(between) = between {
+                        self.port.ask(between, ANSWER).await?;
+                    }
+                    self.port.ask(bytes, ANSWER).await
+                };
+                again.await
+            }
             other => other,
         };
         answer.map_err(|error| self.error(what, error))

@@ -13,10 +13,11 @@ use plenalign::device::stage::thorlabs_controller::ThorlabsDriver;
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::plant::{Plant, Slides};
 use plenalign::sim::stage::drive::DriveConfig;
+use plenalign::sim::stage::line::Line;
 use plenalign::sim::stage::thorlabs::ThorlabsFirmware;
 use plenalign::sim::stage::{ControllerTwin, Protocol, firmware};
 use plenalign::units::Millimetres;
-use tokio::time::{Instant, sleep};
+use tokio::time::{Instant, sleep, timeout};
 
 use super::contradictions::set_homing;
 use super::kit::{Behind, Kit, Rig, bench, near, wait_for};
@@ -202,6 +203,7 @@ async fn homed(kit: &Kit) -> Rig {
 const E_BAY: u8 = 0x22;
 const STATE: u16 = 0x0481;
 const BITS: u16 = 0x042A;
+const INFO: u16 = 0x0006;
 
 /// An encoder that has a fault counts what it likes, and its axis is told to be at rest and homed all the same.
 #[tokio::test(start_paused = true)]
@@ -267,5 +269,50 @@ async fn a_complaint_is_believed_of_whoever_it_is_about() {
             rig.e.home(rig.e.generation()).await.unwrap();
         }
         assert!(near(rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap().value(), 20.0, 0.003));
+    }
+}
+
+/// Bays and main board answer each for itself: the answer of a bay may come behind that of the main board, which was asked
+/// later, and would be half a second old.
+#[tokio::test(start_paused = true)]
+async fn what_a_bay_said_before_the_main_board_was_asked_is_not_taken_for_now() {
+    for late in [STATE, BITS] {
+        let armed = Arc::<AtomicBool>::default();
+        let (arming, passed) = (Arc::clone(&armed), Arc::<AtomicBool>::default());
+        let released = Arc::clone(&passed);
+        let (mut held, mut asked) = (Vec::new(), false);
+        let kit = rack(move |message| {
+            asked |= message.id == INFO && !held.is_empty();
+            if message.source != E_BAY {
+                return vec![message];
+            }
+            if held.is_empty() && !(message.id == late && arming.swap(false, Ordering::SeqCst)) {
+                return vec![message];
+            }
+            held.push(message);
+            if !asked {
+                return Vec::new();
+            }
+            released.store(true, Ordering::SeqCst);
+            std::mem::take(&mut held)
+        });
+        let rig = homed(&kit).await;
+        // Each answer takes its time, so that every one is seen by itself.
+        rig.twin.set_line(Line { delay: Duration::from_millis(5), ..Line::default() });
+        let mover = rig.e.clone();
+        let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
+        wait_for(&rig.e, "on its way", |state| state.position.value() < 27.0).await;
+        armed.store(true, Ordering::SeqCst);
+        let mut state = rig.e.state();
+        while !moving.is_finished() {
+            let changed = timeout(Duration::from_millis(100), state.changed()).await.is_ok();
+            let (says, at) = (state.borrow_and_update().position.value(), rig.slides.at(1));
+            // Half a second at 5 mm/s are 2.5 mm. Until the next answer comes, the last one counts.
+            if changed && passed.load(Ordering::SeqCst) {
+                assert!(near(says, at, 1.0), "{late:#x}: {says} at {at}");
+            }
+        }
+        assert!(passed.load(Ordering::SeqCst), "nothing was late");
+        assert!(near(moving.await.unwrap().unwrap().value(), 5.0, 0.003));
     }
 }

@@ -3,13 +3,14 @@
 use super::{Axis, ThorlabsDialogue, state_question};
 use crate::device::DeviceError;
 use crate::device::stage::thorlabs::status::Bits;
-use crate::device::stage::thorlabs::{CHANNEL, Message, id};
+use crate::device::stage::thorlabs::{CHANNEL, MAIN_BOARD, Message, id};
 
 /// The last question, and the unit that it was put to.
 ///
 /// An answer names its question, and not which time it was asked: one that comes late or twice would be taken for the
 /// next to the same question. So no two questions of the same kind to the same unit are neighbours: the answer to the
-/// one between comes after every answer to the first. Whoever asks holds this meanwhile.
+/// one between comes after every answer to the first, of the same unit; what the main board answers says nothing of its
+/// bays. Whoever asks holds this meanwhile.
 #[derive(Debug, Default)]
 pub(super) struct Turn {
     last: Option<(u16, u8)>,
@@ -26,6 +27,11 @@ fn asking(question: u16, unit: u8, subject: u8) -> Vec<u8> {
     bytes
 }
 
+/// A question of another kind.
+const fn other_than(question: u16) -> u16 {
+    if question == id::REQ_BITS { id::REQ_POSITION } else { id::REQ_BITS }
+}
+
 impl ThorlabsDialogue {
     /// Asks a unit, once more if no answer came.
     pub(super) async fn ask(
@@ -37,14 +43,16 @@ impl ThorlabsDialogue {
         subject: u8,
     ) -> Result<Message, DeviceError> {
         self.apart(turn, unit, question).await?;
-        let answer = self.exchange.ask(what, asking(question, unit, subject)).await?;
+        // The main board has no channel, and brings the port back into step itself.
+        let between = (unit != MAIN_BOARD).then(|| asking(other_than(question), unit, CHANNEL));
+        let answer = self.exchange.ask_again(what, asking(question, unit, subject), between).await?;
         answer.lines.into_iter().next_back().ok_or_else(|| self.exchange.senseless("an answer without a message"))
     }
 
     /// Sees to it that a question is not the neighbour of one of its kind.
     async fn apart(&self, turn: &mut Turn, unit: u8, question: u16) -> Result<(), DeviceError> {
         if turn.last == Some((question, unit)) {
-            let other = if question == id::REQ_BITS { id::REQ_POSITION } else { id::REQ_BITS };
+            let other = other_than(question);
             // Before it is written: dropped from here on, it is written all the same.
             turn.last = Some((other, unit));
             self.exchange.ask("answer", asking(other, unit, CHANNEL)).await?;
