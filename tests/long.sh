@@ -50,10 +50,11 @@ grep -h '^[0-9]* sequences, ' "$results"/model-*.log | awk '{ sequences += $1; s
 # What judges the estimator is proven itself, and renders what is kept of it.
 tests/second-renderer/run.sh
 # Every kind of job ended at each of its points; the kinds that are there already are not run again.
-jobs=${JOBS:-homing joint_alignment air_only shell_only clarity_only l_bound_measurement focus_sweep spacing_watch calibration release}
+jobs=${JOBS:-homing joint_alignment air_only shell_only clarity_only l_bound_measurement focus_sweep spacing_watch calibration release commands}
 for job in $jobs; do
   result=$results/points-$job.log test=all_points_of_a_job
   [[ $job != release ]] || test=all_polls_of_a_release
+  [[ $job != commands ]] || test=no_order_of_the_other_jobs_goes_out
   if [[ ! -s $result ]]; then
     JOB=$job cargo test --release --quiet --test integration "$test" -- --ignored --nocapture >"$result.part" 2>&1 || {
       tail -n 60 "$result.part" >&2
@@ -62,7 +63,7 @@ for job in $jobs; do
     mv "$result.part" "$result"
   fi
 done
-grep -hE '^[a-z_]+[ (:].* ends ' "$results"/points-*.log
+grep -hE '^([a-z_]+|[0-9]+ commands)[ (:].* ends' "$results"/points-*.log
 EXAMPLES=${EXAMPLES:-200} tests/schemathesis/run.sh
 for seed in $(seq "$first" "$last"); do
   result=$results/align-$seed.json

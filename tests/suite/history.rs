@@ -128,6 +128,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     second.written().await;
 
     let (third, _fakes) = daemon(folder.path()).await;
+    until(&third, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
     let moved = third.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
     assert_eq!(moved.status(), 202);
     assert_eq!(get(&third, "/api/v1/stop").await["latched"], false);

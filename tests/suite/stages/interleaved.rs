@@ -17,7 +17,8 @@ use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, ReadHalf, duplex, split};
 use tokio::time::{sleep, timeout};
 
-use super::kit::{Kit, START, near, wait_for};
+use super::super::bench::quick_axes;
+use super::kit::{Kit, START, bench, near, wait_for};
 
 /// What goes wrong with one answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,7 +101,9 @@ async fn make_known(stage: &ControllerStage, at: f64, driver: Protocol) {
 
 /// Two axes are set, read again and again by three tasks at once, moved, and stopped. Returns how many answers there were.
 async fn dialogue(driver: Protocol, fault: Fault, place: usize) -> usize {
-    let kit = Kit::new(driver);
+    let mut axes = bench(driver);
+    quick_axes(&mut axes);
+    let kit = Kit::with(driver, axes);
     for (motor, value) in MICROSTEPS.into_iter().enumerate().filter(|_| driver == Protocol::Tmcl) {
         let position = Request { address: 1, command: command::SAP, kind: 1, motor: motor as u8, value };
         kit.twin.receive(&position.frame());
@@ -135,17 +138,17 @@ async fn dialogue(driver: Protocol, fault: Fault, place: usize) -> usize {
         }
     };
     tokio::join!(
-        reads(rig.focus.clone(), 0, 3),
-        reads(rig.e.clone(), 1, 3),
-        reads(rig.e.clone(), 1, 3),
-        reads(rig.focus.clone(), 0, 3),
+        reads(rig.focus.clone(), 0, 2),
+        reads(rig.e.clone(), 1, 2),
+        reads(rig.e.clone(), 1, 2),
+        reads(rig.focus.clone(), 0, 2),
     );
     let (there, back) = (rig.e.clone(), rig.focus.clone());
     let (e, focus, (), ()) = tokio::join!(
         there.move_to(Millimetres(START[1] - 0.1), there.generation()),
         back.move_to(Millimetres(START[0] + 0.1), back.generation()),
-        reads(rig.focus.clone(), 0, 2),
-        reads(rig.e.clone(), 1, 2),
+        reads(rig.focus.clone(), 0, 1),
+        reads(rig.e.clone(), 1, 1),
     );
     for (ended, axis, target) in [(focus, 0, START[0] + 0.1), (e, 1, START[1] - 0.1)] {
         match ended {
@@ -162,14 +165,15 @@ async fn dialogue(driver: Protocol, fault: Fault, place: usize) -> usize {
         }
     }
     let stop = async { (rig.focus.stop().await, rig.e.stop().await) };
-    let (stopped, (), ()) = tokio::join!(stop, reads(rig.focus.clone(), 0, 2), reads(rig.e.clone(), 1, 2));
+    let (stopped, (), ()) = tokio::join!(stop, reads(rig.focus.clone(), 0, 1), reads(rig.e.clone(), 1, 1));
     assert_eq!(stopped, (StopDelivery::Confirmed, StopDelivery::Confirmed), "{case}");
     passed.load(Ordering::SeqCst)
 }
 
 async fn at_every_place(driver: Protocol, fault: Fault) {
     let answers = dialogue(driver, fault, usize::MAX).await;
-    assert!(answers > 60, "{answers}");
+    println!("{answers} answers");
+    assert!(answers > 50, "{answers}");
     for place in 0..answers {
         let ended = timeout(Duration::from_secs(120), dialogue(driver, fault, place)).await;
         assert!(ended.is_ok(), "{driver:?}, {fault:?} at {place}: it never ends");
