@@ -56,7 +56,7 @@ start_daemon() {
   trap end_daemon EXIT
   DAEMON_LOG=$daemon_folder/log
   export PLENALIGN_STATE_DIR=$daemon_folder
-  # As fast as it goes: every request, every picture, and quick axes.
+  # As fast as it goes: every request, and every picture.
   cat >"$daemon_folder/plenalign.toml" <<'TOML'
 [server]
 auth = "required"
@@ -67,12 +67,6 @@ TOML
 [sensor]
 width_px = 400
 height_px = 400
-[bench.focus]
-speed_mm_per_s = 20
-acceleration_mm_per_s2 = 200
-[bench.e]
-speed_mm_per_s = 20
-acceleration_mm_per_s2 = 200
 [bench.camera]
 timeout_ms = 10000
 [bench.simulation]

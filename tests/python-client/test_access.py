@@ -11,7 +11,15 @@ from datetime import datetime, timedelta, timezone
 
 import plenalign
 import pytest
-from plenalign.configuration import AssemblyConfig, BenchConfig, CameraConfig, Config, SensorConfig, SimulationConfig
+from plenalign.configuration import (
+    AssemblyConfig,
+    AxisConfig,
+    BenchConfig,
+    CameraConfig,
+    Config,
+    SensorConfig,
+    SimulationConfig,
+)
 from plenalign.models import Scope
 
 from bench import Daemon
@@ -96,9 +104,12 @@ def test_a_ticket_opens_a_path_once(guarded: Daemon, admin: plenalign.Client) ->
 
 
 def small(**simulation: object) -> Config:
+    quick = AxisConfig(speed_mm_per_s=20.0, acceleration_mm_per_s2=200.0)
     return Config(
         sensor=SensorConfig(width_px=560, height_px=560),
         bench=BenchConfig(
+            focus=quick,
+            e=quick,
             camera=CameraConfig(timeout_ms=10000),
             simulation=SimulationConfig(rays=4, **simulation),  # type: ignore[arg-type]
         ),

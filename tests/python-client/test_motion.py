@@ -185,7 +185,9 @@ def test_an_interrupt_of_a_move_stops_the_bench(daemon: Daemon, homed: plenalign
 def test_a_move_that_takes_too_long_is_stopped(homed: plenalign.Client) -> None:
     with homed.lease() as lease:
         here = position(homed, "e")
-        there = here + 20.0 if here + 20.0 < homed.bench().axes[1].high_limit_mm else here - 20.0
+        axis = homed.bench().axes[1]
+        low, high = axis.low_limit_mm + 1.0, axis.high_limit_mm - 1.0
+        there = high if high - here > here - low else low
         with pytest.raises(plenalign.MotionError, match="stopped") as late:
             lease.move("e", there, timeout_s=0.2)
         assert late.value.axis.axis is AxisName.E
