@@ -88,7 +88,7 @@ page() { make --no-print-directory web && (cd web && npm run --silent check && n
 built_and_linted() {
   cargo test --quiet --no-run --all-targets && cargo test --quiet --no-run --test hardware
 }
-browser() { web/e2e/run.sh "$@"; }
+browser() { web/e2e/run.sh; }
 docs() { RUSTDOC=$PWD/tests/rustdoc.sh cargo test --quiet --doc; }
 
 part "set-up" deploy/setup.sh test
@@ -101,24 +101,22 @@ join_lanes
 
 # The program is there, and nothing else is built beside the tests.
 export NO_BUILD=1
-beside page "page in a browser: an alignment" browser align design sign-in faults
+beside page "page in a browser" browser
 beside page "documentation" tests/docs/run.sh
 beside page "metrics, dashboards, alerts" tests/promtool.sh
 beside page "foxglove" tests/foxglove/run.sh
-beside people "page in a browser: a bench" browser bench states speed
-beside people "Alpaca client" tests/alpaca-client/run.sh
-beside people "websocket clients" tests/ws-clients/run.sh
-beside people "announcement" tests/mdns/run.sh
 beside python "Python client" tests/python-client/run.sh
+# The same examples in every run; `make test-long` takes new ones.
+beside python "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
 beside python "batch files" tests/batch/run.sh
+beside python "websocket clients" tests/ws-clients/run.sh
 beside wires "MQTT" tests/mqtt/run.sh
 beside wires "recordings" tests/mcap-client/run.sh
 beside wires "vendors' clients" tests/vendor-clients/run.sh
-# The same examples in every run; `make test-long` takes new ones.
-beside wires "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
-start_lanes page people python wires
-# Many of them wait, for an axis or for a program of their own.
-part "tests" env RUST_TEST_THREADS=4 cargo test --quiet --tests
+beside wires "Alpaca client" tests/alpaca-client/run.sh
+beside wires "announcement" tests/mdns/run.sh
+start_lanes page python wires
+part "tests" cargo test --quiet --tests
 part "docs" docs
 join_lanes
 

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! `imaging` and `sim` know nothing of each other: the renderer shares no formula with the estimator. Absent: devices,
-//! configuration, clock, async, logging; files, but for those of raw frames.
+//! configuration, clock, async, logging; files, but for those of raw frames. Fourier transforms are planned by the crate
+//! `fourier`, for the compiler's sake.
 
 pub mod imaging;
 pub mod optics;
