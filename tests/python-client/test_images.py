@@ -89,6 +89,17 @@ def test_a_stream_without_a_camera_says_so(client: plenalign.Client) -> None:
     assert any(picture.online for picture, _ in zip(stream, range(200), strict=False))
 
 
+@pytest.mark.timeout(30)
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_a_stream_that_is_let_go_of_in_the_midst_of_a_request_does_not_hold_it_up(client: plenalign.Client) -> None:
+    stream = client.images.stream(reduce=4)
+    next(stream)
+    pool = client._transport._client._transport._pool  # type: ignore[attr-defined]
+    with pool._optional_thread_lock:
+        del stream
+    assert client.bench().simulated
+
+
 @pytest.mark.parametrize("decimals", ["", ".5", ".123456", ".123456789"])
 def test_moments_have_their_decimals(decimals: str) -> None:
     found = moment(f"2026-11-23T01:02:03{decimals}Z")

@@ -140,7 +140,12 @@ class Images:
         the stream's end.
         """
         asked = {"reduce": reduce, "quality": quality, "max_rate_hz": max_rate_hz}
-        with self._transport.open(op.GET_STREAM, query=asked, timeout_s=silence_s) as response:
+        # Connections of its own: a stream that its user lets go of ends when it is collected, which may be in the midst
+        # of another request, and would wait for ever for what that one has locked.
+        with (
+            Transport(self._transport.address, self._transport.timeout_s) as alone,
+            alone.open(op.GET_STREAM, query=asked, timeout_s=silence_s) as response,
+        ):
             yield from _parts(response.iter_raw(), silence_s)
         raise ConnectionLostError("the daemon has ended the stream: it shuts down, or the token is good no more")
 
