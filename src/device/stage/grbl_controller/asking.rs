@@ -42,27 +42,35 @@ impl Asker<'_> {
 
     /// The numbered settings. Where another's answer ends this question, what it was answered comes later.
     pub(super) async fn settings(&self, mut votes: Votes) -> Result<Settings, DeviceError> {
-        for _ in 0..TRIES {
-            let answer = self.ask(grbl::SETTINGS, ANSWER).await?;
-            if let Some(settings) = votes.told(&Settings::from_lines(&answer.lines)) {
-                return Ok(settings);
-            }
-            tokio::time::sleep(POLL_MOVING).await;
-        }
-        let detail = "its settings ($$) were not told twice alike; does another program command it?".to_owned();
-        Err(DeviceError::Protocol { device: self.name.to_owned(), detail })
+        let told =
+            self.until_believed(grbl::SETTINGS, ANSWER, |lines| votes.told(&Settings::from_lines(lines))).await?;
+        told.ok_or_else(|| {
+            let detail = "its settings ($$) were not told twice alike; does another program command it?".to_owned();
+            DeviceError::Protocol { device: self.name.to_owned(), detail }
+        })
     }
 
     /// FluidNC's configuration.
     pub(super) async fn tree(&self, mut twice: Twice) -> Result<Tree, DeviceError> {
+        let told = self.until_believed(grbl::DUMP, DUMPED, |lines| twice.told(lines)).await?;
+        told.ok_or_else(|| twice.error(self.name))
+    }
+
+    /// Asks until `told` makes something of an answer; nothing where it never does.
+    async fn until_believed<T>(
+        &self,
+        line: &[u8],
+        allowed: Duration,
+        mut told: impl FnMut(&[String]) -> Option<T>,
+    ) -> Result<Option<T>, DeviceError> {
         for _ in 0..TRIES {
-            let answer = self.ask(grbl::DUMP, DUMPED).await?;
-            if let Some(tree) = twice.told(&answer.lines) {
-                return Ok(tree);
+            let found = told(&self.ask(line, allowed).await?.lines);
+            if found.is_some() {
+                return Ok(found);
             }
             tokio::time::sleep(POLL_MOVING).await;
         }
-        Err(twice.error(self.name))
+        Ok(None)
     }
 }
 
