@@ -3,16 +3,15 @@
 
 use std::time::Duration;
 
-use plenalign::config::{AxisConfig, BenchConfig, Side};
+use plenalign::config::{BenchConfig, Side};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
-use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 use tokio::time::{sleep, timeout};
 
-use super::kit::{Behind, Kit, Rig, START, bench, near, wait_for};
+use super::kit::{Behind, Kit, START, bench, near, wait_for};
 
 /// A kit whose twin is set as `change` says, its axes standing where `start` says.
 fn kit(start: [f64; 2], change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
@@ -20,23 +19,11 @@ fn kit(start: [f64; 2], change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
 }
 
 fn on(bench: BenchConfig, start: [f64; 2], change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
-    let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, start[0]), (&bench.e, start[1])];
-    let slides = Slides::new(&axes);
-    let mut config = FirmwareConfig::fluidnc(&[&bench.focus, &bench.e]);
-    change(&mut config);
-    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
-    Kit { driver: Protocol::FluidNc, bench, slides, twin }
+    Kit::grbl(Protocol::FluidNc, bench, start, change)
 }
 
 fn keys(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
     pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect()
-}
-
-async fn homed(kit: &Kit) -> Rig {
-    let rig = kit.connect().await.unwrap();
-    rig.focus.home(rig.focus.generation()).await.unwrap();
-    rig.e.home(rig.e.generation()).await.unwrap();
-    rig
 }
 
 #[tokio::test(start_paused = true)]
@@ -116,7 +103,7 @@ async fn coordinates_follow_the_machine_position_that_homing_is_set_to() {
                 axis.home_mm = home_mm;
             }
         });
-        let rig = homed(&kit).await;
+        let rig = kit.homed().await;
         assert!(near(rig.slides.at(1), 30.0, 0.004), "{home_mm}: {}", rig.slides.at(1));
         let limits = rig.e.info().firmware_limits.map(|(low, high)| (low.value(), high.value())).unwrap();
         assert!(near(limits.0, -5.0, 1e-3) && near(limits.1, 30.0, 1e-3), "{home_mm}: {limits:?}");
@@ -167,7 +154,7 @@ async fn where_axes_are_not_homed_alone_both_are() {
 #[tokio::test(start_paused = true)]
 async fn after_a_start_it_is_homed_without_a_stop() {
     let kit = kit(START, |_| {});
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     rig.twin.power_cycle();
     wait_for(&rig.e, "unknown", |state| !state.homed).await;
     // `ALARM:14` has come behind the start.
@@ -181,7 +168,7 @@ async fn after_a_start_it_is_homed_without_a_stop() {
 #[tokio::test(start_paused = true)]
 async fn a_configuration_that_changes_is_read_again_before_anything_homes() {
     let kit = kit(START, |_| {});
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap();
     rig.twin.receive(b"$/axes/y/homing/positive_direction=false\n");
     let stood = rig.slides.at(1);
@@ -286,7 +273,7 @@ async fn homing_that_ends_at_once_or_elsewhere_has_homed_nothing() {
 #[tokio::test(start_paused = true)]
 async fn what_ends_a_move_is_said_in_words() {
     let kit = kit(START, |_| {});
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     for (end, words) in [(&b"!"[..], "hold"), (b"\x18", "ALARM:3"), (b"", "restarted")] {
         rig.e.home(rig.e.generation()).await.unwrap();
         let mover = rig.e.clone();

@@ -4,9 +4,8 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plenalign::config::{AxisConfig, BenchConfig, Side};
+use plenalign::config::{BenchConfig, Side};
 use plenalign::device::{DeviceError, Stage, StopDelivery};
-use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
@@ -20,20 +19,7 @@ const FAR_SWITCH: f64 = -6.0;
 
 /// A bench whose twin was built as `change` says, its axes standing where `start` says.
 fn kit(start: [f64; 2], change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
-    let bench = BenchConfig::default();
-    let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, start[0]), (&bench.e, start[1])];
-    let slides = Slides::new(&axes);
-    let mut config = FirmwareConfig::for_axes(&[&bench.focus, &bench.e]);
-    change(&mut config);
-    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
-    Kit { driver: Protocol::Grbl, bench, slides, twin }
-}
-
-async fn homed(kit: &Kit) -> Rig {
-    let rig = kit.connect().await.unwrap();
-    rig.focus.home(rig.focus.generation()).await.unwrap();
-    rig.e.home(rig.e.generation()).await.unwrap();
-    rig
+    Kit::grbl(Protocol::Grbl, BenchConfig::default(), start, change)
 }
 
 /// Runs e into its far switch: its motor has lost 25 mm of steps.
@@ -51,7 +37,7 @@ async fn run_into_the_far_switch(rig: &Rig) {
 async fn homing_from_the_far_switch_moves_nothing() {
     for single_axis_homing in [false, true] {
         let kit = kit([1.3, 20.4], |config| config.single_axis_homing = single_axis_homing);
-        let rig = homed(&kit).await;
+        let rig = kit.homed().await;
         run_into_the_far_switch(&rig).await;
         let stood = rig.slides.at(1);
         for _ in 0..3 {
@@ -71,7 +57,7 @@ async fn a_stop_at_speed_keeps_the_reference_whenever_it_comes() {
     let kit = kit([1.3, 20.4], |_| {});
     // The firmware's own default, by which it says nothing for a while after each motion.
     kit.twin.receive(b"$1=25\n");
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     for n in 0..24 {
         let (from, to) = if n % 2 == 0 { (28.0, 5.0) } else { (5.0, 28.0) };
         rig.e.move_to(Millimetres(from), rig.e.generation()).await.unwrap();
@@ -142,7 +128,7 @@ async fn homing_without_an_end_is_ended_by_what_ends_homing_and_nothing_before_i
 async fn a_reset_that_falls_into_an_alarms_message_is_given_again() {
     let kit = kit([1.3, 20.4], |_| {});
     for wait_ms in [0, 100, 400, 600] {
-        let rig = homed(&kit).await;
+        let rig = kit.homed().await;
         let mover = rig.e.clone();
         let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
         sleep(Duration::from_millis(700)).await;
@@ -173,7 +159,7 @@ async fn stepped_off(rig: &Rig, towards: Side) -> Result<usize, DeviceError> {
 async fn the_way_off_the_far_switch_is_away_from_it_and_ends_where_it_lets_go() {
     for hard_limits in [true, false] {
         let kit = kit([1.3, 20.4], |config| config.single_axis_homing = false);
-        let rig = homed(&kit).await;
+        let rig = kit.homed().await;
         run_into_the_far_switch(&rig).await;
         if !hard_limits {
             assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
@@ -194,7 +180,7 @@ async fn the_way_off_the_far_switch_is_away_from_it_and_ends_where_it_lets_go() 
 #[tokio::test(start_paused = true)]
 async fn the_way_off_a_switch_is_three_millimetres_long_however_often_it_is_asked_for() {
     let kit = kit([1.3, 20.4], |_| {});
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     run_into_the_far_switch(&rig).await;
     // A motor that does not turn: the switch stays pressed.
     rig.twin.stall(1, true);
@@ -226,7 +212,7 @@ async fn where_soft_limits_keep_an_axis_on_its_switch_no_setting_is_written() {
 #[tokio::test(start_paused = true)]
 async fn an_axis_that_ran_into_its_home_switch_is_homed_from_there() {
     let kit = kit([1.3, 20.4], |_| {});
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     rig.twin.stall(0, true);
     rig.focus.move_to(Millimetres(4.0), rig.focus.generation()).await.unwrap();
     rig.twin.stall(0, false);
@@ -241,12 +227,12 @@ async fn an_axis_that_ran_into_its_home_switch_is_homed_from_there() {
 async fn a_move_onto_the_home_switch_is_refused_and_costs_no_reference() {
     let near = "from its home switch";
     let clear = kit([1.3, 20.4], |_| {});
-    assert!(!homed(&clear).await.e.info().disagreements.join(" ").contains(near), "a millimetre is far enough");
+    assert!(!clear.homed().await.e.info().disagreements.join(" ").contains(near), "a millimetre is far enough");
     let mut kit = kit([1.3, 20.4], |_| {});
     let (focus, e) = (&mut kit.bench.focus, &mut kit.bench.e);
     focus.low_limit_mm = focus.home_position_mm - PULL_OFF_MM;
     e.high_limit_mm = e.home_position_mm + PULL_OFF_MM;
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     for (stage, limit) in [(&rig.e, kit.bench.e.high_limit_mm), (&rig.focus, kit.bench.focus.low_limit_mm)] {
         let told = stage.info().disagreements.join(" ");
         assert!(told.contains(near) && told.contains("_limit_mm = ") && told.contains("$27"), "{told}");
@@ -263,7 +249,7 @@ async fn a_move_onto_the_home_switch_is_refused_and_costs_no_reference() {
 #[tokio::test(start_paused = true)]
 async fn what_ends_a_move_is_said_in_words() {
     let kit = kit([1.3, 20.4], |_| {});
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     for (end, words) in [(&b"!"[..], "hold"), (b"", "restarted")] {
         rig.e.home(rig.e.generation()).await.unwrap();
         let mover = rig.e.clone();
@@ -297,7 +283,7 @@ async fn a_controller_that_does_not_report_its_pins_moves_nothing() {
 /// Asleep, its motors are off.
 #[tokio::test(start_paused = true)]
 async fn a_controller_that_another_program_put_to_sleep_has_lost_its_positions() {
-    let rig = homed(&kit([1.3, 20.4], |_| {})).await;
+    let rig = kit([1.3, 20.4], |_| {}).homed().await;
     rig.twin.receive(b"$SLP\n");
     wait_for(&rig.e, "unknown", |state| !state.homed).await;
     assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
@@ -307,7 +293,7 @@ async fn a_controller_that_another_program_put_to_sleep_has_lost_its_positions()
 #[tokio::test(start_paused = true)]
 async fn settings_that_another_program_changes_are_noticed_before_the_next_motion() {
     let kit = kit([1.3, 20.4], |_| {});
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     rig.twin.receive(b"$101=800\n");
     // Its answer comes unasked for.
     sleep(Duration::from_millis(500)).await;

@@ -3,11 +3,9 @@
 
 use std::time::Duration;
 
-use plenalign::config::AxisConfig;
 use plenalign::device::{AxisName, DeviceError, Stage};
-use plenalign::sim::plant::Slides;
-use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
-use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM, Protocol};
+use plenalign::sim::stage::grbl::FirmwareConfig;
+use plenalign::sim::stage::{PULL_OFF_MM, Protocol};
 use plenalign::units::Millimetres;
 use tokio::time::{sleep, timeout};
 
@@ -19,19 +17,7 @@ fn kit(change: impl FnOnce(&mut FirmwareConfig)) -> Kit {
     for axis in [&mut bench.focus, &mut bench.e] {
         axis.accept_wider_firmware_limits = true;
     }
-    let axes: [(&AxisConfig, f64); 2] = [(&bench.focus, START[0]), (&bench.e, START[1])];
-    let slides = Slides::new(&axes);
-    let mut config = FirmwareConfig::grblhal(&[&bench.focus, &bench.e]);
-    change(&mut config);
-    let twin = ControllerTwin::new(GrblFirmware::new(config, slides.clone()));
-    Kit { driver: Protocol::GrblHal, bench, slides, twin }
-}
-
-async fn homed(kit: &Kit) -> Rig {
-    let rig = kit.connect().await.unwrap();
-    rig.focus.home(rig.focus.generation()).await.unwrap();
-    rig.e.home(rig.e.generation()).await.unwrap();
-    rig
+    Kit::grbl(Protocol::GrblHal, bench, START, change)
 }
 
 /// What the driver says of the limits is what the controller lets its axes go to.
@@ -52,7 +38,7 @@ async fn limits_are(rig: &Rig, expected: [(f64, f64); 2]) {
 /// They are by a pull-off narrower than stock Grbl's at either end, and only where the switches are on.
 #[tokio::test(start_paused = true)]
 async fn where_hard_limits_are_on_the_soft_limits_keep_a_pull_off_from_both_ends() {
-    let rig = homed(&kit(|_| {})).await;
+    let rig = kit(|_| {}).homed().await;
     let (focus, e) = ((0.0, 5.0), (-5.0, 30.0));
     limits_are(&rig, [focus, e]).await;
     for (stage, (low, high)) in [(&rig.focus, focus), (&rig.e, e)] {
@@ -60,7 +46,7 @@ async fn where_hard_limits_are_on_the_soft_limits_keep_a_pull_off_from_both_ends
             stage.move_to(Millimetres(end), stage.generation()).await.unwrap();
         }
     }
-    let rig = homed(&kit(|config| config.hard_limits = false)).await;
+    let rig = kit(|config| config.hard_limits = false).homed().await;
     let off = PULL_OFF_MM;
     limits_are(&rig, [(focus.0 - off, focus.1 + off), (e.0 - off, e.1 + off)]).await;
 }
@@ -70,7 +56,7 @@ async fn where_hard_limits_are_on_the_soft_limits_keep_a_pull_off_from_both_ends
 async fn where_home_is_made_zero_the_soft_limits_begin_there() {
     let kit = kit(|_| {});
     kit.twin.receive(b"$22=11\n");
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     assert!(near(rig.slides.at(0), 0.0, 0.004) && near(rig.slides.at(1), 30.0, 0.004));
     // The switch is a pull-off beyond, and the travel by one longer.
     limits_are(&rig, [(0.0, 5.0 + PULL_OFF_MM), (-5.0 - PULL_OFF_MM, 30.0)]).await;
@@ -133,7 +119,7 @@ async fn told(rig: &Rig, what: &str, is: impl Fn(Vec<String>) -> bool) {
 /// What a jog beyond the limits comes to on such a controller.
 #[tokio::test(start_paused = true)]
 async fn the_twin_shortens_jogs_where_it_is_set_to() {
-    let rig = homed(&kit(|_| {})).await;
+    let rig = kit(|_| {}).homed().await;
     rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap();
     rig.twin.receive(b"$J=G90 G21 Y50 F300\n");
     assert!(rig.e.read_state().await.unwrap().at_rest_since.is_some(), "it is refused");

@@ -10,6 +10,7 @@ use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::supervisor::{Controller, ControllerStage};
 use plenalign::device::{AxisName, DeviceError, Stage, StageState, open};
 use plenalign::sim::plant::Slides;
+use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, Firmware, Protocol, firmware};
 use tokio::time::{Instant, timeout};
 
@@ -159,6 +160,25 @@ impl Kit {
         Self { driver, bench, slides, twin }
     }
 
+    /// A kit of Grbl's, or one of its heirs', whose twin is set as `change` says, its axes standing where `start` says.
+    pub(super) fn grbl(
+        driver: Protocol,
+        bench: BenchConfig,
+        start: [f64; 2],
+        change: impl FnOnce(&mut FirmwareConfig),
+    ) -> Self {
+        let mut kit = Self::standing(driver, bench, start);
+        let axes = [&kit.bench.focus, &kit.bench.e];
+        let mut config = match driver {
+            Protocol::FluidNc => FirmwareConfig::fluidnc(&axes),
+            Protocol::GrblHal => FirmwareConfig::grblhal(&axes),
+            _ => FirmwareConfig::for_axes(&axes),
+        };
+        change(&mut config);
+        kit.twin = ControllerTwin::new(GrblFirmware::new(config, kit.slides.clone()));
+        kit
+    }
+
     pub(super) fn start_on(&self, dial: Arc<dyn Dial>, expected: Option<&str>) -> Controller {
         let config = ControllerConfig {
             driver: self.driver.driver(),
@@ -191,14 +211,19 @@ impl Kit {
         controller.first_attempt().await?;
         Ok(self.rig(&controller))
     }
+
+    /// Connected, with both axes homed.
+    pub(super) async fn homed(&self) -> Rig {
+        let rig = self.connect().await.unwrap();
+        rig.focus.home(rig.focus.generation()).await.unwrap();
+        rig.e.home(rig.e.generation()).await.unwrap();
+        rig
+    }
 }
 
 /// A connected rig with both axes homed.
 pub(super) async fn homed(driver: Protocol) -> Rig {
-    let rig = Kit::new(driver).connect().await.unwrap();
-    rig.focus.home(rig.focus.generation()).await.unwrap();
-    rig.e.home(rig.e.generation()).await.unwrap();
-    rig
+    Kit::new(driver).homed().await
 }
 
 /// Waits for a state of a stage.

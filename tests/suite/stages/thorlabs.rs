@@ -20,7 +20,7 @@ use plenalign::units::Millimetres;
 use tokio::time::{Instant, sleep, timeout};
 
 use super::contradictions::set_homing;
-use super::kit::{Behind, Kit, Rig, bench, near, wait_for};
+use super::kit::{Behind, Kit, bench, near, wait_for};
 
 /// One axis on a controller of its own, and what its motor turns.
 struct Cube {
@@ -192,13 +192,6 @@ fn rack(mut says: impl FnMut(Message) -> Vec<Message> + Send + 'static) -> Kit {
     kit
 }
 
-async fn homed(kit: &Kit) -> Rig {
-    let rig = kit.connect().await.unwrap();
-    rig.focus.home(rig.focus.generation()).await.unwrap();
-    rig.e.home(rig.e.generation()).await.unwrap();
-    rig
-}
-
 /// The second bay.
 const E_BAY: u8 = 0x22;
 const STATE: u16 = 0x0481;
@@ -224,7 +217,7 @@ async fn a_position_under_a_fault_of_its_encoder_is_not_believed() {
         }
         vec![message]
     });
-    let rig = homed(&kit).await;
+    let rig = kit.homed().await;
     faulty.store(true, Ordering::SeqCst);
     wait_for(&rig.e, "unknown", |state| !state.homed).await;
     let said = rig.e.state().borrow().fault.clone();
@@ -254,7 +247,7 @@ async fn a_complaint_is_believed_of_whoever_it_is_about() {
             let due = due.swap(false, Ordering::SeqCst);
             due.then_some(complaint).into_iter().chain([message]).collect()
         });
-        let rig = homed(&kit).await;
+        let rig = kit.homed().await;
         let mover = rig.e.clone();
         let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
         wait_for(&rig.e, "on its way", |state| state.position.value() < 25.0).await;
@@ -296,7 +289,7 @@ async fn what_a_bay_said_before_the_main_board_was_asked_is_not_taken_for_now() 
             released.store(true, Ordering::SeqCst);
             std::mem::take(&mut held)
         });
-        let rig = homed(&kit).await;
+        let rig = kit.homed().await;
         // Each answer takes its time, so that every one is seen by itself.
         rig.twin.set_line(Line { delay: Duration::from_millis(5), ..Line::default() });
         let mover = rig.e.clone();
