@@ -39,10 +39,10 @@ run_lane() {
     [[ $1 == "$lane" ]] || continue
     start=$SECONDS
     if ! "${@:3}" >"$logs/$number" 2>&1 </dev/null; then
-      printf '%d\t%s\n' $((SECONDS - start)) "$2" >"$logs/$number.failed"
+      echo $((SECONDS - start)) >"$logs/$number.failed"
       return 1
     fi
-    printf '%d\t%s\n' $((SECONDS - start)) "$2" >"$logs/$number.done"
+    echo $((SECONDS - start)) >"$logs/$number.done"
   done
 }
 start_lanes() {
@@ -57,7 +57,7 @@ start_lanes() {
 }
 # Waits for the lanes' ends, and shows what their parts printed.
 join_lanes() {
-  local pid number status=0 failed="" seconds name
+  local pid number status=0 failed=""
   for pid in "${lane_pids[@]}"; do
     wait "$pid" || status=$?
   done
@@ -68,11 +68,9 @@ join_lanes() {
     echo "== $2"
     cat "$logs/$number"
     if [[ -e $logs/$number.done ]]; then
-      IFS=$'\t' read -r seconds name <"$logs/$number.done"
-      times+=("$(printf '%6d s  %s (beside)' "$seconds" "$name")")
+      times+=("$(printf '%6d s  %s (beside)' "$(<"$logs/$number.done")" "$2")")
     elif [[ -e $logs/$number.failed ]]; then
-      IFS=$'\t' read -r seconds name <"$logs/$number.failed"
-      failed+="${failed:+, }$name after $seconds s"
+      failed+="${failed:+, }$2 after $(<"$logs/$number.failed") s"
     fi
   done
   if ((status != 0)); then
@@ -88,7 +86,7 @@ page() { make --no-print-directory web && (cd web && npm run --silent check && n
 built_and_linted() {
   cargo test --quiet --no-run --all-targets && cargo test --quiet --no-run --test hardware
 }
-browser() { web/e2e/run.sh; }
+browser() { (cd web && npm run --silent e2e); }
 docs() { RUSTDOC=$PWD/tests/rustdoc.sh cargo test --quiet --doc; }
 
 part "set-up" deploy/setup.sh test
