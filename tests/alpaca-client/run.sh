@@ -16,7 +16,7 @@ python=$root/target/alpaca-client/bin/python
 status=0
 said_alpaca() { sed -n 's/.*"alpaca":"\([^"]*\)".*/\1/p' "$daemon_folder/said"; }
 
-start_daemon '[alpaca]' 'listen = "127.0.0.1:0"' 'lease_ttl_s = 2.0' 'discovery = true'
+start_daemon '[alpaca]' 'listen = "127.0.0.1:0"' 'lease_ttl_s = 4.0' 'discovery = true'
 alpaca=$(said_alpaca)
 "$python" client.py "$ADDRESS" "$alpaca" all || status=1
 ids=$("$python" client.py "$ADDRESS" "$alpaca" ids)
