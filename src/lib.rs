@@ -15,7 +15,6 @@
 //!      |
 //!  units, raw            lengths with units; a raw frame's pixels
 //!
-//!  plenoptics            the crate of imaging, optics, raw, units and of the renderer in sim: numbers only
 //!  sim                   twins of stages and camera behind the same traits; uses optics, never imaging
 //!  access                who asks and what they may do; tokens, sessions, tickets
 //!  store                 the history on disk: plain records in and out, used by control
@@ -25,24 +24,25 @@
 //!  telemetry             what the program counts about itself, called from anywhere
 //! ```
 //!
+//! A room is compiled with its crate, each of which knows nothing of those above it:
+//!
+//! ```text
+//!  plenalign             cli, api, alpaca, fleet, study; every other room has its name here, too
+//!  plenalign-control     control
+//!  plenalign-bench       device, sim, config, record, store, access, state_folder, telemetry, whole
+//!  plenoptics            imaging, optics, raw, units, and the renderer in sim: numbers only
+//! ```
+//!
 //! Deliberately absent: `optics` and `imaging` know no I/O, clock or async; `sim` knows nothing of `imaging`; nothing
 //! below `api` knows a status code; nothing but `control` commands motion.
 
-pub mod access;
 pub mod alpaca;
 pub mod api;
 pub mod cli;
-pub mod config;
-pub mod control;
-pub mod device;
 pub mod fleet;
-pub mod record;
-pub mod sim;
-pub mod state_folder;
-pub mod store;
 pub mod study;
-pub mod telemetry;
 mod text;
-pub mod whole;
 
+pub use plenalign_bench::{access, config, device, record, sim, state_folder, store, telemetry, whole};
+pub use plenalign_control as control;
 pub use plenoptics::{imaging, optics, raw, units};

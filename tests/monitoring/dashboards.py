@@ -73,7 +73,7 @@ def rules_of(path):
 
 def metrics_in_code():
     """Names under which the program counts."""
-    text = (ROOT / "src/telemetry.rs").read_text()
+    text = (ROOT / "crates/bench/src/telemetry.rs").read_text()
     return set(re.findall(r'^const [A-Z_]+: &str = "(plenalign_\w+)";', text, re.MULTILINE))
 
 

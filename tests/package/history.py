@@ -16,7 +16,7 @@ import sys
 import tempfile
 import uuid
 
-SCHEMA = pathlib.Path(__file__).resolve().parents[2] / "src/store/schema.rs"
+SCHEMA = pathlib.Path(__file__).resolve().parents[2] / "crates/bench/src/store/schema.rs"
 AT = "2025-03-01T10:00:00Z"
 AT_NS = 1_740_823_200_000_000_000
 

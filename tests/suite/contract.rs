@@ -38,9 +38,12 @@ fn rust_messages_are_current() {
     let viewed = rust_messages("plenalign/v1/frame.proto", "plenalign.v1", &[".plenalign.v1.Frame.jpeg"]);
     assert_current("src/api/proto.rs", &viewed);
     let recorded = rust_messages("plenalign/v1/recording.proto", "plenalign.v1", &[]);
-    assert_current("src/record/messages.rs", &recorded);
+    assert_current("crates/bench/src/record/messages.rs", &recorded);
     let pictures = [".foxglove.RawImage.data", ".foxglove.CompressedImage.data"];
-    assert_current("src/record/foxglove.rs", &rust_messages("foxglove/foxglove.proto", "foxglove", &pictures));
+    assert_current(
+        "crates/bench/src/record/foxglove.rs",
+        &rust_messages("foxglove/foxglove.proto", "foxglove", &pictures),
+    );
 }
 
 /// What a recording says its messages by is made of the files below `proto/`, whole, with what they import.
@@ -52,7 +55,7 @@ fn embedded_descriptions_are_current() {
     compiler.include_imports(true).include_source_info(false);
     compiler.open_files([proto.join("foxglove/foxglove.proto"), proto.join("plenalign/v1/recording.proto")]).unwrap();
     let now = compiler.file_descriptor_set().encode_to_vec();
-    let file = root().join("src/record/descriptions.binpb");
+    let file = root().join("crates/bench/src/record/descriptions.binpb");
     if std::env::var_os("UPDATE").is_some() {
         std::fs::write(&file, &now).unwrap();
     }

@@ -1,0 +1,165 @@
+//! The joint alignment, from the first homing to the report: the order of steps, the operator's part, and what is kept
+//! of each. Its two loops are carried out in [`super::air_step`] and [`super::shell_step`].
+
+use std::sync::Arc;
+
+use super::calibrated::CalibratedCamera;
+use super::context::{JobContext, JobEnd};
+use super::events::ShellState;
+use super::eye::{Eye, Seen};
+use super::job::Stage;
+use super::motion::{Admission, Motion};
+use bench::config::{Config, LBoundSource, Side};
+use bench::device::{AxisName, Setup};
+use plenoptics::optics::{CameraDesign, Solution};
+
+/// Distance between the levels of the triple-level board, mm.
+const LEVEL_STEP_MM: f64 = 8.0;
+/// So far (mm) e may be moved with the shell off: the boards, which stay where they are, can then still be measured.
+const FOLLOWED_IN_AIR_MM: f64 = 5.0;
+/// Frames combined in a verifying measurement.
+pub(super) const VERIFY_FRAMES: u32 = 2;
+/// Measurements of a loop before it is cut off, whatever its decisions.
+pub(super) const MAX_MEASUREMENTS: u32 = 60;
+/// Steps of a joint alignment, for the progress bar.
+pub(super) const STEPS: u32 = 22;
+
+/// What an alignment has found so far: enough for a report at any moment.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Findings {
+    /// Solution aimed for.
+    pub(super) solution: Option<Solution>,
+    /// Δv at the end of the air step and its standard uncertainty, mm.
+    pub(super) delta_v_air: Option<(f64, f64)>,
+    /// Trim of Δv since, mm.
+    pub(super) trim_mm: f64,
+    /// Camera as calibrated.
+    pub(super) camera: Option<CalibratedCamera>,
+    /// e as the picture has it and its standard uncertainty, mm.
+    pub(super) e: Option<(f64, f64)>,
+    /// The last measurement.
+    pub(super) seen: Option<Seen>,
+    /// Moves in the air step.
+    pub(super) moves_air: u32,
+    /// Moves in the shell step.
+    pub(super) moves_shell: u32,
+    /// Scale of the focus axis.
+    pub(super) focus_scale: Option<f64>,
+    /// Scale of the e axis.
+    pub(super) e_scale: Option<f64>,
+    /// EOG of the central view before the first move with the shell, mean per pixel.
+    pub(super) eog_before: Option<f64>,
+    /// The same at the end.
+    pub(super) eog_after: Option<f64>,
+    /// Uncertainty of a measured l_bound, mm.
+    pub(super) l_bound_sigma_mm: Option<f64>,
+    /// What the shell step did, in words.
+    pub(super) shell_step_done: Option<String>,
+    /// What a reader should know.
+    pub(super) notes: Vec<String>,
+    /// The simulated truth at the end of the air step.
+    pub(super) truth_air: Option<serde_json::Value>,
+}
+
+/// One joint alignment under way.
+pub(super) struct Alignment<'a> {
+    pub(super) context: &'a JobContext,
+    pub(super) motion: &'a Motion,
+    /// What everything that it moves is admitted under.
+    pub(super) admission: &'a Admission,
+    pub(super) eye: &'a Eye,
+    pub(super) config: &'a Arc<Config>,
+    pub(super) design: CameraDesign,
+    pub(super) findings: Findings,
+}
+
+impl Alignment<'_> {
+    /// The joint alignment.
+    pub(super) async fn joint(&mut self) -> Result<(), JobEnd> {
+        self.prepare().await?;
+        self.withdraw_e().await?;
+        if self.config.assembly.l_bound == LBoundSource::Measure {
+            self.measure_l_bound().await?;
+        }
+        let solution = self.design.joint(self.motion.l_bound_mm());
+        self.findings.solution = Some(solution);
+        self.context.stage(Stage::Air);
+        self.eye.aim_at(self.eye.paraxial_target_px());
+        let levels = self.air(&solution).await?;
+        self.park_e(&levels, self.config.assembly.initial_e_mm).await?;
+        self.context.stage(Stage::Shell);
+        self.shell(&solution, self.config.assembly.shell_step).await
+    }
+
+    pub(super) async fn prepare(&mut self) -> Result<(), JobEnd> {
+        self.context.stage(Stage::Preparation);
+        self.eye.check_camera()?;
+        self.context.doing("devices and homing");
+        for axis in AxisName::ALL {
+            let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;
+            for disagreement in self.motion.stage_info(axis).disagreements {
+                self.context.log(format!("{axis} axis: {disagreement}"));
+            }
+            if !state.homed {
+                self.context.log(format!("homing the {axis} axis"));
+                self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
+            }
+            let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;
+            self.context.log(format!("the {axis} axis stands at {:.3}", state.position));
+        }
+        self.white_frame().await
+    }
+
+    /// Takes e back from where an earlier alignment left it near the shell, by homing: that way is the same whatever the
+    /// axis's coordinate is like, and makes its zero new. An axis that homes on the shell's side is left where it is.
+    async fn withdraw_e(&mut self) -> Result<(), JobEnd> {
+        let (at, initial) = (self.motion.position_mm(AxisName::E)?, self.config.assembly.initial_e_mm);
+        if initial - at <= FOLLOWED_IN_AIR_MM || self.config.bench.e.home_side != Side::High {
+            return Ok(());
+        }
+        self.context.log(format!(
+            "the e axis stands {:.3} mm nearer to the shell than at the start: it is homed",
+            initial - at
+        ));
+        self.context.unless_cancelled(self.motion.home(self.admission, AxisName::E)).await?;
+        Ok(())
+    }
+
+    pub(super) async fn white_frame(&mut self) -> Result<(), JobEnd> {
+        let instruction = "Put the diffuser on the lens and light it evenly: a white frame is taken.".to_owned();
+        self.context.ask("white_frame", instruction, None, Setup::Diffuser).await?;
+        self.context.doing("white frame");
+        let found = self.context.unless_cancelled(self.eye.take_white()).await?;
+        self.context.log(found);
+        Ok(())
+    }
+
+    /// "167.2 mm from the principal point", with what a ruler can touch where that is known.
+    pub(super) fn board_place(&self, distances_mm: &[f64]) -> String {
+        let list = |offset: f64| {
+            let distances: Vec<String> = distances_mm.iter().map(|d| format!("{:.1}", d + offset)).collect();
+            distances.join(", ")
+        };
+        match self.config.main_lens.principal_from_mount_mm {
+            Some(offset) => format!(
+                "{} mm from the lens's principal point, which is {} mm from the mount's face",
+                list(0.0),
+                list(offset)
+            ),
+            None => format!("{} mm from the lens's principal point", list(0.0)),
+        }
+    }
+
+    pub(super) async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
+        let levels = [middle_mm - LEVEL_STEP_MM, middle_mm, middle_mm + LEVEL_STEP_MM];
+        let instruction = format!(
+            "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
+            self.board_place(&levels)
+        );
+        let value = format!("{:.1}, {:.1}, {:.1} mm", levels[0], levels[1], levels[2]);
+        let setup = Setup::AirTripleBoard { distances_mm: levels };
+        self.context.ask("triple_board_in_air", instruction, Some(value), setup).await?;
+        self.motion.set_shell(ShellState::Off);
+        Ok(levels)
+    }
+}

@@ -1,0 +1,496 @@
+//! What a running job uses to say where it is, to ask the operator, and to notice that it is to end.
+
+use std::future::Future;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::{broadcast, mpsc};
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+
+use super::events::Event;
+use super::job::{
+    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage,
+};
+use super::journal::{Chronicle, Journal, Written};
+use super::outcome::Outcome;
+use super::recording::{End, FileSink, Happening, Recording, RecordingState};
+use super::refusal::{Refusal, ServiceError};
+use bench::device::{DeviceError, Setup, SimulatedOperator};
+use bench::store::records::Picture;
+
+/// How long a job's end waits for its recording's.
+const RECORDING_END_ALLOWED: Duration = Duration::from_secs(1);
+/// Lines of log kept for a job; more would only repeat.
+const MAX_LOG_LINES: usize = 2000;
+
+/// Why a job ends before it has converged.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum JobEnd {
+    /// Cancelled, or stopped.
+    Cancelled {
+        /// By what.
+        why: String,
+    },
+    /// The criterion cannot be met.
+    NotConverged {
+        /// Why.
+        why: String,
+    },
+    /// A frame cannot be measured.
+    Unmeasurable {
+        /// Why, in words.
+        why: String,
+    },
+    /// Something failed.
+    Failed {
+        /// What.
+        why: String,
+    },
+}
+
+impl JobEnd {
+    pub(super) fn failed(why: impl Into<String>) -> Self {
+        Self::Failed { why: why.into() }
+    }
+}
+
+impl From<ServiceError> for JobEnd {
+    fn from(error: ServiceError) -> Self {
+        match error {
+            ServiceError::Refused(Refusal::Stopped) | ServiceError::Device(DeviceError::Stopped { .. }) => {
+                Self::Cancelled { why: "stopped".to_owned() }
+            }
+            ServiceError::Refused(error @ (Refusal::ControlEnded { .. } | Refusal::LeaseLost { .. })) => {
+                Self::Cancelled { why: error.to_string() }
+            }
+            error => Self::failed(error.to_string()),
+        }
+    }
+}
+
+impl From<DeviceError> for JobEnd {
+    fn from(error: DeviceError) -> Self {
+        ServiceError::Device(error).into()
+    }
+}
+
+/// One job as the service and its own task share it.
+pub(super) struct Job {
+    snapshot: Mutex<JobSnapshot>,
+    events: broadcast::Sender<Event>,
+    cancel: CancellationToken,
+    /// Why it was asked to end; the first asker's word counts.
+    cancelled_why: OnceLock<String>,
+    confirmations: mpsc::Sender<u32>,
+    journal: Arc<Journal>,
+    idempotency_key: Option<String>,
+    kept: Mutex<Kept>,
+    /// The file that it is recorded to.
+    file: OnceLock<Arc<FileSink>>,
+}
+
+/// What the history has been given of a job.
+#[derive(Default)]
+struct Kept {
+    written: Written,
+    /// The job without its iterations and its log, as it was written last.
+    newest: Option<JobSnapshot>,
+}
+
+/// The job's own side: what its task holds.
+pub(super) struct JobContext {
+    job: Arc<Job>,
+    confirmed: tokio::sync::Mutex<mpsc::Receiver<u32>>,
+    operator: Option<Arc<dyn SimulatedOperator>>,
+    steps_asked: AtomicU32,
+    clock: Mutex<Clock>,
+}
+
+/// When the job began its work, and how long of it the operator has taken.
+#[derive(Debug, Clone, Copy)]
+struct Clock {
+    began: Instant,
+    waited: Duration,
+}
+
+impl Job {
+    /// A job just accepted, and the side of it that its task holds.
+    pub(super) fn new(
+        request: &JobRequest,
+        idempotency_key: Option<String>,
+        owner: &str,
+        journal: Arc<Journal>,
+        events: broadcast::Sender<Event>,
+        operator: Option<Arc<dyn SimulatedOperator>>,
+    ) -> (Arc<Self>, JobContext) {
+        let (confirmations, confirmed) = mpsc::channel(4);
+        let snapshot = JobSnapshot {
+            id: Uuid::now_v7(),
+            kind: request.kind,
+            request: request.clone(),
+            owner: owner.to_owned(),
+            state: JobState::Pending,
+            stage: Stage::Preparation,
+            simulated: operator.is_some(),
+            generation: 0,
+            created_at: jiff::Timestamp::now(),
+            ended_at: None,
+            progress: Progress { step: 0, of: 1, doing: "accepted".to_owned(), measure: None, time_left_s: None },
+            operator_step: None,
+            iterations: Vec::new(),
+            log: Vec::new(),
+            reason: None,
+            report: None,
+            outcome: None,
+            recording: None,
+        };
+        let job = Arc::new(Self {
+            snapshot: Mutex::new(snapshot),
+            events,
+            cancel: CancellationToken::new(),
+            cancelled_why: OnceLock::new(),
+            confirmations,
+            journal,
+            idempotency_key,
+            kept: Mutex::default(),
+            file: OnceLock::new(),
+        });
+        let context = JobContext {
+            job: Arc::clone(&job),
+            confirmed: tokio::sync::Mutex::new(confirmed),
+            operator,
+            steps_asked: AtomicU32::new(0),
+            clock: Mutex::new(Clock { began: Instant::now(), waited: Duration::ZERO }),
+        };
+        (job, context)
+    }
+
+    /// The job as it is now.
+    pub(super) fn snapshot(&self) -> JobSnapshot {
+        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn change(&self, change: impl FnOnce(&mut JobSnapshot)) {
+        let snapshot = {
+            let mut snapshot = self.snapshot.lock().unwrap_or_else(PoisonError::into_inner);
+            change(&mut snapshot);
+            snapshot.generation += 1;
+            snapshot.clone()
+        };
+        self.keep(&snapshot);
+        // Nobody listening is no error.
+        let _ = self.events.send(Event::Job { job: Box::new(snapshot) });
+    }
+
+    /// Says how its recording fares.
+    pub(super) fn recording(&self, recording: Recording) {
+        self.change(|job| job.recording = Some(recording));
+    }
+
+    /// Has it recorded to a file from now on.
+    pub(super) fn record_to(&self, file: Arc<FileSink>) {
+        let _ = self.file.set(file);
+    }
+
+    /// Says that its recording has ended before it, and why: the job goes on.
+    pub(super) fn recording_failed(&self, why: String) {
+        let line = LogLine { at: jiff::Timestamp::now(), message: format!("not recorded any further: {why}") };
+        self.change(|job| {
+            if let Some(recording) = &mut job.recording {
+                (recording.state, recording.fault) = (RecordingState::Failed, Some(why));
+            }
+            job.log.push(line);
+        });
+    }
+
+    /// Gives the history what is new.
+    fn keep(&self, snapshot: &JobSnapshot) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let bare = JobSnapshot { generation: 0, ..snapshot.bare() };
+        let whole = kept.newest.as_ref() != Some(&bare);
+        let chronicle = self.journal.chronicle(snapshot, self.idempotency_key.as_deref(), kept.written, whole);
+        // A snapshot of before another one that came first has less than is written.
+        kept.written.iterations = kept.written.iterations.max(snapshot.iterations.len());
+        kept.written.lines = kept.written.lines.max(snapshot.log.len());
+        kept.newest = Some(bare);
+        self.journal.note(chronicle);
+    }
+
+    /// The whole job for the history.
+    pub(super) fn chronicle(&self) -> Chronicle {
+        let (snapshot, key) = (self.snapshot(), self.idempotency_key.as_deref());
+        self.journal.chronicle(&snapshot, key, Written::default(), true)
+    }
+
+    /// The caller's own name for the request.
+    pub(super) fn key(&self) -> Option<&str> {
+        self.idempotency_key.as_deref()
+    }
+
+    /// Asks the job to end, and says why. May be repeated.
+    pub(super) fn cancel(&self, why: String) {
+        if self.snapshot().state.is_final() || self.cancel.is_cancelled() {
+            return;
+        }
+        let _ = self.cancelled_why.set(why);
+        self.change(|job| {
+            // It may have ended since that was looked at, and stays so.
+            if !job.state.is_final() {
+                job.state = JobState::Cancelling;
+                job.operator_step = None;
+            }
+        });
+        self.cancel.cancel();
+    }
+
+    /// It was refused after all: there is no such job, and nothing more is written of it.
+    pub(super) fn forget(&self) {
+        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).state = JobState::Cancelled;
+    }
+
+    /// Takes the operator's confirmation of a step.
+    ///
+    /// # Errors
+    /// When the job does not wait for that step.
+    pub(super) fn confirm(&self, step: u32) -> Result<(), ServiceError> {
+        let snapshot = self.snapshot();
+        let refuse = |why: String| Err(Refusal::JobState { state: snapshot.state, why }.into());
+        match &snapshot.operator_step {
+            Some(asked) if asked.number == step => match self.confirmations.try_send(step) {
+                Ok(()) => Ok(()),
+                Err(_) => refuse("this step has been confirmed already".to_owned()),
+            },
+            Some(asked) => refuse(format!("it waits for step {} ({}), not for step {step}", asked.number, asked.name)),
+            None => refuse("it waits for no confirmation".to_owned()),
+        }
+    }
+}
+
+impl JobContext {
+    /// The job's state as it is now.
+    pub(super) fn snapshot(&self) -> JobSnapshot {
+        self.job.snapshot()
+    }
+
+    /// Adds a line to the job's log.
+    pub(super) fn log(&self, message: impl Into<String>) {
+        let message = message.into();
+        tracing::info!(message = %message, "job");
+        let line = LogLine { at: jiff::Timestamp::now(), message };
+        self.job.journal.happened(|| Happening::Logged(line.clone()));
+        self.job.change(|job| {
+            if job.log.len() < MAX_LOG_LINES {
+                job.log.push(line);
+            }
+        });
+    }
+
+    /// The job is at work.
+    pub(super) fn begin(&self, steps: u32) {
+        self.clock.lock().unwrap_or_else(PoisonError::into_inner).began = Instant::now();
+        self.job.change(|job| {
+            job.state = JobState::Running;
+            job.progress.of = steps;
+        });
+    }
+
+    /// Another part of the alignment begins.
+    pub(super) fn stage(&self, stage: Stage) {
+        self.job.change(|job| job.stage = stage);
+    }
+
+    /// Another step begins.
+    pub(super) fn doing(&self, doing: impl Into<String>) {
+        let doing = doing.into();
+        let worked = self.worked();
+        self.job.change(|job| {
+            let progress = &mut job.progress;
+            let done = progress.step;
+            progress.step += 1;
+            progress.of = progress.of.max(progress.step + 1);
+            progress.doing = doing;
+            let left = f64::from(progress.of - done);
+            progress.time_left_s = (done > 0).then(|| worked.as_secs_f64() / f64::from(done) * left);
+        });
+    }
+
+    /// How long the job has been at work, the operator's time not counted.
+    fn worked(&self) -> Duration {
+        let clock = *self.clock.lock().unwrap_or_else(PoisonError::into_inner);
+        clock.began.elapsed().saturating_sub(clock.waited)
+    }
+
+    /// Records an iteration; its number is given here.
+    pub(super) fn record(&self, mut iteration: Iteration) {
+        let measure = measure(&iteration);
+        iteration.number = self.job.snapshot().iterations.len() as u32 + 1;
+        self.job.journal.happened(|| Happening::Decided(Box::new(iteration.clone())));
+        self.job.change(|job| {
+            job.iterations.push(iteration);
+            job.progress.measure = Some(measure);
+        });
+    }
+
+    /// What a job that is no alignment came to.
+    pub(super) fn outcome(&self, outcome: Outcome) {
+        self.job.change(|job| job.outcome = Some(outcome));
+    }
+
+    /// Ends the job, its recording first. The axes have been stopped.
+    pub(super) async fn end(&self, state: JobState, reason: String, report: Option<Report>) {
+        let outcome = self.job.snapshot().outcome;
+        let end = End { state, reason: reason.clone(), report: report.clone(), outcome };
+        self.job.journal.happened(|| Happening::End(Box::new(end)));
+        self.end_recording().await;
+        self.close(state, reason, report);
+    }
+
+    /// The job has ended: the last that is said of it.
+    pub(super) fn close(&self, state: JobState, reason: String, report: Option<Report>) {
+        self.job.change(|job| {
+            job.state = state;
+            job.stage = Stage::Report;
+            job.ended_at = Some(jiff::Timestamp::now());
+            job.operator_step = None;
+            job.progress.step = job.progress.of;
+            job.progress.doing = "ended".to_owned();
+            job.progress.time_left_s = None;
+            job.reason = Some(reason);
+            job.report = report;
+        });
+    }
+
+    /// Has the recording come to its end. A slow disk is waited for a moment only, by the real clock, which is the
+    /// disk's; the job's JSON says so later then.
+    async fn end_recording(&self) {
+        let Some(file) = self.job.file.get() else { return };
+        let (ended, job) = (file.finish(), Arc::clone(&self.job));
+        let complete = move |bytes: u64| {
+            job.change(|job| {
+                if let Some(recording) = &mut job.recording {
+                    (recording.state, recording.bytes) = (RecordingState::Complete, Some(bytes));
+                }
+            });
+        };
+        let waited = tokio::task::spawn_blocking(move || (ended.recv_timeout(RECORDING_END_ALLOWED), ended)).await;
+        match waited {
+            Ok((Ok(bytes), _)) => complete(bytes),
+            // On a thread of its own: it may take as long as the disk does.
+            Ok((Err(RecvTimeoutError::Timeout), ended)) => {
+                let waiting = std::thread::Builder::new().spawn(move || ended.recv().map(complete));
+                if let Err(error) = waiting {
+                    tracing::error!(%error, "the recording's end is not waited for");
+                }
+            }
+            // It has failed, and said so.
+            Ok((Err(RecvTimeoutError::Disconnected), _)) => {}
+            Err(error) => tracing::error!(%error, "the recording's end was not waited for"),
+        }
+    }
+
+    /// Why the job was asked to end, if it was.
+    pub(super) fn cancelled_why(&self) -> Option<String> {
+        self.job.cancelled_why.get().cloned()
+    }
+
+    /// Runs a step unless the job is cancelled first; the step is dropped then.
+    pub(super) async fn unless_cancelled<T, E: Into<JobEnd>>(
+        &self,
+        step: impl Future<Output = Result<T, E>>,
+    ) -> Result<T, JobEnd> {
+        tokio::select! {
+            biased;
+            () = self.job.cancel.cancelled() => {
+                let why = self.cancelled_why().unwrap_or_else(|| "cancelled".to_owned());
+                Err(JobEnd::Cancelled { why })
+            }
+            result = step => result.map_err(Into::into),
+        }
+    }
+
+    /// Tells the operator what to set up and waits for the confirmation. On a simulated bench the twin obeys, and
+    /// confirms by itself where it is configured to.
+    pub(super) async fn ask(
+        &self,
+        name: &str,
+        instruction: String,
+        value: Option<String>,
+        setup: Setup,
+    ) -> Result<(), JobEnd> {
+        let number = self.steps_asked.fetch_add(1, Ordering::SeqCst) + 1;
+        let step = OperatorStep { number, name: name.to_owned(), instruction: instruction.clone(), value };
+        self.doing(format!("waiting for the operator: {}", name.replace('_', " ")));
+        self.log(format!("operator step {number}: {instruction}"));
+        let asked_at = jiff::Timestamp::now();
+        let id = self.job.snapshot().id;
+        self.job.journal.operator_step(id, &step, asked_at, None);
+        let confirms = self.operator.as_ref().is_some_and(|operator| operator.confirms());
+        if !confirms {
+            self.job.change(|job| {
+                job.state = JobState::WaitingForOperator;
+                job.operator_step = Some(step.clone());
+            });
+            let asked = Instant::now();
+            let mut confirmed = self.confirmed.lock().await;
+            self.unless_cancelled(async {
+                while let Some(step) = confirmed.recv().await {
+                    if step == number {
+                        return Ok(());
+                    }
+                }
+                Err(JobEnd::failed("the program is ending"))
+            })
+            .await?;
+            self.clock.lock().unwrap_or_else(PoisonError::into_inner).waited += asked.elapsed();
+            self.job.change(|job| {
+                job.state = JobState::Running;
+                job.operator_step = None;
+            });
+        }
+        if let Some(operator) = &self.operator {
+            operator.obey(&setup);
+        }
+        self.job.journal.operator_step(id, &step, asked_at, Some(jiff::Timestamp::now()));
+        self.log(format!(
+            "operator step {number} confirmed{}",
+            if confirms { " by the simulated operator" } else { "" }
+        ));
+        Ok(())
+    }
+
+    /// Keeps a picture with the job, in the place of one of the same name.
+    pub(super) fn keep_picture(&self, name: &str, picture: &[u8]) {
+        self.job.journal.happened(|| Happening::Picture(Arc::new(picture.to_vec())));
+        let picture = Picture {
+            name: name.to_owned(),
+            at: jiff::Timestamp::now(),
+            media_type: "image/jpeg".to_owned(),
+            bytes: picture.to_vec(),
+        };
+        self.job.journal.picture(self.job.snapshot().id, picture);
+    }
+
+    /// The simulated truth, on a simulated bench.
+    pub(super) fn truth(&self) -> Option<serde_json::Value> {
+        self.operator.as_ref().map(|operator| operator.truth())
+    }
+}
+
+/// The figure that an iteration is about: Δv in the air step, the spacing elsewhere.
+fn measure(iteration: &Iteration) -> Measure {
+    match (iteration.stage, iteration.delta_v_mm, iteration.delta_v_sigma_mm) {
+        (Stage::Air | Stage::LBound, Some(value), Some(sigma)) => {
+            Measure { name: "delta_v_mm".to_owned(), value, sigma, target: iteration.delta_v_target_mm }
+        }
+        _ => Measure {
+            name: "spacing_px".to_owned(),
+            value: iteration.spacing.spacing_px,
+            sigma: iteration.spacing.spacing_sigma_px,
+            target: Some(iteration.spacing_target_px),
+        },
+    }
+}

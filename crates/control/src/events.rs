@@ -1,0 +1,223 @@
+//! What happens on a bench, published as it happens.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::job::{JobSnapshot, SpacingReading};
+use super::lease::LeaseView;
+use bench::device::AxisName;
+use plenoptics::imaging::spacing::SpacingMap;
+
+/// One axis as a caller sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AxisView {
+    /// Which axis.
+    pub axis: AxisName,
+    /// Driver's name.
+    pub driver: String,
+    /// What the controller says it is.
+    pub identity: String,
+    /// Where it is.
+    pub location: String,
+    /// Whether the controller answers.
+    pub connected: bool,
+    /// Whether the position is known.
+    pub homed: bool,
+    /// Position read back, mm; absent while unknown.
+    pub position_mm: Option<f64>,
+    /// Whether the axis moves.
+    pub moving: bool,
+    /// Least position allowed now, mm: the limit of travel, or the e wall.
+    pub low_limit_mm: f64,
+    /// Greatest position allowed, mm.
+    pub high_limit_mm: f64,
+    /// Greatest speed at which it jogs, mm/s: a jog that is asked to go faster goes at this.
+    pub jog_speed_mm_per_s: f64,
+    /// Whether a limit switch is pressed, where the controller cannot tell which of the two it is (Grbl): its operator looks,
+    /// and has the axis moved off it (`leave-switch`).
+    pub limit_switch: bool,
+    /// Why it cannot move now.
+    pub fault: Option<String>,
+    /// Why the last move or homing by hand did not end as commanded; absent once another is commanded.
+    pub failure: Option<String>,
+    /// What differs between controller and configuration.
+    pub disagreements: Vec<String>,
+}
+
+impl AxisView {
+    /// Why its controller is not connected; `None` where it is.
+    #[must_use]
+    pub fn absence(&self) -> Option<&str> {
+        (!self.connected).then(|| self.fault.as_deref().unwrap_or("its controller does not answer"))
+    }
+}
+
+/// The camera as a caller sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CameraView {
+    /// Driver's name.
+    pub driver: String,
+    /// What the device says it is.
+    pub identity: String,
+    /// Whether frames arrive.
+    pub online: bool,
+    /// Why not.
+    pub fault: Option<String>,
+    /// Frames lost so far, damaged ones included.
+    pub frames_lost: u64,
+    /// Frames that came damaged so far: none of them is shown or measured.
+    pub frames_damaged: u64,
+    /// What is to be known about its frames, one sentence each: a clock that lies, pixels saturated.
+    pub notes: Vec<String>,
+    /// Whether frames of old are played from files: nothing of what is seen is now.
+    pub replay: bool,
+    /// Sequence number of the newest frame.
+    pub frame_seq: Option<u64>,
+    /// Age of the newest frame when this was said, ms.
+    pub frame_age_ms: Option<f64>,
+}
+
+impl CameraView {
+    /// Why no frames arrive; `None` where they do.
+    #[must_use]
+    pub fn absence(&self) -> Option<&str> {
+        (!self.online).then(|| self.fault.as_deref().unwrap_or("no frame comes"))
+    }
+}
+
+/// Whether the shell is on the camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ShellState {
+    /// Mounted.
+    On,
+    /// Taken off, by the operator's own statement since the start of the program.
+    Off,
+    /// Not known: counts as on.
+    Unknown,
+}
+
+/// The stop's latch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StopView {
+    /// Whether motion is refused until the stop is reset.
+    pub latched: bool,
+    /// Since when, RFC 3339.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub since: Option<jiff::Timestamp>,
+    /// Who stopped; absent while nobody has.
+    pub by: Option<String>,
+    /// Why it is not known whether an earlier run left the stop latched: it counts as latched until it is read, or reset.
+    pub unread: Option<String>,
+    /// The newest reset; absent while there was none.
+    pub reset: Option<StopReset>,
+}
+
+/// A reset of the stop.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StopReset {
+    /// When, RFC 3339.
+    #[schema(value_type = String, format = DateTime)]
+    pub at: jiff::Timestamp,
+    /// Who reset it.
+    pub by: String,
+    /// Why, in their words.
+    pub why: String,
+    /// Since when it had been stopped, RFC 3339; absent where that could not be read.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub stopped_at: Option<jiff::Timestamp>,
+    /// Who had stopped; absent where that could not be read.
+    pub stopped_by: Option<String>,
+}
+
+/// The newest measurement of the live picture or of a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MeasurementView {
+    /// Sequence number of the frame measured.
+    pub frame_seq: u64,
+    /// When the frame was taken, RFC 3339.
+    #[schema(value_type = String, format = DateTime)]
+    pub captured_at: jiff::Timestamp,
+    /// Readback of the focus axis, mm.
+    pub focus_mm: Option<f64>,
+    /// Readback of the e axis, mm.
+    pub e_mm: Option<f64>,
+    /// Whether both axes were settled during the whole exposure.
+    pub settled: bool,
+    /// The spacing.
+    pub spacing: SpacingReading,
+    /// The spacing wanted (Eq. 16), px.
+    pub spacing_target_px: f64,
+    /// |spacing − target| within the blur limit.
+    pub in_focus: bool,
+    /// Pitch of the micro-images found, px.
+    pub micro_image_pitch_px: f64,
+    /// Energy of gradient of the central view, mean per pixel.
+    pub eog: Option<f64>,
+    /// Energy of gradient of the central view, sum over its pixels (Eq. 20): it grows with the picture.
+    pub eog_sum: Option<f64>,
+    /// Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
+    pub ssim: Option<f64>,
+}
+
+/// The spacing over the field in the newest measurement of a single board.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FieldMap {
+    /// Sequence number of the frame measured.
+    pub frame_seq: u64,
+    /// Pitch of the micro-images, px.
+    pub micro_image_pitch_px: f64,
+    /// The spacing wanted, px.
+    pub spacing_target_px: f64,
+    /// Micro-image by micro-image.
+    pub map: Arc<SpacingMap>,
+}
+
+/// The state of the whole bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BenchView {
+    /// Whether the bench is simulated.
+    pub simulated: bool,
+    /// Where the design's numbers come from.
+    pub design_origin: String,
+    /// Focus axis and e axis.
+    pub axes: Vec<AxisView>,
+    /// The camera.
+    pub camera: CameraView,
+    /// Whether the shell is on.
+    pub shell: ShellState,
+    /// The stop's latch.
+    pub stop: StopView,
+    /// Who may move the axes; absent while nobody has taken the control lease.
+    pub lease: Option<LeaseView>,
+    /// The job under way, by its id.
+    #[schema(value_type = Option<String>, format = Uuid)]
+    pub job: Option<uuid::Uuid>,
+    /// The e wall, mm.
+    pub e_wall_mm: f64,
+    /// Why the history cannot be written, which keeps every axis still; absent while it can.
+    pub history_fault: Option<String>,
+}
+
+/// Something happened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Event {
+    /// The bench's state changed.
+    Bench {
+        /// The whole state.
+        bench: Box<BenchView>,
+    },
+    /// A job changed.
+    Job {
+        /// The whole job.
+        job: Box<JobSnapshot>,
+    },
+    /// Something was measured.
+    Measurement {
+        /// The measurement.
+        measurement: MeasurementView,
+    },
+}

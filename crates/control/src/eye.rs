@@ -1,0 +1,424 @@
+//! What the jobs see: frames taken at rest, measured away from the runtime's threads.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use super::context::JobEnd;
+use super::events::{FieldMap, MeasurementView};
+use super::job::SpacingReading;
+use super::journal::Journal;
+use super::motion::Motion;
+use super::recording::{Answer, Happening};
+use super::sight::{self, HoldB, Sight, Triple};
+use super::tasks::AirStep;
+use bench::config::Config;
+use bench::device::{AxisPose, Bench, DeviceError, Frame};
+use bench::telemetry;
+use plenoptics::optics::CameraDesign;
+use plenoptics::raw::RawImage;
+use plenoptics::units::Millimetres;
+
+/// How long the axes may take to settle after a move that has ended.
+const SETTLING_ALLOWED: Duration = Duration::from_secs(10);
+/// A frame that spans motion is taken again this often.
+const FRAME_TRIES: u32 = 5;
+/// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
+const LIT: [f32; 2] = [0.1, 0.9];
+const LEAST_LIT: f64 = 0.01;
+
+/// A spacing seen, with the pose of its last frame.
+#[derive(Debug, Clone)]
+pub(super) struct Seen {
+    /// End of the last frame's exposure.
+    pub(super) taken: Instant,
+    /// The spacing.
+    pub(super) spacing: SpacingReading,
+    /// Readback of the focus axis, mm; `None` while unknown.
+    pub(super) focus_mm: Option<f64>,
+    /// Readback of the e axis, mm; `None` while unknown.
+    pub(super) e_mm: Option<f64>,
+    /// Energy of gradient of the central view, mean per pixel, of a single board.
+    pub(super) eog: Option<f64>,
+    /// Radius of the masks that pairs were compared with, px.
+    pub(super) window_px: f64,
+    /// The central view, a JPEG, of a single board.
+    pub(super) picture: Option<Arc<Vec<u8>>>,
+}
+
+/// A triple-level board seen.
+#[derive(Debug, Clone)]
+pub(super) struct SeenTriple {
+    /// What the board's spacings say about the camera.
+    pub(super) camera: Triple,
+    /// The middle level.
+    pub(super) middle: Seen,
+}
+
+/// The bench's camera with what is known of its micro-images.
+pub(super) struct Eye {
+    config: Arc<Config>,
+    design: CameraDesign,
+    bench: Bench,
+    motion: Arc<Motion>,
+    journal: Arc<Journal>,
+    sight: Mutex<Option<Arc<Sight>>>,
+    /// The frame that it was learnt from.
+    white: Mutex<Option<Arc<Frame>>>,
+    air_step: Mutex<Option<AirStep>>,
+    /// The frame that was looked at last.
+    looked_at: Mutex<Option<Arc<Frame>>>,
+    measured: watch::Sender<Option<MeasurementView>>,
+    map: watch::Sender<Option<Arc<FieldMap>>>,
+    /// The spacing wanted, px.
+    target_px: Mutex<f64>,
+}
+
+impl Eye {
+    /// An eye that has seen no white frame yet.
+    pub(super) fn new(config: Arc<Config>, bench: Bench, motion: Arc<Motion>, journal: Arc<Journal>) -> Self {
+        let eye = Self {
+            design: config.design(),
+            config,
+            bench,
+            motion,
+            journal,
+            sight: Mutex::new(None),
+            white: Mutex::new(None),
+            air_step: Mutex::new(None),
+            looked_at: Mutex::new(None),
+            measured: watch::Sender::new(None),
+            map: watch::Sender::new(None),
+            target_px: Mutex::new(0.0),
+        };
+        eye.aim_at(eye.paraxial_target_px());
+        eye
+    }
+
+    /// What the jobs measured last.
+    pub(super) fn measured(&self) -> watch::Receiver<Option<MeasurementView>> {
+        self.measured.subscribe()
+    }
+
+    /// The spacing over the field in the newest measurement of a single board.
+    pub(super) fn map(&self) -> watch::Receiver<Option<Arc<FieldMap>>> {
+        self.map.subscribe()
+    }
+
+    fn publish_map(&self, frame: &Frame, seen: &sight::Measured) {
+        if let Some(map) = &seen.map {
+            self.map.send_replace(Some(Arc::new(FieldMap {
+                frame_seq: frame.seq,
+                micro_image_pitch_px: seen.micro_image_pitch_px,
+                spacing_target_px: self.target_px(),
+                map: Arc::clone(map),
+            })));
+        }
+    }
+
+    /// Side of a pixel, mm.
+    pub(super) fn pixel_mm(&self) -> f64 {
+        self.config.pixel_pitch().millimetres()
+    }
+
+    /// Eq. 16's spacing, px.
+    pub(super) fn paraxial_target_px(&self) -> f64 {
+        self.design.mla.target_spacing() / self.pixel_mm()
+    }
+
+    /// The spacing wanted now, px: what every measurement is compared with.
+    pub(super) fn target_px(&self) -> f64 {
+        *self.target_px.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Sets the spacing wanted, px.
+    pub(super) fn aim_at(&self, target_px: f64) {
+        *self.target_px.lock().unwrap_or_else(PoisonError::into_inner) = target_px;
+    }
+
+    /// Whether a white frame has been taken.
+    pub(super) fn has_white(&self) -> bool {
+        self.sight().is_some()
+    }
+
+    /// Keeps what an air step left, for a job that goes on from it.
+    pub(super) fn keep_air_step(&self, air: AirStep) {
+        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner) = Some(air);
+    }
+
+    /// What the newest air step left: nothing once the focus axis's position has been unknown, because a new homing
+    /// repeats to tenths of a millimetre and Δv is held to thousandths.
+    pub(super) fn air_step(&self) -> Option<AirStep> {
+        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Forgets what the air step left.
+    pub(super) fn forget_air_step(&self) {
+        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    /// What the newest white frame taught.
+    pub(super) fn sight(&self) -> Option<Arc<Sight>> {
+        self.sight.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The newest white frame.
+    pub(super) fn white_frame(&self) -> Option<Arc<Frame>> {
+        self.white.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Learns grid and vignetting from a white frame taken before.
+    ///
+    /// # Errors
+    /// Why it is none, in words.
+    pub(super) async fn learn(&self, frame: Arc<Frame>) -> Result<Arc<Sight>, JobEnd> {
+        let (white, config) = (Arc::clone(&frame), Arc::clone(&self.config));
+        let sight = Arc::new(blocking(move || Sight::from_white(&white.image, &config)).await?);
+        *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&sight));
+        *self.white.lock().unwrap_or_else(PoisonError::into_inner) = Some(frame);
+        Ok(sight)
+    }
+
+    fn need_sight(&self) -> Result<Arc<Sight>, JobEnd> {
+        self.sight().ok_or_else(|| JobEnd::failed("no white frame has been taken"))
+    }
+
+    /// Whether the camera's frames may be measured at all: asked before anything moves for them.
+    pub(super) fn check_camera(&self) -> Result<(), JobEnd> {
+        match &self.bench.camera.state().borrow().unfit {
+            Some(why) => Err(JobEnd::failed(format!("the camera's frames are not measured: {why}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// A frame exposed wholly while both axes stood settled.
+    async fn frame(&self) -> Result<Arc<Frame>, JobEnd> {
+        for _ in 0..FRAME_TRIES {
+            let settled = tokio::time::timeout(SETTLING_ALLOWED, async {
+                loop {
+                    if let Some(from) = self.motion.settled_from() {
+                        return from;
+                    }
+                    tokio::time::sleep(Duration::from_millis(20)).await;
+                }
+            });
+            let Ok(from) = settled.await else {
+                let why = self.motion.unrest().join("; ");
+                return Err(JobEnd::failed(format!(
+                    "the axes did not come to rest within {SETTLING_ALLOWED:?}: {why}"
+                )));
+            };
+            let frame = match self.bench.camera.frame(from.max(Instant::now())).await {
+                Ok(frame) => frame,
+                Err(error) => {
+                    self.journal.happened(|| Happening::Answer(Answer::no_frame(error.clone())));
+                    return Err(error.into());
+                }
+            };
+            if frame.focus.settled && frame.e.settled {
+                self.journal.happened(|| Happening::Frame(Arc::clone(&frame)));
+                self.check_size(&frame)?;
+                self.check_new(None, &frame)?;
+                return Ok(frame);
+            }
+        }
+        Err(JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis")))
+    }
+
+    /// Whether a frame is of the size that is configured.
+    pub(super) fn check_size(&self, frame: &Frame) -> Result<(), DeviceError> {
+        let (width, height) = (self.config.sensor.width_px, self.config.sensor.height_px);
+        if (frame.image.width(), frame.image.height()) == (width as usize, height as usize) {
+            return Ok(());
+        }
+        Err(DeviceError::WrongDevice {
+            device: "the camera".to_owned(),
+            expected: format!("frames of {width}x{height} px"),
+            found: format!("frames of {}x{} px", frame.image.width(), frame.image.height()),
+        })
+    }
+
+    /// Whether a frame is a new picture, and not the one looked at last nor `before`: noise makes no two the same to the
+    /// last pixel, unless the driver gives an old one again.
+    pub(super) fn check_new(&self, before: Option<&Frame>, frame: &Arc<Frame>) -> Result<(), DeviceError> {
+        let looked_at = self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).replace(Arc::clone(frame));
+        let simulation = &self.config.bench.simulation;
+        let noiseless = frame.simulated && simulation.read_noise_levels == 0.0 && simulation.electrons_per_level == 0.0;
+        let same = |old: &Frame| old.seq != frame.seq && is_same_picture(&old.image, &frame.image);
+        if noiseless || !(looked_at.as_deref().is_some_and(same) || before.is_some_and(same)) {
+            return Ok(());
+        }
+        Err(DeviceError::Protocol {
+            device: "the camera".to_owned(),
+            detail:
+                "two frames are the same to the last pixel: it gives an old picture again as if it were new; unplug \
+                     it and plug it in again"
+                    .to_owned(),
+        })
+    }
+
+    async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
+        let mut frames = Vec::with_capacity(count as usize);
+        for _ in 0..count.max(1) {
+            frames.push(self.frame().await?);
+        }
+        Ok(frames)
+    }
+
+    /// Takes a white frame and learns grid and vignetting from it. Returns what was found, in words.
+    pub(super) async fn take_white(&self) -> Result<String, JobEnd> {
+        Ok(self.learn(self.frame().await?).await?.describe())
+    }
+
+    /// Whether the white frame no longer fits the camera as it stands: why, in words.
+    pub(super) async fn white_misfit(&self) -> Result<Option<String>, JobEnd> {
+        let sight = self.need_sight()?;
+        let frame = self.frame().await?;
+        blocking(move || sight.misfit(&frame.image)).await
+    }
+
+    /// Measures the spacing of the flat board over so many frames.
+    pub(super) async fn spacing(&self, count: u32) -> Result<Seen, JobEnd> {
+        let sight = self.need_sight()?;
+        let frames = self.frames(count).await?;
+        let measured = frames.clone();
+        let from = Instant::now();
+        let seen = blocking(move || {
+            let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
+            sight.spacing(&images)
+        })
+        .await?;
+        telemetry::measured(from.elapsed());
+        Ok(self.seen(&frames, seen))
+    }
+
+    /// Measures a triple-level board over so many frames, far from focus with b held.
+    pub(super) async fn calibrate(
+        &self,
+        levels_mm: &[f64; 3],
+        hold_b: Option<HoldB>,
+        count: u32,
+    ) -> Result<SeenTriple, JobEnd> {
+        let sight = self.need_sight()?;
+        let frames = self.frames(count).await?;
+        let (measured, levels_mm) = (frames.clone(), *levels_mm);
+        let (camera, middle) = blocking(move || {
+            let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
+            sight.triple(&images, &levels_mm, hold_b)
+        })
+        .await?;
+        Ok(SeenTriple { camera, middle: self.seen(&frames, middle) })
+    }
+
+    fn seen(&self, frames: &[Arc<Frame>], seen: sight::Measured) -> Seen {
+        let last = frames.last();
+        let position =
+            |pose: fn(&Frame) -> AxisPose| last.and_then(|frame| pose(frame).position).map(Millimetres::value);
+        let (focus_mm, e_mm) = (position(|frame| frame.focus), position(|frame| frame.e));
+        if let Some(frame) = last {
+            let view = self.view(frame, &seen);
+            self.journal.measured(&view);
+            self.publish_map(frame, &seen);
+            // Of three boards there is none.
+            let map = seen.map.as_ref().and_then(|_| self.map.borrow().clone());
+            self.journal.happened(|| Happening::Measured(Box::new(view.clone()), map));
+            self.measured.send_replace(Some(view));
+        }
+        let eog = seen.eog.map(|eog| eog.mean_per_pixel);
+        let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
+        Seen { taken, spacing: seen.spacing, focus_mm, e_mm, eog, window_px: seen.window_px, picture: seen.picture }
+    }
+
+    fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {
+        MeasurementView {
+            frame_seq: frame.seq,
+            captured_at: frame.captured_at,
+            focus_mm: frame.focus.position.map(Millimetres::value),
+            e_mm: frame.e.position.map(Millimetres::value),
+            settled: frame.focus.settled && frame.e.settled,
+            spacing: seen.spacing.clone(),
+            spacing_target_px: self.target_px(),
+            in_focus: (seen.spacing.spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px,
+            micro_image_pitch_px: seen.micro_image_pitch_px,
+            eog: seen.eog.map(|eog| eog.mean_per_pixel),
+            eog_sum: seen.eog.map(|eog| eog.sum),
+            ssim: seen.ssim,
+        }
+    }
+
+    /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured.
+    pub(super) async fn measure_live(&self) -> Option<MeasurementView> {
+        self.sight()?;
+        let mut live = self.bench.camera.live();
+        let frame =
+            tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
+        self.measure_frame(&frame).await.ok()
+    }
+
+    /// Measures the spacing in one frame; the error is why it cannot be, in words.
+    pub(super) async fn measure_frame(&self, frame: &Arc<Frame>) -> Result<MeasurementView, String> {
+        let sight = self.sight().ok_or("no white frame has been taken")?;
+        let (image, from) = (Arc::clone(&frame.image), Instant::now());
+        let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image]))
+            .await
+            .map_err(|error| format!("the measurement ended unexpectedly: {error}"))??;
+        telemetry::measured(from.elapsed());
+        self.publish_map(frame, &seen);
+        Ok(self.view(frame, &seen))
+    }
+
+    /// The devices that it sees through and past.
+    pub(super) const fn bench(&self) -> &Bench {
+        &self.bench
+    }
+
+    /// The axes' motion.
+    pub(super) fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// Where measurements are kept.
+    pub(super) fn journal(&self) -> &Journal {
+        &self.journal
+    }
+}
+
+/// Whether two frames are the same to the last pixel, and have enough light between black and white to be noisy: a sensor
+/// that is dark or clipped may well repeat itself.
+fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
+    let white = f32::from(one.white_level());
+    let lit = |frame: &RawImage| {
+        let (low, high) = (LIT[0] * white, LIT[1] * white);
+        let lit = frame.to_f32().into_iter().filter(|level| (low..high).contains(level)).count();
+        lit as f64 >= LEAST_LIT * frame.samples().len() as f64
+    };
+    one == other && lit(one)
+}
+
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(result) => result.map_err(|why| JobEnd::Unmeasurable { why }),
+        Err(error) => Err(JobEnd::failed(format!("a measurement ended unexpectedly: {error}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_is_known_again_by_its_light() {
+        let frame = |level: u8, one: u8| {
+            let mut samples = vec![level; 100 * 100];
+            samples[17] = one;
+            RawImage::from_u8(100, 100, samples)
+        };
+        assert!(is_same_picture(&frame(120, 130), &frame(120, 130)));
+        assert!(!is_same_picture(&frame(120, 130), &frame(120, 131)));
+        // A cap on the lens, and a lamp in it.
+        assert!(!is_same_picture(&frame(0, 130), &frame(0, 130)));
+        assert!(!is_same_picture(&frame(255, 130), &frame(255, 130)));
+    }
+}

@@ -1,0 +1,69 @@
+//! Measuring l_bound, the least e that the lens's barrel allows, with the shell on.
+
+use super::alignment::{Alignment, VERIFY_FRAMES};
+use super::context::JobEnd;
+use super::events::ShellState;
+use super::job::Stage;
+use bench::device::{AxisName, Setup};
+
+impl Alignment<'_> {
+    /// l_bound by Eqs. 9–12: d and b in air, then the spacing with the lens pushed by hand to the least e. Δv is brought
+    /// first to where the configured l_bound would have it: at the Δv of the air design the spacing changes by 0.017
+    /// px/mm of e only, there by ten times as much.
+    pub(super) async fn measure_l_bound(&mut self) -> Result<(), JobEnd> {
+        self.context.stage(Stage::LBound);
+        let solution = self.design.joint(self.config.assembly.l_bound_mm);
+        self.findings.solution = Some(solution);
+        self.air(&solution).await?;
+        let Some(camera) = self.findings.camera else {
+            return Err(JobEnd::failed("l_bound needs the calibration in air"));
+        };
+        self.context.unless_cancelled(self.motion.release(self.admission, AxisName::E)).await?;
+        let distance_mm = self.config.object.distance_mm;
+        let instruction = format!(
+            "The e axis's motor is off. Mount the shell, fill the tank, put the flat board {distance_mm:.1} mm from the shell's outer vertex, and push the camera by hand as near to the shell as the lens's barrel allows."
+        );
+        self.motion.set_shell(ShellState::On);
+        let value = Some(format!("{distance_mm:.1} mm"));
+        self.context.ask("least_e_by_hand", instruction, value, Setup::LeastE { distance_mm }).await?;
+        self.context.doing("l_bound: measuring the spacing");
+        let seen = self.context.unless_cancelled(self.eye.spacing(VERIFY_FRAMES)).await?;
+        let least_e = camera.e_mm(seen.spacing.spacing_px, 0.0);
+        let sigma = camera.e_sigma_mm(least_e, 0.0, seen.spacing.spacing_sigma_px);
+        if !least_e.is_finite() || !sigma.is_finite() {
+            return Err(JobEnd::failed(format!(
+                "a spacing of {:.3} px gives no l_bound: shell, water or board are not what is configured",
+                seen.spacing.spacing_px
+            )));
+        }
+        let clearance = self.config.assembly.clearance_mm.max(3.0 * sigma);
+        let (l_bound_mm, wall_mm) = (least_e + clearance, self.config.assembly.e_wall_mm(least_e + clearance));
+        let highest_mm = self.config.bench.e.high_limit_mm;
+        if wall_mm >= highest_mm {
+            return Err(JobEnd::failed(format!(
+                "an l_bound of {l_bound_mm:.2} mm was measured, which puts the e wall at {wall_mm:.2} mm, beyond the e axis's travel to {highest_mm} mm: shell, water or board are not what is configured, or the axis is too short"
+            )));
+        }
+        self.motion.set_l_bound_mm(l_bound_mm);
+        self.findings.l_bound_sigma_mm = Some(sigma);
+        let note = format!(
+            "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
+            camera.slope_e(least_e, 0.0).abs(),
+            l_bound_mm
+        );
+        self.context.log(note.clone());
+        self.findings.notes.push(note);
+        let instruction = "Take the shell off and the tank away; the e axis is homed again.".to_owned();
+        self.context.ask("shell_off", instruction, None, Setup::ShellOff).await?;
+        self.motion.set_shell(ShellState::Off);
+        self.context.doing("homing after the move by hand");
+        for axis in AxisName::ALL {
+            // A controller that can switch off all of its motors only has lost the other axis, too.
+            if !self.context.unless_cancelled(self.motion.read_state(axis)).await?.homed {
+                self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
+            }
+        }
+        self.findings.delta_v_air = None;
+        Ok(())
+    }
+}

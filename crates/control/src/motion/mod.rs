@@ -1,0 +1,444 @@
+//! The motion rules: the one way to command an axis. A move is checked against latch, lease, homing, limits, the e wall
+//! and the greatest step before it starts, once more after the last wait before it, and before each of its pieces;
+//! backlash is taken out by approaching every target from the same side.
+//!
+//! What moves does so under an [`Admission`], which a stop and the end of a lease make void.
+
+mod admission;
+mod halt;
+mod latch;
+mod leaving;
+mod pieces;
+mod rules;
+
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use self::admission::Commands;
+pub use self::admission::{Admission, Claim, Stops};
+pub use self::halt::StopReport;
+use self::latch::Latch;
+use self::pieces::{Ahead, Pieces};
+use super::events::ShellState;
+use super::journal::{Journal, Underway};
+use super::lease::Leases;
+use super::recording::{Answer, Happening};
+use super::refusal::{Refusal, ServiceError};
+use bench::config::{AxisConfig, Config, Side};
+use bench::device::jog::{Deadman, Seen, jog};
+use bench::device::{AxisName, Bench, DeviceError, StageInfo, StageState};
+use plenoptics::units::Millimetres;
+
+/// A readback this far from its target means that the controller did not do what it was told, mm.
+const READBACK_TOLERANCE_MM: f64 = 0.01;
+
+/// The bench's stages behind the motion rules.
+pub struct Motion {
+    config: Arc<Config>,
+    bench: Bench,
+    leases: Arc<Leases>,
+    stopped: AtomicBool,
+    state: Mutex<State>,
+    /// One command of motion at a time on each axis: a second is refused, never queued.
+    commands: Commands,
+    /// What every motion is written to before it begins; none for a bench of a test's own.
+    journal: Option<Arc<Journal>>,
+}
+
+#[derive(Debug)]
+struct State {
+    latch: Latch,
+    shell: ShellState,
+    /// Whether the last motion of an axis ended from its approach side.
+    approached: [bool; 2],
+    l_bound_mm: f64,
+}
+
+fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
+    if let Some(underway) = underway {
+        underway.ended(end);
+    }
+}
+
+fn index(axis: AxisName) -> usize {
+    match axis {
+        AxisName::Focus => 0,
+        AxisName::E => 1,
+    }
+}
+
+impl Motion {
+    /// The rules of a configuration over a bench, whose axes move for who holds the lease. The shell's state is unknown,
+    /// which counts as on.
+    #[must_use]
+    pub fn new(config: Arc<Config>, bench: Bench, leases: Arc<Leases>) -> Self {
+        let l_bound_mm = config.assembly.l_bound_mm;
+        Self {
+            config,
+            bench,
+            leases,
+            stopped: AtomicBool::new(false),
+            state: Mutex::new(State {
+                latch: Latch::default(),
+                shell: ShellState::Unknown,
+                approached: [false; 2],
+                l_bound_mm,
+            }),
+            commands: Commands::default(),
+            journal: None,
+        }
+    }
+
+    /// The same with a history, which every motion is written to before it begins. It counts as stopped until what an
+    /// earlier run left of the stop has been read from it.
+    pub(super) fn recorded(mut self, journal: Arc<Journal>) -> Self {
+        self.state().latch = Latch::unread();
+        self.stopped = AtomicBool::new(true);
+        self.journal = Some(journal);
+        self
+    }
+
+    /// Writes a motion that is about to begin.
+    async fn record(
+        &self,
+        axis: AxisName,
+        what: &'static str,
+        to: Option<Millimetres>,
+    ) -> Result<Option<Underway>, Refusal> {
+        let Some(journal) = &self.journal else { return Ok(None) };
+        let from = self.position_mm(axis).ok().map(Millimetres);
+        Ok(Some(journal.begin_motion(axis, what, from, to).await?))
+    }
+
+    /// Hands what an axis answered to a job's recording, and with a homing or a release the state of the other one,
+    /// which its controller may have taken along.
+    fn answered(
+        &self,
+        axis: AxisName,
+        asked: &'static str,
+        target: Option<Millimetres>,
+        end: Result<Option<Millimetres>, &ServiceError>,
+    ) {
+        let Some(journal) = &self.journal else { return };
+        let state = |axis| Some(self.bench.stage(axis).state().borrow().clone());
+        let error = match end {
+            Err(ServiceError::Device(error)) => Some(error.clone()),
+            _ => None,
+        };
+        let readback = end.ok().flatten();
+        journal.happened(|| {
+            Happening::Answer(Answer { axis: Some(axis), asked, target, readback, state: state(axis), error })
+        });
+        if matches!(asked, "home" | "release") {
+            let other = if axis == AxisName::E { AxisName::Focus } else { AxisName::E };
+            journal.happened(|| {
+                let (target, readback, error) = (None, None, None);
+                Happening::Answer(Answer {
+                    axis: Some(other),
+                    asked: "beside",
+                    target,
+                    readback,
+                    state: state(other),
+                    error,
+                })
+            });
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// An axis's configuration.
+    #[must_use]
+    pub fn axis(&self, axis: AxisName) -> &AxisConfig {
+        match axis {
+            AxisName::Focus => &self.config.bench.focus,
+            AxisName::E => &self.config.bench.e,
+        }
+    }
+
+    /// Whether the shell is on.
+    #[must_use]
+    pub fn shell(&self) -> ShellState {
+        self.state().shell
+    }
+
+    /// Takes the operator's statement about the shell.
+    pub fn set_shell(&self, shell: ShellState) {
+        self.state().shell = shell;
+    }
+
+    /// l_bound in force, mm.
+    #[must_use]
+    pub fn l_bound_mm(&self) -> f64 {
+        self.state().l_bound_mm
+    }
+
+    /// Puts a measured l_bound (clearance included, mm) in the place of the configured one.
+    pub fn set_l_bound_mm(&self, l_bound_mm: f64) {
+        self.state().l_bound_mm = l_bound_mm;
+    }
+
+    /// Moves an axis to `target` with its approach leg and returns the readback.
+    ///
+    /// # Errors
+    /// A refusal before anything moves; a device's error, or a stop, in mid-move.
+    pub async fn go(
+        &self,
+        admission: &Admission,
+        axis: AxisName,
+        target: Millimetres,
+    ) -> Result<Millimetres, ServiceError> {
+        self.go_claimed(&self.claim(admission, axis)?, target).await
+    }
+
+    /// [`Motion::go`] with a right taken before.
+    ///
+    /// # Errors
+    /// Those of [`Motion::go`].
+    pub async fn go_claimed(&self, claim: &Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis();
+        self.check(axis, target)?;
+        let underway = self.record(axis, "move", Some(target)).await?;
+        let ended = claim.judge("move", self.go_by_legs(claim, target).await);
+        self.answered(axis, "move", Some(target), ended.as_ref().map(|readback| Some(*readback)));
+        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
+        ended
+    }
+
+    async fn go_by_legs(&self, claim: &Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis();
+        // The disk took its time, in which anything may have changed.
+        self.check(axis, target)?;
+        let from = self.bench.stage(axis).state().borrow().position;
+        let mut readback = from;
+        let legs = self.legs(axis, from, target);
+        self.state().approached[index(axis)] = false;
+        for leg in legs {
+            readback = self.go_straight(claim, readback, leg).await?;
+        }
+        self.state().approached[index(axis)] = true;
+        Ok(readback)
+    }
+
+    /// One leg, in pieces.
+    async fn go_straight(
+        &self,
+        claim: &Claim,
+        from: Millimetres,
+        target: Millimetres,
+    ) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis();
+        let stage = self.bench.stage(axis);
+        let mut at = from;
+        loop {
+            let wall = self.may_go_on(claim, at, target)?;
+            at = Pieces::within(pieces::MOVE, &**stage, wall).next(at, target);
+            let readback = stage.move_to(at, claim.generation()).await?;
+            if (readback - at).abs().value() > READBACK_TOLERANCE_MM {
+                return Err(DeviceError::Protocol {
+                    device: format!("the {axis} stage"),
+                    detail: format!("it was sent to {at:.4} and says it stands at {readback:.4}"),
+                }
+                .into());
+            }
+            if at == target {
+                return Ok(readback);
+            }
+        }
+    }
+
+    /// Whether the next piece on the way to `target` may begin: whatever could forbid it may have changed during the one
+    /// before. Returns the wall that it must be told little at a time towards.
+    fn may_go_on(&self, claim: &Claim, at: Millimetres, target: Millimetres) -> Result<Option<f64>, ServiceError> {
+        let axis = claim.axis();
+        self.in_force(claim.admission(), axis)?;
+        self.position_mm(axis)?;
+        self.check_range(axis, at, target)?;
+        let guarded = axis == AxisName::E && self.shell() != ShellState::Off;
+        Ok(guarded.then(|| self.e_wall_mm()))
+    }
+
+    /// The greatest speed (mm/s) at which an axis jogs: its own, or what it can keep while it is told so little at a time
+    /// that it is at rest in time whatever becomes of the program.
+    #[must_use]
+    pub fn jog_speed_mm_per_s(&self, axis: AxisName) -> f64 {
+        pieces::jog_speed(self.bench.stage(axis).ramp(), self.axis(axis).speed_mm_per_s)
+    }
+
+    /// Moves an axis towards a side at `speed_mm_per_s`, or [as fast as it jogs](Motion::jog_speed_mm_per_s) where that is
+    /// less, while the deadman is held: no further than the limit of travel, the e wall or the greatest step, and not at all
+    /// while another command has the axis. Returns where it stands.
+    ///
+    /// # Errors
+    /// A refusal before anything moves; a device's error, or a stop, in mid-move.
+    pub async fn jog(
+        self: &Arc<Self>,
+        admission: &Admission,
+        axis: AxisName,
+        towards: Side,
+        speed_mm_per_s: f64,
+        deadman: Deadman,
+    ) -> Result<Millimetres, ServiceError> {
+        self.jog_claimed(&self.claim(admission, axis)?, towards, speed_mm_per_s, deadman).await
+    }
+
+    /// [`Motion::jog`] with a right taken before.
+    ///
+    /// # Errors
+    /// Those of [`Motion::jog`].
+    pub async fn jog_claimed(
+        self: &Arc<Self>,
+        claim: &Claim,
+        towards: Side,
+        speed_mm_per_s: f64,
+        deadman: Deadman,
+    ) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis();
+        let underway = self.record(axis, "jog", Some(self.jog_end(axis, towards)?)).await?;
+        let ended = claim.judge("jog", self.jog_by_pieces(claim, towards, speed_mm_per_s, deadman).await);
+        note_end(underway, ended.as_ref().map(|readback| Some(*readback)));
+        ended
+    }
+
+    async fn jog_by_pieces(
+        self: &Arc<Self>,
+        claim: &Claim,
+        towards: Side,
+        speed: f64,
+        deadman: Deadman,
+    ) -> Result<Millimetres, ServiceError> {
+        let axis = claim.axis();
+        // The disk took its time, in which anything may have changed.
+        let end = self.jog_end(axis, towards)?;
+        self.state().approached[index(axis)] = false;
+        let (motion, held) = (Arc::clone(self), claim.clone());
+        let next = move |seen: Seen| {
+            let wall = motion.may_go_on(&held, seen.at, end)?;
+            Ok::<_, ServiceError>(Ahead::new(motion.bench.stage(axis).ramp(), speed, wall).next(seen, end))
+        };
+        jog(self.bench.stage(axis), end, deadman, claim.generation(), next).await
+    }
+
+    /// Homes an axis.
+    ///
+    /// # Errors
+    /// A refusal before anything moves, or the device's error.
+    pub async fn home(&self, admission: &Admission, axis: AxisName) -> Result<(), ServiceError> {
+        self.home_claimed(&self.claim_homing(admission, axis)?).await
+    }
+
+    /// [`Motion::home`] with a right taken before.
+    ///
+    /// # Errors
+    /// Those of [`Motion::home`].
+    pub async fn home_claimed(&self, claim: &Claim) -> Result<(), ServiceError> {
+        let axis = claim.axis();
+        self.check_home(axis)?;
+        let underway = self.record(axis, "home", None).await?;
+        let ended = claim.judge("home", self.home_now(claim).await);
+        let at = self.position_mm(axis).ok().map(Millimetres);
+        self.answered(axis, "home", None, ended.as_ref().map(|()| at));
+        note_end(underway, ended.as_ref().map(|()| at));
+        ended?;
+        for axis in [Some(axis), self.bench.stage(axis).homes_also()].into_iter().flatten() {
+            let config = self.axis(axis);
+            // Pulling off the switch moves away from the home side, which is an approach from it.
+            self.state().approached[index(axis)] = config.home_side == config.approach;
+        }
+        Ok(())
+    }
+
+    async fn home_now(&self, claim: &Claim) -> Result<(), ServiceError> {
+        let axis = claim.axis();
+        // The disk took its time, in which anything may have changed.
+        self.in_force(claim.admission(), axis)?;
+        self.check_home(axis)?;
+        Ok(self.bench.stage(axis).home(claim.generation()).await?)
+    }
+
+    /// Switches an axis's motor off, so that it can be moved by hand; its position is unknown until homed.
+    ///
+    /// # Errors
+    /// A latched stop, a lease that is over, another command that has the axis, or the device's error.
+    pub async fn release(&self, admission: &Admission, axis: AxisName) -> Result<(), ServiceError> {
+        // A controller may be able to switch off all of its motors only.
+        let _others =
+            AxisName::ALL.into_iter().filter(|&other| other != axis).map(|other| self.claim(admission, other));
+        let _others = _others.collect::<Result<Vec<_>, _>>()?;
+        let claim = self.claim(admission, axis)?;
+        let underway = self.record(axis, "release", None).await?;
+        self.state().approached[index(axis)] = false;
+        let ended = claim.judge("release", self.release_now(&claim).await);
+        self.answered(axis, "release", None, ended.as_ref().map(|()| None));
+        note_end(underway, ended.as_ref().map(|()| None));
+        ended
+    }
+
+    async fn release_now(&self, claim: &Claim) -> Result<(), ServiceError> {
+        self.in_force(claim.admission(), claim.axis())?;
+        Ok(self.bench.stage(claim.axis()).release(claim.generation()).await?)
+    }
+
+    /// Asks an axis's controller for its state.
+    ///
+    /// # Errors
+    /// When the controller does not answer.
+    pub async fn read_state(&self, axis: AxisName) -> Result<StageState, DeviceError> {
+        let read = self.bench.stage(axis).read_state().await;
+        let end = read.as_ref().map(|_| None::<Millimetres>).map_err(|error| ServiceError::Device(error.clone()));
+        self.answered(axis, "read", None, end.as_ref().copied());
+        read
+    }
+
+    /// What the stage of an axis is.
+    #[must_use]
+    pub fn stage_info(&self, axis: AxisName) -> StageInfo {
+        self.bench.stage(axis).info()
+    }
+
+    /// The last readback of an axis, mm.
+    ///
+    /// # Errors
+    /// [`DeviceError::NotHomed`] while the position is unknown.
+    pub fn position_mm(&self, axis: AxisName) -> Result<f64, DeviceError> {
+        let state = self.bench.stage(axis).state().borrow().clone();
+        if state.homed { Ok(state.position.value()) } else { Err(DeviceError::NotHomed { axis }) }
+    }
+
+    /// From when on a frame counts as taken at rest: both axes at rest, and settled. `None` while one moves.
+    #[must_use]
+    pub fn settled_from(&self) -> Option<Instant> {
+        let at_rest = |axis: AxisName| {
+            let state = self.bench.stage(axis).state().borrow().at_rest_since?;
+            Some(state + Duration::from_millis(self.axis(axis).settle_ms))
+        };
+        Some(at_rest(AxisName::Focus)?.max(at_rest(AxisName::E)?))
+    }
+
+    /// Why axes are not known to stand, in words.
+    pub(super) fn unrest(&self) -> Vec<String> {
+        let of = |axis: AxisName| {
+            let state = self.bench.stage(axis).state().borrow().clone();
+            let why = match (state.connected, state.fault) {
+                (false, fault) => {
+                    format!("its controller is not connected: {}", fault.as_deref().unwrap_or("it is gone"))
+                }
+                (true, Some(fault)) => fault,
+                (true, None) => "it moves, by what its controller says".to_owned(),
+            };
+            format!("the {axis} axis: {why}")
+        };
+        self.moving().into_iter().map(of).collect()
+    }
+
+    /// The axes that move, or are not known to stand.
+    pub(super) fn moving(&self) -> Vec<AxisName> {
+        let stands = |axis: AxisName| self.bench.stage(axis).state().borrow().at_rest_since.is_some();
+        AxisName::ALL.into_iter().filter(|&axis| !stands(axis)).collect()
+    }
+}

@@ -1,0 +1,73 @@
+//! What a job that is no alignment came to.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use bench::device::AxisName;
+
+/// What a job that is no alignment came to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Outcome {
+    /// Where the axes stand after homing.
+    Homing {
+        /// Readback of the focus axis, mm; `null` while unknown.
+        focus_mm: Option<f64>,
+        /// Readback of the e axis, mm; `null` while unknown.
+        e_mm: Option<f64>,
+    },
+    /// The camera as a triple-level board has it.
+    Calibration {
+        /// Distances of the board's levels from the lens's principal point, mm.
+        distances_mm: [f64; 3],
+        /// d, mm.
+        lens_to_mla_mm: f64,
+        /// b, mm.
+        mla_to_sensor_mm: f64,
+        /// d + N b, mm.
+        image_distance_mm: f64,
+        /// Its standard uncertainty, mm.
+        image_distance_sigma_mm: f64,
+        /// Δv, mm: d + N b less the air design's v.
+        delta_v_mm: f64,
+    },
+    /// The least e that the lens's barrel allows.
+    LBound {
+        /// l_bound, clearance included, mm.
+        l_bound_mm: f64,
+        /// Standard uncertainty of the e at which the lens touches, mm.
+        sigma_mm: f64,
+        /// The e wall that follows, mm.
+        e_wall_mm: f64,
+    },
+    /// The spacing against an axis's position.
+    FocusSweep {
+        /// The axis swept.
+        axis: AxisName,
+        /// Positions asked for.
+        positions: u32,
+        /// Positions at which a spacing was measured: the job's iterations have them.
+        measured: u32,
+        /// Where the spacing meets its target, between two neighbours, mm; `null` where it does not.
+        crossing_mm: Option<f64>,
+        /// Its standard uncertainty by the spacings' own, mm.
+        crossing_sigma_mm: Option<f64>,
+        /// The spacing's change there, px per mm.
+        slope_px_per_mm: Option<f64>,
+    },
+    /// The spacing over time.
+    SpacingWatch {
+        /// Measurements made: the job's iterations have them.
+        measured: u32,
+        /// Their mean, px.
+        mean_px: f64,
+        /// Their scatter about a straight line over time, px.
+        scatter_px: f64,
+        /// That line's slope, px per hour.
+        drift_px_per_h: f64,
+        /// Least spacing, px.
+        least_px: f64,
+        /// Greatest spacing, px.
+        greatest_px: f64,
+    },
+}

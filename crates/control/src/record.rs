@@ -1,0 +1,122 @@
+//! What an alignment keeps of every measurement: an iteration for whoever watches, and the findings for the report.
+
+use super::air::{AirDecision, AirObservation};
+use super::alignment::Alignment;
+use super::eye::Seen;
+use super::job::{Iteration, IterationKind, Stage};
+use super::shell::{ShellDecision, ShellLoop};
+use bench::config::ShellStep;
+use bench::device::AxisName;
+
+impl Alignment<'_> {
+    pub(super) fn record_air(
+        &self,
+        kind: IterationKind,
+        seen: &Seen,
+        here: AirObservation,
+        predicted: Option<f64>,
+        decision: &AirDecision,
+    ) {
+        let decision = match decision {
+            AirDecision::Probe { to_mm } => format!("probe: focus axis to {to_mm:.4} mm"),
+            AirDecision::Move { to_mm } => format!("move the focus axis to {to_mm:.4} mm"),
+            AirDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
+            AirDecision::Verify => "within tolerance: measure again to verify".to_owned(),
+            AirDecision::Done => "within tolerance, verified".to_owned(),
+            AirDecision::NotConverged { why } => format!("not converged: {why}"),
+            AirDecision::Fault(fault) => fault.to_string(),
+        };
+        self.context.record(Iteration {
+            delta_v_mm: Some(here.delta_v_mm),
+            delta_v_sigma_mm: Some(here.sigma_mm),
+            delta_v_target_mm: self.findings.solution.map(|solution| solution.delta_v),
+            e_estimate_mm: None,
+            e_estimate_sigma_mm: None,
+            spacing_predicted_px: predicted,
+            ..self.iteration(Stage::Air, kind, AxisName::Focus, seen, decision)
+        });
+    }
+
+    pub(super) fn iteration(
+        &self,
+        stage: Stage,
+        kind: IterationKind,
+        axis: AxisName,
+        seen: &Seen,
+        decision: String,
+    ) -> Iteration {
+        let moved = matches!(kind, IterationKind::Probe | IterationKind::Move);
+        Iteration {
+            number: 0,
+            stage,
+            kind,
+            axis: moved.then_some(axis),
+            focus_mm: seen.focus_mm,
+            e_mm: seen.e_mm,
+            delta_v_mm: None,
+            delta_v_sigma_mm: None,
+            delta_v_target_mm: None,
+            e_estimate_mm: None,
+            e_estimate_sigma_mm: None,
+            spacing: seen.spacing.clone(),
+            spacing_predicted_px: None,
+            spacing_target_px: self.eye.target_px(),
+            decision,
+            at: jiff::Timestamp::now(),
+        }
+    }
+
+    pub(super) fn keep_shell(
+        &mut self,
+        shell: &ShellLoop,
+        step: ShellStep,
+        seen: &Seen,
+        e_reading_mm: f64,
+        trim_mm: f64,
+    ) {
+        let findings = &mut self.findings;
+        findings.moves_shell = shell.moves();
+        findings.e = Some(shell.model().predict(e_reading_mm));
+        findings.e_scale = Some(shell.model().scale().0);
+        findings.trim_mm = trim_mm;
+        findings.seen = Some(seen.clone());
+        let how = match (step, shell.trimmed()) {
+            (_, true) => {
+                format!("e held at its optimum, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
+            }
+            (ShellStep::HoldETrim, false) => "e moved to its optimum; no trim of Δv was needed".to_owned(),
+            (_, false) => "e translated until the spacing met its target".to_owned(),
+        };
+        findings.shell_step_done = Some(how);
+    }
+
+    pub(super) fn record_shell(
+        &self,
+        kind: IterationKind,
+        moved: AxisName,
+        seen: &Seen,
+        predicted: Option<f64>,
+        decision: &ShellDecision,
+    ) {
+        let decision = match decision {
+            ShellDecision::ProbeE { to_mm } => format!("probe: e axis to {to_mm:.3} mm"),
+            ShellDecision::MoveE { to_mm, .. } => format!("move the e axis to {to_mm:.3} mm"),
+            ShellDecision::Trim { by_mm, .. } => format!("hold e, trim Δv by {:+.1} µm", by_mm * 1000.0),
+            ShellDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
+            ShellDecision::Verify => "the criterion is met: measure again to verify".to_owned(),
+            ShellDecision::Done => "the criterion is met, verified".to_owned(),
+            ShellDecision::NotConverged { why } => format!("not converged: {why}"),
+            ShellDecision::Fault(fault) => fault.to_string(),
+        };
+        let (e, e_sigma) = self.findings.e.unzip();
+        let delta_v = self.findings.delta_v_air.map(|(delta_v, sigma)| (delta_v + self.findings.trim_mm, sigma));
+        self.context.record(Iteration {
+            delta_v_mm: delta_v.map(|(value, _)| value),
+            delta_v_sigma_mm: delta_v.map(|(_, sigma)| sigma),
+            e_estimate_mm: e,
+            e_estimate_sigma_mm: e_sigma,
+            spacing_predicted_px: predicted,
+            ..self.iteration(Stage::Shell, kind, moved, seen, decision)
+        });
+    }
+}

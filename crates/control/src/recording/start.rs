@@ -1,0 +1,98 @@
+//! What a job begins with: into a recording, and back into a service that is to do the same.
+
+use super::words;
+use crate::calibrated::CalibratedCamera;
+use crate::context::JobEnd;
+use crate::job::JobSnapshot;
+use crate::journal::word;
+use crate::service::Service;
+use crate::tasks::AirStep;
+use bench::config::Config;
+use bench::device::{AxisName, Frame};
+use bench::record::messages::{self, JobStart};
+use bench::record::stamp;
+
+/// The configuration as a recording has it: without what says who may ask the daemon, and where.
+fn configuration(config: &Config) -> String {
+    let written = toml::Table::try_from(config).map(|mut table| {
+        ["server", "alpaca", "foxglove", "mqtt", "record"].into_iter().for_each(|section| drop(table.remove(section)));
+        table
+    });
+    written.and_then(|table| toml::to_string(&table)).unwrap_or_else(|error| {
+        tracing::error!(%error, "the configuration cannot be written as TOML");
+        String::new()
+    })
+}
+
+impl Service {
+    /// What a job that has been accepted begins with.
+    pub(crate) fn start_of(&self, job: &JobSnapshot) -> JobStart {
+        let axis = |axis: AxisName| {
+            let stage = self.bench.stage(axis);
+            Some(messages::AxisState {
+                disagreements: stage.info().disagreements,
+                homes_also: stage.homes_also().map(|other| other.name().to_owned()),
+                ..words::axis_state(&stage.state().borrow())
+            })
+        };
+        JobStart {
+            timestamp: Some(stamp(job.created_at)),
+            job_id: job.id.to_string(),
+            request_json: serde_json::to_string(&job.request).unwrap_or_default(),
+            configuration_toml: configuration(&self.config),
+            design_origin: self.design_origin.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            simulated: job.simulated,
+            owner: job.owner.clone(),
+            focus: axis(AxisName::Focus),
+            e: axis(AxisName::E),
+            shell: word(&self.motion.shell()),
+            l_bound_mm: self.motion.l_bound_mm(),
+            spacing_target_px: self.eye.target_px(),
+            air_step: self.eye.air_step().map(|air| messages::AirStep {
+                lens_to_mla_mm: air.camera.lens_to_mla_mm,
+                mla_to_sensor_mm: air.camera.mla_to_sensor_mm,
+                image_distance_sigma_mm: air.camera.image_distance_sigma_mm,
+                window_px: air.camera.window_px,
+                delta_v_mm: air.delta_v.0,
+                delta_v_sigma_mm: air.delta_v.1,
+                focus_mm: air.focus_mm,
+            }),
+            white_frame_before: self.eye.white_frame().is_some(),
+            camera_unfit: self.bench.camera.state().borrow().unfit.clone(),
+        }
+    }
+
+    /// Begins where a recorded job began; `white` is the white frame of an earlier one.
+    ///
+    /// # Errors
+    /// Why it cannot, in words.
+    pub(crate) async fn begin_as(&self, start: &JobStart, white: Option<Frame>) -> Result<(), String> {
+        self.motion.set_shell(words::known(&start.shell)?);
+        self.motion.set_l_bound_mm(start.l_bound_mm);
+        self.eye.aim_at(start.spacing_target_px);
+        if let Some(air) = &start.air_step {
+            self.eye.keep_air_step(AirStep {
+                camera: CalibratedCamera {
+                    design: self.config.design(),
+                    lens_to_mla_mm: air.lens_to_mla_mm,
+                    mla_to_sensor_mm: air.mla_to_sensor_mm,
+                    image_distance_sigma_mm: air.image_distance_sigma_mm,
+                    pixel_mm: self.eye.pixel_mm(),
+                    window_px: air.window_px,
+                },
+                delta_v: (air.delta_v_mm, air.delta_v_sigma_mm),
+                focus_mm: air.focus_mm,
+            });
+        }
+        if let Some(white) = white {
+            self.eye.learn(white.into()).await.map_err(|end| match end {
+                JobEnd::Failed { why }
+                | JobEnd::Unmeasurable { why }
+                | JobEnd::Cancelled { why }
+                | JobEnd::NotConverged { why } => why,
+            })?;
+        }
+        Ok(())
+    }
+}

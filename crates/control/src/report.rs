@@ -1,0 +1,105 @@
+//! The report of an alignment, from what it found.
+
+use super::alignment::Findings;
+use super::context::JobContext;
+use super::eye::Eye;
+use super::job::{Interval, JobState, Report, SpacingTargets};
+use super::motion::Motion;
+use bench::config::Config;
+use bench::device::AxisName;
+
+/// The tilt (degrees) between lens and MLA that a spacing's tilt (px per half frame width) would mean if nothing else
+/// were tilted: d changes by (dl/dΔv)⁻¹ over half the frame's width.
+fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {
+    (tilt_px / slope_px_per_mm / half_width_mm).atan().to_degrees()
+}
+
+#[allow(clippy::too_many_arguments)] // Every one is a different thing, named at the one call.
+pub(super) fn report(
+    context: &JobContext,
+    motion: &Motion,
+    eye: &Eye,
+    config: &Config,
+    design_origin: &str,
+    findings: &Findings,
+    outcome: JobState,
+    reason: &str,
+) -> Report {
+    let design = config.design();
+    let l_bound_mm = motion.l_bound_mm();
+    let solution = findings.solution.unwrap_or_else(|| design.joint(l_bound_mm));
+    let delta_v_mm = findings.delta_v_air.map(|(delta_v, _)| delta_v + findings.trim_mm);
+    let e_mm = findings.e.map(|(e, _)| e);
+    // What is aimed for at the e that was reached: "re-optimise Δv with e fixed".
+    let delta_v_target_mm = e_mm.map_or(solution.delta_v, |e| design.clarity(e).delta_v);
+    let half_width_mm = f64::from(config.sensor.width_px) / 2.0 * eye.pixel_mm();
+    let tilt_px = findings.seen.as_ref().map(|seen| [seen.spacing.tilt_x_px, seen.spacing.tilt_y_px]);
+    let slope = findings.camera.map(|camera| camera.slope_delta_v(e_mm.unwrap_or(solution.e), findings.trim_mm));
+    let delta_v = delta_v_mm.unwrap_or(solution.delta_v);
+    let e = e_mm.unwrap_or(solution.e);
+    let blur_mm = config.assembly.blur_limit_px * eye.pixel_mm();
+    let depth = design.depth_of_field(delta_v, e, blur_mm);
+    let e_tolerance = design.e_tolerance(delta_v, blur_mm);
+    let mut notes = findings.notes.clone();
+    if context.snapshot().simulated {
+        notes.insert(0, "SIMULATED: no real device was driven".to_owned());
+    }
+    notes.push(
+        "tilt is between lens and MLA only if the board is square to the axis and the shell centred: turn the board by 180° before naming the cause".to_owned(),
+    );
+    let truth = context.truth().map(|mut truth| {
+        if let (Some(truth), Some(air)) = (truth.as_object_mut(), &findings.truth_air) {
+            truth.insert("air".to_owned(), air.clone());
+        }
+        truth
+    });
+    Report {
+        outcome,
+        reason: reason.to_owned(),
+        shell_step_done: findings
+            .shell_step_done
+            .clone()
+            .unwrap_or_else(|| "the shell step was not reached".to_owned()),
+        design_origin: design_origin.to_owned(),
+        delta_v_mm,
+        delta_v_sigma_mm: findings.delta_v_air.map(|(_, sigma)| sigma),
+        delta_v_target_mm,
+        delta_v_air_mm: findings.delta_v_air.map(|(delta_v, _)| delta_v),
+        delta_v_air_target_mm: solution.delta_v,
+        e_mm,
+        e_sigma_mm: findings.e.map(|(_, sigma)| sigma),
+        e_target_mm: solution.e,
+        e_wall_mm: motion.e_wall_mm(),
+        focus_readback_mm: motion.position_mm(AxisName::Focus).ok(),
+        e_readback_mm: motion.position_mm(AxisName::E).ok(),
+        image_distance_mm: delta_v_mm.map(|delta_v| design.air_image_distance() + delta_v),
+        spacing_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_px),
+        spacing_sigma_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_sigma_px),
+        spacing_target_px: eye.target_px(),
+        spacing_targets: SpacingTargets {
+            paraxial_px: eye.paraxial_target_px(),
+            chief_ray_px: design
+                .exact_in_water(solution.delta_v, solution.e)
+                .chief_pair_spacing()
+                .map(|spacing| spacing / eye.pixel_mm()),
+            window_px: findings.camera.map(|camera| camera.exact_target_px(solution.e)),
+        },
+        moves_air: findings.moves_air,
+        moves_shell: findings.moves_shell,
+        fov_water_deg: design.fov_in_water(2.0 * half_width_mm, delta_v, e).map(f64::to_degrees),
+        aperture_mm: design.aperture(delta_v),
+        aperture_ring_f_number: design.main_lens.ring_f_number(design.aperture(delta_v)),
+        depth_of_field: depth.map(|depth| Interval { low_mm: Some(depth.near), high_mm: depth.far }),
+        e_tolerance: e_tolerance.map(|e| Interval { low_mm: e.low, high_mm: e.high }),
+        tilt_px,
+        tilt_deg: tilt_px.zip(slope).map(|(tilt, slope)| tilt.map(|t| tilt_deg(t, slope, half_width_mm))),
+        eog_before: findings.eog_before,
+        eog_after: findings.eog_after,
+        focus_scale: findings.focus_scale,
+        e_scale: findings.e_scale,
+        l_bound_mm,
+        l_bound_sigma_mm: findings.l_bound_sigma_mm,
+        notes,
+        truth,
+    }
+}

@@ -1,0 +1,521 @@
+//! The shell loop (Eq. 16): with the shell on, e is translated until the spacing meets its target; where that lies
+//! beyond the wall, e stays at its optimum and Δv is trimmed (Eq. 8 with e fixed). Pure: measurement in, decision out.
+//!
+//! The wall holds twice: in the homed axis's coordinate, and in e as the picture has it. Until scale and zero of the
+//! axis are confirmed by the picture, a move towards the shell covers at most 85 % of the estimated distance.
+
+use super::air::{FREE_TRAVEL_MM, PROBE_MM};
+use super::axis_model::{AxisModel, MoveFault, check_move};
+use super::calibrated::CalibratedCamera;
+use bench::config::ShellStep;
+
+/// Share of the estimated distance to the optimum that a move may cover before scale and zero are confirmed.
+const UNCONFIRMED_SHARE: f64 = 0.85;
+/// The picture's e must be known this well (mm) where a move is to end before scale and zero count as confirmed.
+const CONFIRMED_SIGMA_MM: f64 = 0.4;
+/// Measurements at one pose before the uncertainty is called too large.
+const MAX_MEASUREMENTS_AT_A_POSE: u32 = 6;
+/// Moves of either axis before the loop gives up, the probe not counted.
+const MAX_MOVES: u32 = 7;
+/// Longest trim of Δv, mm: more than the air step can have left and e's zero can ask for.
+const MAX_TRIM_MM: f64 = 0.2;
+
+/// What the loop is to reach, and what it may use.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShellGoal {
+    /// e wanted: max(0, l_bound), mm.
+    pub e_mm: f64,
+    /// The wall: no reading and no estimated e may pass it, mm.
+    pub wall_mm: f64,
+    /// Tolerance of e, mm.
+    pub tolerance_mm: f64,
+    /// Spacing wanted (Eq. 16), px.
+    pub spacing_px: f64,
+    /// What may be changed.
+    pub step: ShellStep,
+    /// Greatest reading of the e axis, mm.
+    pub high_limit_mm: f64,
+    /// Standard relative uncertainty of the e axis's scale.
+    pub scale_sigma: f64,
+    /// Bound on the error of the e axis's zero, mm.
+    pub zero_sigma_mm: f64,
+    /// Lost motion of the e axis on reversal, mm, at most.
+    pub backlash_mm: f64,
+    /// Reading of the e axis at its home, where its zero is best known, mm.
+    pub home_mm: f64,
+}
+
+/// What was measured at one pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShellObservation {
+    /// Readback of the e axis, mm.
+    pub e_reading_mm: f64,
+    /// Δv less that of the end of the air step, as the focus axis's model has it, mm.
+    pub trim_mm: f64,
+    /// Spacing on axis, px.
+    pub spacing_px: f64,
+    /// Its standard uncertainty, px.
+    pub sigma_px: f64,
+}
+
+/// What to do next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ShellDecision {
+    /// Make the first, short move of the e axis and see whether the picture follows.
+    ProbeE {
+        /// Reading to go to, mm.
+        to_mm: f64,
+    },
+    /// Move the e axis.
+    MoveE {
+        /// Reading to go to, mm.
+        to_mm: f64,
+        /// Spacing expected there, px.
+        predicted_px: f64,
+    },
+    /// Trim Δv with e held.
+    Trim {
+        /// Change of the trim, mm.
+        by_mm: f64,
+        /// Spacing expected after it, px.
+        predicted_px: f64,
+    },
+    /// Measure again at the same place and combine.
+    MoreFrames,
+    /// The criterion is met once: measure again to be sure.
+    Verify,
+    /// The criterion is met and verified.
+    Done,
+    /// The criterion cannot be met.
+    NotConverged {
+        /// Why, in words.
+        why: String,
+    },
+    /// The picture contradicts the moves.
+    Fault(MoveFault),
+}
+
+/// The loop's memory.
+#[derive(Debug, Clone)]
+pub struct ShellLoop {
+    goal: ShellGoal,
+    camera: CalibratedCamera,
+    model: AxisModel,
+    pose: Option<Pose>,
+    previous: Option<ShellObservation>,
+    probed: bool,
+    moves: u32,
+    at_optimum: bool,
+    trimmed: bool,
+    verifying: bool,
+}
+
+/// The measurements at the present pose, combined.
+#[derive(Debug, Clone, Copy)]
+struct Pose {
+    e_reading_mm: f64,
+    trim_mm: f64,
+    weight: f64,
+    weighted_sum: f64,
+    count: u32,
+}
+
+impl Pose {
+    fn combined(&self) -> ShellObservation {
+        ShellObservation {
+            e_reading_mm: self.e_reading_mm,
+            trim_mm: self.trim_mm,
+            spacing_px: self.weighted_sum / self.weight,
+            sigma_px: self.weight.sqrt().recip(),
+        }
+    }
+}
+
+impl ShellLoop {
+    /// A loop that has seen nothing.
+    #[must_use]
+    pub fn new(goal: ShellGoal, camera: CalibratedCamera) -> Self {
+        assert!(goal.tolerance_mm > 0.0 && goal.wall_mm < goal.high_limit_mm);
+        let model = AxisModel::new(goal.home_mm, goal.home_mm, goal.zero_sigma_mm, goal.scale_sigma);
+        Self {
+            goal,
+            camera,
+            model,
+            pose: None,
+            previous: None,
+            probed: false,
+            moves: 0,
+            at_optimum: false,
+            trimmed: false,
+            verifying: false,
+        }
+    }
+
+    /// Moves decided so far, the probe not counted.
+    #[must_use]
+    pub fn moves(&self) -> u32 {
+        self.moves
+    }
+
+    /// What the e axis's readings mean, as far as the picture has shown.
+    #[must_use]
+    pub fn model(&self) -> &AxisModel {
+        &self.model
+    }
+
+    /// The measurements at the present pose, combined.
+    #[must_use]
+    pub fn here(&self) -> Option<ShellObservation> {
+        self.pose.map(|pose| pose.combined())
+    }
+
+    /// Whether Δv was trimmed.
+    #[must_use]
+    pub fn trimmed(&self) -> bool {
+        self.trimmed
+    }
+
+    /// The deviation of the spacing that the e tolerance allows, px.
+    #[must_use]
+    pub fn spacing_tolerance_px(&self) -> f64 {
+        self.camera.slope_e(self.goal.e_mm, 0.0).abs() * self.goal.tolerance_mm
+    }
+
+    /// Takes in a measurement and decides.
+    pub fn next(&mut self, observation: ShellObservation) -> ShellDecision {
+        let same_place = self.pose.is_some_and(|pose| {
+            (pose.e_reading_mm - observation.e_reading_mm).abs() < 1e-6
+                && (pose.trim_mm - observation.trim_mm).abs() < 1e-9
+        });
+        if !same_place {
+            self.previous = self.here();
+            self.pose = Some(Pose {
+                e_reading_mm: observation.e_reading_mm,
+                trim_mm: observation.trim_mm,
+                weight: 0.0,
+                weighted_sum: 0.0,
+                count: 0,
+            });
+        }
+        let weight = observation.sigma_px.powi(-2);
+        let (here, measurements) = match &mut self.pose {
+            Some(pose) => {
+                pose.weight += weight;
+                pose.weighted_sum += weight * observation.spacing_px;
+                pose.count += 1;
+                (pose.combined(), pose.count)
+            }
+            None => (observation, 1),
+        };
+        if !same_place
+            && let Some(previous) = self.previous
+            && let Some(fault) = self.contradiction(previous, here)
+        {
+            return ShellDecision::Fault(fault);
+        }
+        if !self.trimmed {
+            // After a trim the spacing says what the trim did, no longer where e is.
+            let e = self.camera.e_mm(observation.spacing_px, observation.trim_mm);
+            let sigma = self.camera.e_sigma_mm(e, observation.trim_mm, observation.sigma_px);
+            if e.is_finite() && sigma.is_finite() {
+                self.model.observe(observation.e_reading_mm, e, sigma);
+            }
+        }
+        self.decide(here, measurements)
+    }
+
+    fn contradiction(&self, previous: ShellObservation, here: ShellObservation) -> Option<MoveFault> {
+        let travel = here.e_reading_mm - previous.e_reading_mm;
+        if travel.abs() > 1e-6 {
+            let estimate = |o: ShellObservation| self.camera.e_mm(o.spacing_px, o.trim_mm);
+            let (from, to) = (estimate(previous), estimate(here));
+            let sigma = |e: f64, o: ShellObservation| o.sigma_px / self.camera.slope_e(e, o.trim_mm).abs();
+            let sigma_mm = sigma(from, previous).hypot(sigma(to, here));
+            return check_move("e", self.model.scale().0 * travel, to - from, sigma_mm, self.goal.backlash_mm);
+        }
+        let trim = here.trim_mm - previous.trim_mm;
+        let e = self.model.predict(here.e_reading_mm).0;
+        let slope = self.camera.slope_delta_v(e, here.trim_mm).abs();
+        let measured = (previous.spacing_px - here.spacing_px) / slope;
+        let measured = if self.camera.slope_delta_v(e, here.trim_mm) < 0.0 { measured } else { -measured };
+        let sigma_mm = previous.sigma_px.hypot(here.sigma_px) / slope;
+        // The focus axis is allowed a micrometre beyond its uncertainty: a trim may be as short as that.
+        check_move("focus", trim, measured, sigma_mm, 0.002)
+    }
+
+    fn decide(&mut self, here: ShellObservation, measurements: u32) -> ShellDecision {
+        if !self.probed {
+            return self.probe(here);
+        }
+        let goal = self.goal;
+        let tolerance_px = self.spacing_tolerance_px();
+        let error_px = here.spacing_px - goal.spacing_px;
+        if self.at_optimum {
+            if error_px.abs() <= tolerance_px && here.sigma_px <= tolerance_px {
+                if self.verifying {
+                    return ShellDecision::Done;
+                }
+                self.verifying = true;
+                return ShellDecision::Verify;
+            }
+            self.verifying = false;
+            let near = error_px.abs() <= tolerance_px + 2.0 * here.sigma_px;
+            if near && here.sigma_px > 0.5 * tolerance_px && measurements < MAX_MEASUREMENTS_AT_A_POSE {
+                return ShellDecision::MoreFrames;
+            }
+            if error_px.abs() <= tolerance_px {
+                return ShellDecision::NotConverged {
+                    why: format!(
+                        "uncertainty: the spacing is {:.4} ± {:.4} px after {measurements} measurements, too uncertain for a tolerance of {tolerance_px:.4} px",
+                        here.spacing_px, here.sigma_px
+                    ),
+                };
+            }
+        }
+        if self.moves >= MAX_MOVES {
+            return ShellDecision::NotConverged {
+                why: format!(
+                    "after {} moves the spacing is {:.3} px and does not settle within {tolerance_px:.3} px of {:.3} px",
+                    self.moves, here.spacing_px, goal.spacing_px
+                ),
+            };
+        }
+        if self.at_optimum { self.correct(here) } else { self.travel(here) }
+    }
+
+    fn probe(&mut self, here: ShellObservation) -> ShellDecision {
+        self.probed = true;
+        let goal = self.goal;
+        // Towards the shell, the side from which every later target is approached; the wall is far by the check below.
+        let free = (here.e_reading_mm - goal.wall_mm).min(goal.high_limit_mm - here.e_reading_mm);
+        let e = self.model.predict(here.e_reading_mm).0;
+        let free = free.min(e - goal.wall_mm);
+        if free < FREE_TRAVEL_MM {
+            return ShellDecision::NotConverged {
+                why: format!(
+                    "the e axis stands {free:.2} mm from the wall or an end of its travel; its first move needs {FREE_TRAVEL_MM} mm free on both sides"
+                ),
+            };
+        }
+        ShellDecision::ProbeE { to_mm: here.e_reading_mm - PROBE_MM }
+    }
+
+    /// The way to the optimum, in pieces until scale and zero are confirmed.
+    fn travel(&mut self, here: ShellObservation) -> ShellDecision {
+        let goal = self.goal;
+        let (e, _) = self.model.predict(here.e_reading_mm);
+        let optimum = self.allowed(self.model.reading_for(goal.e_mm));
+        let confirmed = self.model.predict(optimum).1 <= CONFIRMED_SIGMA_MM;
+        let towards_shell = optimum < here.e_reading_mm;
+        let to = if confirmed || !towards_shell {
+            optimum
+        } else {
+            let estimated = (e - goal.e_mm).min(here.e_reading_mm - goal.e_mm);
+            self.allowed(here.e_reading_mm - UNCONFIRMED_SHARE * estimated)
+        };
+        if (to - here.e_reading_mm).abs() <= 0.5 * goal.tolerance_mm {
+            // As near as the wall, or the picture, lets it come.
+            self.at_optimum = true;
+            return self.decide_again(here);
+        }
+        self.at_optimum = confirmed;
+        self.move_e(to, here.trim_mm)
+    }
+
+    /// At the optimum by the axis's model: what the spacing still lacks.
+    fn correct(&mut self, here: ShellObservation) -> ShellDecision {
+        let goal = self.goal;
+        let crossing_offset =
+            self.camera.e_mm(goal.spacing_px, here.trim_mm) - self.camera.e_mm(here.spacing_px, here.trim_mm);
+        let reading = here.e_reading_mm + crossing_offset / self.model.scale().0;
+        let e = self.model.predict(reading).0;
+        let within_wall = reading >= goal.wall_mm && e >= goal.wall_mm && reading <= goal.high_limit_mm;
+        let translate = match goal.step {
+            ShellStep::TranslateE => true,
+            // Far from its optimum e is not where the design wants it: Δv is what is off.
+            ShellStep::TranslateEThenTrim => {
+                !self.trimmed && within_wall && (e - goal.e_mm).abs() <= MAX_E_DEPARTURE_MM
+            }
+            ShellStep::HoldETrim => false,
+        };
+        if translate {
+            if !within_wall {
+                return ShellDecision::NotConverged {
+                    why: format!(
+                        "the spacing {:.3} px would be met at e = {e:.2} mm, beyond the wall at {:.2} mm; the best point is {:.3} px at e = {:.2} mm",
+                        goal.spacing_px,
+                        goal.wall_mm,
+                        here.spacing_px,
+                        self.model.predict(here.e_reading_mm).0
+                    ),
+                };
+            }
+            return self.move_e(reading, here.trim_mm);
+        }
+        let e_here = self.model.predict(here.e_reading_mm).0;
+        let by = (goal.spacing_px - here.spacing_px) / self.camera.slope_delta_v(e_here, here.trim_mm);
+        if (here.trim_mm + by).abs() > MAX_TRIM_MM {
+            return ShellDecision::NotConverged {
+                why: format!(
+                    "Δv would have to be trimmed by {:.3} mm, more than {MAX_TRIM_MM} mm: shell, water or board are not what is configured, or the air step no longer holds",
+                    here.trim_mm + by
+                ),
+            };
+        }
+        self.trimmed = true;
+        self.moves += 1;
+        ShellDecision::Trim { by_mm: by, predicted_px: goal.spacing_px }
+    }
+
+    fn decide_again(&mut self, here: ShellObservation) -> ShellDecision {
+        let measurements = self.pose.map_or(1, |pose| pose.count);
+        self.decide(here, measurements)
+    }
+
+    fn move_e(&mut self, to_mm: f64, trim_mm: f64) -> ShellDecision {
+        self.moves += 1;
+        let predicted_px = self.camera.spacing_px(self.model.predict(to_mm).0, trim_mm);
+        ShellDecision::MoveE { to_mm, predicted_px }
+    }
+
+    /// The reading nearest the one wanted that passes the wall neither by reading nor by estimate.
+    fn allowed(&self, reading: f64) -> f64 {
+        let (wall, high) = (self.goal.wall_mm, self.goal.high_limit_mm);
+        reading.max(wall).max(self.model.reading_for(wall)).min(high)
+    }
+}
+
+/// How far (mm) e may be taken from its optimum to meet the criterion before Δv is trimmed instead: what Δv's own
+/// tolerance of 5 µm shifts the crossing by, and as much again.
+const MAX_E_DEPARTURE_MM: f64 = 0.6;
+
+#[cfg(test)]
+mod tests {
+    use super::super::calibrated::tests::preset;
+    use super::*;
+
+    fn goal(step: ShellStep) -> ShellGoal {
+        ShellGoal {
+            e_mm: 0.0,
+            wall_mm: -0.1,
+            tolerance_mm: 0.1,
+            spacing_px: preset().design.mla.target_spacing() / preset().pixel_mm,
+            step,
+            high_limit_mm: 32.0,
+            scale_sigma: 0.05,
+            zero_sigma_mm: 0.2,
+            backlash_mm: 0.05,
+            home_mm: 30.0,
+        }
+    }
+
+    struct Outcome {
+        decisions: Vec<ShellDecision>,
+        least_e: f64,
+        least_reading: f64,
+        spacing: f64,
+        e: f64,
+    }
+
+    /// Runs the loop against a bench: true e of a reading, and what the air step left of Δv: a residual that it knows
+    /// and an error that it does not.
+    fn run(step: ShellStep, e_of: impl Fn(f64) -> f64, residual: f64, delta_v_error: f64, sigma: f64) -> Outcome {
+        let mut camera = preset();
+        camera.lens_to_mla_mm += residual;
+        let mut shell = ShellLoop::new(goal(step), camera);
+        let (mut reading, mut trim) = (30.0, 0.0);
+        let (mut decisions, mut least_e, mut least_reading) = (Vec::new(), f64::INFINITY, f64::INFINITY);
+        for turn in 0..40 {
+            least_e = least_e.min(e_of(reading));
+            least_reading = least_reading.min(reading);
+            let spacing = camera.spacing_px(e_of(reading), trim + delta_v_error);
+            let noise = if turn % 2 == 0 { sigma } else { -sigma };
+            let decision = shell.next(ShellObservation {
+                e_reading_mm: reading,
+                trim_mm: trim,
+                spacing_px: spacing + noise,
+                sigma_px: sigma,
+            });
+            decisions.push(decision.clone());
+            match decision {
+                ShellDecision::ProbeE { to_mm } | ShellDecision::MoveE { to_mm, .. } => reading = to_mm,
+                ShellDecision::Trim { by_mm, .. } => trim += by_mm,
+                ShellDecision::MoreFrames | ShellDecision::Verify => {}
+                _ => break,
+            }
+        }
+        let spacing = camera.spacing_px(e_of(reading), trim + delta_v_error);
+        Outcome { decisions, least_e, least_reading, spacing, e: e_of(reading) }
+    }
+
+    fn moves(outcome: &Outcome) -> usize {
+        let is_move = |d: &&ShellDecision| matches!(d, ShellDecision::MoveE { .. } | ShellDecision::Trim { .. });
+        outcome.decisions.iter().filter(is_move).count()
+    }
+
+    #[test]
+    fn scale_zero_and_delta_v_errors_converge_without_passing_the_wall() {
+        for scale in [0.95, 1.0, 1.05] {
+            for zero in [-0.15, 0.0, 0.15] {
+                for delta_v_error in [-0.004, 0.0, 0.004] {
+                    let outcome = run(
+                        ShellStep::TranslateEThenTrim,
+                        |q| 30.0 + zero + scale * (q - 30.0),
+                        delta_v_error / 2.0,
+                        delta_v_error / 4.0,
+                        0.006,
+                    );
+                    let what = format!("scale {scale} zero {zero} Δv {delta_v_error}: {:?}", outcome.decisions);
+                    assert_eq!(outcome.decisions.last(), Some(&ShellDecision::Done), "{what}");
+                    assert!((outcome.spacing - goal(ShellStep::TranslateE).spacing_px).abs() < 0.03, "{what}");
+                    assert!(outcome.least_reading >= -0.1 - 1e-9, "{what}");
+                    assert!(outcome.least_e >= -0.1 - 0.2, "{} {what}", outcome.least_e);
+                    assert!(moves(&outcome) <= 5, "{what}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_long_move_covers_at_most_its_share() {
+        let outcome = run(ShellStep::TranslateEThenTrim, |q| q, 0.0, 0.0, 0.004);
+        assert!(matches!(outcome.decisions[0], ShellDecision::ProbeE { to_mm } if (to_mm - 29.5).abs() < 1e-9));
+        assert!(
+            matches!(outcome.decisions[1], ShellDecision::MoveE { to_mm, .. } if to_mm >= 29.5 * 0.15 - 0.1),
+            "{:?}",
+            outcome.decisions
+        );
+    }
+
+    #[test]
+    fn beyond_the_wall_the_papers_loop_ends_and_ours_trims() {
+        // Δv too large: the criterion is met only at negative e.
+        let plain = run(ShellStep::TranslateE, |q| q, 0.01, 0.0, 0.004);
+        assert!(matches!(plain.decisions.last(), Some(ShellDecision::NotConverged { why }) if why.contains("wall")));
+        let ours = run(ShellStep::TranslateEThenTrim, |q| q, 0.01, 0.0, 0.004);
+        assert_eq!(ours.decisions.last(), Some(&ShellDecision::Done), "{:?}", ours.decisions);
+        assert!(ours.decisions.iter().any(|d| matches!(d, ShellDecision::Trim { .. })));
+        assert!(ours.e.abs() < 0.8, "{}", ours.e);
+        let held = run(ShellStep::HoldETrim, |q| q, 0.01, 0.0, 0.004);
+        assert_eq!(held.decisions.last(), Some(&ShellDecision::Done), "{:?}", held.decisions);
+        assert!(held.decisions.iter().any(|d| matches!(d, ShellDecision::Trim { .. })));
+    }
+
+    #[test]
+    fn a_dead_or_reversed_axis_ends_the_loop_after_the_probe() {
+        let dead = run(ShellStep::TranslateEThenTrim, |_| 30.0, 0.0, 0.0, 0.004);
+        assert!(
+            matches!(dead.decisions.last(), Some(ShellDecision::Fault(MoveFault::NotMoving { .. }))),
+            "{:?}",
+            dead.decisions
+        );
+        assert_eq!(dead.decisions.len(), 2);
+        let reversed = run(ShellStep::TranslateEThenTrim, |q| 60.0 - q, 0.0, 0.0, 0.004);
+        assert!(
+            matches!(reversed.decisions.last(), Some(ShellDecision::Fault(MoveFault::Reversed { .. }))),
+            "{:?}",
+            reversed.decisions
+        );
+        assert_eq!(reversed.decisions.len(), 2);
+    }
+}

@@ -1,0 +1,175 @@
+//! The shell step: shell on, tank filled, the moves of [`super::shell`] carried out.
+
+use std::time::Duration;
+
+use super::alignment::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
+use super::context::JobEnd;
+use super::events::ShellState;
+use super::eye::Seen;
+use super::job::IterationKind;
+use super::mistake::ShellLook;
+use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
+use bench::config::{ShellStep, SpacingTarget};
+use bench::device::{AxisName, Setup};
+use plenoptics::optics::Solution;
+use plenoptics::units::Millimetres;
+
+/// Between two looks at whether the picture stands still: longer than an axis rests between two pieces of its way, so
+/// that a carriage a second late is seen to move.
+const CREEP_LOOK: Duration = Duration::from_millis(600);
+/// How often it is looked again, and how many standard uncertainties of their difference two spacings of one place may be
+/// apart.
+const CREEP_LOOKS: u32 = 8;
+const CREEP_SIGMAS: f64 = 4.0;
+
+impl Alignment<'_> {
+    pub(super) async fn shell(&mut self, solution: &Solution, step: ShellStep) -> Result<(), JobEnd> {
+        let Some(camera) = self.findings.camera else {
+            return Err(JobEnd::failed("the shell step needs the air step's calibration"));
+        };
+        let distance_mm = self.config.object.distance_mm;
+        let instruction = format!(
+            "Take the diffuser off if it is on. Mount the shell, fill the tank, and put the flat board {distance_mm:.1} mm from the shell's outer vertex."
+        );
+        let setup = Setup::WaterBoard { distance_mm };
+        // From here on the shell counts as on, whatever becomes of the confirmation.
+        self.motion.set_shell(ShellState::On);
+        self.context.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+        if self.config.assembly.spacing_target == SpacingTarget::Exact {
+            self.eye.aim_at(camera.exact_target_px(solution.e));
+        }
+        let axis = &self.config.bench.e;
+        let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);
+        let mut first_look = true;
+        let in_air = self.findings.seen.clone();
+        let mut shell = ShellLoop::new(
+            ShellGoal {
+                e_mm: solution.e,
+                wall_mm: low_mm,
+                tolerance_mm: self.config.assembly.e_tolerance_mm,
+                spacing_px: self.eye.target_px(),
+                step,
+                high_limit_mm: high_mm,
+                scale_sigma: axis.scale_uncertainty,
+                zero_sigma_mm: axis.zero_uncertainty_mm,
+                backlash_mm: axis.backlash_mm,
+                home_mm: axis.home_position_mm,
+            },
+            camera,
+        );
+        let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
+        let here_mm = self.motion.position_mm(AxisName::Focus)?;
+        let focus_at_air = self.eye.air_step().map_or(here_mm, |air| air.focus_mm);
+        for _ in 0..MAX_MEASUREMENTS {
+            self.context.doing(format!("shell: measuring the spacing ({})", kind.word()));
+            let e_reading_mm = self.motion.position_mm(AxisName::E)?;
+            let focus_scale = self.findings.focus_scale.unwrap_or(1.0);
+            let trim_mm = (self.motion.position_mm(AxisName::Focus)? - focus_at_air) * focus_scale;
+            let seen = self.spacing_at_rest(kind, frames).await;
+            let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm };
+            let seen = if std::mem::take(&mut first_look) { as_configured(&look, seen)? } else { seen? };
+            if let Some(picture) = &seen.picture {
+                // The first stays; of the others the last.
+                self.context.keep_picture(if self.findings.eog_before.is_none() { "before" } else { "after" }, picture);
+            }
+            if self.findings.eog_before.is_none() {
+                self.findings.eog_before = seen.eog;
+            }
+            self.findings.eog_after = seen.eog;
+            let decision = shell.next(ShellObservation {
+                e_reading_mm,
+                trim_mm,
+                spacing_px: seen.spacing.spacing_px,
+                sigma_px: seen.spacing.spacing_sigma_px,
+            });
+            self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
+            self.record_shell(kind, moved, &seen, predicted, &decision);
+            frames = 1;
+            match decision {
+                ShellDecision::ProbeE { to_mm } => {
+                    let e = shell.model().predict(to_mm).0;
+                    (kind, moved, predicted) = (IterationKind::Probe, AxisName::E, Some(camera.spacing_px(e, trim_mm)));
+                    self.move_e(to_mm).await?;
+                }
+                ShellDecision::MoveE { to_mm, predicted_px } => {
+                    (kind, moved, predicted) = (IterationKind::Move, AxisName::E, Some(predicted_px));
+                    self.move_e(to_mm).await?;
+                }
+                ShellDecision::Trim { by_mm, predicted_px } => {
+                    (kind, moved, predicted) = (IterationKind::Move, AxisName::Focus, Some(predicted_px));
+                    let to = self.motion.position_mm(AxisName::Focus)? + by_mm / focus_scale;
+                    self.context.doing(format!("shell: trimming Δv by {:.1} µm", by_mm * 1000.0));
+                    self.context
+                        .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to)))
+                        .await?;
+                }
+                ShellDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
+                ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
+                ShellDecision::Done => {
+                    self.note_turned_board(&look, in_air.as_ref(), &seen);
+                    return Ok(());
+                }
+                ShellDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
+                ShellDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
+            }
+        }
+        Err(JobEnd::failed("the shell loop did not end; this is a defect of the program"))
+    }
+
+    /// The spacing over so many frames, after a move once the picture stands still: a controller may say that an axis
+    /// stands while its carriage creeps on, and what is decided near the shell would be of where it no longer is.
+    async fn spacing_at_rest(&self, kind: IterationKind, frames: u32) -> Result<Seen, JobEnd> {
+        let mut seen = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
+        if !matches!(kind, IterationKind::Probe | IterationKind::Move) {
+            return Ok(seen);
+        }
+        for _ in 0..CREEP_LOOKS {
+            let pause = async {
+                tokio::time::sleep(CREEP_LOOK).await;
+                Ok::<(), JobEnd>(())
+            };
+            self.context.unless_cancelled(pause).await?;
+            let again = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
+            let (one, other) = (&seen.spacing, &again.spacing);
+            let sigma = one.spacing_sigma_px.hypot(other.spacing_sigma_px);
+            let changed = (one.spacing_px - other.spacing_px).abs() > CREEP_SIGMAS * sigma;
+            seen = again;
+            if !changed {
+                return Ok(seen);
+            }
+            self.context.log("the picture still changes after the move: the axis creeps on, though its controller says that it stands");
+        }
+        Err(JobEnd::failed(
+            "the picture does not come to rest after a move: the axis creeps on, though its controller says that it stands; check the coupling and the controller's settings",
+        ))
+    }
+
+    /// Notes where the spacing's tilt says that a board is turned.
+    fn note_turned_board(&mut self, look: &ShellLook<'_>, in_air: Option<&Seen>, seen: &Seen) {
+        let half_width_mm = f64::from(self.config.sensor.width_px) / 2.0 * self.eye.pixel_mm();
+        let turned = in_air.and_then(|in_air| look.turned_board(&in_air.spacing, &seen.spacing, half_width_mm));
+        if let Some(turned) = turned {
+            self.context.log(turned.clone());
+            self.findings.notes.push(turned);
+        }
+    }
+
+    async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {
+        self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
+        self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to_mm))).await?;
+        Ok(())
+    }
+}
+
+/// The first picture through the shell, or why it cannot be measured, where it contradicts nothing of what was asked to be
+/// set up: before anything moves on the strength of it.
+fn as_configured(look: &ShellLook<'_>, seen: Result<Seen, JobEnd>) -> Result<Seen, JobEnd> {
+    let seen = seen.map_err(|end| match end {
+        JobEnd::Unmeasurable { why } => JobEnd::failed(look.unmeasurable(&why)),
+        end => end,
+    })?;
+    match look.contradiction(&seen.spacing) {
+        Some(why) => Err(JobEnd::failed(why)),
+        None => Ok(seen),
+    }
+}

@@ -1,0 +1,309 @@
+//! Imaging as the loops need it: what a white frame teaches, and what is read from frames with it. Plain functions,
+//! called away from the runtime's threads.
+
+use std::sync::Arc;
+
+use super::job::SpacingReading;
+use bench::config::Config;
+use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions};
+use plenoptics::imaging::clarity::Eog;
+use plenoptics::imaging::depth::DepthOptions;
+use plenoptics::imaging::grid::Grid;
+use plenoptics::imaging::measurement::{
+    FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame,
+};
+use plenoptics::imaging::spacing::{SpacingMap, SpacingOptions};
+use plenoptics::imaging::view::{View, ViewFrame, ViewOptions};
+use plenoptics::imaging::{clarity, view};
+use plenoptics::optics::CameraDesign;
+use plenoptics::optics::mla::{a_from_spacing, micro_image_pitch};
+use plenoptics::raw::{CfaPattern, RawImage};
+
+/// JPEG quality of the pictures kept with a job.
+const JPEG_QUALITY: u8 = 85;
+
+/// What a triple-level board says about the camera.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Triple {
+    /// d, mm.
+    pub(super) lens_to_mla_mm: f64,
+    /// b, mm.
+    pub(super) mla_to_sensor_mm: f64,
+    /// d + N b at the design N: v_ADJ, mm.
+    pub(super) image_distance_mm: f64,
+    /// Its standard uncertainty, mm.
+    pub(super) image_distance_sigma_mm: f64,
+    /// Where most of that is an error shared by neighbouring poses, what they scatter by without it, mm.
+    pub(super) repeatability_mm: Option<f64>,
+}
+
+/// How b is held while Δv is far from where it is wanted: the boards then cannot tell it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct HoldB {
+    /// Standard uncertainty of the configured b, mm.
+    pub(super) sigma_mm: f64,
+    /// Nearer to the wanted d + N b than this, b is told from the boards after all, mm.
+    pub(super) beyond_mm: f64,
+    /// The d + N b wanted, mm.
+    pub(super) image_distance_mm: f64,
+}
+
+/// What was read from frames of one pose.
+#[derive(Debug, Clone)]
+pub(super) struct Measured {
+    /// The spacing.
+    pub(super) spacing: SpacingReading,
+    /// Pitch of the micro-images, px.
+    pub(super) micro_image_pitch_px: f64,
+    /// Radius of the masks that pairs were compared with, px.
+    pub(super) window_px: f64,
+    /// Energy of gradient of the central view of the last frame, of a single board.
+    pub(super) eog: Option<Eog>,
+    /// Structural similarity of its micro-images with their neighbours, mean.
+    pub(super) ssim: Option<f64>,
+    /// The central view of the last frame, a JPEG, of a single board.
+    pub(super) picture: Option<Arc<Vec<u8>>>,
+    /// The spacing micro-image by micro-image, of a single board.
+    pub(super) map: Option<Arc<SpacingMap>>,
+}
+
+/// Grid and vignetting learnt from a white frame, and what is known of the camera.
+pub(super) struct Sight {
+    white: WhiteModel,
+    design: CameraDesign,
+    pixel_mm: f64,
+    mosaic: Option<CfaPattern>,
+    /// What the configuration and the white frame disagree on, in words.
+    disagreement: Option<String>,
+}
+
+impl Sight {
+    /// Learns from a white frame.
+    ///
+    /// # Errors
+    /// Why the frame is no white frame of a microlens array, in words.
+    pub(super) fn from_white(white: &RawImage, config: &Config) -> Result<Self, String> {
+        let white = WhiteModel::of(white, config.sensor.mosaic)
+            .map_err(|error| format!("the white frame cannot be used: {error}"))?;
+        let design = config.design();
+        let pixel_mm = config.pixel_pitch().millimetres();
+        let disagreement = disagreement(&white.grid, &design, pixel_mm);
+        Ok(Self { white, design, pixel_mm, mosaic: config.sensor.mosaic, disagreement })
+    }
+
+    /// What was found, in words.
+    pub(super) fn describe(&self) -> String {
+        let grid = &self.white.grid;
+        let found = format!(
+            "white frame: {} array, pitch {:.4} px, rotation {:.3}°, {} micro-images, residual {:.3} px",
+            grid.array.name(),
+            grid.pitch_px(),
+            grid.rotation().to_degrees(),
+            grid.micro_images(),
+            grid.residual_px
+        );
+        match &self.disagreement {
+            Some(disagreement) => format!("{found}; {disagreement}"),
+            None => found,
+        }
+    }
+
+    /// The white frame.
+    pub(super) const fn white(&self) -> &WhiteModel {
+        &self.white
+    }
+
+    /// How its camera's frames are measured.
+    pub(super) fn options(&self) -> FrameOptions {
+        let pitch_px = self.design.mla.pitch / self.pixel_mm;
+        FrameOptions {
+            spacing: SpacingOptions { mode: Some(self.design.mla.mode), ..SpacingOptions::new(pitch_px) },
+            array: Some(self.design.mla.array),
+            white_at_this_setting: false,
+            mosaic: self.mosaic,
+            map: false,
+        }
+    }
+
+    /// Why the white frame no longer fits a frame, in words; `None` while it does.
+    ///
+    /// # Errors
+    /// Why that cannot be told, in words.
+    pub(super) fn misfit(&self, image: &RawImage) -> Result<Option<String>, String> {
+        let prepared = prepare_frame(image, Some(&self.white), &self.options()).map_err(|error| error.to_string())?;
+        let misfit = prepared.vignetting_fit.filter(|fit| !fit.fits());
+        Ok(misfit.map(|fit| {
+            format!(
+                "the white frame no longer fits: its profile is off by {:.1} %, of which texture explains {:.1} %",
+                100.0 * fit.misfit,
+                100.0 * fit.misfit_sigma
+            )
+        }))
+    }
+
+    /// Measures the spacing of a flat board over several frames of one pose.
+    ///
+    /// # Errors
+    /// Why there is no number to be had, in words.
+    pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, String> {
+        let (seen, measured) = self.measured(images, true)?;
+        let seen_last = images.last().and_then(|image| {
+            let frame = ViewFrame::new(image, self.mosaic, &seen.grid, Some(&seen.light)).ok()?;
+            let view = view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()?;
+            let options = DepthOptions::new(self.design.mla.mode, self.options().spacing.mla_pitch_px);
+            let ssim = frame.depth_map(&options).ok().map(|depth| depth.ssim_mean());
+            Some((view, ssim))
+        });
+        let (view, ssim) = seen_last.map_or((None, None), |(view, ssim)| (Some(view), ssim));
+        let eog = view.as_ref().map(clarity::eog);
+        Ok(Measured { eog, ssim, picture: view.as_ref().and_then(jpeg), map: seen.map.map(Arc::new), ..measured })
+    }
+
+    /// The same, with what every micro-image makes of it where that is asked for, and without a picture.
+    fn measured(&self, images: &[&RawImage], map: bool) -> Result<(FrameMeasurement, Measured), String> {
+        let options = FrameOptions { map, ..self.options() };
+        let seen =
+            measure_frames(images.iter().copied(), Some(&self.white), &options).map_err(|error| error.to_string())?;
+        let spacing = SpacingReading {
+            spacing_px: seen.spacing.on_axis_px,
+            spacing_sigma_px: seen.spacing.sigma_px,
+            tilt_x_px: seen.spacing.tilt_x_px,
+            tilt_y_px: seen.spacing.tilt_y_px,
+            curvature_px: seen.spacing.curvature_px,
+            pairs: seen.spacing.pairs as u32,
+            frames: images.len() as u32,
+        };
+        let (micro_image_pitch_px, window_px) = (seen.grid.pitch_px(), seen.spacing.window_px);
+        Ok((
+            seen,
+            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None },
+        ))
+    }
+
+    /// Calibrates the camera from several frames of a triple-level board, far from focus with b held. The reading is
+    /// that of the middle level.
+    ///
+    /// # Errors
+    /// Why there is no calibration to be had, in words.
+    pub(super) fn triple(
+        &self,
+        images: &[&RawImage],
+        levels_mm: &[f64; 3],
+        hold_b: Option<HoldB>,
+    ) -> Result<(Triple, Measured), String> {
+        // What the distances share is the caller's business: no frame can mend it.
+        let options = CalibrationOptions::new(self.options(), self.pixel_mm, self.design.main_lens);
+        let boards: Result<Vec<Boards>, CalibrationError> =
+            images.iter().map(|image| Boards::measure(image, Some(&self.white), levels_mm.len(), &options)).collect();
+        let calibrated = |hold_b: Option<(f64, f64)>| -> Result<Vec<Calibration>, CalibrationError> {
+            let options = CalibrationOptions { hold_b, ..options.clone() };
+            let boards = boards.as_ref().map_err(Clone::clone)?;
+            boards.iter().map(|boards| boards.calibrate(levels_mm, &options)).collect()
+        };
+        let Some(hold) = hold_b else {
+            return self.camera(&calibrated(None).map_err(|error| error.to_string())?);
+        };
+        let (triple, measured) = match calibrated(Some((self.design.mla.b(), hold.sigma_mm))) {
+            Ok(seen) => match self.camera(&seen)? {
+                (triple, _) if triple.image_distance_sigma_mm > self.spread_mm(levels_mm) => {
+                    self.blurred_triple(images, levels_mm)?
+                }
+                camera => camera,
+            },
+            // Far from focus the levels' spacings differ by less than can be told apart.
+            Err(
+                CalibrationError::BoardsNotFound { .. }
+                | CalibrationError::Degenerate { .. }
+                | CalibrationError::CannotTellApart(_)
+                | CalibrationError::NoSolution { .. }
+                | CalibrationError::Measurement(MeasurementError::Spacing(_)),
+            ) => self.blurred_triple(images, levels_mm)?,
+            Err(error) => return Err(error.to_string()),
+        };
+        let near = (triple.image_distance_mm - hold.image_distance_mm).abs() <= hold.beyond_mm;
+        if near { self.camera(&calibrated(None).map_err(|error| error.to_string())?) } else { Ok((triple, measured)) }
+    }
+
+    /// The camera as several frames of one pose have it.
+    fn camera(&self, seen: &[Calibration]) -> Result<(Triple, Measured), String> {
+        let Some(first) = seen.first() else { return Err("no frame was taken".to_owned()) };
+        let resolution = self.design.mla.signed_resolution();
+        let mean = |value: &dyn Fn(&Calibration) -> f64| seen.iter().map(value).sum::<f64>() / seen.len() as f64;
+        // Uncertainties are mostly what the model leaves unexplained, which further frames do not mend: not averaged.
+        let camera = Triple {
+            lens_to_mla_mm: mean(&|c| c.line.d_mm),
+            mla_to_sensor_mm: mean(&|c| c.line.b_mm),
+            image_distance_mm: mean(&|c| c.line.image_distance(resolution).0),
+            image_distance_sigma_mm: mean(&|c| c.line.image_distance(resolution).1),
+            repeatability_mm: None,
+        };
+        let middle = |c: &Calibration| c.line.levels[c.line.levels.len() / 2];
+        let spacing = SpacingReading {
+            spacing_px: mean(&|c| middle(c).spacing_px),
+            spacing_sigma_px: mean(&|c| middle(c).sigma_px),
+            tilt_x_px: mean(&|c| c.field_px[0]),
+            tilt_y_px: mean(&|c| c.field_px[1]),
+            curvature_px: mean(&|c| c.field_px[2]),
+            pairs: 0,
+            frames: seen.len() as u32,
+        };
+        let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
+        Ok((
+            camera,
+            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None },
+        ))
+    }
+
+    /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
+    /// enough to come nearer.
+    fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), String> {
+        let (_, measured) = self.measured(images, false)?;
+        let (pitch, b) = (self.design.mla.pitch, self.design.mla.b());
+        let a = a_from_spacing(pitch, measured.spacing.spacing_px * self.pixel_mm, b);
+        let image = |distance: f64| self.design.main_lens.image_distance(distance);
+        let lens_to_mla_mm = image(levels_mm[1]) - a;
+        let spread = self.spread_mm(levels_mm);
+        let camera = Triple {
+            lens_to_mla_mm,
+            mla_to_sensor_mm: b,
+            image_distance_mm: lens_to_mla_mm + self.design.mla.a(),
+            image_distance_sigma_mm: spread,
+            repeatability_mm: Some(spread.min(a * a / (b * pitch) * measured.spacing.spacing_sigma_px * self.pixel_mm)),
+        };
+        Ok((camera, measured))
+    }
+
+    /// What three boards taken as one may be off by, mm of image distance: the mean over boards that fill unequal parts
+    /// of the field lies anywhere between them, at the middle most likely.
+    fn spread_mm(&self, levels_mm: &[f64; 3]) -> f64 {
+        let image = |distance: f64| self.design.main_lens.image_distance(distance);
+        (image(levels_mm[0]) - image(levels_mm[2])).abs() / 4.0
+    }
+}
+
+/// A view as a picture; `None` for one that no encoder takes.
+fn jpeg(view: &View) -> Option<Arc<Vec<u8>>> {
+    let (width, height) = (u16::try_from(view.width).ok()?, u16::try_from(view.height).ok()?);
+    let mut bytes = Vec::new();
+    let encoder = jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY);
+    let colours = match view.planes.len() {
+        3 => jpeg_encoder::ColorType::Rgb,
+        _ => jpeg_encoder::ColorType::Luma,
+    };
+    encoder.encode(&view.to_u8(), width, height, colours).ok()?;
+    Some(Arc::new(bytes))
+}
+
+/// What a white frame's grid and the configuration disagree on.
+fn disagreement(grid: &Grid, design: &CameraDesign, pixel_mm: f64) -> Option<String> {
+    if grid.array != design.mla.array {
+        let configured = design.mla.array.name();
+        return Some(format!("the configuration says a {configured} array"));
+    }
+    let expected = micro_image_pitch(design.mla.pitch, design.air_lens_to_mla(), design.mla.b());
+    let expected_px = expected / pixel_mm;
+    // The pitch shows d to some ten per cent only; a wrong MLA or pixel pitch shows at once.
+    let off = grid.pitch_px() / expected_px - 1.0;
+    (off.abs() > 0.01)
+        .then(|| format!("the configuration makes it {expected_px:.3} px: check mla.pitch_mm and sensor.pixel_um"))
+}

@@ -1,0 +1,224 @@
+//! Jobs that measure for measuring's sake: the spacing over an axis's travel, and over time.
+
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use super::alignment::Alignment;
+use super::context::JobEnd;
+use super::events::ShellState;
+use super::eye::Seen;
+use super::job::{IterationKind, Stage};
+use super::outcome::Outcome;
+use super::request::Sweep;
+use bench::device::{AxisName, Setup};
+use plenoptics::units::Millimetres;
+
+/// A spacing seen at a place or a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Sample {
+    /// Position (mm) or time (h).
+    at: f64,
+    spacing_px: f64,
+    sigma_px: f64,
+}
+
+impl Alignment<'_> {
+    /// Measures the spacing at equal steps of one axis, and goes back where it was.
+    pub(super) async fn focus_sweep(&mut self, sweep: Sweep, distance_mm: Option<f64>) -> Result<(), JobEnd> {
+        self.context.stage(Stage::Survey);
+        self.context.begin(sweep.steps + 2);
+        self.eye.check_camera()?;
+        let start = self.motion.position_mm(sweep.axis)?;
+        // Both ends before anything moves.
+        for end in [sweep.from_mm, sweep.to_mm] {
+            self.motion.check(sweep.axis, Millimetres(end))?;
+        }
+        self.something_to_measure(distance_mm).await?;
+        let mut samples = Vec::new();
+        for step in 0..sweep.steps {
+            let share = f64::from(step) / f64::from(sweep.steps - 1);
+            let to = sweep.from_mm + share * (sweep.to_mm - sweep.from_mm);
+            self.context.doing(format!("sweep: {} axis at {to:.3} mm", sweep.axis));
+            self.context.unless_cancelled(self.motion.go(self.admission, sweep.axis, Millimetres(to))).await?;
+            match self.context.unless_cancelled(self.eye.spacing(1)).await {
+                Ok(seen) => samples.push(self.sample(&seen, Some(sweep.axis), to)),
+                // Out of the range of focus is what a sweep may well run into.
+                Err(JobEnd::Unmeasurable { why }) => self.context.log(format!("nothing measured at {to:.3} mm: {why}")),
+                Err(end) => return Err(end),
+            }
+        }
+        self.context.doing(format!("sweep: {} axis back to {start:.3} mm", sweep.axis));
+        self.context.unless_cancelled(self.motion.go(self.admission, sweep.axis, Millimetres(start))).await?;
+        if samples.is_empty() {
+            return Err(JobEnd::NotConverged { why: "no spacing could be measured anywhere on the way".to_owned() });
+        }
+        let crossing = crossing(&samples, self.eye.target_px());
+        self.context.outcome(Outcome::FocusSweep {
+            axis: sweep.axis,
+            positions: sweep.steps,
+            measured: samples.len() as u32,
+            crossing_mm: crossing.map(|crossing| crossing.at),
+            crossing_sigma_mm: crossing.map(|crossing| crossing.sigma),
+            slope_px_per_mm: crossing.map(|crossing| crossing.slope),
+        });
+        Ok(())
+    }
+
+    /// Measures the spacing over time, with nothing moved.
+    pub(super) async fn spacing_watch(&mut self, duration_s: f64, interval_s: f64) -> Result<(), JobEnd> {
+        self.context.stage(Stage::Survey);
+        self.context.begin((duration_s / interval_s).ceil() as u32 + 1);
+        self.context.log(format!("measuring every {interval_s:.1} s for {duration_s:.0} s"));
+        self.eye.check_camera()?;
+        self.something_to_measure(None).await?;
+        let (interval, duration) = (Duration::from_secs_f64(interval_s), Duration::from_secs_f64(duration_s));
+        let mut samples = Vec::new();
+        // By the frames' own times and no other clock: replayed, the same frames make the same watch.
+        let mut schedule: Option<Schedule> = None;
+        loop {
+            self.context.doing("watching the spacing");
+            let seen = self.context.unless_cancelled(self.eye.spacing(1)).await?;
+            let schedule = schedule.get_or_insert(Schedule { begin: seen.taken, due: seen.taken });
+            samples.push(self.sample(&seen, None, schedule.elapsed(seen.taken).as_secs_f64() / 3600.0));
+            schedule.due = (schedule.due + interval).max(seen.taken);
+            let due = schedule.due;
+            if schedule.elapsed(due) >= duration {
+                break;
+            }
+            let rest = async {
+                tokio::time::sleep_until(due).await;
+                Ok::<(), JobEnd>(())
+            };
+            self.context.unless_cancelled(rest).await?;
+        }
+        self.context.outcome(watched(&samples));
+        Ok(())
+    }
+
+    fn sample(&self, seen: &Seen, axis: Option<AxisName>, at: f64) -> Sample {
+        let (spacing_px, sigma_px) = (seen.spacing.spacing_px, seen.spacing.spacing_sigma_px);
+        let difference = spacing_px - self.eye.target_px();
+        let decision = format!("{difference:+.4} px from the target");
+        let mut iteration =
+            self.iteration(Stage::Survey, IterationKind::Sample, axis.unwrap_or(AxisName::Focus), seen, decision);
+        iteration.axis = axis;
+        self.context.record(iteration);
+        Sample { at, spacing_px, sigma_px }
+    }
+
+    /// Where no white frame has been taken: one, and a flat board after it. Otherwise what is there is measured.
+    async fn something_to_measure(&mut self, distance_mm: Option<f64>) -> Result<(), JobEnd> {
+        if self.eye.has_white() {
+            return Ok(());
+        }
+        self.white_frame().await?;
+        if self.motion.shell() == ShellState::Off {
+            let solution = self.design.joint(self.motion.l_bound_mm());
+            let distance_mm = distance_mm.unwrap_or(solution.equivalent_distance);
+            let instruction =
+                format!("Take the diffuser off. In air, put a flat board {}.", self.board_place(&[distance_mm]));
+            let setup = Setup::AirTripleBoard { distances_mm: [distance_mm; 3] };
+            return self.context.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), setup).await;
+        }
+        let distance_mm = self.config.object.distance_mm;
+        let instruction = format!(
+            "Take the diffuser off. With the shell on and the tank full, put the flat board {distance_mm:.1} mm from the shell's outer vertex."
+        );
+        let setup = Setup::WaterBoard { distance_mm };
+        self.context.ask("board_in_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await
+    }
+}
+
+/// When a watch began, and when its next measurement is due.
+#[derive(Debug, Clone, Copy)]
+struct Schedule {
+    begin: Instant,
+    due: Instant,
+}
+
+impl Schedule {
+    fn elapsed(&self, at: Instant) -> Duration {
+        at.saturating_duration_since(self.begin)
+    }
+}
+
+/// Where a line of samples meets a target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Crossing {
+    at: f64,
+    sigma: f64,
+    slope: f64,
+}
+
+/// The first pair of neighbours astride the target, interpolated linearly.
+fn crossing(samples: &[Sample], target_px: f64) -> Option<Crossing> {
+    samples.windows(2).find_map(|pair| {
+        let (near, far) = (pair[0], pair[1]);
+        let (below, above) = (near.spacing_px - target_px, far.spacing_px - target_px);
+        if below * above > 0.0 || below == above {
+            return None;
+        }
+        let slope = (far.spacing_px - near.spacing_px) / (far.at - near.at);
+        let share = below / (below - above);
+        let sigma = (near.sigma_px * (1.0 - share)).hypot(far.sigma_px * share) / slope.abs();
+        Some(Crossing { at: near.at + share * (far.at - near.at), sigma, slope })
+    })
+}
+
+/// Mean, line over time, and scatter about it.
+fn watched(samples: &[Sample]) -> Outcome {
+    let count = samples.len() as f64;
+    let mean = |value: fn(&Sample) -> f64| samples.iter().map(value).sum::<f64>() / count;
+    let (mean_at, mean_px) = (mean(|sample| sample.at), mean(|sample| sample.spacing_px));
+    let spread: f64 = samples.iter().map(|sample| (sample.at - mean_at).powi(2)).sum();
+    let together: f64 = samples.iter().map(|sample| (sample.at - mean_at) * (sample.spacing_px - mean_px)).sum();
+    let slope = if spread > 0.0 { together / spread } else { 0.0 };
+    let square: f64 =
+        samples.iter().map(|sample| (sample.spacing_px - mean_px - slope * (sample.at - mean_at)).powi(2)).sum();
+    let least = samples.iter().map(|sample| sample.spacing_px).fold(f64::INFINITY, f64::min);
+    let greatest = samples.iter().map(|sample| sample.spacing_px).fold(f64::NEG_INFINITY, f64::max);
+    Outcome::SpacingWatch {
+        measured: samples.len() as u32,
+        mean_px,
+        scatter_px: if samples.len() > 2 { (square / (count - 2.0)).sqrt() } else { 0.0 },
+        drift_px_per_h: slope,
+        least_px: least,
+        greatest_px: greatest,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(at: f64, spacing_px: f64) -> Sample {
+        Sample { at, spacing_px, sigma_px: 0.002 }
+    }
+
+    #[test]
+    fn the_crossing_lies_between_its_neighbours() {
+        let samples = [sample(0.0, 22.0), sample(1.0, 20.0), sample(2.0, 19.0)];
+        let found = crossing(&samples, 19.25).unwrap();
+        assert!((found.at - 1.75).abs() < 1e-12 && (found.slope + 1.0).abs() < 1e-12, "{found:?}");
+        assert!((found.sigma - 0.002 * 0.25f64.hypot(0.75)).abs() < 1e-12, "{found:?}");
+        assert_eq!(crossing(&samples, 18.0), None);
+        assert_eq!(crossing(&samples[..1], 22.5), None);
+    }
+
+    #[test]
+    fn a_watch_tells_drift_from_scatter() {
+        let samples: Vec<Sample> = (0..10)
+            .map(|i| sample(f64::from(i), 20.0 + 0.1 * f64::from(i) + if i % 2 == 0 { 0.01 } else { -0.01 }))
+            .collect();
+        let Outcome::SpacingWatch { measured, mean_px, scatter_px, drift_px_per_h, least_px, greatest_px } =
+            watched(&samples)
+        else {
+            panic!("another outcome");
+        };
+        assert_eq!(measured, 10);
+        assert!((mean_px - 20.45).abs() < 1e-9 && (drift_px_per_h - 0.1).abs() < 0.002, "{drift_px_per_h}");
+        assert!((0.009..0.013).contains(&scatter_px), "{scatter_px}");
+        assert!((least_px - 20.01).abs() < 1e-9 && (greatest_px - 20.89).abs() < 1e-9, "{least_px} to {greatest_px}");
+    }
+}

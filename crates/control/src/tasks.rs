@@ -1,0 +1,157 @@
+//! The kinds of job that are parts of an alignment, each from its preparation to its end.
+
+use super::alignment::{Alignment, VERIFY_FRAMES};
+use super::calibrated::CalibratedCamera;
+use super::context::JobEnd;
+use super::job::Stage;
+use super::outcome::Outcome;
+use super::request::JobKind;
+use bench::config::{LBoundSource, ShellStep};
+use bench::device::AxisName;
+
+/// The focus axis may have been moved by this much (mm) since the air step for its calibration still to be told from
+/// the axis's reading: what a trim may ask for.
+const KEPT_WITHIN_MM: f64 = 0.2;
+
+/// What an air step left: enough to go on with the shell in a later job.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AirStep {
+    /// Camera as calibrated.
+    pub(super) camera: CalibratedCamera,
+    /// Δv at its end and its standard uncertainty, mm.
+    pub(super) delta_v: (f64, f64),
+    /// Readback of the focus axis then, mm.
+    pub(super) focus_mm: f64,
+}
+
+impl Alignment<'_> {
+    /// Runs what was asked for. What it found stays in `findings`, whatever the end.
+    pub(super) async fn carry_out(&mut self) -> Result<(), JobEnd> {
+        let request = self.context.snapshot().request;
+        match request.kind {
+            JobKind::JointAlignment => self.joint().await,
+            JobKind::AirOnly => self.air_only().await,
+            JobKind::ShellOnly => self.shell_only().await,
+            JobKind::ClarityOnly => self.clarity_only(request.e_mm.unwrap_or(self.config.assembly.initial_e_mm)).await,
+            JobKind::LBoundMeasurement => self.l_bound_only().await,
+            JobKind::FocusSweep => {
+                let sweep = request.sweep().map_err(JobEnd::from)?;
+                self.focus_sweep(sweep, request.distance_mm).await
+            }
+            JobKind::SpacingWatch => {
+                let (duration_s, interval_s) = request.watch().map_err(JobEnd::from)?;
+                self.spacing_watch(duration_s, interval_s).await
+            }
+            JobKind::Calibration => self.calibration_only(request.distance_mm).await,
+            JobKind::Homing => {
+                let axes = request.axes.unwrap_or_else(|| AxisName::ALL.to_vec());
+                self.homing(&axes).await
+            }
+        }
+    }
+
+    async fn air_only(&mut self) -> Result<(), JobEnd> {
+        self.prepare().await?;
+        if self.config.assembly.l_bound == LBoundSource::Measure {
+            self.measure_l_bound().await?;
+        }
+        let solution = self.design.joint(self.motion.l_bound_mm());
+        self.findings.solution = Some(solution);
+        self.context.stage(Stage::Air);
+        self.eye.aim_at(self.eye.paraxial_target_px());
+        self.air(&solution).await.map(drop)
+    }
+
+    async fn shell_only(&mut self) -> Result<(), JobEnd> {
+        self.eye.check_camera()?;
+        let Some(kept) = self.eye.air_step() else {
+            return Err(JobEnd::failed(
+                "the shell step needs the calibration of an air step, and none has been made since the focus axis was homed: run air_only or joint_alignment first",
+            ));
+        };
+        let focus_mm = self.motion.position_mm(AxisName::Focus)?;
+        if (focus_mm - kept.focus_mm).abs() > KEPT_WITHIN_MM {
+            return Err(JobEnd::failed(format!(
+                "the focus axis stands at {focus_mm:.3} mm, too far from {:.3} mm, where the air step left it: move it back or run the air step again",
+                kept.focus_mm
+            )));
+        }
+        let solution = self.design.joint(self.motion.l_bound_mm());
+        self.findings.solution = Some(solution);
+        self.findings.camera = Some(kept.camera);
+        self.findings.delta_v_air = Some(kept.delta_v);
+        self.context.log(format!("going on from the air step that left the focus axis at {:.4} mm", kept.focus_mm));
+        self.context.stage(Stage::Shell);
+        self.shell(&solution, self.config.assembly.shell_step).await
+    }
+
+    async fn clarity_only(&mut self, e_mm: f64) -> Result<(), JobEnd> {
+        let (low, high) = self.motion.range_mm(AxisName::E);
+        if !(low..=high).contains(&e_mm) {
+            return Err(JobEnd::failed(format!(
+                "e = {e_mm:.3} mm is outside what the e axis may be sent to: {low:.3} to {high:.3} mm"
+            )));
+        }
+        self.prepare().await?;
+        let solution = self.design.clarity(e_mm);
+        self.findings.solution = Some(solution);
+        self.context.stage(Stage::Air);
+        self.eye.aim_at(self.eye.paraxial_target_px());
+        let levels = self.air(&solution).await?;
+        self.park_e(&levels, e_mm).await?;
+        self.context.stage(Stage::Shell);
+        self.shell(&solution, ShellStep::HoldETrim).await
+    }
+
+    async fn l_bound_only(&mut self) -> Result<(), JobEnd> {
+        self.prepare().await?;
+        self.measure_l_bound().await?;
+        if let Some(sigma_mm) = self.findings.l_bound_sigma_mm {
+            self.context.outcome(Outcome::LBound {
+                l_bound_mm: self.motion.l_bound_mm(),
+                sigma_mm,
+                e_wall_mm: self.motion.e_wall_mm(),
+            });
+        }
+        Ok(())
+    }
+
+    async fn calibration_only(&mut self, distance_mm: Option<f64>) -> Result<(), JobEnd> {
+        self.context.stage(Stage::Survey);
+        self.eye.check_camera()?;
+        if !self.eye.has_white() {
+            self.white_frame().await?;
+        }
+        let solution = self.design.joint(self.motion.l_bound_mm());
+        let middle_mm = distance_mm.unwrap_or(solution.equivalent_distance);
+        let levels = self.place_triple_board(middle_mm).await?;
+        self.context.doing("calibration: measuring the board");
+        // Where the axis's reading is unknown the camera may stand anywhere.
+        let reading_mm = self.motion.position_mm(AxisName::Focus).unwrap_or(f64::INFINITY);
+        let hold_b = self.hold_b(reading_mm, &solution);
+        let seen = self.context.unless_cancelled(self.eye.calibrate(&levels, hold_b, VERIFY_FRAMES)).await?;
+        let camera = seen.camera;
+        self.context.outcome(Outcome::Calibration {
+            distances_mm: levels,
+            lens_to_mla_mm: camera.lens_to_mla_mm,
+            mla_to_sensor_mm: camera.mla_to_sensor_mm,
+            image_distance_mm: camera.image_distance_mm,
+            image_distance_sigma_mm: camera.image_distance_sigma_mm,
+            delta_v_mm: camera.image_distance_mm - self.design.air_image_distance(),
+        });
+        Ok(())
+    }
+
+    async fn homing(&mut self, axes: &[AxisName]) -> Result<(), JobEnd> {
+        self.context.stage(Stage::Preparation);
+        for &axis in axes {
+            self.context.doing(format!("homing the {axis} axis"));
+            self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
+        }
+        self.context.outcome(Outcome::Homing {
+            focus_mm: self.motion.position_mm(AxisName::Focus).ok(),
+            e_mm: self.motion.position_mm(AxisName::E).ok(),
+        });
+        Ok(())
+    }
+}
