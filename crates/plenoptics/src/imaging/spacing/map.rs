@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::frame::SpacingFrame;
 use super::model::{Model, Place};
-use super::score::{PairScore, pair_weights, score_pairs};
+use super::score::PairScore;
 
 /// A micro-image whose pairs count less than this on the whole does not show what its neighbours show.
 const LEAST_WEIGHT: f64 = 0.2;
@@ -80,16 +80,15 @@ impl Sums {
     }
 }
 
-/// The map at a fitted model. Frames of one pose add up.
-pub(super) fn map(frames: &[SpacingFrame], model: &Model) -> SpacingMap {
+/// The map at a fitted model, from what each frame's pairs say there and their weights. Frames of one pose add up.
+pub(super) fn map(frames: &[SpacingFrame], model: &Model, scores: &[Vec<(PairScore, f64)>]) -> SpacingMap {
     let mut sums: BTreeMap<[i32; 2], Sums> = BTreeMap::new();
     let mut pairs = Vec::new();
-    for (k, frame) in frames.iter().enumerate() {
-        let scores = score_pairs(frame, &frame.pairs, model);
-        for (score, weight) in scores.iter().zip(pair_weights(&scores)) {
+    for (k, (frame, scores)) in frames.iter().zip(scores).enumerate() {
+        for &(score, weight) in scores {
             let ends = [score.pair.first, score.pair.second].map(|n| &frame.micro_images[n]);
             for end in ends {
-                sums.entry(end.index).or_default().add(score, weight);
+                sums.entry(end.index).or_default().add(&score, weight);
             }
             if k == 0 {
                 pairs.push(PairMatch { centres_px: ends.map(|end| end.centre), weight });

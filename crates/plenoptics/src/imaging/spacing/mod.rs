@@ -40,6 +40,7 @@ pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map
 
 use crate::optics::{ArrayKind, MlaMode};
 use model::{FIELD_TERMS, Model, TERMS};
+use score::PairScore;
 use solve::{Normal, Outcome, iterate};
 
 /// Fewer pairs than this leave nothing to tell scatter from.
@@ -169,12 +170,20 @@ pub fn measure_spacing_map(
     frames: &[SpacingFrame],
     options: &SpacingOptions,
 ) -> Result<(Spacing, SpacingMap), SpacingError> {
-    measure(frames, options).map(|(spacing, model)| (spacing, map::map(frames, &model)))
+    measure(frames, options).map(|(spacing, Fitted { model, scores, .. })| (spacing, map::map(frames, &model, &scores)))
 }
 
-fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing, Model), SpacingError> {
+/// Spacings of regions, and what led to them.
+struct Fitted {
+    regions: RegionSpacings,
+    model: Model,
+    /// What each frame's pairs say at the model, and how much they count.
+    scores: Vec<Vec<(PairScore, f64)>>,
+}
+
+fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing, Fitted), SpacingError> {
     let from = start(frames, options)?;
-    let (regions, model) = match fit(frames, &[from], &[1.0], options) {
+    let fitted = match fit(frames, &[from], &[1.0], options) {
         // The expected value was too far off: look for the spacing as if nothing had been known.
         Err(SpacingError::NoMatch { .. } | SpacingError::NoTexture { .. }) if options.start_px.is_some() => {
             let options = SpacingOptions { start_px: None, ..*options };
@@ -182,6 +191,7 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         }
         fitted => fitted?,
     };
+    let Fitted { regions, model, .. } = &fitted;
     let mut covariance = [[0.0; 1 + TERMS]; 1 + TERMS];
     let places: Vec<usize> = std::iter::once(0).chain(model.free.iter().map(|term| 1 + term)).collect();
     for (i, &row) in places.iter().enumerate() {
@@ -192,12 +202,12 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
     let sigma_random_px = regions.sigmas_random_px[0];
     // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
     covariance[0][0] = covariance[0][0].max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2);
-    for smear in frames.iter().filter_map(|frame| smear::smear(frame, &model)) {
+    for smear in frames.iter().filter_map(|frame| smear::smear(frame, model)) {
         if smear.change_px > SMEAR_PX && smear.significance > SMEAR_SIGNIFICANCE {
             return Err(SpacingError::Moved { change_px: smear.change_px });
         }
     }
-    let sigma_bound_px = bound::bound(frames, &model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
+    let sigma_bound_px = bound::bound(frames, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
     let spacing = Spacing {
         on_axis_px: regions.spacings_px[0],
         sigma_px: covariance[0][0].sqrt(),
@@ -216,7 +226,7 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         residual_ratio: regions.residual_ratio,
         noise_grey_levels: model.noise(&frames[0]),
     };
-    Ok((spacing, model))
+    Ok((spacing, fitted))
 }
 
 /// Measures the spacings of regions (see [`SpacingFrame::assign_regions`]) that share tilt and curvature; `starts` are
@@ -230,7 +240,7 @@ pub fn measure_regions(
     scales: &[f64],
     options: &SpacingOptions,
 ) -> Result<RegionSpacings, SpacingError> {
-    fit(frames, starts, scales, options).map(|(regions, _)| regions)
+    fit(frames, starts, scales, options).map(|fitted| fitted.regions)
 }
 
 fn fit(
@@ -238,7 +248,7 @@ fn fit(
     starts: &[f64],
     scales: &[f64],
     options: &SpacingOptions,
-) -> Result<(RegionSpacings, Model), SpacingError> {
+) -> Result<Fitted, SpacingError> {
     let mut model = Model { scales: scales.to_vec(), ..Model::flat(starts.to_vec()) };
     if let Some(held) = options.field_held {
         model.terms[..FIELD_TERMS].copy_from_slice(&held);
@@ -268,12 +278,14 @@ fn fit(
     }
     check_texture(&normal, noise)?;
     check_scene(&model, frames)?;
-    let regions = starts.len();
-    let sigmas_random_px = (0..regions)
-        .map(|r| noise::noise_variance(frames, &model, &DVector::from(inverse.column(r).clone_owned())).sqrt())
+    let sigmas_random_px = (0..starts.len())
+        .map(|r| {
+            noise::noise_variance(frames, &model, &normal.scores, &DVector::from(inverse.column(r).clone_owned()))
+                .sqrt()
+        })
         .collect();
     let [tilt_x, tilt_y, curvature, ..] = model.terms;
-    let spacings = RegionSpacings {
+    let regions = RegionSpacings {
         spacings_px: model.spacings.clone(),
         sigmas_random_px,
         field_px: [tilt_x, tilt_y, curvature],
@@ -283,7 +295,7 @@ fn fit(
         correlation: normal.correlation,
         residual_ratio: normal.residual,
     };
-    Ok((spacings, model))
+    Ok(Fitted { regions, model, scores: normal.scores })
 }
 
 /// Where to start iterating: the caller's value where neighbours match there, else what a search finds.

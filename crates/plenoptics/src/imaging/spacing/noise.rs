@@ -6,16 +6,21 @@ use rayon::prelude::*;
 use super::frame::SpacingFrame;
 use super::model::Model;
 use super::patch::{Patch, Placed};
-use super::score::{order, pair_weights, score_pairs};
+use super::score::{PairScore, order};
 
-/// Variance of the first unknowns that pixel noise alone gives, one for each direction `along` in the space of unknowns
-/// (a row of the inverse information).
+/// Variance that pixel noise alone gives an unknown: `along` is its row of the inverse information, `scores` what each
+/// frame's pairs say at the model, with their weights.
 ///
 /// The noise of a pixel enters every pair that its micro-image takes part in, as reference and as neighbour; with a
 /// neighbour on either side most of it cancels. So its weights are gathered pixel by pixel before they are squared.
 /// The neighbour's role mirrors the reference's: it counts as the same again.
-pub(super) fn noise_variance(frames: &[SpacingFrame], model: &Model, along: &DVector<f64>) -> f64 {
-    frames.iter().map(|frame| frame_noise_variance(frame, model, along)).sum()
+pub(super) fn noise_variance(
+    frames: &[SpacingFrame],
+    model: &Model,
+    scores: &[Vec<(PairScore, f64)>],
+    along: &DVector<f64>,
+) -> f64 {
+    frames.iter().zip(scores).map(|(frame, scores)| frame_noise_variance(frame, model, scores, along)).sum()
 }
 
 /// A micro-image's partner in a pair, their spacing along and across it (px), and what the pair's two scores do to the
@@ -27,12 +32,10 @@ struct Neighbour {
     factor: [f64; 2],
 }
 
-fn frame_noise_variance(frame: &SpacingFrame, model: &Model, along: &DVector<f64>) -> f64 {
+fn frame_noise_variance(frame: &SpacingFrame, model: &Model, scores: &[(PairScore, f64)], along: &DVector<f64>) -> f64 {
     let mut neighbours: Vec<Vec<Neighbour>> = vec![Vec::new(); frame.micro_images.len()];
     let mut derivatives = [Vec::new(), Vec::new()];
-    let scores = score_pairs(frame, &frame.pairs, model);
-    let usual = pair_weights(&scores);
-    for (score, weight) in scores.iter().zip(usual) {
+    for (score, weight) in scores {
         let pair = score.pair;
         model.derivatives(score.region, &score.place, &mut derivatives);
         let scale = weight / model.noise(frame).powi(2).max(1e-6);

@@ -14,6 +14,11 @@ pub const GALILEAN_RANGE: [f64; 2] = [0.35, 0.95];
 pub const KEPLERIAN_RANGE: [f64; 2] = [1.05, 1.5];
 /// Pairs that the search looks at, over all frames.
 const PAIRS: usize = 600;
+/// Every how many of them it looks at first: no divisor of what a micro-image has of pairs, so that all directions are
+/// among them.
+const SPARSE: usize = 5;
+/// Correlation of those few from which the match is beyond doubt, so that the others need not be asked.
+const PLAIN_CORRELATION: f64 = 0.75;
 /// Pairs that a map of the field looks at.
 const MAP_PAIRS: usize = 1500;
 /// Peaks of the correlation that are looked at more closely.
@@ -79,24 +84,12 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
     let subsets: Vec<Vec<Pair>> = frames.iter().map(|f| textured_pairs(f, PAIRS / frames.len().min(PAIRS))).collect();
     let regions = frames.iter().flat_map(|f| &f.micro_images).filter_map(|m| m.region).max().map_or(1, |r| r + 1);
     let flat = |spacing: f64| Model::flat(vec![spacing; regions]);
-    let mut peaks = Vec::new();
-    for trials in trial_spacings(mla_pitch, mode) {
-        let curve: Vec<f64> = trials
-            .iter()
-            .map(|&spacing| {
-                let contents = frames.iter().zip(&subsets).flat_map(|(f, s)| content_of_pairs(f, s, spacing));
-                correlation(&contents.flatten().collect::<Vec<_>>())
-            })
-            .collect();
-        for k in 0..curve.len() {
-            let before = k.checked_sub(1).map_or(f64::MIN, |k| curve[k]);
-            let after = curve.get(k + 1).copied().unwrap_or(f64::MIN);
-            if curve[k] > before && curve[k] >= after {
-                peaks.push(Candidate { spacing: trials[k], correlation: curve[k] });
-            }
-        }
+    let ranges = trial_spacings(mla_pitch, mode);
+    let few: Vec<Vec<Pair>> = subsets.iter().map(|pairs| pairs.iter().copied().step_by(SPARSE).collect()).collect();
+    let mut peaks = peaks(frames, &few, &ranges);
+    if peaks.first().is_none_or(|best| best.correlation < PLAIN_CORRELATION) {
+        peaks = self::peaks(frames, &subsets, &ranges);
     }
-    peaks.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
     peaks.truncate(CANDIDATES);
     if regions > 1 {
         return peaks;
@@ -115,6 +108,29 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
         .collect();
     refined.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
     refined
+}
+
+/// Where the correlation of these pairs is higher than at the trials beside it, by falling correlation.
+fn peaks(frames: &[SpacingFrame], subsets: &[Vec<Pair>], ranges: &[Vec<f64>]) -> Vec<Candidate> {
+    let mut peaks = Vec::new();
+    for trials in ranges {
+        let curve: Vec<f64> = trials
+            .iter()
+            .map(|&spacing| {
+                let contents = frames.iter().zip(subsets).flat_map(|(f, s)| content_of_pairs(f, s, spacing));
+                correlation(&contents.flatten().collect::<Vec<_>>())
+            })
+            .collect();
+        for k in 0..curve.len() {
+            let before = k.checked_sub(1).map_or(f64::MIN, |k| curve[k]);
+            let after = curve.get(k + 1).copied().unwrap_or(f64::MIN);
+            if curve[k] > before && curve[k] >= after {
+                peaks.push(Candidate { spacing: trials[k], correlation: curve[k] });
+            }
+        }
+    }
+    peaks.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
+    peaks
 }
 
 /// Trial spacings (px) over the capture range, and the correlation of neighbours at each in bins across the frame, one

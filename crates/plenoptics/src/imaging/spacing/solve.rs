@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::frame::{Pair, SpacingFrame};
 use super::model::Model;
-use super::score::{BLOCKS, correlation, pair_weights, score_pairs};
+use super::score::{BLOCKS, PairScore, correlation, pair_weights, score_pairs};
 
 /// The normal equation of all pairs of all frames, at one state of the model.
 #[derive(Debug)]
@@ -23,6 +23,8 @@ pub(super) struct Normal {
     pub(super) residual: f64,
     /// Pairs in each region.
     pub(super) region_pairs: Vec<usize>,
+    /// What each pair of each frame says, and how much it counts by how well it matches.
+    pub(super) scores: Vec<Vec<(PairScore, f64)>>,
 }
 
 impl Normal {
@@ -38,14 +40,14 @@ impl Normal {
             correlation: 0.0,
             residual: 0.0,
             region_pairs: vec![0; model.spacings.len()],
+            scores: Vec::with_capacity(frames.len()),
         };
         let mut derivatives = [vec![0.0; n], vec![0.0; n]];
-        let mut all = Vec::new();
         for (k, frame) in frames.iter().enumerate() {
             let pairs = subsets.map_or(&frame.pairs, |s| &s[k]);
             let scores = score_pairs(frame, pairs, model);
             let weights = pair_weights(&scores);
-            for (score, weight) in scores.iter().zip(weights) {
+            for (score, weight) in scores.iter().zip(&weights) {
                 // Frames of other noise or depth weigh by what their noise allows.
                 let weight = weight / model.noise(frame).powi(2).max(1e-6);
                 model.derivatives(score.region, &score.place, &mut derivatives);
@@ -68,14 +70,15 @@ impl Normal {
                 normal.region_pairs[score.region] += 1;
             }
             normal.pairs += scores.len();
-            all.extend(scores);
+            normal.scores.push(scores.into_iter().zip(weights).collect());
         }
         for (unknown, information) in model.prior() {
             normal.information[(unknown, unknown)] += information;
             normal.gradient[unknown] -= information * model.value(unknown);
         }
-        normal.correlation = correlation(all.iter().map(|score| &score.content));
-        let mut residuals: Vec<f64> = all.iter().map(|s| s.residual).collect();
+        let all = || normal.scores.iter().flatten().map(|(score, _)| score);
+        normal.correlation = correlation(all().map(|score| &score.content));
+        let mut residuals: Vec<f64> = all().map(|score| score.residual).collect();
         if !residuals.is_empty() {
             let middle = residuals.len() / 2;
             normal.residual = *residuals.select_nth_unstable_by(middle, f64::total_cmp).1;
@@ -157,7 +160,8 @@ impl Damping {
     }
 }
 
-/// Iterates to the root of the gradient, at most `reach` px from the start, and leaves the normal equation there.
+/// Iterates to the root of the gradient, at most `reach` px from the start. The normal equation that it leaves is the one
+/// before the last step, which is shorter than `tolerance` (px).
 pub(super) fn iterate(
     frames: &[SpacingFrame],
     subsets: Option<&[Vec<Pair>]>,
@@ -184,10 +188,10 @@ pub(super) fn iterate(
         if model.spacings.iter().zip(&start).any(|(now, then)| (now - then).abs() > reach) {
             return (Outcome::Lost, normal);
         }
-        normal = Normal::of(frames, subsets, model);
         if largest < tolerance {
             return (Outcome::Converged, normal);
         }
+        normal = Normal::of(frames, subsets, model);
     }
     (Outcome::Lost, normal)
 }
