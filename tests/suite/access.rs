@@ -14,6 +14,7 @@ use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
+use super::until::{until, when};
 
 /// A daemon with a token of each scope.
 struct Guarded {
@@ -503,11 +504,8 @@ async fn a_token_made_on_the_command_line_works_at_once_and_dies_soon() {
     assert_eq!(ask().await.unwrap().status(), 200);
     problem(daemon.get("/api/v1/bench").await, 401, "unauthorised").await;
     command_line.revoke("Ana").unwrap();
-    let from = std::time::Instant::now();
-    while ask().await.unwrap().status() == 200 {
-        assert!(from.elapsed() < std::time::Duration::from_secs(5), "a revoked token still opens");
-        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
-    }
+    let dead = until("a revoked token opens nothing", async || ask().await.unwrap().status() != 200);
+    assert!(tokio::time::timeout(std::time::Duration::from_secs(5), dead).await.is_ok(), "a revoked token still opens");
     // With the last token gone the door does not open for everybody.
     problem(daemon.get("/api/v1/bench").await, 401, "unauthorised").await;
 }
@@ -549,15 +547,9 @@ async fn no_secret_is_logged() {
     let made = guarded.daemon.request(Method::POST, "/api/v1/tokens").header("cookie", &cookie);
     let made: Value = made.json(&json!({ "name": "Bo", "scope": "view" })).send().await.unwrap().json().await.unwrap();
     // What is done after an answer has been sent is logged after it, too.
-    let until = tokio::time::Instant::now() + std::time::Duration::from_secs(10);
-    let log = loop {
-        let log = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
-        if log.contains("path=\"/api/v1/bench\"") && log.contains("token.create") {
-            break log;
-        }
-        assert!(tokio::time::Instant::now() < until, "{log}");
-        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
-    };
+    let logged = |log: &String| log.contains("path=\"/api/v1/bench\"") && log.contains("token.create");
+    let log =
+        until("it is logged", async || when(String::from_utf8(log.0.lock().unwrap().clone()).unwrap(), logged)).await;
     let bare = |secret: &Value| secret.as_str().unwrap().trim_start_matches("plenalign_").to_owned();
     for secret in [
         bare(&json!(guarded.admin)),

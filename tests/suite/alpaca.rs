@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use jiff::{SignedDuration, Timestamp};
 use plenalign::access::{Gate, GateSettings, TokenStore};
 use plenalign::alpaca::{Alpaca, IN_RESERVE, UniqueIds};
 use plenalign::api::server::{Connections, ServerSettings};
@@ -14,11 +15,11 @@ use plenalign::device::Bench;
 use plenalign::device::faults::Faults;
 use reqwest::{Method, RequestBuilder, Response};
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
 
-use super::bench::small_config;
+use super::bench::{frames, small_config};
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
+use super::until::{until, when};
 
 const NOT_IMPLEMENTED: i64 = 0x400;
 const INVALID_VALUE: i64 = 0x401;
@@ -118,11 +119,8 @@ impl Client<'_> {
     }
 
     async fn at_rest(&self, device: &str) {
-        let until = Instant::now() + Duration::from_secs(30);
-        while self.get(&format!("{device}/ismoving")).await == true {
-            assert!(Instant::now() < until, "{device} does not come to rest");
-            sleep(Duration::from_millis(20)).await;
-        }
+        let moving = format!("{device}/ismoving");
+        until(&format!("{device} comes to rest"), async || self.get(&moving).await != true).await;
     }
 
     async fn home(&self, device: &str) {
@@ -323,18 +321,14 @@ async fn to_connect_a_focuser_takes_the_lease_and_one_client_has_it() {
         ("alpaca:43", "lease.release"),
     ];
     // What is done does not wait for its record.
-    let until = Instant::now() + Duration::from_secs(10);
-    loop {
-        let audit: Value = facade.daemon.get("/api/v1/audit").await.json().await.unwrap();
+    let recorded = |audit: &Value| {
         let entries = audit["entries"].as_array().unwrap();
         let did: Vec<_> =
             entries.iter().rev().map(|e| (e["who"].as_str().unwrap(), e["what"].as_str().unwrap())).collect();
-        if did == expected {
-            break;
-        }
-        assert!(did.len() < expected.len() && Instant::now() < until, "{audit}");
-        sleep(Duration::from_millis(20)).await;
-    }
+        assert!(did == expected || did.len() < expected.len(), "{audit}");
+        did == expected
+    };
+    facade.daemon.until("/api/v1/audit", "all is recorded", recorded).await;
 }
 
 #[tokio::test]
@@ -362,15 +356,19 @@ async fn a_client_keeps_the_lease_while_it_asks_and_loses_it_when_it_is_gone() {
     let facade = Facade::start(config, fakes().bench).await;
     let (ada, bob) = (facade.client(42), facade.client(43));
     ada.connect("focuser/0", true).await;
-    let from = Instant::now();
-    while from.elapsed() < Duration::from_secs(3) {
+    let ends = |lease: &Value| lease["expires_at"].as_str().unwrap().parse::<Timestamp>().unwrap();
+    let first = ends(&facade.lease().await);
+    until("its first term is over", async || {
         // Whatever it asks, of whatever device.
         ada.get("camera/0/name").await;
         assert_eq!(bob.get("focuser/0/connected").await, false);
-        sleep(Duration::from_millis(500)).await;
-    }
-    assert_eq!(facade.lease().await["owner"], "alpaca:42", "renewed by each request");
-    sleep(Duration::from_millis(2100)).await;
+        Timestamp::now() > first
+    })
+    .await;
+    let lease = facade.lease().await;
+    assert_eq!(lease["owner"], "alpaca:42", "renewed by each request");
+    let end = ends(&lease) + SignedDuration::from_millis(100);
+    until("its last term is over", async || Timestamp::now() > end).await;
     assert_eq!(facade.lease().await, Value::Null, "run out");
     assert_eq!(ada.get("focuser/0/connected").await, false);
     bob.connect("focuser/0", true).await;
@@ -438,12 +436,13 @@ async fn anybody_halts_a_move_and_the_next_one_goes_on() {
     // Accepted is moving, from the first question on.
     assert_eq!(ada.get("focuser/0/ismoving").await, true);
     refused(&ada.tell("focuser/0/move", &[("Position", "3000")]).await, INVALID_OPERATION, "is moving");
-    sleep(Duration::from_millis(700)).await;
+    let position = async || ada.get("focuser/0/position").await.as_i64().unwrap();
+    until("it is under way", async || position().await > home + 100).await;
     stranger.put("focuser/0/halt", &[]).await;
     assert_eq!(ada.get("focuser/0/ismoving").await, false, "at once, and no failure of the client's");
     let halted = ada.get("focuser/0/position").await.as_i64().unwrap();
     assert!(halted > home + 100 && halted < 6400, "{halted}");
-    sleep(Duration::from_millis(500)).await;
+    frames(facade.daemon.service.bench(), 8).await;
     assert_eq!(ada.get("focuser/0/position").await, halted, "and stays there");
 
     ada.put("focuser/0/move", &[("Position", "2500")]).await;
@@ -454,15 +453,8 @@ async fn anybody_halts_a_move_and_the_next_one_goes_on() {
     // A stop that ends a move is told to whoever waits for its end.
     ada.put("focuser/0/move", &[("Position", "6500")]).await;
     facade.daemon.request(Method::POST, "/api/v1/stop").send().await.unwrap();
-    let until = Instant::now() + Duration::from_secs(10);
-    let told = loop {
-        let answer = ada.ask("focuser/0/ismoving").await;
-        if answer["Value"] != true {
-            break answer;
-        }
-        assert!(Instant::now() < until, "{answer}");
-        sleep(Duration::from_millis(20)).await;
-    };
+    let ended = |answer: &Value| answer["Value"] != true;
+    let told = until("the move ends", async || when(ada.ask("focuser/0/ismoving").await, ended)).await;
     refused(&told, CANCELLED, "the stop ended the move");
     facade.daemon.reset_stop().await;
     ada.put("focuser/0/move", &[("Position", "2500")]).await;
@@ -476,26 +468,15 @@ async fn a_halt_ends_the_job_that_moves_the_axis_and_no_other_does() {
     let job = json!({ "kind": "homing" });
     let job: Value = facade.daemon.command(Method::POST, "/api/v1/jobs", &job).await.json().await.unwrap();
     let href = job["href"].as_str().unwrap().to_owned();
-    let until = Instant::now() + Duration::from_secs(20);
     let moves = async || -> bool {
         let bench: Value = facade.daemon.get("/api/v1/bench").await.json().await.unwrap();
         bench["axes"].as_array().unwrap().iter().any(|axis| axis["moving"] == true)
     };
-    while !moves().await {
-        assert!(Instant::now() < until, "the job moves nothing");
-        sleep(Duration::from_millis(10)).await;
-    }
+    until("the job moves something", &moves).await;
     // Whichever it has begun with.
     ada.put("focuser/0/halt", &[]).await;
     ada.put("focuser/1/halt", &[]).await;
-    let ended = loop {
-        let job: Value = facade.daemon.get(&href).await.json().await.unwrap();
-        if !job["ended_at"].is_null() {
-            break job;
-        }
-        assert!(Instant::now() < until, "{job}");
-        sleep(Duration::from_millis(20)).await;
-    };
+    let ended = facade.daemon.until(&href, "the job ends", |job| !job["ended_at"].is_null()).await;
     assert_eq!(ended["state"], "cancelled", "{ended}");
     assert!(ended["reason"].as_str().unwrap().contains("was halted by alpaca:42"), "{ended}");
     assert!(!moves().await);
@@ -576,11 +557,7 @@ async fn an_exposure_gives_a_frame_from_after_it_on_both_wires() {
 }
 
 async fn ready(client: &Client<'_>) {
-    let until = Instant::now() + Duration::from_secs(60);
-    while client.get("camera/0/imageready").await == false {
-        assert!(Instant::now() < until, "no image comes");
-        sleep(Duration::from_millis(50)).await;
-    }
+    until("an image comes", async || client.get("camera/0/imageready").await != false).await;
 }
 
 /// The image as JSON has it; as bytes it is the same.
@@ -614,11 +591,7 @@ async fn a_camera_that_hangs_fails_the_exposure_and_the_next_may_succeed() {
     faults.camera.frozen = true;
     simulated.set_faults(faults);
     ada.put("camera/0/startexposure", &light).await;
-    let until = Instant::now() + Duration::from_secs(60);
-    while ada.get("camera/0/camerastate").await == 2 {
-        assert!(Instant::now() < until, "the exposure does not end");
-        sleep(Duration::from_millis(50)).await;
-    }
+    until("the exposure ends", async || ada.get("camera/0/camerastate").await != 2).await;
     assert_eq!(ada.get("camera/0/camerastate").await, 5);
     for member in ["imageready", "imagearray"] {
         refused(&ada.ask(&format!("camera/0/{member}")).await, DEVICE, "same to the last pixel");
@@ -658,11 +631,7 @@ async fn an_exposure_is_aborted_and_one_that_fails_says_why() {
     let ada = facade.client(42);
     ada.connect("camera/0", true).await;
     ada.put("camera/0/startexposure", &[("Duration", "0.01"), ("Light", "True")]).await;
-    let until = Instant::now() + Duration::from_secs(10);
-    while ada.get("camera/0/camerastate").await == 2 {
-        assert!(Instant::now() < until, "the exposure does not end");
-        sleep(Duration::from_millis(10)).await;
-    }
+    until("the exposure ends", async || ada.get("camera/0/camerastate").await != 2).await;
     for member in ["imageready", "imagearray"] {
         refused(&ada.ask(&format!("camera/0/{member}")).await, DEVICE, "camera is not connected: a stand-in");
     }

@@ -1,6 +1,7 @@
 //! The HTTP API: routes, refusals and headers.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use plenalign::control::open_bench;
 use plenalign::device::StopDelivery;
@@ -10,6 +11,7 @@ use serde_json::{Value, json};
 use super::bench::small_config;
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
+use super::until::{until, when};
 
 const NO_JOB: &str = "/api/v1/jobs/0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 
@@ -105,11 +107,11 @@ async fn the_newest_frame_comes_as_png_and_jpeg_and_says_what_it_is() {
 
     fakes.camera.take(9);
     for (path, kind) in [("/api/v1/frame.png", "image/png"), ("/api/v1/snapshot.jpg", "image/jpeg")] {
-        let (response, ()) = tokio::join!(daemon.get(path), async {
-            // A snapshot is of a frame taken after it was asked for.
-            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-            fakes.camera.take(9);
-        });
+        // A snapshot is of a frame taken after it was asked for.
+        let response = tokio::select! {
+            response = daemon.get(path) => response,
+            () = fakes.camera.film(std::iter::repeat(9), [64, 48], Duration::from_millis(20)) => unreachable!(),
+        };
         assert_eq!(response.status(), 200);
         let headers = response.headers().clone();
         let header = |name| headers[name].to_str().unwrap();
@@ -137,7 +139,8 @@ async fn the_newest_frame_comes_as_png_and_jpeg_and_says_what_it_is() {
         assert_eq!(problem(refused, 422, "invalid").await["field"], field, "{query}");
     }
 
-    tokio::time::sleep(std::time::Duration::from_millis(350)).await;
+    let stale = async || when(daemon.get("/api/v1/frame.png").await, |answer| answer.status() == 503).ok();
+    until("the frame is stale", stale).await;
     let stale = problem(daemon.get("/api/v1/snapshot.jpg").await, 503, "no-frame").await;
     assert!(stale["frame_age_ms"].as_f64().unwrap() > 300.0, "{stale}");
 }

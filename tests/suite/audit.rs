@@ -1,14 +1,12 @@
 //! The audit log: whatever is commanded is in it, with who commanded it and from where.
 
-use std::time::Duration;
-
 use plenalign::api::error::LEASE_HEADER;
 use reqwest::{Method, Response};
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
 
 use super::daemon::Daemon;
 use super::fakes::fakes;
+use super::until::until;
 
 /// Somebody with a token.
 struct Person<'a> {
@@ -50,15 +48,12 @@ async fn person<'a>(daemon: &'a Daemon, by: Option<&Person<'_>>, name: &str, sco
 async fn waiting(ada: &Person<'_>, key: &str) -> (String, u64) {
     let job = ada.ask(Method::POST, "/api/v1/jobs", Some(key), Some(json!({ "kind": "joint_alignment" }))).await;
     let href = job["href"].as_str().unwrap().to_owned();
-    let until = Instant::now() + Duration::from_secs(10);
-    loop {
+    let asks = async || {
         let job = ada.ask(Method::GET, &href, None, None).await;
-        if let Some(step) = job["operator_step"]["number"].as_u64() {
-            return (href, step);
-        }
-        assert!(Instant::now() < until, "{job}");
-        sleep(Duration::from_millis(10)).await;
-    }
+        job["operator_step"]["number"].as_u64().ok_or(job)
+    };
+    let step = until("the job waits for its operator", asks).await;
+    (href, step)
 }
 
 #[tokio::test]
@@ -76,21 +71,15 @@ async fn whatever_is_commanded_is_in_the_audit_log_with_who_and_from_where() {
     let key = lease["key"].as_str().unwrap().to_owned();
     ada.ask(Method::PUT, "/api/v1/shell", Some(&key), Some(json!({ "state": "off" }))).await;
     ada.ask(Method::POST, "/api/v1/axes/e/move", Some(&key), Some(json!({ "position_mm": 29.0 }))).await;
-    let until = Instant::now() + Duration::from_secs(10);
-    while ada.ask(Method::GET, "/api/v1/bench", None, None).await["axes"][1]["moving"] == true {
-        assert!(Instant::now() < until, "the move does not end");
-        sleep(Duration::from_millis(10)).await;
-    }
+    let bench = async || ada.ask(Method::GET, "/api/v1/bench", None, None).await;
+    until("the move ends", async || bench().await["axes"][1]["moving"] != true).await;
     let (href, step) = waiting(&ada, &key).await;
     ada.ask(Method::POST, &format!("{href}/confirm"), Some(&key), Some(json!({ "step": step }))).await;
     for _ in 0..2 {
         // The second time there is nothing left to cancel.
         ada.ask(Method::DELETE, &href, None, None).await;
-        let until = Instant::now() + Duration::from_secs(10);
-        while ada.ask(Method::GET, &href, None, None).await["ended_at"].is_null() {
-            assert!(Instant::now() < until, "the job does not end");
-            sleep(Duration::from_millis(10)).await;
-        }
+        let job = async || ada.ask(Method::GET, &href, None, None).await;
+        until("the job ends", async || !job().await["ended_at"].is_null()).await;
     }
     ada.ask(Method::DELETE, "/api/v1/lease", Some(&key), None).await;
     // Refused, and so not done.
@@ -154,28 +143,21 @@ async fn a_jog_is_in_the_audit_log_once_however_long_it_is_held() {
     let daemon = Daemon::start_with(config, bench).await;
     let home = daemon.command(Method::POST, "/api/v1/axes/focus/home", &Value::Null).await;
     assert_eq!(home.status(), 202);
-    let focus = async || daemon.get("/api/v1/bench").await.json::<Value>().await.unwrap()["axes"][0].clone();
-    let until = Instant::now() + Duration::from_secs(20);
-    loop {
-        let axis = focus().await;
-        if axis["homed"] == true && axis["moving"] == false {
-            break;
-        }
-        assert!(Instant::now() < until, "{axis}");
-        sleep(Duration::from_millis(20)).await;
-    }
+    let homed = |bench: &Value| bench["axes"][0]["homed"] == true && bench["axes"][0]["moving"] == false;
+    daemon.until("/api/v1/bench", "homed", homed).await;
     let hold = json!({ "towards": "high", "speed_mm_per_s": 0.2 });
     let mut held = 0;
-    while held < 4 {
+    until("held four times", async || {
         let answer = daemon.command(Method::POST, "/api/v1/axes/focus/jog", &hold).await;
         // Homing may not have let go of the axis yet.
         if answer.status() == 202 {
             held += 1;
         } else {
-            assert!(held == 0 && Instant::now() < until, "{}", answer.text().await.unwrap());
+            assert!(held == 0, "{}", answer.text().await.unwrap());
         }
-        sleep(Duration::from_millis(100)).await;
-    }
+        held == 4
+    })
+    .await;
     daemon.request(Method::DELETE, "/api/v1/axes/focus/jog").send().await.unwrap();
     let log: Value = daemon.get("/api/v1/audit").await.json().await.unwrap();
     let jogs: Vec<&Value> =
@@ -191,16 +173,10 @@ async fn a_lease_that_runs_out_is_in_the_audit_log() {
     let granted = daemon.post("/api/v1/lease", &asked).await;
     assert_eq!(granted.status(), 201);
     let granted: Value = granted.json().await.unwrap();
-    let until = Instant::now() + Duration::from_secs(6);
-    let entry = loop {
-        let log: Value = daemon.get("/api/v1/audit").await.json().await.unwrap();
-        let entries = log["entries"].as_array().unwrap();
-        if let Some(entry) = entries.iter().find(|entry| entry["what"] == "lease.expire") {
-            break entry.clone();
-        }
-        assert!(Instant::now() < until, "{log}");
-        sleep(Duration::from_millis(50)).await;
-    };
+    let expired =
+        |log: &Value| log["entries"].as_array().unwrap().iter().find(|e| e["what"] == "lease.expire").cloned();
+    let log = daemon.until("/api/v1/audit", "expired", |log| expired(log).is_some()).await;
+    let entry = expired(&log).unwrap();
     assert_eq!((&entry["who"], &entry["from"]), (&json!("plenalign"), &Value::Null));
     let expected = json!({ "lease": granted["lease"]["id"], "owner": "Ada", "note": "first light" });
     assert_eq!(entry["detail"], expected);

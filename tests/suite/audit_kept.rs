@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use super::daemon::{Daemon, client};
 use super::fakes::fakes;
 use super::program::{Program, plenalign};
+use super::store::until_health;
 
 fn entry(n: u64) -> Audit {
     let (who, what) = ("Ada".to_owned(), "job.create".to_owned());
@@ -32,12 +33,6 @@ async fn entries(store: &Store) -> Vec<Audit> {
             return all;
         }
     }
-}
-
-async fn until(store: &Store, what: &str, is: impl Fn(&Health) -> bool) {
-    let mut health = store.health();
-    let waited = tokio::time::timeout(Duration::from_secs(20), health.wait_for(|health| is(health))).await.is_ok();
-    assert!(waited, "never {what}: {:?}", store.health().borrow().clone());
 }
 
 /// What somebody at the page does: each is answered, and each has to be in the log.
@@ -71,11 +66,11 @@ async fn what_is_done_while_the_disk_is_full_is_in_the_audit_log_afterwards() {
     let folder = tempfile::tempdir().unwrap();
     let (daemon, store) = daemon_over(folder.path()).await;
     store.hinder(Hindrance { full: true, ..Hindrance::default() });
-    until(&store, "full", |health| health.fault().is_some()).await;
+    until_health(&store, "full", |health| health.fault().is_some()).await;
     let done = work(&daemon).await;
     assert_eq!(entries(&store).await, []);
     store.hinder(Hindrance::default());
-    until(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
+    until_health(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
     daemon.written().await;
     let found = entries(&store).await;
     assert_eq!(found.iter().map(|entry| entry.what.as_str()).collect::<Vec<_>>(), done);
@@ -89,10 +84,10 @@ async fn what_is_done_while_the_history_cannot_be_opened_is_in_the_audit_log_aft
     let (daemon, store) = daemon_over(&state).await;
     std::fs::remove_dir_all(&state).unwrap();
     std::fs::write(&state, "in the way").unwrap();
-    until(&store, "unwritable", |health| health.fault().is_some()).await;
+    until_health(&store, "unwritable", |health| health.fault().is_some()).await;
     let done = work(&daemon).await;
     std::fs::remove_file(&state).unwrap();
-    until(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
+    until_health(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
     daemon.written().await;
     let found = entries(&store).await;
     assert_eq!(found.iter().map(|entry| entry.what.as_str()).collect::<Vec<_>>(), done);
@@ -120,13 +115,13 @@ async fn entries_that_had_to_be_dropped_are_counted_in_one_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
     let (daemon, store) = daemon_over(folder.path()).await;
     store.hinder(Hindrance { full: true, ..Hindrance::default() });
-    until(&store, "full", |health| health.fault().is_some()).await;
+    until_health(&store, "full", |health| health.fault().is_some()).await;
     let given = 30_000;
     for n in 0..given {
         daemon.service.audit(entry(n));
     }
     store.hinder(Hindrance::default());
-    until(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
+    until_health(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
     daemon.written().await;
     daemon.service.audit(entry(given));
     daemon.written().await;
@@ -151,7 +146,7 @@ async fn the_end_of_the_program_writes_what_is_still_kept() {
     let service = Service::start(Config::default().into(), "a test's".to_owned(), fakes().bench, store.clone());
     service.open_history().await;
     store.hinder(Hindrance { full: true, ..Hindrance::default() });
-    until(&store, "full", |health| health.fault().is_some()).await;
+    until_health(&store, "full", |health| health.fault().is_some()).await;
     (0..600).for_each(|n| service.audit(entry(n)));
     store.hinder(Hindrance::default());
     service.shut_down().await;

@@ -36,6 +36,14 @@ pub(crate) fn quick_axes(bench: &mut BenchConfig) {
 pub(crate) const QUICK_AXES: &str = "[bench.focus]\nspeed_mm_per_s = 40\nacceleration_mm_per_s2 = 400\n\
      [bench.e]\nspeed_mm_per_s = 40\nacceleration_mm_per_s2 = 400\n";
 
+/// Waits until a simulated bench has shown so many frames: what moves does so meanwhile.
+pub(crate) async fn frames(bench: &Bench, count: usize) {
+    let mut live = bench.camera.live();
+    for _ in 0..count {
+        live.changed().await.unwrap();
+    }
+}
+
 /// A configuration's bench with real drivers: both axes on one Grbl controller at a port, and no camera.
 pub(crate) fn grbl_hardware(mut config: Config, port: &Path) -> Config {
     config.bench.driver = BenchDriver::Hardware;

@@ -3,19 +3,18 @@
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::Stdio;
-use std::time::Duration;
 
 use plenalign::api::error::{CONFIRM_HEADER, LEASE_HEADER};
 use plenalign::config::Config;
 use plenalign::store::Store;
 use reqwest::{Method, Response};
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
 
 use super::bench::QUICK_AXES;
 use super::daemon::{Daemon, client, problem};
 use super::fakes::fakes;
 use super::program::{Program, plenalign, serve};
+use super::until::until;
 
 const JOBS: &str = "/api/v1/jobs";
 
@@ -46,20 +45,17 @@ impl Waiting {
         let href = created["href"].as_str().unwrap().to_owned();
         let key = created["confirm_key"].as_str().expect("whoever starts a job is given its confirm key").to_owned();
         assert!(key.starts_with("confirm_") && key.len() == 72, "{key}");
-        let from = Instant::now();
-        loop {
+        let asks = async || {
             let mut request = daemon.request(Method::GET, &href);
             if let Some(token) = token {
                 request = request.bearer_auth(token);
             }
             let job: Value = request.send().await.unwrap().json().await.unwrap();
             assert!(!job.to_string().contains(&key), "{job}");
-            if let Some(step) = job["operator_step"]["number"].as_u64() {
-                return Self { href, step, key };
-            }
-            assert!(from.elapsed() < Duration::from_secs(10), "{job}");
-            sleep(Duration::from_millis(10)).await;
-        }
+            job["operator_step"]["number"].as_u64().ok_or(job)
+        };
+        let step = until("the job waits for its operator", asks).await;
+        Self { href, step, key }
     }
 
     async fn confirm(&self, daemon: &Daemon, headers: &[(&str, &str)]) -> Response {
@@ -72,11 +68,7 @@ impl Waiting {
 
     async fn end(&self, daemon: &Daemon) {
         assert_eq!(daemon.request(Method::DELETE, &self.href).send().await.unwrap().status(), 200);
-        let from = Instant::now();
-        while daemon.get(&self.href).await.json::<Value>().await.unwrap()["ended_at"].is_null() {
-            assert!(from.elapsed() < Duration::from_secs(10), "the job does not end");
-            sleep(Duration::from_millis(10)).await;
-        }
+        daemon.until(&self.href, "the job ends", |job| !job["ended_at"].is_null()).await;
     }
 }
 
@@ -221,15 +213,11 @@ async fn a_lost_confirm_key_is_replaced_without_ending_the_job() {
 
     // Where there is no job any more there is nothing to be confirmed.
     daemon.request(Method::DELETE, &job.href).bearer_auth(&conny).send().await.unwrap();
-    let from = Instant::now();
-    loop {
+    until("the job ends", async || {
         let job = daemon.request(Method::GET, &job.href).bearer_auth(&root).send().await.unwrap();
-        if job.json::<Value>().await.unwrap()["ended_at"].is_string() {
-            break;
-        }
-        assert!(from.elapsed() < Duration::from_secs(10), "the job does not end");
-        sleep(Duration::from_millis(10)).await;
-    }
+        job.json::<Value>().await.unwrap()["ended_at"].is_string()
+    })
+    .await;
     problem(renew(&root, None).await, 409, "job-state").await;
     let nobody = format!("{JOBS}/{}/confirm-key", uuid::Uuid::nil());
     problem(daemon.request(Method::POST, &nobody).bearer_auth(&root).send().await.unwrap(), 404, "not-found").await;
@@ -255,15 +243,11 @@ async fn the_command_line_prints_the_link_that_confirms_its_job() {
     let (job, key) = said.split_once('/').unwrap();
     let href = format!("{url}{JOBS}/{job}");
     let client = client();
-    let from = Instant::now();
-    let step = loop {
+    let asks = async || {
         let job: Value = client.get(&href).send().await.unwrap().json().await.unwrap();
-        if let Some(step) = job["operator_step"]["number"].as_u64() {
-            break step;
-        }
-        assert!(from.elapsed() < Duration::from_secs(60), "{job}");
-        sleep(Duration::from_millis(50)).await;
+        job["operator_step"]["number"].as_u64().ok_or(job)
     };
+    let step = until("the job waits for its operator", asks).await;
     let confirm = client.post(format!("{href}/confirm")).json(&json!({ "step": step }));
     assert_eq!(confirm.try_clone().unwrap().send().await.unwrap().status(), 428);
     assert_eq!(confirm.header(CONFIRM_HEADER, key).send().await.unwrap().status(), 200);

@@ -15,6 +15,8 @@ use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
 use tokio::sync::OnceCell;
 
+use super::until::{until, when};
+
 pub(crate) struct Daemon {
     pub(crate) address: std::net::SocketAddr,
     pub(crate) api: Api,
@@ -99,6 +101,16 @@ impl Daemon {
 
     pub(crate) async fn get(&self, path: &str) -> Response {
         self.request(Method::GET, path).send().await.unwrap()
+    }
+
+    /// Waits until what is at a path is as wanted, and returns it.
+    pub(crate) async fn until(&self, path: &str, what: &str, is: impl Fn(&Value) -> bool) -> Value {
+        let look = async || -> Result<Value, Value> {
+            let answer = self.get(path).await;
+            assert!(answer.status().is_success(), "{answer:?}");
+            when(answer.json().await.unwrap(), &is)
+        };
+        until(what, look).await
     }
 
     pub(crate) async fn post(&self, path: &str, body: &Value) -> Response {

@@ -1,7 +1,7 @@
 //! The program `plenalign serve` itself: how it ends on a signal, and what it refuses to start beside.
 
 use std::net::TcpListener;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_util::StreamExt as _;
 use reqwest::{Method, Response};
@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use tokio_tungstenite::tungstenite::Message;
 
 use super::program::{Program, plenalign, serve};
+use super::until::until;
 
 async fn ask(program: &Program, method: Method, path: &str, body: Option<Value>) -> Response {
     let mut request = super::daemon::client().request(method, format!("{}{path}", program.url()));
@@ -40,11 +41,10 @@ async fn sigterm_in_mid_run_stops_the_axes_before_the_streams() {
     let created = start.header("Plenalign-Lease", lease["key"].as_str().unwrap()).send().await.unwrap();
     assert_eq!(created.status(), 201);
     // Homing is what the job begins with, and it takes seconds.
-    let from = Instant::now();
-    while !bench(&program).await["axes"].as_array().unwrap().iter().any(|axis| axis["moving"] == true) {
-        assert!(from.elapsed() < Duration::from_secs(6), "no axis moves");
-        tokio::time::sleep(Duration::from_millis(5)).await;
-    }
+    until("an axis moves", async || {
+        bench(&program).await["axes"].as_array().unwrap().iter().any(|axis| axis["moving"] == true)
+    })
+    .await;
     program.terminate();
 
     let closed = tokio::time::timeout(Duration::from_secs(5), async {

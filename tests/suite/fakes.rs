@@ -150,6 +150,14 @@ impl FedCamera {
         self.take_sized(seq, 64, 48);
     }
 
+    /// Takes grey frames of a size one after another, as a camera of that rate does.
+    pub(crate) async fn film(&self, seqs: impl IntoIterator<Item = u64>, [width, height]: [usize; 2], every: Duration) {
+        for seq in seqs {
+            self.take_sized(seq, width, height);
+            tokio::time::sleep(every).await;
+        }
+    }
+
     /// Takes a grey frame of a size.
     pub(crate) fn take_sized(&self, seq: u64, width: usize, height: usize) {
         let pose = |mm| AxisPose { position: Some(Millimetres(mm)), settled: true };

@@ -90,16 +90,8 @@ async fn faults_are_set_and_read_over_the_api() {
     assert_eq!(set.status(), 200);
     let now = read().await;
     assert_eq!((&now["camera"]["unplugged"], &now["e"]["slip_share"]), (&json!(true), &json!(0.1)));
-    let mut seen = Value::Null;
-    for _ in 0..50 {
-        seen = daemon.get("/api/v1/bench").await.json::<Value>().await.unwrap()["camera"].take();
-        if seen["online"] == json!(false) {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
-    assert_eq!(seen["online"], json!(false), "{seen}");
-    assert!(seen["fault"].as_str().unwrap().contains("unplugged"), "{seen}");
+    let seen = daemon.until("/api/v1/bench", "offline", |bench| bench["camera"]["online"] == false).await;
+    assert!(seen["camera"]["fault"].as_str().unwrap().contains("unplugged"), "{seen}");
     let refused = problem(put(json!({ "e": { "slip_share": 1.5 } })).await.unwrap(), 422, "invalid").await;
     assert_eq!(refused["field"], "e.slip_share");
     assert_eq!(read().await, now, "a refused request changes nothing");
@@ -198,7 +190,7 @@ async fn a_plan_of_faults_comes_and_goes_over_the_api() {
     assert_eq!(put(plan).await.unwrap().status(), 200);
     let first = read(FAULTS).await;
     assert_eq!((&first["camera"]["picture"], &first["e"]["slip_share"]), (&json!("dark"), &json!(0.0)));
-    tokio::time::sleep(Duration::from_millis(600)).await;
+    daemon.until(PLAN, "beyond both", |plan| plan["elapsed_s"].as_f64().unwrap() >= 0.6).await;
     let second = read(FAULTS).await;
     assert_eq!((&second["camera"]["picture"], &second["e"]["slip_share"]), (&json!("none"), &json!(0.5)));
     let in_force = read(PLAN).await;

@@ -20,11 +20,12 @@ use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinHandle;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::timeout;
 
 use super::daemon::client;
 use super::fakes::{Fakes, fakes};
 use super::limits::{STOP, exchange};
+use super::until::until;
 
 const HEALTH: &str = "GET /healthz HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n\r\n";
 
@@ -143,14 +144,6 @@ impl SlowDisk {
         let (held, released) = channel();
         tokio::task::spawn_blocking(move || released.recv());
         Self(held)
-    }
-}
-
-async fn until(what: &str, is: impl AsyncFn() -> bool) {
-    let end = Instant::now() + Duration::from_secs(10);
-    while !is().await {
-        assert!(Instant::now() < end, "never: {what}");
-        sleep(Duration::from_millis(5)).await;
     }
 }
 

@@ -2,7 +2,6 @@
 //! written.
 
 use std::path::Path;
-use std::time::Duration;
 
 use plenalign::api::error::LEASE_HEADER;
 use plenalign::config::Config;
@@ -46,22 +45,9 @@ async fn get(daemon: &Daemon, path: &str) -> Value {
     json_of(daemon.get(path).await).await
 }
 
-/// Waits until a value has what is wanted of it.
-async fn until(daemon: &Daemon, path: &str, what: &str, is: impl Fn(&Value) -> bool) -> Value {
-    let mut last = Value::Null;
-    for _ in 0..500 {
-        last = get(daemon, path).await;
-        if is(&last) {
-            return last;
-        }
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
-    panic!("never {what}: {last}");
-}
-
 async fn waiting(daemon: &Daemon, job: &Value) -> Value {
     let href = job["href"].as_str().unwrap();
-    until(daemon, href, "waiting", |job| job["state"] == "waiting_for_operator").await
+    daemon.until(href, "waiting", |job| job["state"] == "waiting_for_operator").await
 }
 
 /// A job from its begin to its end.
@@ -69,7 +55,7 @@ async fn cancelled(daemon: &Daemon) -> Value {
     let job = create(daemon).await;
     let href = job["href"].as_str().unwrap();
     json_of(daemon.request(Method::DELETE, href).send().await.unwrap()).await;
-    until(daemon, href, "cancelled", |job| job["state"] == "cancelled").await
+    daemon.until(href, "cancelled", |job| job["state"] == "cancelled").await
 }
 
 #[tokio::test]
@@ -83,7 +69,7 @@ async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() 
     // What the history has now is what a program killed now would leave: the first is simply left alone.
     first.written().await;
     let (second, _fakes) = daemon(folder.path()).await;
-    let found = until(&second, &href, "interrupted", |job| job["state"] == "interrupted").await;
+    let found = second.until(&href, "interrupted", |job| job["state"] == "interrupted").await;
     assert!(found["reason"].as_str().unwrap().contains("before the job did"), "{found}");
     assert_eq!((&found["log"], &found["operator_step"]), (&job["log"], &Value::Null));
     assert!(found["log"].as_array().unwrap().len() >= 3);
@@ -109,13 +95,13 @@ async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() 
 async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     let folder = tempfile::tempdir().unwrap();
     let (first, _fakes) = daemon(folder.path()).await;
-    until(&first, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
+    first.until("/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
     json_of(first.request(Method::POST, "/api/v1/stop").send().await.unwrap()).await;
     let stopped = get(&first, "/api/v1/stop").await;
     first.written().await;
 
     let (second, _fakes) = daemon(folder.path()).await;
-    let found = until(&second, "/api/v1/stop", "read", |stop| stop["since"].is_string()).await;
+    let found = second.until("/api/v1/stop", "read", |stop| stop["since"].is_string()).await;
     assert_eq!(found, stopped, "since the same time");
     problem(
         second.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await,
@@ -128,7 +114,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     second.written().await;
 
     let (third, _fakes) = daemon(folder.path()).await;
-    until(&third, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
+    third.until("/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
     let moved = third.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 1.0 })).await;
     assert_eq!(moved.status(), 202);
     assert_eq!(get(&third, "/api/v1/stop").await["latched"], false);
@@ -149,7 +135,7 @@ async fn an_orderly_end_leaves_no_stop_behind() {
     service.move_axis(&permit(&service), focus, to).await.unwrap();
     service.shut_down().await;
     let (second, _fakes) = daemon(folder.path()).await;
-    until(&second, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
+    second.until("/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
     assert_eq!(
         second.command(Method::POST, "/api/v1/axes/focus/move", &json!({ "position_mm": 0.0 })).await.status(),
         202
@@ -300,7 +286,7 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
         problem(go().await, 503, "history-unwritable").await;
         let home = daemon.command(Method::POST, "/api/v1/axes/e/home", &json!({})).await;
         problem(home, 503, "history-unwritable").await;
-        let bench = until(&daemon, "/api/v1/bench", "said", |bench| bench["history_fault"].is_string()).await;
+        let bench = daemon.until("/api/v1/bench", "said", |bench| bench["history_fault"].is_string()).await;
         assert!(bench["history_fault"].as_str().unwrap().contains("state"), "{bench}");
         assert_eq!(bench["axes"][0]["position_mm"], 0.0, "nothing has moved");
         // Viewing and stopping go on.
@@ -314,7 +300,7 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
     };
     refused().await;
     std::fs::remove_file(&state).unwrap();
-    until(&daemon, "/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
+    daemon.until("/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
     json_of(daemon.reset_stop().await).await;
     let job = waiting(&daemon, &create(&daemon).await).await;
     let href = job["href"].as_str().unwrap();
@@ -323,15 +309,15 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
     std::fs::remove_dir_all(&state).unwrap();
     std::fs::write(&state, "in the way").unwrap();
     json_of(daemon.request(Method::DELETE, href).send().await.unwrap()).await;
-    let ended = until(&daemon, href, "cancelled", |job| job["state"] == "cancelled").await;
+    let ended = daemon.until(href, "cancelled", |job| job["state"] == "cancelled").await;
     refused().await;
     std::fs::remove_file(&state).unwrap();
-    until(&daemon, "/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
+    daemon.until("/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
     json_of(daemon.reset_stop().await).await;
     assert_eq!(go().await.status(), 202);
     daemon.written().await;
     let (second, _fakes) = self::daemon(&state).await;
-    let kept = until(&second, href, "there", |_| true).await;
+    let kept = second.until(href, "there", |_| true).await;
     assert_eq!((&kept["state"], &kept["log"]), (&json!("cancelled"), &ended["log"]));
 }
 
@@ -362,11 +348,11 @@ async fn the_audit_log_is_read_a_page_at_a_time() {
 async fn the_control_lease_outlives_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let (first, _fakes) = daemon(folder.path()).await;
-    until(&first, "/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
+    first.until("/api/v1/bench", "ready", |bench| bench["history_fault"].is_null()).await;
     let key = first.lease().await.to_owned();
     first.written().await;
     let (second, _fakes) = daemon(folder.path()).await;
-    until(&second, "/api/v1/bench", "held", |bench| bench["lease"]["owner"] == "a test").await;
+    second.until("/api/v1/bench", "held", |bench| bench["lease"]["owner"] == "a test").await;
     let heartbeat = second.request(reqwest::Method::POST, "/api/v1/lease/heartbeat");
     assert_eq!(heartbeat.header("Plenalign-Lease", key).send().await.unwrap().status(), 200);
     let refused = second.post("/api/v1/lease", &json!({ "owner": "another" })).await;

@@ -7,6 +7,7 @@ use plenalign::store::{JobFilter, Store, read};
 use serde_json::{Value, json};
 
 use super::program::{Program, plenalign, serve};
+use super::until::{until, when};
 
 const NO_JOB: &str = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 
@@ -42,16 +43,12 @@ async fn homed(state: &Path) -> String {
     let job = post("/api/v1/jobs").header("Plenalign-Lease", lease["key"].as_str().unwrap());
     let job: Value = job.json(&json!({ "kind": "homing" })).send().await.unwrap().json().await.unwrap();
     let href = format!("{}{}", program.url(), job["href"].as_str().unwrap());
-    let from = std::time::Instant::now();
-    loop {
+    let ended = async || {
         let job: Value = client.get(&href).send().await.unwrap().json().await.unwrap();
-        if job["ended_at"].is_string() {
-            assert_eq!(job["state"], "succeeded", "{job}");
-            break;
-        }
-        assert!(from.elapsed().as_secs() < 60, "{job}");
-        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
-    }
+        when(job, |job| job["ended_at"].is_string())
+    };
+    let ended = until("the job ends", ended).await;
+    assert_eq!(ended["state"], "succeeded", "{ended}");
     // The daemon says the same as the file.
     let id = job["id"].as_str().unwrap().to_owned();
     let asked = jobs(state, &["list", "--json", "--server", program.url()]);

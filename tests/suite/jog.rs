@@ -1,15 +1,14 @@
 //! Jogging over HTTP: an axis moves for as long as somebody asks.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use plenalign::control::open_bench;
 use reqwest::Method;
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
 
-use super::bench::small_config;
+use super::bench::{frames, small_config};
 use super::daemon::{Daemon, problem};
+use super::until::{until, when};
 
 async fn axis(daemon: &Daemon, name: &str) -> Value {
     let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
@@ -17,20 +16,18 @@ async fn axis(daemon: &Daemon, name: &str) -> Value {
 }
 
 async fn at_rest(daemon: &Daemon) -> f64 {
-    let from = Instant::now();
-    loop {
-        sleep(Duration::from_millis(50)).await;
+    until("the focus axis is at rest", async || {
         let focus = axis(daemon, "focus").await;
         assert_eq!(focus["failure"], Value::Null);
-        if focus["moving"] == false && focus["homed"] == true {
-            sleep(Duration::from_millis(300)).await;
-            let again = axis(daemon, "focus").await;
-            if again["moving"] == false && again["position_mm"] == focus["position_mm"] {
-                return again["position_mm"].as_f64().unwrap();
-            }
+        if focus["moving"] != false || focus["homed"] != true {
+            return Err(focus);
         }
-        assert!(from.elapsed() < Duration::from_secs(20), "{focus}");
-    }
+        frames(daemon.service.bench(), 5).await;
+        let again = axis(daemon, "focus").await;
+        let stands = again["moving"] == false && again["position_mm"] == focus["position_mm"];
+        if stands { Ok(again["position_mm"].as_f64().unwrap()) } else { Err(again) }
+    })
+    .await
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -58,13 +55,13 @@ async fn a_jog_goes_on_while_it_is_asked_for_and_ends_when_nobody_asks() {
     let once = at_rest(&daemon).await - start;
     assert!(once > 0.05 && once < 0.5, "{once}");
 
-    // Ten in time: it goes on; another way meanwhile is refused; let go, it ends at once.
-    let from = Instant::now();
-    while from.elapsed() < Duration::from_millis(1500) {
+    // Asked for in time: it goes on; another way meanwhile is refused; let go, it ends at once.
+    until("it has gone on", async || {
         let answer = daemon.command(Method::POST, path, &up).await;
         assert!(answer.status() == 202 || answer.status() == 409, "{}", answer.status());
-        sleep(Duration::from_millis(80)).await;
-    }
+        axis(&daemon, "focus").await["position_mm"].as_f64().unwrap() > start + once + 1.0
+    })
+    .await;
     let down = json!({ "towards": "low" });
     problem(daemon.command(Method::POST, path, &down).await, 409, "moving").await;
     let let_go = daemon.request(Method::DELETE, path).send().await.unwrap();
@@ -86,15 +83,10 @@ async fn an_axis_counts_as_moving_until_the_whole_of_its_way_is_done() {
         assert_eq!(answer.status(), 202, "{path}");
         let bench: Value = answer.json().await.unwrap();
         assert_eq!(bench["axes"][0]["moving"], true, "{path}: {bench}");
-        let from = Instant::now();
-        loop {
-            let focus = axis(&daemon, "focus").await;
-            if focus["moving"] == false {
-                return focus;
-            }
-            assert!(from.elapsed() < Duration::from_secs(20), "{focus}");
-            sleep(Duration::from_millis(10)).await;
-        }
+        until("the focus axis is at rest", async || {
+            when(axis(&daemon, "focus").await, |focus| focus["moving"] == false)
+        })
+        .await
     };
     // Each is accepted as soon as the one before is done with, without a pause.
     let homed = command("/api/v1/axes/focus/home", &Value::Null).await;
@@ -104,6 +96,6 @@ async fn an_axis_counts_as_moving_until_the_whole_of_its_way_is_done() {
         assert!((there["position_mm"].as_f64().unwrap() - target).abs() < 0.011, "{there}");
     }
     let before = command("/api/v1/axes/focus/jog", &json!({ "towards": "high", "speed_mm_per_s": 1.0 })).await;
-    sleep(Duration::from_millis(400)).await;
+    frames(daemon.service.bench(), 6).await;
     assert_eq!(axis(&daemon, "focus").await["position_mm"], before["position_mm"]);
 }

@@ -21,6 +21,7 @@ use tokio::time::{Instant, sleep, timeout};
 use super::bench::{grbl_hardware, quick_axes, small_config};
 use super::daemon::client;
 use super::program::{Program, plenalign};
+use super::until::{until, when};
 
 /// An alignment takes about so long here, s: kills fall anywhere in it.
 const ALIGNMENT_S: f64 = 30.0;
@@ -143,19 +144,13 @@ impl Ground {
 
 /// Waits until what an earlier run left open is closed.
 async fn ready(daemon: &Daemon) -> Value {
-    let until = Instant::now() + Duration::from_secs(15);
-    loop {
-        let open = daemon.get("/api/v1/jobs?state=pending,running,waiting_for_operator,cancelling").await;
-        let bench = daemon.get("/api/v1/bench").await;
-        if let (Some(open), Some(bench)) = (open, bench)
-            && open["history_fault"].is_null()
-            && open["jobs"].as_array().is_some_and(Vec::is_empty)
-        {
-            return bench;
-        }
-        assert!(Instant::now() < until, "jobs of an earlier run are still open");
-        sleep(Duration::from_millis(30)).await;
-    }
+    until("no job of an earlier run is open", async || {
+        let open = daemon.get("/api/v1/jobs?state=pending,running,waiting_for_operator,cancelling").await?;
+        let bench = daemon.get("/api/v1/bench").await?;
+        let closed = open["history_fault"].is_null() && open["jobs"].as_array().is_some_and(Vec::is_empty);
+        closed.then_some(bench)
+    })
+    .await
 }
 
 fn assert_unknown(bench: &Value) {
@@ -190,14 +185,12 @@ async fn kill_in_an_alignment(ground: &mut Ground, seed: u64) -> String {
     ground.jobs.push(id.clone());
     let at = Duration::from_secs_f64(random.random_range(0.0..ALIGNMENT_S));
     let mut seen = job;
-    let watch = async {
-        loop {
-            if let Some(job) = daemon.get(&href).await {
-                seen = job;
-            }
-            sleep(Duration::from_millis(25)).await;
+    let watch = until("watched to its end", async || {
+        if let Some(job) = daemon.get(&href).await {
+            seen = job;
         }
-    };
+        false
+    });
     assert!(timeout(at, watch).await.is_err());
     daemon.kill();
 
@@ -264,16 +257,15 @@ fn steps(record: &Path) -> Vec<Step> {
 
 /// Waits until the stage's record grows no more.
 async fn at_rest(record: &Path) {
-    let until = Instant::now() + AT_REST_ALLOWED;
     let (mut length, mut since) = (0, Instant::now());
-    while since.elapsed() < QUIET {
-        assert!(Instant::now() < until, "the stage never comes to rest");
-        sleep(Duration::from_millis(50)).await;
+    let quiet = until("the stage is at rest", async || {
         let now = std::fs::metadata(record).unwrap().len();
         if now != length {
             (length, since) = (now, Instant::now());
         }
-    }
+        since.elapsed() >= QUIET
+    });
+    timeout(AT_REST_ALLOWED, quiet).await.expect("the stage comes to rest");
 }
 
 /// Homes by a job, then moves by hand, for as long as it is let.
@@ -284,13 +276,10 @@ async fn drive(daemon: &Daemon, jobs: &mut Vec<String>, random: &mut Pcg64Mcg) {
     };
     let (Some(id), Some(href)) = (job["id"].as_str(), job["href"].as_str()) else { panic!("{job}") };
     jobs.push(id.to_owned());
-    let wait = async |what: &str| loop {
-        let job = daemon.get(href).await.unwrap_or_default();
-        if job["state"] == what || job["ended_at"].is_string() {
-            assert_eq!(job["state"], what, "{}", job["reason"]);
-            return;
-        }
-        sleep(Duration::from_millis(25)).await;
+    let wait = async |what: &str| {
+        let there = |job: &Value| job["state"] == what || job["ended_at"].is_string();
+        let job = until(what, async || when(daemon.get(href).await.unwrap_or_default(), there)).await;
+        assert_eq!(job["state"], what, "{}", job["reason"]);
     };
     // It asks for a white frame once both axes are homed.
     wait("waiting_for_operator").await;
@@ -306,9 +295,7 @@ async fn drive(daemon: &Daemon, jobs: &mut Vec<String>, random: &mut Pcg64Mcg) {
             if !homed().await {
                 // The end of a cancelled job stops the axes, which may cost the position.
                 daemon.ask(Method::POST, &format!("/api/v1/axes/{axis}/home"), None).await;
-                while !homed().await {
-                    sleep(Duration::from_millis(25)).await;
-                }
+                until("it is homed", &homed).await;
             }
             let to = if axis == "e" { random.random_range(5.0..29.0) } else { random.random_range(-0.5..4.0) };
             let body = json!({ "position_mm": to });
@@ -340,7 +327,7 @@ async fn kill_with_a_stage(ground: &mut Ground, seed: u64) -> String {
     let bench = ready(&daemon).await;
     assert_unknown(&bench);
     ground.check_jobs(&daemon).await;
-    sleep(QUIET).await;
+    at_rest(&record).await;
     assert_unknown(&daemon.get("/api/v1/bench").await.unwrap());
     assert_eq!(steps(&record), before, "something moved after the restart that nobody commanded");
     daemon.kill();

@@ -20,6 +20,7 @@ use super::bench::permit;
 use super::daemon::{Daemon, client, problem};
 use super::fakes::{Fakes, fakes};
 use super::program::{Program, plenalign};
+use super::until::{until, when};
 
 const STOP: &str = "/api/v1/stop";
 const MOVE: &str = "/api/v1/axes/e/move";
@@ -31,22 +32,18 @@ async fn daemon(folder: &Path) -> (Daemon, Fakes, Store) {
     (daemon, fakes, store)
 }
 
-/// Waits until the stop is as wanted.
-async fn until(daemon: &Daemon, what: &str, is: impl Fn(&Value) -> bool) -> Value {
-    let mut last = Value::Null;
-    for _ in 0..500 {
-        let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
-        last = bench;
-        if is(&last) {
-            return last["stop"].clone();
-        }
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
-    panic!("never {what}: {last}");
+/// Waits until the bench is as wanted, and returns its stop.
+async fn stop_once(daemon: &Daemon, what: &str, is: impl Fn(&Value) -> bool) -> Value {
+    daemon.until("/api/v1/bench", what, is).await["stop"].take()
+}
+
+/// Waits until the latch is kept as given.
+async fn until_latched(folder: &Path) {
+    until("the latch is kept", async || when(kept(folder), |kept| kept.contains("\"latched\":true"))).await;
 }
 
 async fn writable(daemon: &Daemon) -> Value {
-    until(daemon, "writable", |bench| bench["history_fault"].is_null()).await
+    stop_once(daemon, "writable", |bench| bench["history_fault"].is_null()).await
 }
 
 async fn stop(daemon: &Daemon) {
@@ -127,7 +124,7 @@ async fn a_stop_that_cannot_be_read_counts_as_latched_until_it_is_read() {
         let value = "SELECT value FROM away WHERE away.bench = kept.bench AND away.key = kept.key";
         spoil(left.path(), &format!("UPDATE kept SET value = ({value}) WHERE key = 'stop'"));
         // Nobody has to ask for it.
-        let found = until(&second, "read", |bench| bench["stop"]["unread"].is_null()).await;
+        let found = stop_once(&second, "read", |bench| bench["stop"]["unread"].is_null()).await;
         assert_eq!((&found["latched"], found["since"].is_string()), (&json!(latched), latched));
         assert_eq!(go(&second).await.status().as_u16(), if latched { 409 } else { 202 });
     }
@@ -187,20 +184,16 @@ async fn a_stop_that_could_not_be_written_is_written_when_it_can_be() {
     let (first, _fakes, store) = daemon(folder.path()).await;
     assert_eq!(go(&first).await.status(), 202);
     store.hinder(Hindrance { full: true, ..Hindrance::default() });
-    until(&first, "full", |bench| bench["history_fault"].is_string()).await;
+    stop_once(&first, "full", |bench| bench["history_fault"].is_string()).await;
     stop(&first).await;
     // It has been tried, and failed.
     first.written().await;
     store.hinder(Hindrance::default());
     let stopped = writable(&first).await;
-    let from = tokio::time::Instant::now();
-    while !kept(folder.path()).contains("\"latched\":true") {
-        assert!(from.elapsed() < Duration::from_secs(10), "{}", kept(folder.path()));
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    until_latched(folder.path()).await;
     first.service.shut_down().await;
     let (second, fakes, _store) = daemon(folder.path()).await;
-    let found = until(&second, "read", |bench| bench["stop"]["since"].is_string()).await;
+    let found = stop_once(&second, "read", |bench| bench["stop"]["since"].is_string()).await;
     assert_eq!(found, stopped);
     refused(&second, &fakes).await;
 }
@@ -238,11 +231,7 @@ async fn what_is_answered_of_a_stop_and_of_the_lease_is_on_the_disk() {
     assert_eq!(answer["kept"], false);
     assert!(kept(folder.path()).contains("\"latched\":false"));
     store.hinder(Hindrance::default());
-    let from = tokio::time::Instant::now();
-    while !kept(folder.path()).contains("\"latched\":true") {
-        assert!(from.elapsed() < Duration::from_secs(20), "{}", kept(folder.path()));
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    until_latched(folder.path()).await;
 }
 
 /// A stop given while the program ends is somebody's, too.
@@ -286,7 +275,7 @@ async fn a_reset_that_was_given_up_does_not_come_to_the_disk_later() {
     let late = problem(first.reset_stop().await, 503, "not-kept").await;
     assert!(late["detail"].as_str().unwrap().contains("within 5s"), "{late}");
     store.hinder(Hindrance { full: true, ..Hindrance::default() });
-    until(&first, "full", |bench| bench["history_fault"].is_string()).await;
+    stop_once(&first, "full", |bench| bench["history_fault"].is_string()).await;
     assert!(kept(folder.path()).contains("\"latched\":true"), "{}", kept(folder.path()));
     first.service.end().await;
     let (second, fakes, _store) = daemon(folder.path()).await;
@@ -311,11 +300,7 @@ async fn a_stop_that_the_full_queue_did_not_take_is_written_when_it_does() {
     stop(&first).await;
     assert!(!kept(folder.path()).contains("\"latched\":true"), "there was no room for it");
     drop(held);
-    let from = tokio::time::Instant::now();
-    while !kept(folder.path()).contains("\"latched\":true") {
-        assert!(from.elapsed() < Duration::from_secs(20), "{}", kept(folder.path()));
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    until_latched(folder.path()).await;
 }
 
 /// What comes back for a request whose body comes to its end after a stop and its reset.

@@ -1,8 +1,8 @@
 //! The control lease over HTTP: nothing moves without it, one has it at a time, a job keeps it, an admin takes it.
 
 use std::sync::Arc;
-use std::time::Duration;
 
+use jiff::{SignedDuration, Timestamp};
 use plenalign::api::error::LEASE_HEADER;
 use plenalign::control::open_bench;
 use reqwest::{Method, StatusCode};
@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use super::bench::small_config;
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
+use super::until::until;
 
 async fn take(daemon: &Daemon, owner: &str) -> (String, Value) {
     let granted = daemon.post("/api/v1/lease", &json!({ "owner": owner, "note": "tests", "ttl_s": 60 })).await;
@@ -114,13 +115,18 @@ async fn a_lease_that_is_not_renewed_runs_out_and_everybody_is_told() {
     let granted = daemon.post("/api/v1/lease", &json!({ "owner": "ada", "ttl_s": 2 })).await;
     let granted: Value = granted.json().await.unwrap();
     let key = granted["key"].as_str().unwrap();
-    tokio::time::sleep(Duration::from_millis(1200)).await;
-    let renewed = with_key(&daemon, Method::POST, "/api/v1/lease/heartbeat", key, &Value::Null).await;
-    assert_eq!(renewed.status(), 200);
-    tokio::time::sleep(Duration::from_millis(1200)).await;
+    let ends = |lease: &Value| lease["expires_at"].as_str().unwrap().parse::<Timestamp>().unwrap();
+    let first = ends(&granted["lease"]);
+    until("its first term is over", async || {
+        let renewed = with_key(&daemon, Method::POST, "/api/v1/lease/heartbeat", key, &Value::Null).await;
+        assert_eq!(renewed.status(), 200);
+        Timestamp::now() > first
+    })
+    .await;
     let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
     assert_eq!(bench["lease"]["owner"], "ada", "renewed in time");
-    tokio::time::sleep(Duration::from_millis(1000)).await;
+    let end = ends(&bench["lease"]) + SignedDuration::from_millis(200);
+    until("its last term is over", async || Timestamp::now() > end).await;
     let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
     assert_eq!(bench["lease"], Value::Null);
     problem(with_key(&daemon, Method::POST, "/api/v1/lease/heartbeat", key, &Value::Null).await, 412, "lease-lost")

@@ -11,6 +11,7 @@ use tokio::net::TcpStream;
 
 use super::daemon::Daemon;
 use super::fakes::fakes;
+use super::until::until;
 
 async fn daemon(settings: ServerSettings) -> Daemon {
     let gate = Gate::new(GateSettings::default(), TokenStore::in_memory(), Box::new(LogAudit));
@@ -63,11 +64,7 @@ async fn a_stop_gets_through_when_every_connection_is_taken_and_nothing_else_doe
     assert!(from.elapsed() < Duration::from_secs(1), "the stop took {:?}", from.elapsed());
 
     drop(held);
-    let from = Instant::now();
-    while !exchange(daemon.address, HEALTH).await.starts_with("HTTP/1.1 200") {
-        assert!(from.elapsed() < Duration::from_secs(5), "no place came free");
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    until("a place is free", async || exchange(daemon.address, HEALTH).await.starts_with("HTTP/1.1 200")).await;
 }
 
 #[tokio::test]
@@ -77,11 +74,7 @@ async fn a_websocket_keeps_its_place_for_as_long_as_it_lasts() {
     let (socket, _) = tokio_tungstenite::connect_async(&url).await.unwrap();
     assert!(exchange(daemon.address, HEALTH).await.starts_with("HTTP/1.1 503"));
     drop(socket);
-    let from = Instant::now();
-    while !exchange(daemon.address, HEALTH).await.starts_with("HTTP/1.1 200") {
-        assert!(from.elapsed() < Duration::from_secs(5), "the place did not come free");
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    until("the place is free", async || exchange(daemon.address, HEALTH).await.starts_with("HTTP/1.1 200")).await;
 }
 
 #[tokio::test]
@@ -90,14 +83,10 @@ async fn a_head_that_trickles_in_and_a_connection_that_idles_are_cut_off() {
     let mut idle = TcpStream::connect(daemon.address).await.unwrap();
     let mut slow = TcpStream::connect(daemon.address).await.unwrap();
     let trickle = async {
-        let from = Instant::now();
-        for byte in b"GET /healthz HTTP/1.1\r\nx: ".iter().chain(std::iter::repeat(&b'x')) {
-            if slow.write_all(&[*byte]).await.is_err() {
-                break;
-            }
-            assert!(from.elapsed() < Duration::from_secs(5), "a slow head is waited for without end");
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        }
+        let mut head = b"GET /healthz HTTP/1.1\r\nx: ".iter().chain(std::iter::repeat(&b'x'));
+        let cut = until("the slow one is cut off", async || slow.write_all(&[*head.next().unwrap()]).await.is_err());
+        let cut = tokio::time::timeout(Duration::from_secs(5), cut).await;
+        assert!(cut.is_ok(), "a slow head is waited for without end");
     };
     let ends = async {
         let mut nothing = [0; 1];
@@ -149,8 +138,6 @@ async fn the_end_is_bounded_whatever_hangs() {
     let (_socket, _) = tokio_tungstenite::connect_async(format!("ws://{}/api/v1/ws", daemon.address)).await.unwrap();
     let from = Instant::now();
     daemon.api.close().await;
-    while TcpStream::connect(daemon.address).await.is_ok() {
-        assert!(from.elapsed() < Duration::from_secs(4), "the port is still open");
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    until("the port is closed", async || TcpStream::connect(daemon.address).await.is_err()).await;
+    assert!(from.elapsed() < Duration::from_secs(4), "the port was open for {:?}", from.elapsed());
 }

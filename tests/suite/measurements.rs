@@ -1,30 +1,16 @@
 //! Measuring on request: a frame exposed while an axis moved is refused, or says so.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use plenalign::control::open_bench;
 use reqwest::{Method, StatusCode};
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
 
 use super::bench::{quick_axes, small_config};
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
 
 const PATH: &str = "/api/v1/measurements";
-
-async fn until(daemon: &Daemon, path: &str, what: &str, fits: impl Fn(&Value) -> bool) -> Value {
-    let limit = Instant::now() + Duration::from_secs(120);
-    loop {
-        let found: Value = daemon.get(path).await.json().await.unwrap();
-        if fits(&found) {
-            return found;
-        }
-        assert!(Instant::now() < limit, "not {what}: {found}");
-        sleep(Duration::from_millis(20)).await;
-    }
-}
 
 /// A daemon whose job has taken a white frame and measured a board, and was then cancelled.
 async fn with_white() -> Daemon {
@@ -38,16 +24,16 @@ async fn with_white() -> Daemon {
     assert_eq!(job.status(), StatusCode::CREATED);
     let href = job.headers()["location"].to_str().unwrap().to_owned();
     let measured = |job: &Value| job["iterations"].as_array().is_some_and(|all| !all.is_empty());
-    let job = until(&daemon, &href, "measured", |job| measured(job) || job["ended_at"].is_string()).await;
+    let job = daemon.until(&href, "measured", |job| measured(job) || job["ended_at"].is_string()).await;
     assert!(measured(&job), "{job}");
     daemon.request(Method::DELETE, &href).send().await.unwrap();
-    until(&daemon, &href, "over", |job| job["ended_at"].is_string()).await;
+    daemon.until(&href, "over", |job| job["ended_at"].is_string()).await;
     daemon
 }
 
 async fn still(daemon: &Daemon) -> Value {
     let still = |bench: &Value| bench["axes"].as_array().unwrap().iter().all(|axis| axis["moving"] == false);
-    until(daemon, "/api/v1/bench", "still", still).await
+    daemon.until("/api/v1/bench", "still", still).await
 }
 
 #[tokio::test]
@@ -75,13 +61,13 @@ async fn a_measurement_that_spans_motion_is_refused_or_says_so() {
     };
     command("/api/v1/axes/e/home", &Value::Null).await;
     let homed = |bench: &Value| bench["axes"][1]["homed"] == true && bench["axes"][1]["moving"] == false;
-    until(&daemon, "/api/v1/bench", "homed", homed).await;
+    daemon.until("/api/v1/bench", "homed", homed).await;
     let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
     let home = bench["axes"][1]["position_mm"].as_f64().unwrap();
     command("/api/v1/axes/e/move", &json!({ "position_mm": 5.0 })).await;
     // It counts as moving from here on; a frame spans its motion once it has begun.
     let under_way = |bench: &Value| (bench["axes"][1]["position_mm"].as_f64().unwrap_or(home) - home).abs() > 0.1;
-    until(&daemon, "/api/v1/bench", "under way", under_way).await;
+    daemon.until("/api/v1/bench", "under way", under_way).await;
     let refused = problem(daemon.post(PATH, &json!({ "settled": true })).await, 409, "spans-motion").await;
     // A controller that says of itself that it runs says so of both of its axes.
     let has_e = |axes: &Value| axes.as_array().is_some_and(|axes| axes.contains(&json!("e")));

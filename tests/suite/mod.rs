@@ -1,4 +1,4 @@
-//! The suite, a module for each subject; `bench`, `daemon`, `fakes`, `program` and `steps` are what they share.
+//! The suite, a module for each subject; `bench`, `daemon`, `fakes`, `program`, `steps` and `until` are what they share.
 
 mod access;
 mod alignment;
@@ -79,6 +79,7 @@ mod study;
 mod surroundings;
 mod tls;
 mod unit;
+mod until;
 mod view;
 mod view_api;
 mod view_cli;

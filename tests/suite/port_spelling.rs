@@ -1,7 +1,7 @@
 //! One device, however its port is spelled: the same bench, with the same lock, latch and lease.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use reqwest::{Client, Method};
 use rusqlite::Connection;
@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use super::bench::{grbl_hardware, small_config};
 use super::daemon::client;
 use super::program::{Program, plenalign};
+use super::until::{until, when};
 
 fn write_hardware(file: &Path, port: &Path) {
     std::fs::write(file, toml::to_string(&grbl_hardware(small_config(1), port)).unwrap()).unwrap();
@@ -60,26 +61,16 @@ async fn ask(client: &Client, program: &Program, method: Method, path: &str, bod
 }
 
 async fn bench_until(client: &Client, program: &Program, what: &str, is: impl Fn(&Value) -> bool) {
-    let end = Instant::now() + Duration::from_secs(15);
-    loop {
-        let bench = ask(client, program, Method::GET, "/api/v1/bench", Value::Null).await;
-        if is(&bench) {
-            return;
-        }
-        assert!(Instant::now() < end, "never {what}: {bench}");
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    let bench = async || ask(client, program, Method::GET, "/api/v1/bench", Value::Null).await;
+    until(what, async || when(bench().await, &is)).await;
 }
 
 /// Stops it and waits until the history has that.
 async fn stop(rig: &Rig, client: &Client, program: &Program) {
     ask(client, program, Method::POST, "/api/v1/stop", Value::Null).await;
     let latched = "SELECT count(*) FROM kept WHERE key = 'stop' AND value LIKE '%\"latched\":true%'";
-    let end = Instant::now() + Duration::from_secs(15);
-    while rig.history().query_row(latched, [], |row| row.get::<_, i64>(0)).unwrap() == 0 {
-        assert!(Instant::now() < end, "the latch is not kept");
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    let count = || rig.history().query_row(latched, [], |row| row.get::<_, i64>(0)).unwrap();
+    until("the latch is kept", async || count() > 0).await;
 }
 
 #[tokio::test]

@@ -3,7 +3,7 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
-use std::thread::{JoinHandle, sleep};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
@@ -11,6 +11,7 @@ use nix::unistd::Pid;
 use serde_json::Value;
 
 use super::bench::QUICK_AXES;
+use super::until::until_blocking;
 
 /// The program with a state folder of the test's own, and nothing taken from the environment of whoever runs the test.
 pub(crate) fn plenalign(state: &Path) -> Command {
@@ -127,13 +128,11 @@ impl Program {
     /// Waits for the end and returns how it ended, after how long, and what was logged.
     pub(crate) fn end(mut self, allowed: Duration) -> (ExitStatus, Duration, String) {
         let from = Instant::now();
-        let status = loop {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                break status;
-            }
-            assert!(from.elapsed() < allowed, "the program still runs after {allowed:?}");
-            sleep(Duration::from_millis(10));
-        };
+        let status = until_blocking("the program ends", || {
+            let ended = self.child.try_wait().unwrap();
+            assert!(ended.is_some() || from.elapsed() < allowed, "the program still runs after {allowed:?}");
+            ended
+        });
         let took = from.elapsed();
         (status, took, self.log.take().unwrap().join().unwrap())
     }

@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 
 use super::bench::{QUICK_AXES, permit, quick_axes, run, small_config};
 use super::program::{Program, plenalign, serve};
+use super::until::until;
 
 /// A service whose state, and with it its recordings, is in a folder.
 async fn service(config: Config, state: &Path) -> Arc<Service> {
@@ -238,13 +239,10 @@ async fn a_failed_and_a_cancelled_job_are_replayed_as_far_as_they_came() {
     identical(&replay(&file_of(&service, &early)).await.unwrap());
 
     let id = service.create_job(&permit(&service), recorded(JobKind::AirOnly)).await.unwrap().id;
-    while service.job(id).unwrap().state != JobState::WaitingForOperator {
-        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
-    }
+    let state = || service.job(id).unwrap().state;
+    until("the job asks", async || state() == JobState::WaitingForOperator).await;
     service.cancel(id).unwrap();
-    while !service.job(id).unwrap().state.is_final() {
-        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
-    }
+    until("the job ends", async || state().is_final()).await;
     let replayed = replay(&file_of(&service, &service.job(id).unwrap())).await.unwrap();
     identical(&replayed);
     assert!(replayed.notes[0].contains("cancelled"), "{:?}", replayed.notes);

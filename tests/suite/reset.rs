@@ -1,16 +1,15 @@
 //! Resetting the stop: who did it and why is said, kept and shown, and nothing that was held goes on by it.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use plenalign::control::open_bench;
 use reqwest::{Method, Response};
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
 
 use super::bench::small_config;
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
+use super::until::until;
 
 const STOP: &str = "/api/v1/stop";
 
@@ -96,14 +95,6 @@ async fn who_stopped_who_reset_and_why_are_seen_and_audited() {
     assert_eq!((&entries[0]["who"], &entries[0]["detail"]["why"]), (&json!("Conny"), &json!("seen to")));
 }
 
-async fn until(what: &str, mut is: impl AsyncFnMut() -> bool) {
-    let from = Instant::now();
-    while !is().await {
-        assert!(from.elapsed() < Duration::from_secs(20), "never {what}");
-        sleep(Duration::from_millis(20)).await;
-    }
-}
-
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn nothing_that_was_held_goes_on_by_a_reset() {
     let mut config = small_config(1);
@@ -135,17 +126,14 @@ async fn nothing_that_was_held_goes_on_by_a_reset() {
     daemon.request(Method::DELETE, "/api/v1/axes/focus/jog").send().await.unwrap();
     until("at rest", async || focus().await["moving"] == false).await;
 
-    let mut href = None;
-    until("accepted", async || {
+    let href = until("accepted", async || {
         let job = daemon.command(Method::POST, "/api/v1/jobs", &json!({ "kind": "joint_alignment" })).await;
-        let created = job.status() == 201;
-        if created {
-            href = job.json::<Value>().await.unwrap()["href"].as_str().map(str::to_owned);
+        if job.status() != 201 {
+            return None;
         }
-        created
+        job.json::<Value>().await.unwrap()["href"].as_str().map(str::to_owned)
     })
     .await;
-    let href = href.unwrap();
     let state = async || daemon.get(&href).await.json::<Value>().await.unwrap()["state"].clone();
     daemon.request(Method::POST, STOP).send().await.unwrap();
     until("cancelled", async || state().await == "cancelled").await;

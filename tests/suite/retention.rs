@@ -1,7 +1,7 @@
 //! How long the history keeps what: by age, by size, and what is never deleted.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 use plenalign::store::records::{Audit, Entry, Job, Line, Move, Picture, Run};
@@ -11,6 +11,7 @@ use serde_json::json;
 use uuid::Uuid;
 
 use super::program::{Program, plenalign};
+use super::until::until_blocking;
 
 const TABLES: [&str; 5] = ["iterations", "measurements", "log", "operator_steps", "pictures"];
 
@@ -103,14 +104,6 @@ fn jobs(state: &Path) -> Vec<Uuid> {
     ids.map(|id| id.unwrap().parse().unwrap()).collect()
 }
 
-fn until(what: &str, is: impl Fn() -> bool) {
-    let end = Instant::now() + Duration::from_secs(30);
-    while !is() {
-        assert!(Instant::now() < end, "never {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
 #[tokio::test]
 async fn what_is_older_than_it_is_to_be_kept_is_deleted_with_all_that_belongs_to_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -123,21 +116,21 @@ async fn what_is_older_than_it_is_to_be_kept_is_deleted_with_all_that_belongs_to
     store.flush().await;
     drop(store);
     let program = serve(&state, "keep_days = 30");
-    until("deleted", || jobs(&state) == [open, young]);
-    until("as many by hand", || count(&state, "moves", "job IS NULL") == 1);
+    until_blocking("deleted", || jobs(&state) == [open, young]);
+    until_blocking("as many by hand", || count(&state, "moves", "job IS NULL") == 1);
     for table in TABLES.iter().filter(|table| **table != "operator_steps") {
         assert_eq!(count(&state, table, &format!("job = '{old}'")), 0, "{table}");
         assert_eq!(count(&state, table, &format!("job = '{young}'")), 1, "{table}");
     }
     assert_eq!(count(&state, "moves", &format!("job = '{old}'")), 0);
     assert_eq!(count(&state, "moves", &format!("job = '{open}'")), 1);
-    until("measured by hand", || count(&state, "measurements", "job IS NULL") == 1);
+    until_blocking("measured by hand", || count(&state, "measurements", "job IS NULL") == 1);
     // The run of what is gone is gone, with its configuration.
-    until("runs", || count(&state, "runs", "bench = 'simulated'") == 2);
+    until_blocking("runs", || count(&state, "runs", "bench = 'simulated'") == 2);
     assert_eq!(count(&state, "configurations", "1"), count(&state, "runs", "1"));
     // The audit log has a key of its own, and says what was deleted.
     assert_eq!(count(&state, "audit", "what LIKE '%days ago'"), 3);
-    until("said", || count(&state, "audit", "what = 'retention.delete' AND who = 'plenalign'") == 1);
+    until_blocking("said", || count(&state, "audit", "what = 'retention.delete' AND who = 'plenalign'") == 1);
     program.kill();
 }
 
@@ -152,7 +145,7 @@ async fn the_audit_log_is_shortened_by_a_key_of_its_own_alone() {
     store.flush().await;
     drop(store);
     let program = serve(&state, "keep_audit_days = 365");
-    until("shortened", || count(&state, "audit", "what LIKE '%days ago'") == 2);
+    until_blocking("shortened", || count(&state, "audit", "what LIKE '%days ago'") == 2);
     assert_eq!(jobs(&state).len(), 4);
     program.kill();
 }
@@ -177,14 +170,14 @@ async fn a_file_larger_than_it_may_be_loses_the_oldest_and_shrinks() {
     drop(file);
     assert!(bytes() > 14 << 20);
     let program = serve(&state, "keep_mb = 10");
-    until("smaller", || bytes() <= 10 << 20);
+    until_blocking("smaller", || bytes() <= 10 << 20);
     let left = jobs(&state);
     assert!(left.len() >= 3 && left == all[all.len() - left.len()..], "the newest are left: {}", left.len());
     assert_eq!(count(&state, "audit", "what LIKE '%days ago'"), 9, "nobody pushes out the audit log");
     program.kill();
     // Even where that is not enough.
     let program = serve(&state, "keep_mb = 1");
-    until("the last one", || jobs(&state) == all[8..]);
+    until_blocking("the last one", || jobs(&state) == all[8..]);
     program.kill();
 }
 
@@ -201,7 +194,7 @@ async fn nothing_is_deleted_unless_it_is_asked_for() {
     let mut command = plenalign(&state);
     command.args(["serve", "--simulated", "--json", "--listen", "127.0.0.1:0", "--config"]).arg(config);
     let program = Program::start(command);
-    until("begun", || count(&state, "runs", "ended_at IS NULL") == 2);
+    until_blocking("begun", || count(&state, "runs", "ended_at IS NULL") == 2);
     program.terminate();
     let (status, _, log) = program.end(Duration::from_secs(10));
     assert!(status.success(), "{log}");

@@ -3,7 +3,6 @@
 use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
 use axum::Router;
 use axum::body::Bytes;
@@ -16,6 +15,7 @@ use prost::Message as _;
 use serde_json::Value;
 
 use super::daemon::client;
+use super::until::until;
 
 type Exports = Arc<Mutex<Vec<ExportTraceServiceRequest>>>;
 
@@ -94,17 +94,12 @@ async fn a_request_and_a_job_are_spans_that_a_collector_gets() {
     assert_eq!(job.send().await.unwrap().status(), 201);
 
     let wanted = ["GET /api/v1/jobs/{id}", "POST /api/v1/jobs", "job homing"];
-    for _ in 0..600 {
-        let names: Vec<_> = spans(&exports).into_iter().map(|(name, _)| name).collect();
-        if wanted.iter().all(|name| names.iter().any(|found| found == name)) {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
-    let spans = spans(&exports);
-    for name in wanted {
-        assert!(spans.iter().any(|(found, _)| found == name), "no span {name:?} among {spans:?}");
-    }
+    let spans = until("all three are exported", async || {
+        let spans = spans(&exports);
+        let all = wanted.iter().all(|name| spans.iter().any(|(found, _)| found == name));
+        if all { Ok(spans) } else { Err(format!("{spans:?}")) }
+    })
+    .await;
     let (_, attributes) = spans.iter().find(|(name, _)| name == wanted[0]).unwrap();
     assert!(attributes.contains(&("path".to_owned(), path.to_owned())), "{attributes:?}");
     // What opens a door leaves with no span.

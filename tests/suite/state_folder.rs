@@ -4,7 +4,7 @@ use std::fs::{self, Permissions};
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use plenalign::api::error::LEASE_HEADER;
 use reqwest::Client;
@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 
 use super::daemon::client;
 use super::program::{Program, plenalign};
+use super::until::until;
 
 /// What nobody but its owner may read, below the state folder.
 const SECRET: [&str; 9] = [
@@ -116,11 +117,7 @@ async fn nobody_else_reads_what_the_program_keeps() {
     let job = json!({ "kind": "joint_alignment", "record": true });
     root.post("/api/v1/jobs", lease["key"].as_str(), &job).await;
     // Its file is begun on a thread of its own.
-    let until = Instant::now() + Duration::from_secs(10);
-    while modes(&state.join("recordings")).len() < 2 {
-        assert!(Instant::now() < until, "no recording has begun");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    until("a recording has begun", async || modes(&state.join("recordings")).len() >= 2).await;
     nobody_else_reads(&state, &SECRET[..8]);
     assert_eq!(fs::metadata(&state).unwrap().permissions().mode() & 0o777, 0o700);
     program.kill();
@@ -128,11 +125,7 @@ async fn nobody_else_reads_what_the_program_keeps() {
     // The link that opens the page once.
     let program = serve(&login, &["--set", "server.auth=required"]);
     // It is made once the daemon has said where it serves.
-    let until = Instant::now() + Duration::from_secs(10);
-    while !login.join("login-url").exists() {
-        assert!(Instant::now() < until, "there is no link");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    until("there is a link", async || login.join("login-url").exists()).await;
     nobody_else_reads(&login, &["login-url", "history.db", "bench-simulated.lock"]);
     program.kill();
 }

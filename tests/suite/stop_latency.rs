@@ -11,7 +11,7 @@ use plenalign::control::open_bench;
 use plenalign::device::Bench;
 use reqwest::Method;
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::Message;
 
@@ -55,12 +55,7 @@ async fn a_stop_reaches_the_serial_line_within_50_ms_whatever_else_goes_on() {
     for _ in 0..VIEWERS {
         tokio::spawn(watch(daemon.address, Arc::clone(&seen)));
     }
-    let feeder = tokio::spawn(async move {
-        for seq in 0.. {
-            camera.take_sized(seq, 560, 560);
-            sleep(Duration::from_millis(33)).await;
-        }
-    });
+    let feeder = tokio::spawn(async move { camera.film(0.., [560, 560], Duration::from_millis(33)).await });
     let (mut latencies, mut answers) = (Vec::new(), Vec::new());
     let (mut commands, mut states) = (Vec::new(), Vec::new());
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1000.0;

@@ -11,6 +11,7 @@ use serde_json::json;
 use uuid::Uuid;
 
 use super::program::own_mounts;
+use super::until::{until, when};
 
 fn run(bench: &str) -> Run {
     Run {
@@ -54,10 +55,9 @@ async fn ids(store: &Store, filter: JobFilter) -> Vec<Uuid> {
     page.items.into_iter().map(|(job, _)| job.id).collect()
 }
 
-async fn until(store: &Store, what: &str, is: impl Fn(&Health) -> bool) {
-    let mut health = store.health();
-    let waited = tokio::time::timeout(Duration::from_secs(10), health.wait_for(|health| is(health))).await.is_ok();
-    assert!(waited, "never {what}: {:?}", store.health().borrow().clone());
+pub(crate) async fn until_health(store: &Store, what: &str, is: impl Fn(&Health) -> bool) {
+    let health = store.health();
+    until(what, async || when(health.borrow().clone(), &is).map_err(|health| format!("{health:?}"))).await;
 }
 
 #[tokio::test]
@@ -217,9 +217,9 @@ async fn a_folder_replaced_by_a_file_is_said_and_mended_by_itself() {
     std::fs::write(&state, "in the way").unwrap();
     let refused = store.write(|_| Ok(())).await.unwrap_err();
     assert!(matches!(&refused, StoreError::Unusable(why) if why.contains("state")), "{refused}");
-    until(&store, "unwritable", |health| health.fault().is_some()).await;
+    until_health(&store, "unwritable", |health| health.fault().is_some()).await;
     std::fs::remove_file(&state).unwrap();
-    until(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
+    until_health(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
     assert!(store.write(|writer| Ok(writer.opened())).await.unwrap() > first, "it is known to be another file");
 }
 
@@ -337,14 +337,14 @@ async fn within_half_a_megabyte() {
     }
     let refused = refused.unwrap();
     assert!(written > 0 && matches!(refused, StoreError::Unusable(_)), "after {written}: {refused}");
-    until(&store, "unwritable", |health| health.fault().is_some()).await;
+    until_health(&store, "unwritable", |health| health.fault().is_some()).await;
     // Whole, with everything that was said to be kept.
     for n in 0..written {
         assert!(store.read(move |c| read::kept(c, "one", &n.to_string())).await.unwrap().is_some(), "{n} of {written}");
     }
     let more = Command::new("prlimit").args(["--fsize=unlimited:", "--pid", &std::process::id().to_string()]).status();
     assert!(more.unwrap().success());
-    until(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
+    until_health(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
     put(written).await.unwrap();
 }
 
@@ -358,7 +358,7 @@ async fn a_full_disk_is_said_before_it_is_needed_and_mended_by_itself() {
     let ballast = folder.path().join("ballast");
     std::fs::write(&ballast, vec![1; 5 << 20]).unwrap();
     // Nobody writes, and still it is seen.
-    until(&store, "full", |health| health.fault().is_some_and(|why| why.contains("full"))).await;
+    until_health(&store, "full", |health| health.fault().is_some_and(|why| why.contains("full"))).await;
     let refused = store.write(|_| Ok(())).await.unwrap_err().to_string();
     assert!(refused.contains("is full"), "{refused}");
     // What there is room for is still kept: the end of a job under way.
@@ -377,7 +377,7 @@ async fn a_full_disk_is_said_before_it_is_needed_and_mended_by_itself() {
     assert_eq!(store.read(|c| read::kept(c, "one", "large")).await.unwrap(), None);
     std::fs::remove_file(ballast).unwrap();
     std::fs::remove_file(folder.path().join("more")).unwrap();
-    until(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
+    until_health(&store, "writable again", |health| matches!(health, Health::Writable { .. })).await;
     store.write(|_| Ok(())).await.unwrap();
 }
 
@@ -396,6 +396,6 @@ async fn a_disk_made_read_only_is_said_and_mended_by_itself() {
     let refused = store.write(|_| Ok(())).await.unwrap_err();
     assert!(matches!(refused, StoreError::Unusable(_)), "{refused}");
     remount("rw");
-    until(&store, "writable", |health| matches!(health, Health::Writable { .. })).await;
+    until_health(&store, "writable", |health| matches!(health, Health::Writable { .. })).await;
     store.write(|_| Ok(())).await.unwrap();
 }

@@ -5,10 +5,10 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
-use std::time::Duration;
 
 use serde_json::Value;
 
@@ -179,8 +179,10 @@ fn an_interrupted_part_is_begun_again_and_a_finished_one_kept() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = ["--quick", "--benches", "2", "--assemblies", "9000", "--shard", "2/2", "--json"];
     let mut interrupted =
-        command(folder.path(), &arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    std::thread::sleep(Duration::from_millis(300));
+        command(folder.path(), &arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    // It says what it has begun with.
+    let mut begun = String::new();
+    BufReader::new(interrupted.stderr.as_mut().unwrap()).read_line(&mut begun).unwrap();
     interrupted.kill().unwrap();
     assert!(!interrupted.wait().unwrap().success());
     let path = folder.path().join("study/parts/part-2-of-2.json");

@@ -13,6 +13,7 @@ use tokio::net::TcpStream;
 
 use super::daemon::problem;
 use super::program::{Program, plenalign, serve};
+use super::until::until;
 
 fn run(state: &Path, arguments: &[&str]) -> Output {
     plenalign(state).args(arguments).output().unwrap()
@@ -198,24 +199,13 @@ async fn the_first_person_gets_in_by_a_link_that_only_the_daemons_user_can_read(
         .unwrap();
     let program = Program::start(serve(state.path(), &["--listen", "127.0.0.1:0"]));
     let file = state.path().join("login-url");
-    let link = wait_for(&file);
+    let link = until("there is a link", async || std::fs::read_to_string(&file)).await;
     assert_eq!(mode(&file), 0o600);
     let key = link.trim().strip_prefix(&format!("{}/login?once=", program.url())).unwrap_or_else(|| panic!("{link}"));
     let client = super::daemon::client();
     let signed_in = client.post(format!("{}/api/v1/session", program.url())).json(&json!({ "key": key }));
     assert_eq!(signed_in.send().await.unwrap().status(), 200);
     assert!(!file.exists(), "a key that is dead is left lying about");
-}
-
-fn wait_for(file: &Path) -> String {
-    let from = Instant::now();
-    loop {
-        match std::fs::read_to_string(file) {
-            Ok(text) => return text,
-            Err(_) => assert!(from.elapsed() < Duration::from_secs(10), "{} is not there", file.display()),
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 #[test]

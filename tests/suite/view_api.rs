@@ -10,7 +10,6 @@ use plenalign::device::Setup;
 use prost::Message as _;
 use reqwest::{Method, Response, StatusCode};
 use serde_json::{Value, json};
-use tokio::time::{Instant, sleep};
 use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::Message;
 
@@ -34,16 +33,8 @@ async fn home(daemon: &Daemon) {
     assert!(off.status().is_success(), "{}", off.text().await.unwrap());
     let response = daemon.command(Method::POST, "/api/v1/axes/focus/home", &Value::Null).await;
     assert_eq!(response.status(), StatusCode::ACCEPTED, "{}", response.text().await.unwrap());
-    let limit = Instant::now() + Duration::from_secs(60);
-    loop {
-        let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
-        let axis = &bench["axes"][0];
-        if axis["homed"] == true && axis["moving"] == false {
-            return;
-        }
-        assert!(Instant::now() < limit, "{bench}");
-        sleep(Duration::from_millis(50)).await;
-    }
+    let homed = |bench: &Value| bench["axes"][0]["homed"] == true && bench["axes"][0]["moving"] == false;
+    daemon.until("/api/v1/bench", "homed", homed).await;
 }
 
 async fn picture(response: Response) -> (image::DynamicImage, reqwest::header::HeaderMap) {
@@ -128,12 +119,7 @@ async fn what_cannot_be_seen_is_said() {
     let fakes = fakes();
     let camera = Arc::clone(&fakes.camera);
     let daemon = Daemon::start(fakes.bench).await;
-    let taking = tokio::spawn(async move {
-        for seq in 1.. {
-            camera.take(seq);
-            sleep(Duration::from_millis(20)).await;
-        }
-    });
+    let taking = tokio::spawn(async move { camera.film(1.., [64, 48], Duration::from_millis(20)).await });
     let refused = problem(daemon.get("/api/v1/view").await, 409, "not-viewable").await;
     assert!(refused["detail"].as_str().unwrap().contains("grid"), "{refused}");
     taking.abort();

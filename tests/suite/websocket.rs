@@ -14,6 +14,7 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
 use super::daemon::{Daemon, problem};
 use super::fakes::{FedCamera, fakes};
+use super::until::until;
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
@@ -122,11 +123,8 @@ async fn pictures_come_to_who_asks_and_carry_where_they_were_taken() {
     assert_eq!((jpeg.width(), jpeg.height()), (32, 24));
 }
 
-async fn feed(camera: &FedCamera, seqs: std::ops::Range<u64>) {
-    for seq in seqs {
-        camera.take(seq);
-        tokio::time::sleep(Duration::from_millis(4)).await;
-    }
+async fn feed(camera: &FedCamera, seqs: std::ops::RangeInclusive<u64>) {
+    camera.film(seqs, [64, 48], Duration::from_millis(4)).await;
 }
 
 #[tokio::test]
@@ -147,10 +145,7 @@ async fn a_slow_viewer_is_sent_the_newest_frame_and_holds_nobody_up() {
         }
         seqs
     });
-    feed(&fakes.camera, 1..100).await;
-    // The quick viewer's rate lets it be sent the last one only some time after the one before.
-    tokio::time::sleep(Duration::from_millis(60)).await;
-    fakes.camera.take(100);
+    feed(&fakes.camera, 1..=100).await;
     let seqs = quick_seqs.await.unwrap();
     assert!(seqs.len() > 10, "{seqs:?}");
     assert!(seqs.is_sorted(), "{seqs:?}");
@@ -162,7 +157,7 @@ async fn a_slow_viewer_is_sent_the_newest_frame_and_holds_nobody_up() {
 
     // Who asks anew is sent nothing more before it has seen what is on the way.
     say(&mut slow, json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "window": 1, "quality": 50 })).await;
-    feed(&fakes.camera, 101..110).await;
+    feed(&fakes.camera, 101..=109).await;
     tokio::time::timeout(Duration::from_millis(200), next_picture(&mut slow)).await.expect_err("nothing is sent");
     say(&mut slow, json!({ "type": "seen", "seq": 100 })).await;
     assert_eq!(next_picture(&mut slow).await.seq, 109);
@@ -184,13 +179,7 @@ async fn the_camera_is_watched_only_while_somebody_asks_for_pictures() {
         assert_eq!(camera.viewers(), viewers);
     }
     socket.close(None).await.unwrap();
-    for _ in 0..50 {
-        if camera.viewers() == 0 {
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
-    panic!("a viewer that left is still watching");
+    until("a viewer that left watches no more", async || camera.viewers() == 0).await;
 }
 
 #[tokio::test]
@@ -299,20 +288,11 @@ async fn a_connection_holds_the_lease() {
     say(&mut socket, json!({ "type": "hold", "lease": "guess" })).await;
     assert_eq!(next_problem(&mut socket).await["problem"]["status"], 412);
     say(&mut socket, json!({ "type": "hold", "lease": key })).await;
-    let held = async |expected: bool| {
-        for _ in 0..100 {
-            let lease: Value = daemon.get("/api/v1/lease").await.json().await.unwrap();
-            if (lease["lease"]["expires_at"] == Value::Null) == expected {
-                return lease["lease"].clone();
-            }
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        }
-        panic!("the lease did not become held = {expected}");
-    };
-    held(true).await;
+    let held = |lease: &Value| lease["lease"]["expires_at"].is_null();
+    daemon.until("/api/v1/lease", "held", held).await;
     drop(socket);
-    let lease = held(false).await;
-    let expires: jiff::Timestamp = lease["expires_at"].as_str().unwrap().parse().unwrap();
+    let lease = daemon.until("/api/v1/lease", "let go", |lease| !held(lease)).await;
+    let expires: jiff::Timestamp = lease["lease"]["expires_at"].as_str().unwrap().parse().unwrap();
     let left = expires.duration_since(jiff::Timestamp::now()).as_secs_f64();
     assert!((5.0..=10.0).contains(&left), "{left} s of grace");
 }

@@ -7,8 +7,9 @@ use plenalign::device::{AxisName, DeviceError, Stage};
 use plenalign::sim::stage::grbl::FirmwareConfig;
 use plenalign::sim::stage::{PULL_OFF_MM, Protocol};
 use plenalign::units::Millimetres;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
+use super::super::until::until;
 use super::kit::{Kit, Rig, START, bench, near, wait_for};
 
 /// A kit whose twin is set as `change` says.
@@ -108,11 +109,7 @@ async fn settings_that_make_another_motion_of_one_move_nothing() {
 
 /// Waits for what is said of the e axis: settings are read again where another may have changed them.
 async fn told(rig: &Rig, what: &str, is: impl Fn(Vec<String>) -> bool) {
-    let said = async {
-        while !is(rig.e.info().contradictions) {
-            sleep(Duration::from_millis(50)).await;
-        }
-    };
+    let said = until(what, async || is(rig.e.info().contradictions));
     timeout(Duration::from_secs(20), said).await.unwrap_or_else(|_| panic!("it is never {what}"));
 }
 

@@ -1,17 +1,16 @@
 //! Moving an axis off its switch over HTTP, on a Grbl twin that was powered up there.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use plenalign::config::Config;
 use plenalign::device::Bench;
 use plenalign::sim::stage::Protocol;
 use reqwest::Method;
 use serde_json::{Value, json};
-use tokio::time::{sleep, timeout};
 
 use super::super::daemon::{Daemon, problem};
 use super::super::fakes::fakes;
+use super::super::until::until;
 use super::kit::{Kit, START, bench};
 
 async fn e_axis(daemon: &Daemon) -> Value {
@@ -45,12 +44,7 @@ async fn an_axis_leaves_its_switch_by_its_operators_word_and_only_then_is_homed(
     assert_eq!(kit.slides.at(1), -6.3, "nothing has moved");
 
     assert_eq!(daemon.command(Method::POST, path, &low).await.status(), 202);
-    let left = async {
-        while e_axis(&daemon).await["moving"] == true {
-            sleep(Duration::from_millis(50)).await;
-        }
-    };
-    timeout(Duration::from_secs(30), left).await.unwrap();
+    until("the axis is at rest", async || e_axis(&daemon).await["moving"] != true).await;
     let e = e_axis(&daemon).await;
     assert_eq!(e["failure"], Value::Null, "{e}");
     let stands = kit.slides.at(1);

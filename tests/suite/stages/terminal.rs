@@ -8,14 +8,14 @@ use std::time::Duration;
 use plenalign::config::{ControllerConfig, ControllerDriver};
 use plenalign::device::open::open_stages;
 use plenalign::device::serial::{Dial, SerialDial};
-use plenalign::device::{DeviceError, Stage, StopDelivery};
+use plenalign::device::{DeviceError, Stage, StageState, StopDelivery};
 use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::line::Line;
 use plenalign::units::Millimetres;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
 use super::super::bench::quick_axes;
-use super::kit::{Kit, bench, near};
+use super::kit::{Kit, bench, near, wait_for};
 
 /// Points a link at another path.
 fn point(link: &Path, at: &Path) {
@@ -44,7 +44,7 @@ async fn works_over_a_terminal(driver: Protocol) {
     assert!(near(readback.value(), 3.0, 0.003) && near(rig.slides.at(0), 3.0, 0.006), "{readback}");
     let mover = rig.focus.clone();
     let moving = tokio::spawn(async move { mover.move_at(Millimetres(1.0), 1.0, mover.generation()).await });
-    sleep(Duration::from_millis(400)).await;
+    wait_for(&rig.focus, "on its way", |state| state.position.value() < 2.9).await;
     assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
     assert!(matches!(moving.await.unwrap(), Err(DeviceError::Stopped { .. })));
 
@@ -57,8 +57,9 @@ async fn works_over_a_terminal(driver: Protocol) {
     let lost = timeout(Duration::from_secs(5), state.wait_for(|state| !state.connected)).await.is_ok();
     assert!(lost, "the loss of the terminal is seen");
     std::fs::remove_file(&link).unwrap();
-    sleep(Duration::from_millis(300)).await;
-    assert!(rig.focus.state().borrow().fault.is_some());
+    let name = link.display().to_string();
+    let looked_for = |state: &StageState| state.fault.as_ref().is_some_and(|fault| fault.contains(&name));
+    wait_for(&rig.focus, "looked for", looked_for).await;
     kit.twin.plug_in();
     point(&link, &kit.twin.serve_on_terminal().unwrap());
     let found = timeout(Duration::from_secs(10), state.wait_for(|state| state.connected)).await.is_ok();
