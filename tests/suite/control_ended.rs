@@ -14,10 +14,11 @@ use plenalign::device::{AxisName, Bench, DeviceError, MoveTime, Stage, StageInfo
 use plenalign::store::{Hindrance, Store};
 use plenalign::units::Millimetres;
 use tokio::sync::watch;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, timeout};
 
 use super::bench::{rules, service, small_config};
 use super::fakes::fakes;
+use super::until::{elapse, until};
 
 fn request(owner: &str, ttl_s: u64) -> LeaseRequest {
     LeaseRequest { owner: owner.to_owned(), note: None, ttl: Duration::from_secs(ttl_s) }
@@ -30,11 +31,7 @@ fn taken(service: &Service, owner: &str, ttl_s: u64) -> (String, Permit) {
 }
 
 async fn free(service: &Service, axis: AxisName) {
-    let free = async {
-        while service.axis_view(axis).moving {
-            sleep(Duration::from_millis(5)).await;
-        }
-    };
+    let free = until("the axis is at rest", async || !service.axis_view(axis).moving);
     timeout(Duration::from_secs(60), free).await.unwrap();
 }
 
@@ -69,9 +66,7 @@ async fn ended(service: &Arc<Service>, end: End, key: &str) -> Permit {
             taken(service, "next", 3600).0
         }
         End::RunsOut => {
-            while service.leases().view().is_some() {
-                sleep(Duration::from_millis(5)).await;
-            }
+            until("the lease runs out", async || service.leases().view().is_none()).await;
             taken(service, "next", 3600).0
         }
     };
@@ -85,7 +80,7 @@ async fn a_move_ends_with_its_lease_and_the_next_ones_does_not() {
         let (key, permit) = taken(&service, "ada", 2);
         // Six seconds' way.
         service.move_axis(&permit, AxisName::E, Millimetres(1.0)).await.unwrap();
-        sleep(Duration::from_millis(900)).await;
+        elapse(Duration::from_millis(900)).await;
         let next = ended(&service, end, &key).await;
         free(&service, AxisName::E).await;
         let view = service.axis_view(AxisName::E);
@@ -117,10 +112,10 @@ async fn homing_cut_short_is_not_homed_because_control_ended() {
         service.move_axis(&permit, AxisName::E, Millimetres(1.0)).await.unwrap();
         free(&service, AxisName::E).await;
         service.take_over(request("between", 2)).await;
-        sleep(Duration::from_secs(3)).await;
+        elapse(Duration::from_secs(3)).await;
         let (key, permit) = taken(&service, "ada", 2);
         service.home_axis(&permit, AxisName::E).await.unwrap();
-        sleep(Duration::from_millis(300)).await;
+        elapse(Duration::from_millis(300)).await;
         assert!(service.axis_view(AxisName::E).moving);
         ended(&service, end, &key).await;
         free(&service, AxisName::E).await;
@@ -141,19 +136,19 @@ async fn a_jog_held_on_ends_with_its_lease() {
             async move {
                 loop {
                     match service.jog(&permit, AxisName::E, Side::Low, Some(1.0), None).await {
-                        Ok(_) => sleep(Duration::from_millis(100)).await,
+                        Ok(_) => elapse(Duration::from_millis(100)).await,
                         Err(refused) => return refused,
                     }
                 }
             }
         });
-        sleep(Duration::from_millis(800)).await;
+        elapse(Duration::from_millis(800)).await;
         ended(&service, end, &key).await;
         free(&service, AxisName::E).await;
         let stood = service.axis_view(AxisName::E).position_mm.unwrap();
         let refused = timeout(Duration::from_secs(5), held).await.unwrap().unwrap();
         assert!(matches!(refused, ServiceError::Refused(Refusal::LeaseLost { .. })), "{end:?}: {refused}");
-        sleep(Duration::from_secs(1)).await;
+        elapse(Duration::from_secs(1)).await;
         assert_eq!(service.axis_view(AxisName::E).position_mm, Some(stood), "{end:?}");
         service.shut_down().await;
     }
@@ -225,17 +220,13 @@ async fn a_job_whose_task_fails_has_ended_and_holds_nothing() {
         let request = JobRequest { axes: Some(vec![AxisName::E]), ..JobRequest::of(JobKind::Homing) };
         service.set_shell(&permit, ShellState::Off).unwrap();
         let id = service.create_job(&permit, request).await.unwrap().id;
-        while service.bench_view().job.is_some() {
-            sleep(Duration::from_millis(5)).await;
-        }
+        until("the job is over", async || service.bench_view().job.is_none()).await;
         let job = service.job(id).unwrap();
         assert_eq!(job.state, JobState::Failed);
         let reason = job.reason.unwrap();
         assert!(reason.contains("the program failed (a number that nobody thought of)"), "{reason}");
         assert!(stops.swap(0, Ordering::SeqCst) > 0, "the axes were not brought to rest");
-        while service.leases().view().is_some_and(|lease| lease.job.is_some()) {
-            sleep(Duration::from_millis(5)).await;
-        }
+        until("its lease is its own", async || service.leases().view().is_none_or(|lease| lease.job.is_none())).await;
         assert!(service.leases().permit(Some(&key)).is_ok());
     }
     service.shut_down().await;

@@ -17,7 +17,9 @@ use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
+
+use super::until::elapse;
 
 /// Two slides with a home switch each: positions are the axes' own coordinates.
 struct Slides {
@@ -138,14 +140,14 @@ async fn a_motion_commanded_during_a_stop_begins_after_it() {
     // A stop at rest takes some status reports and a reset: the reset must not hit what is commanded on the way.
     for delay_ms in [0, 20, 90, 150, 250, 400] {
         let home = async {
-            sleep(Duration::from_millis(delay_ms)).await;
+            elapse(Duration::from_millis(delay_ms)).await;
             rig.e.home(rig.e.generation()).await
         };
         let (delivery, homed) = tokio::join!(rig.focus.stop(), home);
         assert_eq!(delivery, StopDelivery::Confirmed);
         assert_eq!(homed, Ok(()), "homing commanded {delay_ms} ms after the stop");
         let (_, reached) = tokio::join!(rig.focus.stop(), async {
-            sleep(Duration::from_millis(delay_ms)).await;
+            elapse(Duration::from_millis(delay_ms)).await;
             rig.e.move_to(Millimetres(30.0), rig.e.generation()).await
         });
         assert!(reached.is_ok(), "a move commanded {delay_ms} ms after the stop: {reached:?}");
@@ -261,7 +263,7 @@ async fn motion_under_way_at_opening_is_stopped() {
     let serving = twin.clone();
     let before = tokio::spawn(async move { serving.serve(far).await });
     first.write_all(b"$X\n$J=G91 G21 Y-8 F300\n").await.unwrap();
-    sleep(Duration::from_millis(500)).await;
+    elapse(Duration::from_millis(500)).await;
     assert!(slides.at(1) < START[1] - 0.5);
     // The program that started the motion dies; another opens the port.
     drop(first);
@@ -269,7 +271,7 @@ async fn motion_under_way_at_opening_is_stopped() {
     let controller = connect(twin.dial(), &bench).await.unwrap();
     let at = slides.at(1);
     assert!(at > START[1] - 4.0, "{at}");
-    sleep(Duration::from_secs(3)).await;
+    elapse(Duration::from_secs(3)).await;
     assert_eq!(slides.at(1), at);
     assert!(!controller.stage(AxisName::E).unwrap().state().borrow().homed);
 }
@@ -304,14 +306,14 @@ async fn an_open_safety_door_ends_a_move_and_says_so() {
     e.home(e.generation()).await.unwrap();
     let mover = e.clone();
     let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     // The door's switch, which the real-time byte stands for.
     twin.receive(b"\x84");
     let error = moving.await.unwrap().unwrap_err();
     assert!(matches!(&error, DeviceError::Alarm { reason, .. } if reason.contains("door")), "{error}");
     let at = slides.at(1);
     assert!(at < 28.0 && at > 22.0, "{at}");
-    sleep(Duration::from_secs(3)).await;
+    elapse(Duration::from_secs(3)).await;
     assert_eq!(slides.at(1), at);
     e.home(e.generation()).await.unwrap();
     assert!(near(e.move_to(Millimetres(20.0), e.generation()).await.unwrap().value(), 20.0, 0.002));

@@ -9,10 +9,11 @@ use plenalign::control::open_bench;
 use plenalign::device::AxisName;
 use plenalign::device::jog::deadman;
 use plenalign::units::Millimetres;
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 
 use super::bench::{rules, small_config};
 use super::fakes::fakes;
+use super::until::elapse;
 
 #[tokio::test(start_paused = true)]
 async fn a_jog_ends_at_the_wall_at_the_deadman_and_at_a_stop() {
@@ -45,7 +46,7 @@ async fn a_jog_ends_at_the_wall_at_the_deadman_and_at_a_stop() {
             motion.jog(&admission, AxisName::E, Side::High, 2.0, dead).await
         }
     });
-    sleep(Duration::from_secs(2)).await;
+    elapse(Duration::from_secs(2)).await;
     motion.stop(Instant::now(), "a test").await;
     assert!(jogging.await.unwrap().is_err());
     let (_grip, dead) = deadman(Duration::from_secs(60));
@@ -113,7 +114,7 @@ async fn frames_count_as_at_rest_from_when_both_axes_have_settled() {
     let at_rest = fakes.e.at_rest_since().unwrap();
     let (motion, _) = rules(config, fakes.bench);
     assert_eq!(motion.settled_from(), Some(at_rest + Duration::from_millis(700)));
-    sleep(Duration::from_secs(5)).await;
+    elapse(Duration::from_secs(5)).await;
     fakes.e.rest(None);
     assert_eq!(motion.settled_from(), None);
     let later = tokio::time::Instant::now();

@@ -13,6 +13,8 @@ use std::task::{Poll, Waker};
 
 use tokio::runtime::Builder;
 
+use super::until::elapse;
+
 #[derive(Default)]
 struct Shared {
     /// The canary has been polled since this was last looked at.
@@ -119,7 +121,7 @@ fn every_poll_of_every_task_is_seen() {
                     if pause % 2 == 0 {
                         tokio::task::yield_now().await;
                     } else {
-                        tokio::time::sleep(std::time::Duration::from_secs(60)).await;
+                        elapse(std::time::Duration::from_secs(60)).await;
                     }
                 }
             })

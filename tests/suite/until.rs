@@ -4,7 +4,8 @@
 use std::fmt::Display;
 use std::time::{Duration, Instant};
 
-use tokio::time::sleep;
+use futures_util::FutureExt as _;
+use tokio::time::{advance, sleep};
 
 /// How long anything may take, by the clock on the wall, also where a test's own is paused: far longer than it does.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -70,4 +71,12 @@ pub(crate) fn until_blocking<L: Look>(what: &str, mut look: impl FnMut() -> L) -
         }
         std::thread::sleep(LOOK_AGAIN);
     }
+}
+
+/// Lets a paused clock go on by so much, all that is due meanwhile included. It panics where the clock is not paused:
+/// that would be to wait for a time.
+pub(crate) async fn elapse(time: Duration) {
+    // Its first poll panics so, and nothing is advanced.
+    let _ = advance(Duration::ZERO).now_or_never();
+    sleep(time).await;
 }

@@ -18,10 +18,11 @@ use plenalign::sim::stage::line::Line;
 use plenalign::sim::stage::{ControllerTwin, firmware};
 use plenalign::units::Millimetres;
 use proptest::prelude::*;
-use tokio::time::sleep;
 
 use fjell::{Fjell, FjellDriver};
 use twin::FjellTwin;
+
+use super::until::elapse;
 
 /// A bench whose axes a Fjell F2 can have: it homes to its negative end, so that the e axis is mounted the other way.
 fn bench() -> BenchConfig {
@@ -79,14 +80,14 @@ async fn a_stop_ends_a_move_and_what_waits() {
         let e = e.clone();
         async move { e.move_to(Millimetres(5.0), e.generation()).await }
     });
-    sleep(Duration::from_secs(2)).await;
+    elapse(Duration::from_secs(2)).await;
     let at = slides.at(1);
     assert!(at < 29.0, "it is on its way: {at}");
     assert_eq!(e.stop().await, StopDelivery::Confirmed);
     assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
     let stopped = slides.at(1);
     assert!((stopped - at).abs() < 0.7, "5 mm/s and 20 mm/s² make 0.625 mm: {at} to {stopped}");
-    sleep(Duration::from_secs(5)).await;
+    elapse(Duration::from_secs(5)).await;
     assert_eq!(slides.at(1), stopped, "it stands");
     assert!(e.read_state().await.unwrap().homed, "a ramp loses no step");
 }

@@ -14,11 +14,12 @@ use plenalign::device::{AxisName, Bench, StopDelivery};
 use plenalign::store::{Hindrance, Store};
 use plenalign::units::Millimetres;
 use tokio::task::JoinHandle;
-use tokio::time::{Instant, advance, sleep};
+use tokio::time::{Instant, advance};
 
 use super::super::bench::small_config;
 use super::super::fakes::fakes;
 use super::super::steps::{Steps, stepwise};
+use super::super::until::elapse;
 use super::controller::{FarEnd, Told};
 
 /// A bench with a controller that keeps what it is told.
@@ -61,7 +62,7 @@ fn command<F: Future<Output = ()> + Send + 'static>(future: F) -> JoinHandle<()>
 /// Waits until nothing has the axes, and no job is left.
 pub(super) async fn done(service: &Service) {
     while AxisName::ALL.into_iter().any(|axis| service.is_commanded(axis)) || service.bench_view().job.is_some() {
-        sleep(Duration::from_millis(5)).await;
+        elapse(Duration::from_millis(5)).await;
     }
 }
 
@@ -87,7 +88,7 @@ fn jogs(rig: &Rig) -> JoinHandle<()> {
     command(async move {
         for _ in 0..5 {
             let _ = service.jog(&permit, AxisName::Focus, Side::High, Some(1.0), None).await;
-            sleep(Duration::from_millis(25)).await;
+            elapse(Duration::from_millis(25)).await;
         }
         service.end_jog(AxisName::Focus);
         done(&service).await;
@@ -104,7 +105,7 @@ fn job(rig: &Rig, kind: JobKind) -> JoinHandle<()> {
             if service.job(job.id).unwrap().state.is_final() {
                 return;
             }
-            sleep(Duration::from_millis(5)).await;
+            elapse(Duration::from_millis(5)).await;
         }
         service.cancel(job.id).unwrap();
         done(&service).await;
@@ -237,7 +238,7 @@ async fn tried(steps: &Steps, name: &str, begin: Command, end: End, polls: usize
         assert!(rig.service.bench_view().stop.latched);
         rig.service.reset_stop("ada", "a test").await.unwrap();
         // Nothing goes on by itself.
-        sleep(Duration::from_secs(2)).await;
+        elapse(Duration::from_secs(2)).await;
         after(&rig);
     }
     rig.service.shut_down().await;

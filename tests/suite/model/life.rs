@@ -21,6 +21,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_util::sync::CancellationToken;
 
 use super::super::daemon::client;
+use super::super::until::elapse;
 use super::requests::{Answer, Ask, Shown, Who, send};
 use super::rig::Rig;
 
@@ -46,7 +47,7 @@ async fn in_grains<T>(act: impl Future<Output = T>) -> T {
         tokio::select! {
             biased;
             done = &mut act => return done,
-            () = tokio::time::sleep(GRAIN) => {}
+            () = elapse(GRAIN) => {}
         }
     }
 }
@@ -166,7 +167,7 @@ impl Life {
         tokio::task::spawn_blocking(told).await.unwrap();
         // What was kept back meanwhile is written now.
         for _ in 0..15 {
-            tokio::time::sleep(Duration::from_millis(100)).await;
+            elapse(Duration::from_millis(100)).await;
             self.store.flush().await;
         }
     }

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use plenalign::device::AxisName;
 use serde_json::Value;
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 
+use super::super::until::elapse;
 use super::exchange::{Exchange, Mark, OfJob};
 use super::requests::{Ask, Shown, Who};
 use super::rig::{Seen, Trouble};
@@ -40,14 +41,14 @@ impl Run {
             Step::During { axis, share, ms, then } => {
                 let mut all = self.have_lease(if *share % 2 == 0 { 2 } else { 60 }).await;
                 all.extend(self.ask(By::Holder, &Wish::Move(*axis, *share)).await);
-                sleep(Duration::from_millis((*ms).into())).await;
+                elapse(Duration::from_millis((*ms).into())).await;
                 all.extend(self.ask(then.0, &then.1).await);
                 all
             }
             Step::Fall { axis, share, ms, kill } => {
                 let mut all = self.have_lease(60).await;
                 all.extend(self.ask(By::Holder, &Wish::Move(*axis, *share)).await);
-                sleep(Duration::from_millis((*ms).into())).await;
+                elapse(Duration::from_millis((*ms).into())).await;
                 self.restart(*kill).await;
                 all
             }
@@ -60,7 +61,7 @@ impl Run {
                     all.extend(self.ask(By::Other(Who::Root, Key::None), &Wish::NewKey).await);
                 }
                 all.extend(self.confirm_all(*by).await);
-                sleep(Duration::from_millis((*ms).into())).await;
+                elapse(Duration::from_millis((*ms).into())).await;
                 all.extend(self.ask(then.0, &then.1).await);
                 all
             }
@@ -68,7 +69,7 @@ impl Run {
                 let mut all = self.have_lease(60).await;
                 for wish in [Wish::Job(*kind), Wish::Release, Wish::Renew, Wish::Cancel] {
                     all.extend(self.ask(By::Holder, &wish).await);
-                    sleep(Duration::from_millis((*ms).into())).await;
+                    elapse(Duration::from_millis((*ms).into())).await;
                     self.bench = self.life().read("/api/v1/bench").await.body;
                 }
                 all
@@ -77,14 +78,14 @@ impl Run {
                 let mut all = self.have_lease(60).await;
                 for press in [Press::Fresh, Press::Fresh, Press::Former] {
                     all.extend(self.ask(By::Holder, &Wish::Jog(*axis, towards, press)).await);
-                    sleep(Duration::from_millis((*ms).into())).await;
+                    elapse(Duration::from_millis((*ms).into())).await;
                 }
                 all
             }
             Step::Ready { ttl_s } => self.ready(*ttl_s).await,
             Step::Hold { .. } => self.hold_jog(step).await,
             Step::Wait { ms } => {
-                sleep(Duration::from_millis((*ms).into())).await;
+                elapse(Duration::from_millis((*ms).into())).await;
                 Vec::new()
             }
             Step::Expire => {
@@ -103,7 +104,7 @@ impl Run {
                 let before = self.mark();
                 if self.life.as_mut().unwrap().hang_up().await > 0 {
                     // The daemon hears of it at once.
-                    sleep(Duration::from_millis(20)).await;
+                    elapse(Duration::from_millis(20)).await;
                     let now = self.mark();
                     self.known.hung_up(before, now);
                 }
@@ -125,7 +126,7 @@ impl Run {
     }
 
     pub(super) async fn exchange(&self, who: Who, shown: Shown, ask: Ask, alone: bool, later: Duration) -> Exchange {
-        sleep(later).await;
+        elapse(later).await;
         let sent = self.mark();
         let while_jogging = matches!(ask, Ask::Jog { axis, .. } if self.known.may_jog_on(axis));
         let of_job = match &ask {
@@ -230,7 +231,7 @@ impl Run {
                 if job.body["state"] == "waiting_for_operator" {
                     break;
                 }
-                sleep(Duration::from_millis(250)).await;
+                elapse(Duration::from_millis(250)).await;
             }
             let confirmed = self.ask(by, &Wish::Confirm { late: false, former: false }).await;
             let refused = confirmed.iter().all(|exchange| !exchange.answer.accepted());
@@ -260,7 +261,7 @@ impl Run {
             if axes.iter().all(|axis| axis["connected"] == true) {
                 break;
             }
-            sleep(Duration::from_millis(500)).await;
+            elapse(Duration::from_millis(500)).await;
         }
         if self.low {
             all.extend(self.ask(By::Holder, &Wish::Shell("off")).await);
@@ -294,7 +295,7 @@ impl Run {
             let alone = other.is_none();
             let jogged = async {
                 let exchange = self.exchange(jog.0, jog.1, jog.2, alone, Duration::ZERO).await;
-                sleep(HELD_EVERY).await;
+                elapse(HELD_EVERY).await;
                 exchange
             };
             let others = async {

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use tokio::time::{Instant, sleep, sleep_until};
+use tokio::time::Instant;
 
+use super::super::until::elapse;
 use super::exchange::Mark;
 use super::leases::Why;
 use super::life::Life;
@@ -28,22 +29,23 @@ impl Run {
         if lease.is_held() || until.1 > Instant::now() + EXPIRES_WITHIN {
             return;
         }
-        sleep_until(until.0 - Duration::from_millis(4)).await;
+        let wait = |moment: Instant| elapse(moment.saturating_duration_since(Instant::now()));
+        wait(until.0 - Duration::from_millis(4)).await;
         let moving = self.in_motion();
-        sleep_until(until.1 + Duration::from_millis(150)).await;
+        wait(until.1 + Duration::from_millis(150)).await;
         let now = self.mark();
         self.known.pass(now);
         let expired = matches!(self.known.leases[at].over, Some((_, Why::Expired)));
         self.tally.expiries_in_motion += u64::from(moving && expired);
         // Long enough for what should have ended to be seen moving.
-        sleep(Duration::from_millis(900)).await;
+        elapse(Duration::from_millis(900)).await;
     }
 
     pub(super) async fn rest(&self) {
         let until = Instant::now() + REST_WITHIN;
         let mut still = 0;
         while still < 6 && Instant::now() < until {
-            sleep(Duration::from_millis(50)).await;
+            elapse(Duration::from_millis(50)).await;
             still = if self.in_motion() { 0 } else { still + 1 };
         }
     }

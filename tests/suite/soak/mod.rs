@@ -15,6 +15,7 @@ use serde_json::Value;
 
 use self::plans::{Kind, plan_of};
 use super::bench::{service, small_config};
+use super::until::{elapse, until};
 
 /// Jobs of one seed, one after the other on the same bench.
 const JOBS: usize = 2;
@@ -49,11 +50,8 @@ async fn job(service: &Arc<Service>, key: &str, seed: u64) -> Option<JobSnapshot
             return None;
         }
     };
-    let ended = tokio::time::timeout(JOB_ALLOWED, async {
-        while !service.job(id).unwrap().state.is_final() {
-            tokio::time::sleep(Duration::from_millis(200)).await;
-        }
-    });
+    let ended = until("the job ends", async || service.job(id).unwrap().state.is_final());
+    let ended = tokio::time::timeout(JOB_ALLOWED, ended);
     assert!(ended.await.is_ok(), "seed {seed}: the job never ends\n{}", told(&service.job(id).unwrap()));
     Some(service.job(id).unwrap())
 }
@@ -165,7 +163,7 @@ async fn check_lease(service: &Arc<Service>, key: &str, seed: u64) {
     let mut still_s = 0;
     for _ in 0..90 {
         let before = place();
-        tokio::time::sleep(Duration::from_secs(1)).await;
+        elapse(Duration::from_secs(1)).await;
         still_s = if place() == before { still_s + 1 } else { 0 };
         if still_s == 12 {
             return;

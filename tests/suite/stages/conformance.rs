@@ -7,8 +7,9 @@ use plenalign::device::jog::{Next, deadman, jog};
 use plenalign::device::{AxisName, DeviceError, Stage, StopDelivery};
 use plenalign::sim::stage::{PULL_OFF_MM, Protocol};
 use plenalign::units::Millimetres;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, timeout};
 
+use super::super::until::elapse;
 use super::kit::{Kit, START, bench, every_protocol, homed, near};
 
 every_protocol!(
@@ -98,7 +99,7 @@ async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver
     let rig = homed(driver).await;
     let mover = rig.e.clone();
     let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
-    sleep(Duration::from_secs(2)).await;
+    elapse(Duration::from_secs(2)).await;
     assert!(rig.e.state().borrow().moving);
     let (asked, at) = (Instant::now(), rig.slides.at(1));
     // When the motor really stands still, a millisecond resolved.
@@ -107,7 +108,7 @@ async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver
         let mut last = slides.at(1);
         let mut since = Instant::now();
         loop {
-            sleep(Duration::from_millis(5)).await;
+            elapse(Duration::from_millis(5)).await;
             if slides.at(1) != last {
                 (last, since) = (slides.at(1), Instant::now());
             } else if since.elapsed() > Duration::from_millis(100) {
@@ -128,7 +129,7 @@ async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver
     let stopped = rig.slides.at(1);
     assert!(near(stopped, at, way + 0.075), "5 mm/s and 20 mm/s² make {way} mm: {at} to {stopped}");
     assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
-    sleep(Duration::from_secs(5)).await;
+    elapse(Duration::from_secs(5)).await;
     assert_eq!(rig.slides.at(1), stopped);
     let state = rig.e.read_state().await.unwrap();
     assert!(state.homed && near(state.position.value(), stopped, 0.004), "{state:?}");
@@ -144,12 +145,12 @@ async fn a_stop_passes_what_waits(driver: Protocol) {
         let stage = rig.e.clone();
         async move { stage.move_to(Millimetres(5.0), stage.generation()).await }
     });
-    sleep(Duration::from_millis(500)).await;
+    elapse(Duration::from_millis(500)).await;
     let second = tokio::spawn({
         let stage = rig.e.clone();
         async move { stage.move_to(Millimetres(29.0), stage.generation()).await }
     });
-    sleep(Duration::from_millis(10)).await;
+    elapse(Duration::from_millis(10)).await;
     // In the same moment as the stop, before its task can have run.
     let third = rig.focus.move_to(Millimetres(3.0), rig.focus.generation());
     let (third, a, b) = tokio::join!(third, rig.focus.stop(), rig.e.stop());
@@ -158,7 +159,7 @@ async fn a_stop_passes_what_waits(driver: Protocol) {
     assert_eq!(first.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
     assert_eq!(second.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
     let at = [rig.slides.at(0), rig.slides.at(1)];
-    sleep(Duration::from_secs(5)).await;
+    elapse(Duration::from_secs(5)).await;
     assert_eq!([rig.slides.at(0), rig.slides.at(1)], at);
     assert!(near(at[0], 0.0, 0.004), "the focus axis never began: {}", at[0]);
     assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed, "at rest, too");
@@ -174,7 +175,7 @@ async fn a_crowd_of_stops_takes_no_longer_than_two(driver: Protocol) {
             let stage = rig.e.clone();
             async move { stage.move_to(Millimetres(target), stage.generation()).await }
         });
-        sleep(Duration::from_millis(500)).await;
+        elapse(Duration::from_millis(500)).await;
         let from = Instant::now();
         let stop = |_| {
             let stage = rig.e.clone();
@@ -200,12 +201,12 @@ async fn a_stop_while_homing_leaves_the_position_unknown(driver: Protocol) {
         let stage = rig.e.clone();
         async move { stage.home(stage.generation()).await }
     });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     assert!(rig.e.state().borrow().moving);
     assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
     let at = rig.slides.at(1);
     assert_eq!(homing.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
-    sleep(Duration::from_secs(3)).await;
+    elapse(Duration::from_secs(3)).await;
     assert_eq!(rig.slides.at(1), at);
     assert!(!rig.e.read_state().await.unwrap().homed);
     rig.e.home(rig.e.generation()).await.unwrap();
@@ -216,7 +217,7 @@ async fn a_motion_commanded_during_a_stop_begins_after_it(driver: Protocol) {
     let rig = homed(driver).await;
     for delay_ms in [0, 90, 250] {
         let (delivery, reached) = tokio::join!(rig.focus.stop(), async {
-            sleep(Duration::from_millis(delay_ms)).await;
+            elapse(Duration::from_millis(delay_ms)).await;
             // Not the very moment of the stop: what is commanded then is stopped.
             rig.e.move_to(Millimetres(30.0), rig.e.generation()).await
         });
@@ -253,7 +254,7 @@ async fn a_jog_goes_on_while_it_is_held(driver: Protocol) {
         async move { jog(&stage, Millimetres(10.0), dead, stage.generation(), to_ten).await }
     });
     for _ in 0..8 {
-        sleep(Duration::from_millis(250)).await;
+        elapse(Duration::from_millis(250)).await;
         grip.renew(hold);
     }
     assert!(rig.e.state().borrow().moving, "held for two seconds");
@@ -268,13 +269,13 @@ async fn a_jog_goes_on_while_it_is_held(driver: Protocol) {
     // Dropped, with its caller: it stops at once.
     let (grip, dead) = deadman(Duration::from_secs(60));
     let caller = tokio::spawn(async move { jog(&stage, Millimetres(10.0), dead, stage.generation(), to_ten).await });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     // What FluidNC has worked out ahead is 70 ms more than Grbl's.
     let way = if driver == Protocol::FluidNc { 0.45 } else { 0.3 };
     caller.abort();
     drop(grip);
     let at = rig.slides.at(1);
-    sleep(Duration::from_secs(3)).await;
+    elapse(Duration::from_secs(3)).await;
     assert!(near(rig.slides.at(1), at, way) && !rig.e.state().borrow().moving, "{at} to {}", rig.slides.at(1));
 }
 
@@ -317,7 +318,7 @@ async fn the_state_is_renewed_five_times_a_second_in_motion(driver: Protocol) {
     let rig = homed(driver).await;
     let mover = rig.e.clone();
     let moving = tokio::spawn(async move { mover.move_to(Millimetres(15.0), mover.generation()).await });
-    sleep(Duration::from_millis(500)).await;
+    elapse(Duration::from_millis(500)).await;
     let (mut state, mut count, until) = (rig.e.state(), 0, Instant::now() + Duration::from_secs(2));
     let mut last = state.borrow().position;
     while tokio::time::timeout_at(until, state.changed()).await.is_ok() {

@@ -11,8 +11,9 @@ use plenalign::sim::stage::drive::DriveConfig;
 use plenalign::sim::stage::zaber::ZaberFirmware;
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM, Protocol};
 use plenalign::units::Millimetres;
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 
+use super::super::until::elapse;
 use super::kit::{Kit, START, every_protocol, homed, near, wait_for};
 
 every_protocol!(
@@ -82,12 +83,12 @@ async fn a_power_failure_in_mid_move_ends_it(driver: Protocol) {
     let rig = homed(driver).await;
     let mover = rig.e.clone();
     let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     rig.twin.power_cycle();
     let at = rig.slides.at(1);
     let error = moving.await.unwrap().unwrap_err();
     assert!(!matches!(error, DeviceError::Disconnected { .. }), "{error}");
-    sleep(Duration::from_secs(5)).await;
+    elapse(Duration::from_secs(5)).await;
     assert_eq!(rig.slides.at(1), at, "nothing resumes");
     assert!(!rig.e.read_state().await.unwrap().homed);
     rig.e.home(rig.e.generation()).await.unwrap();
@@ -100,7 +101,7 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: Protocol) {
         let stage = rig.e.clone();
         async move { stage.move_to(Millimetres(-4.0), stage.generation()).await }
     });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     rig.twin.unplug();
     let error = moving.await.unwrap().unwrap_err();
     assert!(matches!(error, DeviceError::Disconnected { .. }), "{error}");
@@ -115,18 +116,18 @@ async fn an_unplugged_controller_comes_back_without_resuming(driver: Protocol) {
     assert_eq!(rig.e.stop().await, StopDelivery::Undeliverable);
 
     // The controller goes on by itself meanwhile; the first thing after the reconnection is a stop.
-    sleep(Duration::from_millis(1500)).await;
+    elapse(Duration::from_millis(1500)).await;
     rig.twin.plug_in();
     let back = wait_for(&rig.e, "connected again", |state| state.connected);
     tokio::time::timeout(Duration::from_secs(20), back).await.unwrap();
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     // Grbl may be locked after the reset; why it was not there is no fault of now.
     let fault = rig.e.state().borrow().fault.clone();
     let locked = |fault: &String| driver.driver() == ControllerDriver::Grbl && fault.contains("home");
     assert!(fault.as_ref().is_none_or(locked), "{fault:?}");
     let at = rig.slides.at(1);
     assert!(at > -3.0, "it was stopped on its way: {at}");
-    sleep(Duration::from_secs(10)).await;
+    elapse(Duration::from_secs(10)).await;
     assert_eq!(rig.slides.at(1), at, "nothing resumes");
     let state = rig.e.read_state().await.unwrap();
     assert!(state.connected, "{state:?}");
@@ -159,7 +160,7 @@ async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(dri
     assert_eq!(state.fault.as_deref(), Some("it is unplugged"));
     assert_eq!(rig.focus.home(rig.focus.generation()).await, Err(error));
     assert_eq!(rig.focus.info().identity, "");
-    sleep(Duration::from_secs(60)).await;
+    elapse(Duration::from_secs(60)).await;
     kit.twin.plug_in();
     let came = wait_for(&rig.focus, "connected", |state| state.connected).await;
     // The pause between two tries, and what connecting takes.
@@ -173,7 +174,7 @@ async fn a_controller_that_is_absent_at_the_start_is_connected_when_it_comes(dri
 async fn a_busy_port_is_tried_again(driver: Protocol) {
     let kit = Kit::new(driver);
     let held = kit.twin.dial().open().await.unwrap();
-    sleep(Duration::from_millis(1)).await;
+    elapse(Duration::from_millis(1)).await;
     let controller = kit.start();
     let error = controller.first_attempt().await.unwrap_err();
     assert!(matches!(error, DeviceError::Busy { .. }), "{error}");
@@ -197,7 +198,7 @@ async fn another_kind_of_device_is_refused(driver: Protocol) {
         );
         let rig = kit.rig(&controller);
         assert!(!rig.e.state().borrow().connected && rig.e.state().borrow().fault.is_some());
-        sleep(Duration::from_secs(40)).await;
+        elapse(Duration::from_secs(40)).await;
         assert!(!rig.e.state().borrow().connected, "{driver:?} on {other:?}");
         assert_eq!([another.slides.at(0), another.slides.at(1)], START, "nothing moved");
     }
@@ -269,7 +270,7 @@ async fn what_is_not_there_is_tried_at_growing_pauses_and_what_is_refused_at_lon
     {
         let closed = Arc::new(Closed(error.clone(), Default::default()));
         let controller = Kit::new(Protocol::Grbl).start_on(closed.clone(), None);
-        sleep(Duration::from_secs(60)).await;
+        elapse(Duration::from_secs(60)).await;
         let tried = closed.1.lock().unwrap().clone();
         let pauses: Vec<u64> = tried.windows(2).map(|pair| (pair[1] - pair[0]).as_millis() as u64).collect();
         // The clock of tokio's timers has a grain of a millisecond.
@@ -293,7 +294,7 @@ async fn an_old_zaber_firmware_that_is_too_fast_is_refused() {
     // Without a speed in the move the device's own would be taken.
     kit.bench.focus.speed_mm_per_s = 1.0;
     drop(rig);
-    sleep(Duration::from_millis(10)).await;
+    elapse(Duration::from_millis(10)).await;
     let rig = kit.connect().await.unwrap();
     let error = rig.focus.move_to(Millimetres(3.0), rig.focus.generation()).await.unwrap_err();
     assert!(error.to_string().contains("maxspeed") && error.to_string().contains("7.25"), "{error}");
@@ -310,7 +311,7 @@ async fn two_controllers_of_different_kinds_share_no_stop() {
         let stage = second.e.clone();
         async move { stage.move_to(Millimetres(20.0), stage.generation()).await }
     });
-    sleep(Duration::from_millis(500)).await;
+    elapse(Duration::from_millis(500)).await;
     assert_eq!(first.focus.stop().await, StopDelivery::Confirmed);
     assert!(near(moving.await.unwrap().unwrap().value(), 20.0, 0.003));
     assert_eq!(first.focus.info().axis, AxisName::Focus);

@@ -9,8 +9,9 @@ use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
+use super::super::until::{elapse, until};
 use super::kit::{Behind, Kit, START, bench, near, wait_for};
 
 /// A kit whose twin is set as `change` says, its axes standing where `start` says.
@@ -158,7 +159,7 @@ async fn after_a_start_it_is_homed_without_a_stop() {
     rig.twin.power_cycle();
     wait_for(&rig.e, "unknown", |state| !state.homed).await;
     // `ALARM:14` has come behind the start.
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     let state = rig.e.read_state().await.unwrap();
     assert!(state.fault.as_ref().is_some_and(|fault| fault.contains("homed")), "{state:?}");
     rig.e.home(rig.e.generation()).await.unwrap();
@@ -176,11 +177,7 @@ async fn a_configuration_that_changes_is_read_again_before_anything_homes() {
     assert!(error.to_string().contains("positive_direction"), "{error}");
     assert_eq!(rig.slides.at(1), stood);
     rig.twin.receive(b"$/axes/y/homing/positive_direction=true\n");
-    let agreed = async {
-        while !rig.e.info().contradictions.is_empty() {
-            sleep(Duration::from_millis(50)).await;
-        }
-    };
+    let agreed = until("nothing contradicts", async || rig.e.info().contradictions.is_empty());
     timeout(Duration::from_secs(20), agreed).await.expect("it is told, too, once it is set right");
     rig.e.home(rig.e.generation()).await.unwrap();
 }
@@ -225,12 +222,12 @@ async fn an_axis_outside_its_soft_limits_is_not_moved_off_its_switch() {
     let (mut wire, far) = duplex(4096);
     let twin = kit.twin.clone();
     drop(rig);
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     tokio::spawn(async move { twin.serve(far).await });
     wire.write_all(b"$X\n$J=G91 G21 Y0.2000 F60.00\n").await.unwrap();
     let mut said = [0u8; 4096];
     assert!(wire.read(&mut said).await.is_ok());
-    sleep(Duration::from_secs(5)).await;
+    elapse(Duration::from_secs(5)).await;
     assert!(kit.slides.at(1) > FAR[1] + 2.0, "{}", kit.slides.at(1));
 }
 
@@ -278,7 +275,7 @@ async fn what_ends_a_move_is_said_in_words() {
         rig.e.home(rig.e.generation()).await.unwrap();
         let mover = rig.e.clone();
         let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
-        sleep(Duration::from_millis(900)).await;
+        elapse(Duration::from_millis(900)).await;
         if end.is_empty() {
             rig.twin.power_cycle();
         } else {

@@ -10,8 +10,9 @@ use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use plenalign::units::Millimetres;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, timeout};
 
+use super::super::until::{elapse, until};
 use super::kit::{Behind, Kit, Rig, START, near, wait_for};
 
 /// Where e's far switch closes on these slides: a millimetre beyond its limit of travel.
@@ -63,7 +64,7 @@ async fn a_stop_at_speed_keeps_the_reference_whenever_it_comes() {
         rig.e.move_to(Millimetres(from), rig.e.generation()).await.unwrap();
         let mover = rig.e.clone();
         let moving = tokio::spawn(async move { mover.move_to(Millimetres(to), mover.generation()).await });
-        sleep(Duration::from_millis(320 + 17 * n)).await;
+        elapse(Duration::from_millis(320 + 17 * n)).await;
         assert_eq!(rig.e.stop().await, StopDelivery::Confirmed, "{n}");
         assert!(moving.await.unwrap().is_err(), "{n}");
         let state = rig.e.read_state().await.unwrap();
@@ -111,10 +112,8 @@ async fn homing_without_an_end_is_ended_by_what_ends_homing_and_nothing_before_i
         let stage = rig.e.clone();
         tokio::spawn(async move { stage.home(stage.generation()).await })
     };
-    while !rig.e.state().borrow().moving {
-        sleep(Duration::from_millis(1)).await;
-    }
-    sleep(Duration::from_millis(50)).await;
+    wait_for(&rig.e, "moving", |state| state.moving).await;
+    elapse(Duration::from_millis(50)).await;
     *sent.lock().unwrap() = Some(Vec::new());
     let error = homing.await.unwrap().unwrap_err();
     assert!(matches!(error, DeviceError::Timeout { .. }), "{error}");
@@ -131,17 +130,17 @@ async fn a_reset_that_falls_into_an_alarms_message_is_given_again() {
         let rig = kit.homed().await;
         let mover = rig.e.clone();
         let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
-        sleep(Duration::from_millis(700)).await;
+        elapse(Duration::from_millis(700)).await;
         // Steps that the motor did not make bring the home switch early.
         rig.twin.stall(1, true);
         moving.await.unwrap().unwrap();
         rig.twin.stall(1, false);
         assert!(rig.e.move_to(Millimetres(30.0), rig.e.generation()).await.is_err(), "the switch is hit");
-        sleep(Duration::from_millis(wait_ms)).await;
+        elapse(Duration::from_millis(wait_ms)).await;
         assert_eq!(rig.e.stop().await, StopDelivery::Confirmed, "{wait_ms}");
         assert_eq!(rig.e.home(rig.e.generation()).await, Ok(()), "{wait_ms}");
         drop(rig);
-        sleep(Duration::from_millis(10)).await;
+        elapse(Duration::from_millis(10)).await;
     }
 }
 
@@ -254,7 +253,7 @@ async fn what_ends_a_move_is_said_in_words() {
         rig.e.home(rig.e.generation()).await.unwrap();
         let mover = rig.e.clone();
         let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
-        sleep(Duration::from_millis(900)).await;
+        elapse(Duration::from_millis(900)).await;
         if end.is_empty() {
             rig.twin.power_cycle();
         } else {
@@ -296,7 +295,7 @@ async fn settings_that_another_program_changes_are_noticed_before_the_next_motio
     let rig = kit.homed().await;
     rig.twin.receive(b"$101=800\n");
     // Its answer comes unasked for.
-    sleep(Duration::from_millis(500)).await;
+    elapse(Duration::from_millis(500)).await;
     let stood = rig.slides.at(1);
     let error = rig.e.move_to(Millimetres(20.0), rig.e.generation()).await.unwrap_err();
     assert!(error.to_string().contains("$101"), "{error}");
@@ -304,11 +303,7 @@ async fn settings_that_another_program_changes_are_noticed_before_the_next_motio
     assert!(rig.e.info().contradictions.join(" ").contains("$101"));
     assert!(!rig.e.state().borrow().homed, "a step is another length now");
     rig.twin.receive(b"$101=400\n$1=25\n$21=0\n");
-    let agreed = async {
-        while !rig.e.info().contradictions.is_empty() {
-            sleep(Duration::from_millis(50)).await;
-        }
-    };
+    let agreed = until("nothing contradicts", async || rig.e.info().contradictions.is_empty());
     timeout(Duration::from_secs(10), agreed).await.expect("it is told, too, once it is set right");
     rig.e.home(rig.e.generation()).await.unwrap();
     let told = rig.e.info().disagreements.join(" ");

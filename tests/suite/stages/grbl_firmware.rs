@@ -8,7 +8,9 @@ use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::stage::{ControllerTwin, PULL_OFF_MM};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
-use tokio::time::{Instant, sleep, timeout_at};
+use tokio::time::{Instant, timeout_at};
+
+use super::super::until::{elapse, until};
 
 /// A twin as a stock build, its slides, and its wire.
 fn firmware(start: [f64; 2]) -> (Arc<Slides>, DuplexStream) {
@@ -86,9 +88,7 @@ async fn nothing_but_a_reset_is_obeyed_in_homing_and_nothing_at_all_in_an_alarms
     let (slides, mut wire) = firmware([1.3, 10.0]);
     heard(&mut wire, Duration::from_millis(10)).await;
     told(&mut wire, b"$20=0\n$X\n$J=G91 G21 X-5 F120\n", Duration::from_millis(100)).await;
-    while slides.at(0) > -PULL_OFF_MM {
-        sleep(Duration::from_millis(5)).await;
-    }
+    until("it has come to the switch", async || slides.at(0) <= -PULL_OFF_MM).await;
     let lines = told(&mut wire, b"\x18", Duration::from_secs(3)).await;
     assert_eq!(words(&lines), ["ALARM:1", "[MSG:Reset to continue]"]);
     let lines = told(&mut wire, b"\x18", Duration::from_secs(3)).await;
@@ -110,7 +110,7 @@ async fn a_stop_takes_the_time_and_the_way_that_it_takes_on_the_chip() {
         wire.write_all(b"\x85!").await.unwrap();
         let (mut at, mut last) = (from, began);
         while last.elapsed() < Duration::from_millis(100) {
-            sleep(Duration::from_millis(1)).await;
+            elapse(Duration::from_millis(1)).await;
             if slides.at(1) != at {
                 (at, last) = (slides.at(1), Instant::now());
             }

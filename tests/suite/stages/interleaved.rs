@@ -15,9 +15,10 @@ use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::TwinDial;
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, ReadHalf, duplex, split};
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
 use super::super::bench::quick_axes;
+use super::super::until::elapse;
 use super::kit::{Kit, START, bench, near, wait_for};
 
 /// What goes wrong with one answer.
@@ -64,11 +65,11 @@ impl Dial for Faulty {
                     continue;
                 }
                 if wrong && fault == Fault::Late {
-                    sleep(Duration::from_millis(700)).await;
+                    elapse(Duration::from_millis(700)).await;
                 }
                 let _ = to_driver.write_all(&answer).await;
                 if wrong && fault == Fault::Doubled {
-                    sleep(Duration::from_millis(30)).await;
+                    elapse(Duration::from_millis(30)).await;
                     let _ = to_driver.write_all(&answer).await;
                 }
             }

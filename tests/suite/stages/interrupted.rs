@@ -5,8 +5,8 @@ use std::time::Duration;
 use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::stage::Protocol;
 use plenalign::units::Millimetres;
-use tokio::time::sleep;
 
+use super::super::until::elapse;
 use super::kit::{homed, near};
 
 #[tokio::test(start_paused = true)]
@@ -19,7 +19,7 @@ async fn a_zaber_move_that_another_command_interrupts_says_so_and_keeps_the_posi
             async move { stage.move_to(Millimetres(10.0), stage.generation()).await }
         });
         for other in others {
-            sleep(Duration::from_secs(1)).await;
+            elapse(Duration::from_secs(1)).await;
             rig.twin.receive(other.as_bytes());
         }
         let error = moving.await.unwrap().unwrap_err();
@@ -47,7 +47,7 @@ async fn zaber_alerts_that_another_program_switched_on_disturb_nothing() {
         let stage = rig.e.clone();
         async move { stage.move_to(Millimetres(10.0), stage.generation()).await }
     });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
     assert!(matches!(moving.await.unwrap(), Err(DeviceError::Stopped { .. })));
     let state = rig.e.read_state().await.unwrap();

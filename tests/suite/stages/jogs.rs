@@ -18,10 +18,11 @@ use plenalign::sim::stage::TwinDial;
 use plenalign::sim::stage::line::Line;
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 
 use super::super::bench::{rules, small_config};
 use super::super::fakes::fakes;
+use super::super::until::elapse;
 use super::kit::Kit;
 use super::stopped_at_every_poll::orders;
 
@@ -198,12 +199,12 @@ impl Held {
             if begun.elapsed() > Duration::from_secs(10) {
                 return None;
             }
-            sleep(Duration::from_millis(1)).await;
+            elapse(Duration::from_millis(1)).await;
         };
         let from = self.at_now();
         let (mut rested, mut at) = (Instant::now(), from);
         while rested.elapsed() < Duration::from_secs(1) {
-            sleep(Duration::from_millis(1)).await;
+            elapse(Duration::from_millis(1)).await;
             if self.at_now() != at {
                 (rested, at) = (Instant::now(), self.at_now());
             }
@@ -223,7 +224,7 @@ async fn a_held_jog_keeps_its_speed(driver: Protocol) {
     let mut slowest = f64::INFINITY;
     let mut before = from;
     while begun.elapsed() < Duration::from_secs(5) {
-        sleep(Duration::from_millis(100)).await;
+        elapse(Duration::from_millis(100)).await;
         let went = before - held.at_now();
         before = held.at_now();
         if begun.elapsed() > Duration::from_millis(800) {
@@ -256,7 +257,7 @@ async fn over_a_slow_line_a_killed_jog_is_at_rest_in_time(driver: Protocol) {
         let held = Held::over(driver, 29.0, delay).await;
         let from = held.at_now();
         held.jog(5.0);
-        sleep(Duration::from_secs(5)).await;
+        elapse(Duration::from_secs(5)).await;
         let (way, mut longest) = (from - held.at_now(), 0.0_f64);
         for orders in 1..=12 {
             let held = Held::over(driver, 25.0, delay).await;

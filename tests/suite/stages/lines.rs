@@ -7,8 +7,8 @@ use plenalign::device::{DeviceError, Stage, StopDelivery};
 use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::line::Line;
 use plenalign::units::Millimetres;
-use tokio::time::sleep;
 
+use super::super::until::elapse;
 use super::kit::{Kit, START, every_protocol, near};
 
 every_protocol!(
@@ -33,12 +33,12 @@ async fn works_over(driver: Protocol, line: Line) {
     }
     let mover = rig.focus.clone();
     let moving = tokio::spawn(async move { mover.move_to(Millimetres(4.9), mover.generation()).await });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     assert_eq!(rig.focus.stop().await, StopDelivery::Confirmed);
     assert!(matches!(moving.await.unwrap(), Err(DeviceError::Stopped { .. })));
     let at = rig.slides.at(0);
     assert!(at < 4.0, "{at}");
-    sleep(Duration::from_secs(3)).await;
+    elapse(Duration::from_secs(3)).await;
     assert_eq!(rig.slides.at(0), at);
     assert!(rig.focus.read_state().await.unwrap().homed);
 }
@@ -100,11 +100,11 @@ async fn loses_bytes(driver: Protocol, loses_one_in: usize) {
         assert!(tries < 200, "one in {loses_one_in} lost: {reached} moves of {tries} arrived");
         let state = rig.focus.state().borrow().clone();
         if !state.connected {
-            sleep(Duration::from_secs(1)).await;
+            elapse(Duration::from_secs(1)).await;
         } else if !state.homed {
             if rig.focus.home(rig.focus.generation()).await.is_err() {
                 // What was damaged on its way is asked for again.
-                sleep(Duration::from_secs(1)).await;
+                elapse(Duration::from_secs(1)).await;
             }
         } else if let Ok(readback) = rig.focus.move_to(Millimetres(*target), rig.focus.generation()).await {
             // What is said to have arrived has.

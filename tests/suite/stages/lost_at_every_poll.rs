@@ -10,9 +10,10 @@ use plenalign::device::stage::thorlabs::{Body, Message, id};
 use plenalign::device::stage::tmcl::{command, parameter};
 use plenalign::device::{DeviceError, Stage};
 use plenalign::sim::stage::Protocol;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
 use super::super::steps::{Steps, stepwise};
+use super::super::until::elapse;
 use super::kit::{Kit, Rig, wait_for};
 use super::stopped_at_every_poll::{Command, Tapped, Written, give, orders};
 
@@ -89,7 +90,7 @@ async fn lost(
         rig.twin.plug_in();
     }
     wait_for(stage, "connected", |state| state.connected).await;
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     let written = written.lock().unwrap();
     let told = || format!("{case}: {}", String::from_utf8_lossy(&written[at..]));
     assert_eq!(rig.slides.at(0), stood, "{}: it moved", told());

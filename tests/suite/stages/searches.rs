@@ -6,8 +6,9 @@ use plenalign::device::{DeviceError, Stage};
 use plenalign::sim::plant::Slides;
 use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::firmware;
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 
+use super::super::until::elapse;
 use super::kit::{Kit, START, every_protocol};
 
 every_protocol!(a_search_that_finds_no_switch_ends_within_its_way_and_in_words);
@@ -32,6 +33,6 @@ async fn a_search_that_finds_no_switch_ends_within_its_way_and_in_words(driver: 
     let state = rig.focus.read_state().await.unwrap();
     assert!(!state.homed && !state.moving, "{state:?}");
     let lost = rig.slides.lost(0);
-    sleep(Duration::from_secs(60)).await;
+    elapse(Duration::from_secs(60)).await;
     assert_eq!(rig.slides.lost(0), lost, "it searches no more");
 }

@@ -17,9 +17,9 @@ use plenalign::sim::stage::Protocol;
 use plenalign::sim::stage::TwinDial;
 use plenalign::units::Millimetres;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::time::sleep;
 
 use super::super::steps::{Steps, stepwise};
+use super::super::until::elapse;
 use super::kit::{Kit, Rig, START, bench};
 
 /// Every byte that was written.
@@ -137,7 +137,7 @@ async fn stopped(
     assert_eq!(tokio::spawn(stop).await.unwrap(), StopDelivery::Confirmed);
     given.await.unwrap();
     let stood = rig.slides.at(0);
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     assert_eq!(rig.slides.at(0), stood, "{driver:?}, {what:?}: it moved after a confirmed stop, {polls} polls in");
     let written = written.lock().unwrap();
     let after = orders(driver, &written[at..]);

@@ -15,8 +15,9 @@ use plenalign::sim::stage::tmcl::TmclFirmware;
 use plenalign::sim::stage::zaber::ZaberFirmware;
 use plenalign::sim::stage::{ControllerTwin, Protocol};
 use plenalign::units::Millimetres;
-use tokio::time::{Instant, sleep};
+use tokio::time::Instant;
 
+use super::super::until::elapse;
 use super::kit::{Behind, Kit, every_protocol, near};
 
 every_protocol!(a_stop_that_is_not_obeyed_is_followed_by_a_harder_one);
@@ -99,7 +100,7 @@ async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: Protocol)
     rig.e.home(rig.e.generation()).await.unwrap();
     let mover = rig.e.clone();
     let moving = tokio::spawn(async move { mover.move_to(Millimetres(5.0), mover.generation()).await });
-    sleep(Duration::from_secs(1)).await;
+    elapse(Duration::from_secs(1)).await;
     armed.store(true, Ordering::SeqCst);
     let asked = Instant::now();
     assert_eq!(rig.e.stop().await, StopDelivery::Confirmed);
@@ -108,7 +109,7 @@ async fn a_stop_that_is_not_obeyed_is_followed_by_a_harder_one(driver: Protocol)
     let stands = rig.slides.at(1);
     assert!(stands > 10.0, "it is stopped on its way: {stands}");
     assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis: AxisName::E }));
-    sleep(Duration::from_secs(5)).await;
+    elapse(Duration::from_secs(5)).await;
     assert_eq!(rig.slides.at(1), stands, "it stands");
     // Steps may have been lost: no axis's position is believed.
     for stage in [&rig.focus, &rig.e] {

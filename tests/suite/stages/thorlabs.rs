@@ -17,8 +17,9 @@ use plenalign::sim::stage::line::Line;
 use plenalign::sim::stage::thorlabs::ThorlabsFirmware;
 use plenalign::sim::stage::{ControllerTwin, Protocol, firmware};
 use plenalign::units::Millimetres;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, timeout};
 
+use super::super::until::elapse;
 use super::contradictions::set_homing;
 use super::kit::{Behind, Kit, bench, near, wait_for};
 
@@ -84,7 +85,7 @@ async fn two_cubes_of_either_kind_are_a_bench() {
                 let stage = stage.clone();
                 async move { stage.move_to(from, stage.generation()).await }
             });
-            sleep(Duration::from_millis(700)).await;
+            elapse(Duration::from_millis(700)).await;
             assert_eq!(stage.stop().await, StopDelivery::Confirmed);
             assert_eq!(moving.await.unwrap(), Err(DeviceError::Stopped { axis }));
             assert!(stage.read_state().await.unwrap().homed, "{name}: a stop keeps the position");
@@ -131,7 +132,7 @@ async fn a_unit_that_fell_silent_for_want_of_a_host_is_woken() {
     for bay in [0x21, 0x22] {
         kit.twin.receive(&[0x11, 0x00, 0, 0, bay, 0x01]);
     }
-    sleep(Duration::from_secs(10)).await;
+    elapse(Duration::from_secs(10)).await;
     let rig = kit.connect().await.unwrap();
     rig.focus.home(rig.focus.generation()).await.unwrap();
     assert!(near(rig.focus.move_to(Millimetres(1.0), rig.focus.generation()).await.unwrap().value(), 1.0, 0.003));

@@ -18,8 +18,9 @@ use plenalign::sim::camera::SimulatedCamera;
 use plenalign::sim::truth::Truth;
 use plenalign::units::Millimetres;
 use tokio::sync::watch;
-use tokio::time::{Instant, sleep, sleep_until};
+use tokio::time::Instant;
 
+use super::super::super::until::elapse;
 use super::points::{Point, Points};
 
 /// A stage that tells of every command that moves before it passes it on.
@@ -126,7 +127,7 @@ impl Watched {
         let (config, exposed_from) = (&self.truth.config().bench, Instant::now());
         let [focus, e] = &self.stages;
         let (focus, e) = (pose(focus, &config.focus, exposed_from), pose(e, &config.e, exposed_from));
-        sleep(EXPOSURE).await;
+        elapse(EXPOSURE).await;
         Ok(Arc::new(Frame {
             image,
             seq,
@@ -159,7 +160,7 @@ impl FrameSource for Watched {
 
     async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
         self.points.pass(Point::Asked);
-        sleep_until(not_before).await;
+        elapse(not_before.saturating_duration_since(Instant::now())).await;
         let frame = self.take().await;
         self.points.pass(Point::Taken);
         frame

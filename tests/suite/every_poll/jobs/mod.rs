@@ -16,11 +16,12 @@ use std::time::{Duration, Instant as WallClock};
 
 use plenalign::device::StopDelivery;
 use plenalign::store::Hindrance;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, timeout};
 
 use self::points::{Point, Seen};
 use self::rig::{Case, Rig, cases, request};
 use super::super::steps::{Steps, stepwise};
+use super::super::until::elapse;
 use super::commands::done;
 
 /// Longest that a job may take, simulated.
@@ -56,7 +57,7 @@ type Ending = Pin<Box<dyn Future<Output = ()> + Send>>;
 fn ending(rig: &Rig, end: End) -> Ending {
     let (service, trouble) = (Arc::clone(&rig.service), Arc::clone(&rig.trouble));
     let plug_in_again = |trouble: Arc<wire::Trouble>| async move {
-        sleep(UNPLUGGED).await;
+        elapse(UNPLUGGED).await;
         trouble.cut(false);
     };
     match end {
@@ -161,7 +162,7 @@ async fn tried(steps: Steps, case: &Case, cut: Option<Cut>) -> Tried {
             break ended;
         }
         assert!(!run.is_finished(), "{}: it ended before, after {:?}", case_of(), rig.points.since(begun));
-        sleep(Duration::from_millis(1)).await;
+        elapse(Duration::from_millis(1)).await;
     };
     if let Some(ending) = left.ending.take() {
         timeout(JOB_ALLOWED, ending).await.unwrap_or_else(|_| panic!("{}: the end never ends", case_of()));
@@ -170,13 +171,13 @@ async fn tried(steps: Steps, case: &Case, cut: Option<Cut>) -> Tried {
     let job = timeout(JOB_ALLOWED, run).await.unwrap_or_else(|_| panic!("{}: it never ends", case_of())).unwrap();
     rig.store.hinder(Hindrance::default());
     done(&rig.service).await;
-    sleep(QUIET).await;
+    elapse(QUIET).await;
     let judged = || judge(end, &left, rested, rig.places(), &rig.points.since(begun));
     judged().unwrap_or_else(|why| panic!("{}: {why}\n{:?}", case_of(), rig.points.since(begun)));
     if let End::Stop(_) = end {
         assert!(rig.service.bench_view().stop.latched, "{}", case_of());
         rig.service.reset_stop("ada", "a test").await.unwrap();
-        sleep(QUIET).await;
+        elapse(QUIET).await;
         judged().unwrap_or_else(|why| panic!("{}, reset: {why}", case_of()));
     }
     rig.service.shut_down().await;

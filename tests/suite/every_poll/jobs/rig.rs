@@ -17,10 +17,10 @@ use plenalign::sim::stage::ControllerTwin;
 use plenalign::sim::stage::grbl::{FirmwareConfig, GrblFirmware};
 use plenalign::sim::truth::Truth;
 use plenalign::store::Store;
-use tokio::time::sleep;
 
 use super::super::super::bench::{quick_axes, small_config};
 use super::super::super::fakes::Hand;
+use super::super::super::until::elapse;
 use super::super::commands::done;
 use super::devices::{Told, Watched};
 use super::points::{Point, Points};
@@ -168,7 +168,7 @@ impl Rig {
                 let shown = Shown { lease: Some(&self.grant.key), confirm: None };
                 let _ = self.service.confirm(id, step.number, shown);
             }
-            sleep(Duration::from_millis(20)).await;
+            elapse(Duration::from_millis(20)).await;
         }
     }
 
