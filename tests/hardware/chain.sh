@@ -1,13 +1,11 @@
 # In the guest: the daemon on a hardware bench, its camera a loopback that is fed from the host, its stages a USB serial
 # adapter. Ends when the host puts a file `stop` into the share.
+wait_for() { until [ -e "$1" ]; do sleep 1; done; }
 modprobe v4l2loopback video_nr=20 card_label="Chain camera" exclusive_caps=0 max_buffers=4 || exit 1
 modprobe -a xhci_pci xhci_hcd usbserial ftdi_sio || exit 1
 cp /mnt/host/plenalign /tmp/plenalign
 plenalign-hardware feed 0.0.0.0:8081 /dev/video20 &
-for _ in 1 2 3 4 5 6 7 8 9 10; do
-  [ -e /dev/ttyUSB0 ] && break
-  sleep 1
-done
+wait_for /dev/ttyUSB0
 ls -l /dev/video20 /dev/ttyUSB0
 export PLENALIGN_STATE_DIR=/tmp/state RUST_LOG=info
 # Beyond loopback the daemon demands a token, with TLS or without.
@@ -21,5 +19,5 @@ mv /mnt/host/token.part /mnt/host/token
     sleep 1
   done
 ) &
-while ! [ -e /mnt/host/stop ]; do sleep 1; done
+wait_for /mnt/host/stop
 exit 0

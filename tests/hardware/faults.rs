@@ -6,6 +6,7 @@ use plenalign::device::FrameSource as _;
 
 use crate::Test;
 use crate::bench::{Camera, WEBCAM, config, set};
+use crate::until::until_blocking;
 
 pub(crate) const TESTS: &[Test] = &[
     ("fault_damaged_buffers_are_never_shown", damaged),
@@ -79,7 +80,8 @@ fn survives(control: &str) {
 /// A fault at the start of the stream, once.
 fn survives_at_start(control: &str) {
     drop(webcam());
-    std::thread::sleep(std::time::Duration::from_secs(1));
+    let open = || std::fs::read_dir("/proc/self/fd").unwrap().flatten().filter_map(|file| file.path().read_link().ok());
+    until_blocking("it is closed", || !open().any(|file| file == std::path::Path::new(WEBCAM)));
     set(WEBCAM, control, 1);
     let camera = Camera::start(&config(WEBCAM, "GREY"));
     println!("{control}: {}", camera.until_fault("its stream does not start"));

@@ -2,9 +2,9 @@
 
 use std::io::Write as _;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use plenalign::device::FrameSource as _;
 use plenalign::raw::{PixelFormat, RawImage, Samples};
@@ -12,7 +12,8 @@ use v4l::video::Output as _;
 use v4l::{Device, Format, FourCC};
 
 use crate::Test;
-use crate::bench::{Camera, LOOP, LOOP_EXCLUSIVE, PATIENCE, SIZE, config, sample};
+use crate::bench::{Camera, LOOP, LOOP_EXCLUSIVE, SIZE, config, sample};
+use crate::until::until_blocking;
 
 pub(crate) const TESTS: &[Test] = &[
     ("loopback_y16_is_exact", y16),
@@ -33,17 +34,11 @@ impl Writer {
     fn start(device: &str, format: &str, frame: impl Fn(u16) -> Vec<u8> + Send + 'static) -> Self {
         let code = FourCC::new(&PixelFormat::from_name(format).unwrap().fourcc());
         let format = Format::new(SIZE.0 as u32, SIZE.1 as u32, code);
-        let until = Instant::now() + PATIENCE;
         // It keeps the format of before until everybody has closed it, this writer too.
-        let mut device = loop {
+        let mut device = until_blocking(&format!("the loopback takes {code}"), || {
             let opened = Device::with_path(device).unwrap();
-            if opened.set_format(&format).unwrap().fourcc == code {
-                break opened;
-            }
-            assert!(Instant::now() < until, "the loopback does not take {code}");
-            drop(opened);
-            std::thread::sleep(Duration::from_millis(300));
-        };
+            (opened.set_format(&format).unwrap().fourcc == code).then_some(opened)
+        });
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);
         let thread = std::thread::spawn(move || {
@@ -94,17 +89,18 @@ fn bayer() {
 
 /// The count that a frame carries, over the count that was written last when it was asked for: never less.
 fn fresh() {
-    let written = Arc::new(std::sync::Mutex::new((0u16, Instant::now())));
+    let written = Arc::new(AtomicU16::new(0));
     let notes = Arc::clone(&written);
     let _writer = Writer::start(LOOP, "Y16", move |count| {
-        *notes.lock().unwrap() = (count, Instant::now());
+        notes.store(count, Ordering::Relaxed);
         words(|_| count)
     });
     let camera = Camera::online(&config(LOOP, "Y16"));
     for _ in 0..10 {
-        // Long enough for every buffer of the queue to fill with frames of before.
-        std::thread::sleep(Duration::from_millis(400));
-        let before = written.lock().unwrap().0;
+        // Every buffer of the queue is filled with frames of before.
+        let begun = written.load(Ordering::Relaxed);
+        until_blocking("eight are written", || written.load(Ordering::Relaxed) >= begun + 8);
+        let before = written.load(Ordering::Relaxed);
         let frame = camera.frame();
         let count = sample(&frame.image, 5, 5);
         assert!(count > before, "frame {count} was written before it was asked for, when {before} was the last");

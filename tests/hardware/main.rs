@@ -13,6 +13,9 @@ mod feed;
 mod formats;
 mod loopback;
 mod settings;
+#[path = "../suite/until.rs"]
+#[expect(dead_code, reason = "what tests on a paused clock use")]
+mod until;
 
 use std::process::ExitCode;
 use std::time::Instant;
