@@ -31,6 +31,18 @@ python_environment() {
   fi
 }
 
+# Waits for a command to succeed; fails where it never does.
+wait_for() {
+  local end=$((SECONDS + 60))
+  until "$@"; do
+    ((SECONDS < end)) || return 1
+    sleep 0.05
+  done
+}
+
+# says_or_ended FILE PROCESS: whether a program has written something, or will not any more.
+says_or_ended() { [[ -s $1 ]] || ! kill -0 "$2" 2>/dev/null; }
+
 end_daemon() {
   if [[ -n $daemon_pid ]]; then
     kill -TERM "$daemon_pid" 2>/dev/null || true
@@ -81,11 +93,7 @@ TOML
     --listen "${LISTEN:-127.0.0.1:0}" --insecure \
     >"$said" 2>"$DAEMON_LOG" &
   daemon_pid=$!
-  for _ in $(seq 400); do
-    [[ -s $said ]] && break
-    kill -0 "$daemon_pid" 2>/dev/null || break
-    sleep 0.05
-  done
+  wait_for says_or_ended "$said" "$daemon_pid" || true
   ADDRESS=$(sed -n 's/.*"address":"\([^"]*\)\/".*/\1/p' "$said")
   if [[ -z $ADDRESS ]]; then
     echo "the daemon did not start:" >&2
@@ -93,10 +101,7 @@ TOML
     return 1
   fi
   # The camera's first frame takes a moment.
-  for _ in $(seq 300); do
-    curl --silent --fail --output /dev/null "$ADDRESS/readyz" && return
-    sleep 0.1
-  done
+  wait_for curl --silent --fail --output /dev/null "$ADDRESS/readyz" && return
   echo "the daemon did not become ready:" >&2
   curl --silent "$ADDRESS/readyz" >&2
   return 1

@@ -22,11 +22,11 @@ ask --output /dev/null --request DELETE --json '{"why":"a test"}' "$ADDRESS/api/
 ask --output /dev/null "$ADDRESS/api/v1/stream.mjpg" --max-time 2 || [[ $? == 28 ]]
 key=$(ask --json '{"owner":"promtool"}' "$ADDRESS/api/v1/lease" | sed -n 's/.*"key":"\([^"]*\)".*/\1/p')
 ask --output /dev/null --header "Plenalign-Lease: $key" --json '{"kind":"homing"}' "$ADDRESS/api/v1/jobs"
-for _ in $(seq 100); do
+a_job_is_counted() {
   ask "$ADDRESS/metrics" >"$folder/metrics"
-  grep -q '^plenalign_jobs_total{' "$folder/metrics" && break
-  sleep 0.2
-done
+  grep -q '^plenalign_jobs_total{' "$folder/metrics"
+}
+wait_for a_job_is_counted || true
 for metric in stop_latency_seconds http_request_seconds picture_latency_seconds \
   jobs_total frame_age_seconds viewers axis_position_metres picture_encoder_info ready history_writable \
   disk_free_bytes disk_kept_free_bytes mqtt_connected mqtt_failures_total; do

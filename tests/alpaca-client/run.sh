@@ -32,10 +32,7 @@ wait "$daemon_pid" || true
 "$root/target/debug/plenalign" serve --config "$daemon_folder/plenalign.toml" --simulated --json --listen 127.0.0.1:0 \
   >"$daemon_folder/said" 2>>"$DAEMON_LOG" &
 daemon_pid=$!
-for _ in $(seq 400); do
-  [[ -s $daemon_folder/said ]] && break
-  sleep 0.05
-done
+wait_for says_or_ended "$daemon_folder/said" "$daemon_pid"
 alpaca=$(said_alpaca)
 [[ $("$python" client.py "$ADDRESS" "$alpaca" ids) == "$ids" ]]
 echo "- alpyca: the devices have the same identities after another start"

@@ -30,16 +30,19 @@ boot() {
       exec env -i container=plenalign-test PATH=/usr/sbin:/usr/bin:/sbin:/bin /lib/systemd/systemd --log-target=journal
     '\'' boot "$2"' boot "$own" "$root" </dev/null >"$work/boot.log" 2>&1 &
   booting=$!
-  for _ in $(seq 100); do
-    init=$(pgrep -P "$booting" -x systemd || true)
-    [[ -n $init ]] && in_system systemctl is-system-running >/dev/null 2>&1 && return
-    [[ -n $init ]] && [[ $(in_system systemctl is-system-running 2>/dev/null) == degraded ]] && return
-    kill -0 "$booting" 2>/dev/null || break
-    sleep 0.2
-  done
+  wait_for 60 up_or_ended || true
+  case $(in_system systemctl is-system-running 2>/dev/null) in running | degraded) return ;; esac
   cat "$work/boot.log" >&2
   in_system systemctl --no-pager list-jobs >&2 || true
   fail "systemd does not come up"
+}
+
+up_or_ended() {
+  init=$(pgrep -P "$booting" -x systemd || true)
+  if [[ -n $init ]]; then
+    case $(in_system systemctl is-system-running 2>/dev/null) in running | degraded) return ;; esac
+  fi
+  ! kill -0 "$booting" 2>/dev/null
 }
 
 power_off() {
@@ -64,13 +67,9 @@ system_fails() {
 
 # Waits for a command in the system to succeed: until_in SECONDS WHAT COMMAND...
 until_in() {
-  local seconds=$1 what=$2 end
-  end=$((SECONDS + $1))
+  local seconds=$1 what=$2
   shift 2
-  until in_system "$@" >/dev/null 2>&1; do
-    ((SECONDS < end)) || system_fails "$what: not within $seconds s"
-    sleep 0.3
-  done
+  wait_for "$seconds" in_system "$@" >/dev/null 2>&1 || system_fails "$what: not within $seconds s"
   ok "$what"
 }
 
@@ -148,8 +147,8 @@ confined() {
   is "its state is its own" "$(in_system stat -c '%U:%G %a' /var/lib/plenalign)" "plenalign:plenalign 750"
   has "the journal has its log" "$(journal)" 'serving'
   before=$(unit WatchdogTimestampMonotonic)
-  sleep 7
-  [[ $(unit WatchdogTimestampMonotonic) != "$before" ]] || system_fails "the watchdog is not fed"
+  fed() { [[ $(unit WatchdogTimestampMonotonic) != "$before" ]]; }
+  wait_for 30 fed || system_fails "the watchdog is not fed"
   ok "the watchdog is fed"
 
   # From within the service's cgroup. Where a device is allowed but there is none, the kernel says another word.

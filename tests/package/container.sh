@@ -67,11 +67,8 @@ container_built_and_run() {
   healthy() {
     nsenter --target "$(pgrep -P "$pid" plenalign)" --net --root --wd env -i PATH=/usr/bin:/bin "${asked[@]}"
   }
-  for _ in $(seq 100); do
-    healthy 2>/dev/null && break
-    kill -0 "$pid" 2>/dev/null || break
-    sleep 0.2
-  done
+  healthy_or_ended() { healthy 2>/dev/null || ! kill -0 "$pid" 2>/dev/null; }
+  wait_for 60 healthy_or_ended || true
   healthy || { cat "$work/contained.log" >&2; fail "container: its health is not well"; }
   ok "its health check is content"
   kill -TERM "$(pgrep -P "$pid" plenalign)"

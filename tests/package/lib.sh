@@ -43,6 +43,16 @@ all_passed() {
 # Says what was looked at, so that the log tells what held.
 ok() { echo "package:    $*"; }
 
+# Waits for a command to succeed: wait_for SECONDS COMMAND...; fails where it does not within these.
+wait_for() {
+  local end=$((SECONDS + $1))
+  shift
+  until "$@"; do
+    ((SECONDS < end)) || return 1
+    sleep 0.2
+  done
+}
+
 # is WHAT FOUND EXPECTED
 is() {
   [[ $2 == "$3" ]] || fail "$1: '$2' instead of '$3'"

@@ -26,11 +26,7 @@ for client in zaber pi tmcl thorlabs-rack thorlabs-cube; do
     --set bench.focus.speed_mm_per_s=20 --set bench.focus.acceleration_mm_per_s2=200 \
     --set bench.e.speed_mm_per_s=20 --set bench.e.acceleration_mm_per_s2=200 >"$log" &
   twin=$!
-  for _ in $(seq 100); do
-    [[ -s $log ]] && break
-    kill -0 "$twin" 2>/dev/null || break
-    sleep 0.05
-  done
+  wait_for says_or_ended "$log" "$twin" || true
   port=$(sed -n 's/.*"port":"\([^"]*\)".*/\1/p' "$log")
   if [[ -z $port ]]; then
     echo "vendor clients: the $client twin did not start" >&2
