@@ -6,8 +6,9 @@ import os
 import signal
 import socket
 import subprocess
-import time
 from pathlib import Path
+
+from daemon import wait_for
 
 
 class Broker:
@@ -31,15 +32,17 @@ class Broker:
                 stdout=log,
                 stderr=log,
             )
-        until = time.monotonic() + 10
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", self.port)).close()
-                return self
-            except OSError:
-                assert self._process.poll() is None, self.log()
-                assert time.monotonic() < until, self.log()
-                time.sleep(0.02)
+        wait_for("it takes connections", self._takes_connections)
+        return self
+
+    def _takes_connections(self) -> bool:
+        assert self._process is not None
+        assert self._process.poll() is None, self.log()
+        try:
+            socket.create_connection(("127.0.0.1", self.port)).close()
+        except OSError:
+            return False
+        return True
 
     def log(self) -> str:
         return (self.folder / f"mosquitto-{self.port}.log").read_text()

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +38,15 @@ timeout_ms = 10000
 rays = 4
 {simulation}
 """
+
+
+def wait_for(what: str, condition: Callable[[], Any], allowed_s: float = 60.0) -> Any:
+    """Returns what a condition comes to once that is true."""
+    until = time.monotonic() + allowed_s
+    while not (value := condition()):
+        assert time.monotonic() < until, f"{what}: not within {allowed_s} s"
+        time.sleep(0.05)
+    return value
 
 
 class Daemon:
@@ -86,24 +98,21 @@ class Daemon:
             self._process = subprocess.Popen(
                 [*command, *self.arguments], env=self.environment, stdout=out, stderr=error, stdin=subprocess.DEVNULL
             )
-        deadline = time.monotonic() + 60
-        while not said.read_text().strip():
-            assert self._process.poll() is None and time.monotonic() < deadline, log.read_text()
-            time.sleep(0.05)
+        process = self._process
+        wait_for("it says something, or ends", lambda: said.read_text().strip() or process.poll() is not None)
+        assert said.read_text().strip(), log.read_text()
         self.address = json.loads(said.read_text().splitlines()[0])["address"].rstrip("/")
         self.listen = self.address.split("//")[1]
         if self.address.startswith("http://"):
-            self._wait_until_ready(deadline)
+            wait_for("the daemon is ready", self._is_ready)
         return self
 
-    def _wait_until_ready(self, deadline: float) -> None:
-        while True:
-            try:
-                with urllib.request.urlopen(self.address + "/readyz", timeout=5):
-                    return
-            except urllib.error.HTTPError as error:
-                assert time.monotonic() < deadline, error.read()
-            time.sleep(0.1)
+    def _is_ready(self) -> bool:
+        try:
+            with urllib.request.urlopen(self.address + "/readyz", timeout=5):
+                return True
+        except urllib.error.HTTPError:
+            return False
 
     def end(self, how: int = signal.SIGTERM) -> None:
         """Ends it, and waits until it has."""
@@ -121,6 +130,11 @@ class Daemon:
         """Sends it a signal, such as one that has it stand still."""
         assert self._process is not None
         self._process.send_signal(which)
+
+    def kept(self, key: str) -> list[str]:
+        """What the history keeps under a key."""
+        with closing(sqlite3.connect(f"file:{self.folder}/state/history.db?mode=ro", uri=True)) as history:
+            return [value for (value,) in history.execute("SELECT value FROM kept WHERE key = ?", (key,))]
 
     def raw(self, path: str) -> Any:
         """The JSON at a path, by a client that is not ours."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import ssl
-import time
 import urllib.request
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
@@ -22,7 +21,7 @@ from plenalign.configuration import (
 )
 from plenalign.models import Scope
 
-from bench import Daemon
+from bench import Daemon, wait_for
 
 
 def test_a_stranger_is_told_what_is_missing(guarded: Daemon) -> None:
@@ -81,10 +80,7 @@ def test_the_audit_log_says_who(admin: plenalign.Client) -> None:
     with admin.lease("auditor", note="for the log"):
         pass
     # It is answered before it is on the disk.
-    deadline = time.monotonic() + 10
-    while next(admin.access.audit(page=1)).what != "lease.release":
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_for("it is kept", lambda: next(admin.access.audit(page=1)).what == "lease.release")
     found = [entry for entry, _ in zip(admin.access.audit(page=2), range(20), strict=False)]
     assert [entry.what for entry in found[:2]] == ["lease.release", "lease.take"]
     assert found[1].who == "tests"

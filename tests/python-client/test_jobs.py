@@ -6,7 +6,6 @@ import csv
 import json
 import pickle
 import signal
-import time
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -28,7 +27,7 @@ from plenalign.models import (
     Stage,
 )
 
-from bench import Daemon
+from bench import Daemon, wait_for
 
 
 def test_homing_and_what_is_kept_of_it(client: plenalign.Client, tmp_path: Path) -> None:
@@ -74,8 +73,7 @@ def test_a_watch_of_the_spacing(homed: plenalign.Client, tmp_path: Path) -> None
 def test_a_sweep_is_cancelled(homed: plenalign.Client) -> None:
     with homed.lease() as lease:
         job = lease.start(FocusSweepJob(axis=plenalign.models.AxisName.FOCUS, from_mm=-0.5, to_mm=0.5, steps=100))
-        while not job.refresh().iterations and not job.is_over:
-            time.sleep(0.05)
+        wait_for("it measures", lambda: job.refresh().iterations or job.is_over)
         assert job.cancel().state in (JobState.CANCELLING, JobState.CANCELLED)
         with pytest.raises(plenalign.JobEndedError) as ended:
             job.wait(timeout_s=60)
@@ -169,8 +167,7 @@ def test_an_operator_is_asked(new_daemon: Callable[..., Daemon], tmp_path: Path)
     with plenalign.Client(daemon.address) as client, client.lease("ada") as lease:
         job = lease.start(JointAlignmentJob())
         # As long as homing takes on a busy machine.
-        while client.job(job.id).state is not JobState.WAITING_FOR_OPERATOR:
-            time.sleep(0.1)
+        wait_for("it asks", lambda: client.job(job.id).state is JobState.WAITING_FOR_OPERATOR)
         with pytest.raises(plenalign.JobNotOverError, match="waits for"):
             job.wait(timeout_s=0.5)
         assert job.state is JobState.WAITING_FOR_OPERATOR
@@ -224,8 +221,7 @@ def test_a_daemon_that_dies_interrupts_its_job(new_daemon: Callable[..., Daemon]
     with plenalign.Client(daemon.address) as client:
         lease = client.lease("ada", ttl_s=60.0)
         job = lease.start(SpacingWatchJob(duration_s=300.0))
-        while not job.refresh().iterations:
-            time.sleep(0.05)
+        wait_for("it measures", lambda: job.refresh().iterations)
         daemon.end(signal.SIGKILL)
         with pytest.raises(plenalign.NotReachedError, match="plenalign serve"):
             job.wait(patience_s=1.0)

@@ -6,22 +6,24 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from datetime import timedelta
 
 import plenalign
 import pytest
 
-from bench import Daemon
+from bench import Daemon, wait_for
 
 
 def test_it_is_renewed_beyond_its_time_to_live(client: plenalign.Client) -> None:
     with client.lease("ada", note="long work", ttl_s=2.0) as lease:
         first = lease.view.expires_at
-        time.sleep(5.0)
+        assert first is not None
+        twice_over = first + timedelta(seconds=4)
+        wait_for("it is renewed", lambda: lease.view.expires_at and lease.view.expires_at > twice_over)
         lease.check()
         holder = client.lease_holder()
         assert holder is not None
         assert (holder.owner, holder.note, holder.id) == ("ada", "long work", lease.view.id)
-        assert first is not None
         assert lease.view.expires_at is not None
         assert lease.view.expires_at > first
         assert lease.renew().owner == "ada"
@@ -76,9 +78,9 @@ def test_a_takeover_is_an_exception_for_who_had_it(client: plenalign.Client) -> 
 
 
 def test_what_went_wrong_in_the_block_is_what_is_raised(client: plenalign.Client) -> None:
-    with pytest.raises(ZeroDivisionError), client.lease("ada", ttl_s=2.0):
+    with pytest.raises(ZeroDivisionError), client.lease("ada", ttl_s=2.0) as lease:
         with client.lease("bob", take_over=True):
-            time.sleep(1.5)
+            wait_for("it is lost", lambda: lease.lost)
         raise ZeroDivisionError
     assert client.lease_holder() is None
 
@@ -103,10 +105,12 @@ def test_no_thread_is_left_behind(client: plenalign.Client) -> None:
 def test_it_outlives_a_short_silence_of_the_daemon(new_daemon: Callable[..., Daemon]) -> None:
     daemon = new_daemon().start()
     with plenalign.Client(daemon.address, timeout_s=2.0) as client, client.lease("ada", ttl_s=6.0) as lease:
+        before = lease.view.expires_at
+        assert before is not None
         daemon.signal(signal.SIGSTOP)
         time.sleep(3.5)
         daemon.signal(signal.SIGCONT)
-        time.sleep(2.5)
+        wait_for("it is renewed", lambda: lease.view.expires_at and lease.view.expires_at > before)
         lease.check()
 
 
@@ -118,17 +122,14 @@ def test_a_daemon_that_is_gone_loses_it(new_daemon: Callable[..., Daemon]) -> No
             client.lease("ada", ttl_s=2.0) as lease,
         ):
             daemon.end(signal.SIGKILL)
-            deadline = time.monotonic() + 10
-            while not lease.lost:
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
+            wait_for("it is lost", lambda: lease.lost)
 
 
 def test_it_survives_the_daemons_restart(new_daemon: Callable[..., Daemon]) -> None:
     daemon = new_daemon().start()
     with plenalign.Client(daemon.address, timeout_s=2.0) as client, client.lease("ada", ttl_s=20.0) as lease:
-        # Until it is on the disk, which the daemon does not wait for.
-        time.sleep(2.0)
+        # The daemon does not wait for the disk.
+        wait_for("it is kept", lambda: any("ada" in value for value in daemon.kept("lease")))
         daemon.end(signal.SIGKILL)
         daemon.start()
         assert lease.renew().owner == "ada"

@@ -7,13 +7,13 @@ import pickle
 import signal
 import subprocess
 import sys
-import time
+from collections.abc import Callable
 
 import plenalign
 import pytest
 from plenalign.models import AxisName, CameraFaults, FaultEvent, FaultPlan, Faults, ShellState, Side, StopDelivery
 
-from bench import Daemon
+from bench import Daemon, wait_for
 
 
 def position(client: plenalign.Client, axis: str) -> float:
@@ -23,10 +23,11 @@ def position(client: plenalign.Client, axis: str) -> float:
 
 
 def rests(client: plenalign.Client) -> bool:
-    """Whether nothing moves within the time in which a jog that nobody renews ends."""
-    time.sleep(0.6)
+    """Whether what moves comes to rest, and stays there for as long as ten frames take."""
+    wait_for("nothing moves", lambda: not any(axis.moving for axis in client.bench().axes))
     before = [axis.position_mm for axis in client.bench().axes]
-    time.sleep(0.4)
+    for _ in range(10):
+        client.images.snapshot()
     return before == [axis.position_mm for axis in client.bench().axes]
 
 
@@ -40,8 +41,7 @@ def test_a_move_is_waited_for(homed: plenalign.Client) -> None:
         assert view.position_mm == pytest.approx(there, abs=0.01)
         began = lease.move(AxisName.FOCUS, here, wait=False)
         assert began.position_mm is None or abs(began.position_mm - here) > 0.1
-        while homed.bench().axes[0].moving:
-            time.sleep(0.05)
+        wait_for("it is there", lambda: not homed.bench().axes[0].moving)
 
 
 def test_homing(client: plenalign.Client) -> None:
@@ -136,15 +136,17 @@ with client.lease("a program that is interrupted", ttl_s=5.0) as lease:
 """
 
 
-def interrupt(daemon: Daemon, what: str, wait_s: float, how: int = signal.SIGINT) -> subprocess.CompletedProcess[str]:
-    """Runs this in a program of its own, and sends that a signal."""
+def interrupt(
+    daemon: Daemon, what: str, under_way: Callable[[], bool], how: int = signal.SIGINT
+) -> subprocess.CompletedProcess[str]:
+    """Runs this in a program of its own, and sends that a signal once it is under way."""
     command = [sys.executable, "-c", INTERRUPTED.format(what=what), daemon.address]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "PLENALIGN_TOKEN": ""}
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
-        time.sleep(wait_s)
+        wait_for("it is under way", under_way)
         process.send_signal(how)
         said, wrong = process.communicate(timeout=30)
         return subprocess.CompletedProcess(command, process.returncode, said, wrong)
@@ -153,7 +155,8 @@ def interrupt(daemon: Daemon, what: str, wait_s: float, how: int = signal.SIGINT
 def test_an_interrupt_ends_a_jog(daemon: Daemon, homed: plenalign.Client) -> None:
     with homed.lease() as lease:
         lease.move("focus", 0.0)
-    ended = interrupt(daemon, 'lease.jog("focus", "high", 60.0, speed_mm_per_s=0.5)', 1.0)
+    jog = 'lease.jog("focus", "high", 60.0, speed_mm_per_s=0.5)'
+    ended = interrupt(daemon, jog, lambda: position(homed, "focus") > 0.2)
     assert "KeyboardInterrupt" in ended.stderr
     at_once = position(homed, "focus")
     assert rests(homed)
@@ -166,16 +169,18 @@ def test_an_interrupt_ends_a_jog(daemon: Daemon, homed: plenalign.Client) -> Non
 def test_a_killed_program_leaves_no_jog_behind(daemon: Daemon, homed: plenalign.Client) -> None:
     with homed.lease() as lease:
         lease.move("focus", 0.0)
-    interrupt(daemon, 'lease.jog("focus", "high", 60.0, speed_mm_per_s=0.5)', 0.8, signal.SIGKILL)
+    jog = 'lease.jog("focus", "high", 60.0, speed_mm_per_s=0.5)'
+    interrupt(daemon, jog, lambda: position(homed, "focus") > 0.2, signal.SIGKILL)
     assert rests(homed)
     assert 0.1 < position(homed, "focus") < 1.5
 
 
 def test_an_interrupt_of_a_move_stops_the_bench(daemon: Daemon, homed: plenalign.Client) -> None:
     with homed.lease() as lease:
-        lease.move("e", homed.bench().e_wall_mm + 2.0)
+        begins = lease.move("e", homed.bench().e_wall_mm + 2.0).position_mm
+    assert begins is not None
     there = homed.bench().axes[1].high_limit_mm - 1.0
-    ended = interrupt(daemon, f'lease.move("e", {there})', 0.5)
+    ended = interrupt(daemon, f'lease.move("e", {there})', lambda: position(homed, "e") > begins + 0.5)
     assert "KeyboardInterrupt" in ended.stderr
     assert homed.stop_state().latched
     assert rests(homed)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import plenalign
@@ -11,7 +10,7 @@ import pytest
 from plenalign import configuration, models
 from plenalign.models import AxisName, DraftRequest, Faults
 
-from bench import Daemon
+from bench import Daemon, wait_for
 
 
 def test_health_and_readiness(client: plenalign.Client) -> None:
@@ -23,9 +22,7 @@ def test_health_and_readiness(client: plenalign.Client) -> None:
 
 def test_hindrances_are_named(client: plenalign.Client) -> None:
     client.set_faults(Faults(camera=models.CameraFaults(unplugged=True)))
-    for _ in range(100):
-        if hindrances := client.hindrances():
-            break
+    hindrances = wait_for("a hindrance", client.hindrances)
     assert any("camera" in each for each in hindrances), hindrances
     client.set_faults()
 
@@ -57,23 +54,29 @@ def test_an_impossible_draft_says_what_is_wrong(client: plenalign.Client) -> Non
     assert "shell.outer_radius_mm" in str(refused.value) or "shell.inner_radius_mm" in str(refused.value)
 
 
+def wait_kept(client: plenalign.Client, measured: models.SingleMeasurement) -> models.SingleMeasurement:
+    """The newest measurement once it is this one."""
+
+    def newest() -> models.SingleMeasurement | None:
+        found = next(client.measurements(page=1), None)
+        return found if found is not None and found.frame_seq == measured.frame_seq else None
+
+    return cast(models.SingleMeasurement, wait_for("it is kept", newest))
+
+
 def test_a_measurement_of_one_frame(measurable: plenalign.Client) -> None:
     measured = measurable.measure()
     assert measured.simulated
     assert not measured.spans_motion
     assert measured.spacing.spacing_px > 0
     # It is answered before it is on the disk.
-    deadline = time.monotonic() + 10
-    while (newest := next(measurable.measurements(page=1), None)) is None or newest.frame_seq != measured.frame_seq:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    assert newest == measured
+    assert wait_kept(measurable, measured) == measured
 
 
 def test_pages_are_followed(measurable: plenalign.Client) -> None:
     for _ in range(3):
-        measurable.measure()
-    time.sleep(1.0)
+        measured = measurable.measure()
+    wait_kept(measurable, measured)
     in_pages = [each.frame_seq for each, _ in zip(measurable.measurements(page=1), range(3), strict=False)]
     at_once = [each.frame_seq for each, _ in zip(measurable.measurements(page=500), range(3), strict=False)]
     assert in_pages == at_once

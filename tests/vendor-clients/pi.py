@@ -1,17 +1,14 @@
 """PIPython, PI's own library, against the twin, over the pseudo-terminal."""
 
 import sys
-import time
 
 from pipython import GCSDevice, GCSError, gcserror, pitools
 from pipython.pidevice.interfaces.piserial import PISerial
+from waiting import until
 
 
 def wait(device, axis: str) -> None:
-    deadline = time.monotonic() + 30
-    while any(device.IsMoving(axis).values()):
-        assert time.monotonic() < deadline, "it moves on for ever"
-        time.sleep(0.05)
+    until("at rest", lambda: not any(device.IsMoving(axis).values()))
 
 
 def refused(call, code: int, what: str) -> None:
@@ -57,14 +54,15 @@ def main(port: str) -> None:
         # A stop in mid-move: #24, and the error it leaves behind.
         device.VEL("1", 1.0)
         device.MOV("1", 4.5)
-        time.sleep(0.5)
+        until("on its way", lambda: device.qPOS("1")["1"] > 1.7)
         refused(device.StopAll, gcserror.E10_PI_CNTR_STOP, "a stop without its error")
         at = device.qPOS("1")["1"]
         assert not device.IsMoving("1")["1"] and 1.6 < at < 3.5, at
         # Where it was stopped is its target from then on, however it was.
         for name, stop in {"#24": device.StopAll, "STP": device.STP, "HLT": device.HLT}.items():
-            device.MOV("1", 4.5 if device.qPOS("1")["1"] < 2.5 else 0.5)
-            time.sleep(0.3)
+            began = device.qPOS("1")["1"]
+            device.MOV("1", 4.5 if began < 2.5 else 0.5)
+            until("on its way", lambda: abs(device.qPOS("1")["1"] - began) > 0.1)
             refused(stop, gcserror.E10_PI_CNTR_STOP, f"{name} without its error")
             wait(device, "1")
             at, target = device.qPOS("1")["1"], device.qMOV("1")["1"]

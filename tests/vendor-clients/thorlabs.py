@@ -9,6 +9,7 @@ from pylablib.devices import Thorlabs
 from thorlabs_apt_device.devices.aptdevice import APTDevice
 from thorlabs_apt_device.devices.bsc import BSC
 from thorlabs_apt_device.devices.kdc101 import KDC101
+from waiting import until
 
 RACK = sys.argv[1] == "rack"
 # Units a millimetre; of both axes as the configuration has them.
@@ -17,13 +18,6 @@ SCALE = 409600 if RACK else 34304
 
 # A pseudo-terminal has no RTS to be cycled.
 Thorlabs.kinesis.BasicKinesisDevice._cycle_rts = staticmethod(lambda instr: None)
-
-
-def until(what: str, holds, seconds: float = 20.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < deadline, f"never {what}"
-        time.sleep(0.02)
 
 
 def with_pylablib(port: str) -> None:
@@ -69,7 +63,7 @@ def with_pylablib(port: str) -> None:
         for immediate in (False, True):
             stage.setup_velocity(max_velocity=1)
             stage.move_to(high - 0.1)
-            time.sleep(0.4)
+            until("on its way", lambda: stage.get_position() > 1.7)
             stage.stop(immediate=immediate)
             at = stage.get_position()
             assert not stage.is_moving() and 1.6 < at < high - 1, at
@@ -77,7 +71,7 @@ def with_pylablib(port: str) -> None:
             stage.move_to(1.5)
             stage.wait_move(timeout=10)
         stage.move_to(high - 0.1)
-        time.sleep(0.1)
+        until("on its way", lambda: stage.get_position() > 1.55)
         stage.move_to(0.5)
         stage.wait_move(timeout=10)
         assert abs(stage.get_position() - 0.5) < 1e-4, stage.get_position()
@@ -91,8 +85,9 @@ def with_pylablib(port: str) -> None:
         until("at rest", lambda: not stage.is_moving())
         assert abs(abs(stage.get_position() - before) - 0.25) < 1e-3, stage.get_position()
         stage.setup_velocity(max_velocity=1)
+        began = stage.get_position()
         stage.jog("-", kind="continuous")
-        time.sleep(0.3)
+        until("beyond a step", lambda: abs(stage.get_position() - began) > 0.26)
         assert stage.is_moving()
         stage.stop()
         assert not stage.is_moving()

@@ -1,11 +1,11 @@
 """PyTrinamic, Trinamic's own library, against the twin, over the pseudo-terminal."""
 
 import sys
-import time
 
 from pytrinamic.connections import ConnectionManager
 from pytrinamic.modules import TMCM6214
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyStatusError
+from waiting import until
 
 SCALE = 400
 
@@ -19,30 +19,24 @@ def main(port: str) -> None:
         # A reference search to the left switch.
         motor.set_axis_parameter(motor.AP.ReferenceSearchMode, 1)
         interface.reference_search(0, 0, 1)
-        deadline = time.monotonic() + 30
-        while interface.reference_search(2, 0, 1) != 0:
-            assert time.monotonic() < deadline, "it searches for ever"
-            time.sleep(0.05)
+        until("found", lambda: interface.reference_search(2, 0, 1) == 0)
         assert motor.actual_position == 0, motor.actual_position
 
         motor.linear_ramp.max_velocity = 10 * SCALE
         motor.linear_ramp.max_acceleration = 200 * SCALE
         motor.move_to(2 * SCALE)
         assert motor.actual_velocity > 0 or not motor.get_position_reached()
-        while not motor.get_position_reached():
-            assert time.monotonic() < deadline, "it never arrives"
-            time.sleep(0.02)
+        until("there", motor.get_position_reached)
         assert motor.actual_position == 2 * SCALE, motor.actual_position
         motor.move_by(-SCALE // 2)
-        while not motor.get_position_reached():
-            time.sleep(0.02)
+        until("there", motor.get_position_reached)
         assert motor.actual_position == 3 * SCALE // 2, motor.actual_position
 
         # A stop in mid-move.
         motor.move_to(5 * SCALE, velocity=SCALE)
-        time.sleep(0.5)
+        until("on its way", lambda: motor.actual_position > 1.7 * SCALE)
         motor.stop()
-        time.sleep(0.2)
+        until("at rest", lambda: motor.actual_velocity == 0)
         at = motor.actual_position
         assert motor.actual_velocity == 0 and 1.6 * SCALE < at < 4 * SCALE, at
         # Limit switches: open, and in force.
@@ -52,17 +46,19 @@ def main(port: str) -> None:
         # A reference search towards the end that is not home: it ends at that end's switch, 9 mm from the other, and the
         # module never goes far.
         motor.set_axis_parameter(motor.AP.ReferenceSearchMode, 65)
-        before, farthest = motor.actual_position, 0
+        before = motor.actual_position
         interface.reference_search(0, 0, 1)
-        while interface.reference_search(2, 0, 1) != 0:
-            farthest = max(farthest, abs(motor.actual_position - before))
-            assert time.monotonic() < deadline and farthest < 9 * SCALE, f"it searches on, {farthest / SCALE} mm so far"
-            time.sleep(0.02)
+
+        def found() -> bool:
+            far = abs(motor.actual_position - before)
+            searches = interface.reference_search(2, 0, 1) != 0
+            assert not searches or far < 9 * SCALE, f"it searches on, {far / SCALE} mm so far"
+            return not searches
+
+        until("found", found)
         assert motor.actual_position == 0, motor.actual_position
         motor.move_to(-5 * SCALE, velocity=10 * SCALE)
-        while not motor.get_position_reached():
-            assert time.monotonic() < deadline, "it never arrives"
-            time.sleep(0.02)
+        until("there", motor.get_position_reached)
 
         for what, command, kind in [("a parameter not there", TMCLCommand.GAP, 254), ("a command not there", 99, 0)]:
             try:

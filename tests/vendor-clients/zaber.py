@@ -2,8 +2,8 @@
 
 import sys
 import threading
-import time
 
+from waiting import until
 from zaber_motion import CommandFailedException, MovementInterruptedException
 from zaber_motion.ascii import Connection
 
@@ -20,17 +20,17 @@ def interrupted_by(axis, command) -> None:
         except MovementInterruptedException as interrupted:
             ended.append(interrupted)
 
+    began = axis.get_position()
     mover = threading.Thread(target=move)
     mover.start()
-    time.sleep(0.4)
+    until("on its way", lambda: abs(axis.get_position() - began) > 0.2 * SCALE)
     command()
     mover.join(20)
     assert not mover.is_alive() and len(ended) == 1, f"the move was not interrupted: {ended}"
     # The flag goes with the next motion that begins at rest, and not before.
     assert "NI" in axis.warnings.get_flags() and "NI" in axis.warnings.clear_flags()
     assert "NI" in axis.warnings.get_flags()
-    while axis.is_busy():
-        time.sleep(0.01)
+    until("at rest", lambda: not axis.is_busy())
     axis.move_relative(10)
     assert "NI" not in axis.warnings.get_flags(), axis.warnings.get_flags()
 
@@ -85,7 +85,7 @@ def main(port: str) -> None:
         other = device.get_axis(2)
         other.home()
         other.move_absolute(-20 * SCALE, wait_until_idle=False, velocity=2 * SCALE * 1.6384)
-        time.sleep(0.5)
+        until("on its way", lambda: other.get_position() < -0.3 * SCALE)
         assert other.is_busy()
         other.stop()
         at = other.get_position()
@@ -104,10 +104,7 @@ def main(port: str) -> None:
         connection.enable_alerts()
         assert device.settings.get("comm.alert") == 1
         axis.move_absolute(2 * SCALE)
-        deadline = time.monotonic() + 5
-        while not alerts:
-            assert time.monotonic() < deadline, "no alert came"
-            time.sleep(0.01)
+        until("alerted", lambda: alerts)
         assert [(a.axis_number, a.status, a.warning_flag) for a in alerts] == [(1, "IDLE", "--")], alerts
         connection.disable_alerts()
 
