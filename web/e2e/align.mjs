@@ -15,6 +15,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
+import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
 const OVER = ".job .outcome:is(.converged, .not_converged, .failed, .cancelled)";
@@ -182,8 +183,7 @@ try {
   await photograph(page, "overlays");
   await darken(page, "overlays");
   for (let i = 0; i < 6; i += 1) await page.getByRole("button", { name: "Zoom in" }).click();
-  await page.waitForTimeout(300);
-  assert.notEqual(await scale(), whole);
+  await until(async () => (await scale()) !== whole, "nothing is zoomed");
   await page.locator("#live").hover();
   assert.match(await page.locator(".probe").innerText(), /pixel \d+, \d+ · grey \d+/);
   await photograph(page, "zoomed");
@@ -272,14 +272,10 @@ async function handOver(page) {
 
 /** Confirms what the job asks for until the job is over; returns how many iterations are shown. */
 async function seeThrough(page) {
-  const until = Date.now() + ALIGNMENT_MS;
   let photographed = false;
   let asked = 0;
-  while (!(await page.locator(OVER).isVisible())) {
-    if (Date.now() > until) {
-      const shown = await page.locator(".job").innerText();
-      throw new Error(`the alignment did not end in time; the page shows: ${shown}`);
-    }
+  const over = async () => {
+    if (await page.locator(OVER).isVisible()) return true;
     assert(daemon.alive, "the daemon ended");
     const confirm = page.locator("#confirm");
     if (await confirm.isVisible()) {
@@ -297,8 +293,9 @@ async function seeThrough(page) {
       await page.locator(".job .outcome").waitFor({ timeout: 10_000 });
       assert((await page.locator(".iterations tbody tr").count()) >= 3, "a reload loses iterations");
     }
-    await page.waitForTimeout(100);
-  }
+    return false;
+  };
+  await until(over, "the alignment did not end in time", ALIGNMENT_MS);
   assert(asked >= 3, `the operator was asked ${asked} times`);
   return page.locator(".iterations tbody tr").count();
 }
@@ -333,12 +330,4 @@ function pixels(page, selector) {
     for (let at = 0; at + 3 < data.length; at += 4 * 37) some.push([...data.slice(at, at + 4)]);
     return some;
   }, selector);
-}
-
-async function until(holds, otherwise) {
-  for (let tries = 0; tries < 300; tries += 1) {
-    if (await holds()) return;
-    await new Promise((resolve) => setTimeout(resolve, 200));
-  }
-  throw new Error(otherwise);
 }

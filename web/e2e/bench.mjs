@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { accessible, browse, faults, folder, open, photograph, resetStop, start, step } from "./harness.mjs";
+import { drawn, until } from "./until.mjs";
 
 const place = folder(`
 [sensor]
@@ -54,8 +55,11 @@ try {
   await ana.page.keyboard.press("F8");
   await ana.page.locator("#stop-key", { hasText: "F8" }).waitFor();
   await ana.page.locator("h1").click();
+  const sent = [];
+  ana.page.on("request", (request) => sent.push(new URL(request.url()).pathname));
   await ana.page.keyboard.press("Space");
-  await ana.page.waitForTimeout(300);
+  await drawn(ana.page);
+  assert(!sent.includes("/api/v1/stop"), "the space bar stops although another key does");
   assert.equal((await bench()).stop.latched, false);
   await ana.page.keyboard.press("F8");
   await resetStop(ana.page, "the key is tried");
@@ -141,7 +145,10 @@ try {
   await ana.page.getByRole("button", { name: "Move the focus axis by −0.100 mm" }).click();
   await until(async () => Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "no step was made");
   await until(async () => !(await bench()).axes.some((axis) => axis.moving), "the step does not end");
-  await ana.page.waitForTimeout(1000);
+  await until(
+    async () => (await ana.page.locator(".axes .tag", { hasText: "moving" }).count()) === 0,
+    "the page shows an axis as moving that is still",
+  );
 
   step("a large move is asked about; STOP stays within reach");
   const field = ana.page.getByLabel("Move the focus axis to, mm");
@@ -151,7 +158,7 @@ try {
   assert.equal(await ana.page.locator(".ask button:focus").textContent(), "Don’t");
   await photograph(ana.page, "large-move");
   await ana.page.locator(".ask button:focus").click();
-  await ana.page.waitForTimeout(300);
+  await frames(2);
   assert(Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "it moved although it was told not to");
   await field.press("Enter");
   await ana.page.locator(".ask .primary").click();
@@ -194,7 +201,7 @@ try {
       await ana.page.setViewportSize({ width, height: 900 });
       for (const colorScheme of ["dark", "light"]) {
         await ana.page.emulateMedia({ colorScheme });
-        await ana.page.waitForTimeout(400);
+        await drawn(ana.page);
         await accessible(ana.page);
       }
     }
@@ -217,11 +224,17 @@ try {
     return (await bench()).axes.find((axis) => axis.axis === name).position_mm;
   }
 
+  /** Waits for so many frames, two a second: whatever moves does so in them. */
+  async function frames(count) {
+    const last = (await bench()).camera.frame_seq + count;
+    await until(async () => (await bench()).camera.frame_seq >= last, "no frame comes");
+  }
+
   /** The deadman waits 0.3 s, and an axis needs a moment to stop. */
   async function still(name, otherwise) {
-    await ana.page.waitForTimeout(1000);
+    await until(async () => !(await bench()).axes.some((axis) => axis.moving), otherwise);
     const there = await position(name);
-    await ana.page.waitForTimeout(500);
+    await frames(2);
     assert(Math.abs((await position(name)) - there) < 1e-6, otherwise);
   }
 } finally {
@@ -249,12 +262,4 @@ async function press(page, button) {
   await button.scrollIntoViewIfNeeded();
   await button.hover();
   await page.mouse.down();
-}
-
-async function until(holds, otherwise) {
-  for (let tries = 0; tries < 100; tries += 1) {
-    if (await holds()) return;
-    await new Promise((resolve) => setTimeout(resolve, 100));
-  }
-  throw new Error(otherwise);
 }

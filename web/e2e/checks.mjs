@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { open, shots } from "./harness.mjs";
+import { drawn } from "./until.mjs";
 
 const A4 = { width: 794, height: 1123 };
 
@@ -58,7 +59,7 @@ export async function printed(page, name) {
   const before = page.viewportSize();
   await page.emulateMedia({ media: "print", colorScheme: "dark" });
   await page.setViewportSize(A4);
-  await page.waitForTimeout(400);
+  await drawn(page);
   const seen = await page.evaluate(() => {
     const shown = (element) => element.getClientRects().length > 0;
     const pressable = [...document.querySelectorAll("button:not([aria-pressed=true]), nav, select")];

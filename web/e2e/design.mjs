@@ -16,6 +16,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
+import { drawn, until } from "./until.mjs";
 
 const SMALL = `
 [sensor]
@@ -54,21 +55,26 @@ try {
   step("what is typed is worked out at once, and the newest answer stands");
   const distance = page.getByLabel("Distance in water, from the shell");
   const asked = [];
+  const isFirst = (request) => request.postDataJSON()?.object?.distance_mm === 400;
+  let letGo;
+  const held = new Promise((resolve) => (letGo = resolve));
   await page.route("**/api/v1/design", async (route) => {
-    const body = route.request().postDataJSON();
-    asked.push(body);
+    asked.push(route.request().postDataJSON());
     // The first answer comes after the second.
-    if (body.object?.distance_mm === 400) await new Promise((resolve) => setTimeout(resolve, 1500));
+    if (isFirst(route.request())) await held;
     await route.continue();
   });
+  const late = page.waitForResponse((response) => isFirst(response.request()));
   await distance.fill("400");
-  await page.waitForTimeout(300);
+  await until(() => asked.some((body) => body.object?.distance_mm === 400), "the first is not asked for");
   await distance.fill("600");
   await page.waitForFunction(
     () => document.querySelector(".figures td[data-state=joint]")?.textContent !== "+2.205 mm",
   );
   const there = await deltaV.innerText();
-  await page.waitForTimeout(2000);
+  letGo();
+  await (await late).finished();
+  await drawn(page);
   assert.equal(await deltaV.innerText(), there, "an answer of old took the place of the newest");
   assert.deepEqual(asked.at(-1), { base: "in_force", object: { distance_mm: 600 } });
   await page.unroute("**/api/v1/design");
@@ -123,7 +129,7 @@ try {
         await page.getByRole("button", { name: part }).click();
         const drawing = page.locator(`svg.train[aria-label^="${part} of ${state}"]`);
         await drawing.waitFor();
-        await page.waitForTimeout(60);
+        await drawn(page);
         await labelled(drawing, part === "Whole scene" ? 2 : 3);
       }
     }
@@ -206,8 +212,5 @@ try {
 
 /** Waits until a field holds a text. */
 async function holds(field, text) {
-  for (let tries = 0; tries < 50 && (await field.inputValue()) !== text; tries += 1) {
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
-  assert.equal(await field.inputValue(), text);
+  await until(async () => (await field.inputValue()) === text, `the field does not hold ${text}`);
 }

@@ -12,6 +12,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
+import { drawn } from "./until.mjs";
 
 const WIDTHS = [360, 1024, 1920];
 const built = ["../target/debug/plenalign", "../target/release/plenalign"];
@@ -120,7 +121,7 @@ export async function photograph(page, name) {
   const before = page.viewportSize();
   for (const width of WIDTHS) {
     await page.setViewportSize({ width, height: { 360: 740, 1024: 768, 1920: 1080 }[width] });
-    await page.waitForTimeout(400);
+    await drawn(page);
     const stop = await page.locator("#stop").boundingBox();
     const height = page.viewportSize().height;
     assert(
@@ -139,7 +140,7 @@ export async function darken(page, name) {
   const before = page.viewportSize();
   await page.emulateMedia({ colorScheme: "dark" });
   await page.setViewportSize({ width: 1024, height: 768 });
-  await page.waitForTimeout(400);
+  await drawn(page);
   await page.screenshot({ path: `${shots}/${name}-dark.png`, fullPage: true });
   await accessible(page);
   await page.emulateMedia({ colorScheme: "light" });

@@ -5,6 +5,7 @@ import { execFileSync } from "node:child_process";
 import { existsSync, readFileSync } from "node:fs";
 import { join } from "node:path";
 import { browse, folder, open, program, start, step } from "./harness.mjs";
+import { until } from "./until.mjs";
 
 const place = folder(`[bench.simulation]\nrays = 4\n[server]\nauth = "required"\n`);
 const { env } = place;
@@ -104,9 +105,6 @@ try {
 /** The link that the daemon puts into its state folder. */
 async function oneTimeLink() {
   const file = join(place.state, "login-url");
-  for (let tries = 0; tries < 200; tries++) {
-    if (existsSync(file)) return readFileSync(file, "utf8").trim();
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
-  throw new Error("the daemon made no one-time link");
+  await until(() => existsSync(file), "the daemon made no one-time link");
+  return readFileSync(file, "utf8").trim();
 }

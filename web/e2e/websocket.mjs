@@ -3,10 +3,10 @@
 //   PLENALIGN_TOKEN=… node e2e/websocket.mjs http://127.0.0.1:8080
 
 import assert from "node:assert/strict";
-import { setTimeout as sleep } from "node:timers/promises";
 import { fromBinary } from "@bufbuild/protobuf";
 import { runnerImport } from "vite";
 import WebSocket from "ws";
+import { until } from "./until.mjs";
 
 const address = process.argv[2];
 assert(address, "the daemon's address is missing");
@@ -49,15 +49,6 @@ function open({ path = "/api/v1/ws", headers = { authorization }, origin } = {})
   return { socket, heard, opened, closed };
 }
 
-async function until(what, found) {
-  for (let waited = 0; waited < 10_000; waited += 20) {
-    const value = found();
-    if (value) return value;
-    await sleep(20);
-  }
-  throw new Error(`there is no ${what}`);
-}
-
 const problem = (heard) => heard.text.find((message) => message.type === "problem")?.problem;
 
 async function check(what, run) {
@@ -80,22 +71,22 @@ await check("changes follow the snapshot without a gap, and signs of life come",
   const { socket, heard, opened, closed } = open();
   await opened;
   assert.equal(socket.extensions, "");
-  await until("snapshot", () => heard.text.length);
+  await until(() => heard.text.length, "there is no snapshot");
   assert.equal(heard.text[0].type, "snapshot");
   for (let turn = 0; turn < 3; turn += 1) {
     await ask("POST", "/api/v1/stop");
     await ask("DELETE", "/api/v1/stop", { why: "a test" });
   }
   const changes = () => heard.text.filter((message) => !["snapshot", "tick"].includes(message.type));
-  await until("sixth change", () => changes().length >= 6);
+  await until(() => changes().length >= 6, "there is no sixth change");
   const first = heard.text[0].seq;
   changes().forEach((change, index) => assert.equal(change.seq, first + 1 + index));
-  await until("tick", () => heard.text.some((message) => message.type === "tick"));
-  await until("ping", () => heard.pings);
+  await until(() => heard.text.some((message) => message.type === "tick"), "there is no tick");
+  await until(() => heard.pings, "there is no ping");
   let answered = false;
   socket.once("pong", (data) => (answered = data.toString() === "here"));
   socket.ping("here");
-  await until("pong", () => answered);
+  await until(() => answered, "there is no pong");
   socket.close(1000, "done");
   assert.deepEqual(await closed, { code: 1000, reason: "done" });
 });
@@ -104,7 +95,7 @@ await check("pictures are what the page's own code reads", async () => {
   const { socket, heard, opened, closed } = open();
   await opened;
   socket.send(JSON.stringify({ type: "pictures", on: true, max_rate_hz: 20 }));
-  await until("third picture", () => heard.binary.length >= 3);
+  await until(() => heard.binary.length >= 3, "there is no third picture");
   const frames = heard.binary.map((data) => fromBinary(ViewedSchema, data).what);
   for (const { case: kind, value } of frames) {
     assert.equal(kind, "frame");
@@ -123,7 +114,7 @@ await check("fragments are put together, and what cannot be used is told", async
   socket.ping();
   socket.send("ce", { fin: false });
   socket.send('"}', { fin: true });
-  assert.equal((await until("answer", () => problem(heard))).status, 422);
+  assert.equal((await until(() => problem(heard), "there is no answer")).status, 422);
   socket.close();
   await closed;
 });
@@ -138,7 +129,7 @@ await check("what breaks the rules is closed with the code for it", async () => 
   ]) {
     const { socket, heard, opened, closed } = open();
     await opened;
-    await until("snapshot", () => heard.text.length);
+    await until(() => heard.text.length, "there is no snapshot");
     if (options.rsv1) {
       socket._socket.write(Buffer.from([0xc1, 0x80, 0, 0, 0, 0]));
     } else {
