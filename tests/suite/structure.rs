@@ -2,6 +2,7 @@
 //!
 //! What is in a crate below another cannot name what is above it; within a crate, only this test keeps it from that.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -191,6 +192,132 @@ fn unsafe_code_is_listed() {
         .map(|(path, _)| path.display().to_string())
         .collect();
     assert_eq!(found, UNSAFE_EXCEPTIONS);
+}
+
+/// Where tests wait for a time, in how many places, and why it is not a state that they wait for.
+///
+/// All others wait by `until` of `tests/suite/until.rs`, or its like where that is not Rust; on a paused clock they let
+/// time pass by `elapse`.
+const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
+    (
+        "the one place that waits, of a language or an environment",
+        &[
+            ("tests/alpaca-client/client.py", 1),
+            ("tests/daemon.sh", 1),
+            ("tests/hardware/cameras.sh", 1),
+            ("tests/hardware/chain.sh", 1),
+            ("tests/mdns/resolver.py", 1),
+            ("tests/mqtt/daemon.py", 1),
+            ("tests/package/lib.sh", 1),
+            ("tests/python-client/bench.py", 1),
+            ("tests/suite/until.rs", 3),
+            ("tests/vendor-clients/waiting.py", 1),
+            ("tests/ws-clients/client.py", 1),
+            ("web/e2e/until.mjs", 1),
+        ],
+    ),
+    (
+        "the clock is the test's own, where there is no `elapse`",
+        &[
+            ("crates/bench/src/device/port/tests.rs", 9),
+            ("crates/bench/src/telemetry.rs", 1),
+            ("src/api/server/stall.rs", 1),
+            ("web/test/jog.test.ts", 2),
+            ("web/test/live.test.ts", 3),
+        ],
+    ),
+    (
+        "a stand-in that takes its time, as what it stands for does",
+        &[
+            ("tests/hardware/chain.sh", 1),
+            ("tests/hardware/loopback.rs", 1),
+            ("tests/package/booted.sh", 1),
+            ("tests/python-client/test_failures.py", 2),
+            ("tests/python-client/test_lease.py", 1),
+            ("tests/suite/every_poll/controller.rs", 2),
+            ("tests/suite/fakes.rs", 1),
+            ("tests/suite/kill.rs", 1),
+        ],
+    ),
+    ("a guest in emulation, whose one limit is that of the whole", &[("tests/hardware/chain.rs", 9)]),
+    (
+        "nothing is to come, and no state tells that it will not",
+        &[("tests/mdns/resolver.py", 1), ("tests/mqtt/test_outages.py", 1), ("tests/vendor-clients/thorlabs.py", 1)],
+    ),
+    (
+        "how long it lasts is what is tested or measured",
+        &[("tests/vendor-clients/thorlabs.py", 1), ("web/e2e/align.mjs", 1), ("web/e2e/speed.mjs", 5)],
+    ),
+    ("a limit, which is not waited for", &[("tests/foxglove/client.mjs", 1)]),
+    ("the journal's marks are whole seconds", &[("tests/package/booted.sh", 1)]),
+];
+
+/// The names by which a file would wait for a time, by how its own name ends, and what comes behind them.
+fn waits(file: &Path) -> (&'static [&'static str], &'static [char]) {
+    match file.extension().and_then(|e| e.to_str()) {
+        Some("rs") => (&["sleep", "sleep_until"], &['(']),
+        Some("py") => (&["sleep"], &['(']),
+        Some("mjs" | "ts") => (&["sleep", "setTimeout", "waitForTimeout"], &['(']),
+        // One of another language may lie within.
+        Some("sh") => (&["sleep"], &[' ', '(']),
+        _ => (&[], &[]),
+    }
+}
+
+/// How often a text waits by these names.
+fn count_waits(text: &str, (names, behind): (&[&str], &[char])) -> usize {
+    let is_word = |c: char| c.is_alphanumeric() || c == '_';
+    let count = |name: &&str| {
+        let called = |at: usize| text[at + name.len()..].starts_with(behind) && !text[..at].ends_with(is_word);
+        text.match_indices(*name).filter(|(at, _)| called(*at)).count()
+    };
+    names.iter().map(count).sum()
+}
+
+#[test]
+fn tests_wait_for_states() {
+    fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if !path.is_dir() {
+                files.push(path);
+            } else if path.file_name().is_none_or(|name| name != "node_modules") {
+                collect(&path, files);
+            }
+        }
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut files = Vec::new();
+    for folder in ["tests", "web/e2e", "web/test"] {
+        collect(&root.join(folder), &mut files);
+    }
+    let tests = files.len();
+    for (of, _) in CRATES {
+        collect(&root.join(of).join("src"), &mut files);
+    }
+    let mut found = BTreeMap::new();
+    for (index, file) in files.iter().enumerate() {
+        let by = waits(file);
+        if by.0.is_empty() {
+            continue;
+        }
+        let text = fs::read_to_string(file).unwrap();
+        let whole = index < tests || file.ends_with("tests.rs");
+        let of_tests = if whole { &text } else { text.split_once("\nmod tests {").map_or("", |(_, tests)| tests) };
+        let count = count_waits(of_tests, by);
+        if count > 0 {
+            found.insert(file.strip_prefix(root).unwrap().to_str().unwrap(), count);
+        }
+    }
+    let mut listed = BTreeMap::new();
+    for (file, count) in WAITS_FOR_TIME.iter().flat_map(|(_, files)| *files) {
+        *listed.entry(*file).or_insert(0) += count;
+    }
+    let count = |of: &BTreeMap<&str, usize>, file| of.get(file).copied().unwrap_or(0);
+    let files: BTreeSet<&str> = found.keys().chain(listed.keys()).copied().collect();
+    let counts = files.into_iter().map(|file| (file, count(&found, file), count(&listed, file)));
+    let wrong: Vec<_> = counts.filter(|(_, found, listed)| found != listed).collect();
+    assert!(wrong.is_empty(), "waits for a time, as found and as listed with their reasons: {wrong:?}");
 }
 
 #[test]
