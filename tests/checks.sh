@@ -82,9 +82,9 @@ join_lanes() {
 }
 
 page() { make --no-print-directory web && (cd web && npm run --silent check && npm test --silent); }
-# The hardware tests are a target that "all" does not take in.
+# The hardware tests are a target that "all" does not take in. Where the time went is in target/cargo-timings.
 built_and_linted() {
-  cargo test --quiet --no-run --all-targets && cargo test --quiet --no-run --test hardware
+  cargo test --quiet --no-run --all-targets --timings && cargo test --quiet --no-run --test hardware
 }
 browser() { (cd web && npm run --silent e2e); }
 docs() { RUSTDOC=$PWD/tests/rustdoc.sh cargo test --quiet --doc; }

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# The long counts: the daemon killed at many random moments, jobs among faults, random sequences of requests against a
-# model of what may be true, every kind of job ended at each of its points, the contract tried with many examples, then the
-# reference bench aligned for many seeds; each result is kept, so that a broken run goes on where it ended.
+# The long counts: the daemon killed at many random moments, its stop timed under load, jobs among faults, random sequences
+# of requests against a model of what may be true, every kind of job ended at each of its points, the contract tried with
+# many examples, then the reference bench aligned for many seeds; each result is kept, so that a broken run goes on where
+# it ended.
 #
 #   tests/long.sh            kills 1 to 200, faults and sequences of seeds 1 to 300, every job, 200 examples, seeds 1 to 20
 #   JOBS="homing air_only" KILLS=201-400 SOAK=301-600 MODEL=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
@@ -26,6 +27,7 @@ results=target/long
 mkdir -p "$results"
 KILLS=$kills KILL_RESULTS=$PWD/$results \
   cargo test --release --quiet --test integration many_kills -- --ignored --nocapture
+cargo test --release --quiet --test integration many_stops_reach -- --ignored --nocapture
 # Runs a test over a range of seeds, ten at a time; the parts that are there already are not run again.
 tens() {
   local what=$1 test=$2 first=$3 last=$4 from to result

@@ -24,7 +24,7 @@ use super::program::{Program, plenalign};
 use super::until::{until, when};
 
 /// An alignment takes about so long here, s: kills fall anywhere in it.
-const ALIGNMENT_S: f64 = 30.0;
+const ALIGNMENT_S: f64 = 12.0;
 /// The script of moves by hand takes about so long, s.
 const SCRIPT_S: f64 = 8.0;
 /// A motion that nobody commands any more is over by then.
