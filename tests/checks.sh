@@ -101,20 +101,21 @@ join_lanes
 export NO_BUILD=1
 beside page "page in a browser" browser
 beside page "documentation" tests/docs/run.sh
+beside page "MQTT" tests/mqtt/run.sh
 beside page "metrics, dashboards, alerts" tests/promtool.sh
 beside page "foxglove" tests/foxglove/run.sh
-beside python "Python client" tests/python-client/run.sh
+beside clients "Python client" tests/python-client/run.sh
 # The same examples in every run; `make test-long` takes new ones.
-beside python "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
-beside python "batch files" tests/batch/run.sh
-beside python "websocket clients" tests/ws-clients/run.sh
-beside wires "MQTT" tests/mqtt/run.sh
-beside wires "recordings" tests/mcap-client/run.sh
-beside wires "vendors' clients" tests/vendor-clients/run.sh
-beside wires "Alpaca client" tests/alpaca-client/run.sh
-beside wires "announcement" tests/mdns/run.sh
-start_lanes page python wires
-part "tests" cargo test --quiet --tests
+beside clients "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
+beside clients "vendors' clients" tests/vendor-clients/run.sh
+beside clients "Alpaca client" tests/alpaca-client/run.sh
+beside clients "recordings" tests/mcap-client/run.sh
+beside clients "websocket clients" tests/ws-clients/run.sh
+beside clients "announcement" tests/mdns/run.sh
+beside clients "batch files" tests/batch/run.sh
+start_lanes page clients
+# One more than there are cores: half of a test's time is waiting.
+part "tests" env RUST_TEST_THREADS=$(($(nproc) + 1)) cargo test --quiet --tests
 part "docs" docs
 join_lanes
 

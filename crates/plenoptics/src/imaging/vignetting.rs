@@ -54,13 +54,18 @@ pub enum VignettingError {
     Dark,
 }
 
+/// What a profile has in a bin, side by side: a pixel takes all of it.
+type Terms = [f32; 4];
+
 /// A micro-image's transmission over the lattice's cell, 1 on its plateau.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vignetting {
     /// Bins along each lattice vector; bin (p, q) is centred on the lattice indices (p / side, q / side).
     side: usize,
-    /// The profile, then (where the field asks for them) its changes per half frame width in x, in y, and in r².
-    terms: Vec<Vec<f32>>,
+    /// In each bin the profile, and its changes per half frame width in x, in y, and in r².
+    terms: Vec<Terms>,
+    /// How many of these there are: the first alone, or all where the field asks for them.
+    count: usize,
     /// Pitch of the grid it was taken with, px.
     pitch_px: f64,
     /// Radius about the centre within which the transmission stays above 0.8, pitches.
@@ -121,11 +126,11 @@ impl Vignetting {
         let field = Field::new(frame, grid)?;
         let mut profile = field.profile(None);
         let side = profile.side;
-        let old = profile.terms[0].clone();
+        let old = profile.terms.clone();
         for q in 0..side {
             for p in 0..side {
                 let opposite = (side - q) % side * side + (side - p) % side;
-                profile.terms[0][q * side + p] = f32::midpoint(old[q * side + p], old[opposite]);
+                profile.terms[q * side + p][0] = f32::midpoint(old[q * side + p][0], old[opposite][0]);
             }
         }
         profile.normalised()
@@ -135,14 +140,8 @@ impl Vignetting {
     /// centre in units of half its width.
     #[must_use]
     pub fn transmission(&self, u: f64, v: f64, x: f64, y: f64) -> f32 {
-        let stencils = [stencil(u, self.side), stencil(v, self.side)];
-        let mut value = self.interpolated(0, &stencils);
-        if let [_, _, _, _] = self.terms.as_slice() {
-            value += (x as f32) * self.interpolated(1, &stencils)
-                + (y as f32) * self.interpolated(2, &stencils)
-                + ((x * x + y * y) as f32) * self.interpolated(3, &stencils);
-        }
-        value
+        let [profile, by_x, by_y, by_square] = self.interpolated(u, v);
+        profile + (x as f32) * by_x + (y as f32) * by_y + ((x * x + y * y) as f32) * by_square
     }
 
     /// Relative transmission at a pixel of a frame with this grid (px).
@@ -219,7 +218,7 @@ impl Vignetting {
         for q in 0..SIDE {
             for p in 0..SIDE {
                 let (u, v) = (p as f64 / SIDE as f64, q as f64 / SIDE as f64);
-                let (a, b) = (f64::from(self.sample(0, u, v)), f64::from(other.sample(0, u, v)));
+                let (a, b) = (f64::from(self.interpolated(u, v)[0]), f64::from(other.interpolated(u, v)[0]));
                 aa += a * a;
                 ab += a * b;
                 bb += b * b;
@@ -228,22 +227,21 @@ impl Vignetting {
         ((bb - ab * ab / aa.max(1e-12)).max(0.0) / (SIDE * SIDE) as f64).sqrt()
     }
 
-    /// One term at fractional lattice indices: cubic (Catmull–Rom) between the bins, periodic.
-    fn sample(&self, term: usize, u: f64, v: f64) -> f32 {
-        self.interpolated(term, &[stencil(u, self.side), stencil(v, self.side)])
-    }
-
-    /// One term by the bins and weights of a place.
-    fn interpolated(&self, term: usize, &[(p, wp), (q, wq)]: &[Stencil; 2]) -> f32 {
-        let side = self.side;
-        let values = &self.terms[term];
-        let mut sum = 0.0;
+    /// The terms at fractional lattice indices: cubic (Catmull–Rom) between the bins, periodic.
+    #[inline]
+    fn interpolated(&self, u: f64, v: f64) -> Terms {
+        let ((p, wp), (q, wq)) = (stencil(u, self.side), stencil(v, self.side));
+        let mut sums = [0.0; 4];
         for (row, wy) in q.iter().zip(wq) {
-            let row = &values[row * side..][..side];
-            let along: f32 = p.iter().zip(wp).map(|(&column, wx)| wx * row[column]).sum();
-            sum += wy * along;
+            let row = &self.terms[row * self.side..][..self.side];
+            for (&column, wx) in p.iter().zip(wp) {
+                let weight = wx * wy;
+                for (sum, term) in sums.iter_mut().zip(row[column]) {
+                    *sum += weight * term;
+                }
+            }
         }
-        sum
+        sums
     }
 
     /// The same profile with its plateau at 1.
@@ -251,16 +249,14 @@ impl Vignetting {
         // The plateau: the mean within a sixth of a pitch about the centre.
         let mut plateau = (0.0f64, 0usize);
         for (p, q) in within(self.side, 1.0 / 6.0) {
-            plateau.0 += f64::from(self.terms[0][q * self.side + p]);
+            plateau.0 += f64::from(self.terms[q * self.side + p][0]);
             plateau.1 += 1;
         }
         let plateau = plateau.0 / plateau.1.max(1) as f64;
         if !(plateau.is_finite() && plateau > 1e-6) {
             return Err(VignettingError::Dark);
         }
-        for term in &mut self.terms {
-            term.iter_mut().for_each(|t| *t = (f64::from(*t) / plateau) as f32);
-        }
+        self.terms.as_flattened_mut().iter_mut().for_each(|t| *t = (f64::from(*t) / plateau) as f32);
         self.residual /= plateau;
         Ok(self)
     }
@@ -292,12 +288,18 @@ fn along_row(grid: &Grid, y: usize, mut visit: impl FnMut(usize, f64, f64)) {
     }
 }
 
+/// The greatest whole number that is not above a lattice index. Truncation and a comparison: `f64::floor` is a call where
+/// SSE 4.1 cannot be taken for granted.
+#[inline]
+fn floor(u: f64) -> i32 {
+    let whole = u as i32;
+    whole - i32::from(u < f64::from(whole))
+}
+
 /// The bin at or before a fractional lattice index, and the share of a bin beyond it.
+#[inline]
 fn bin_of(u: f64, side: usize) -> (usize, f64) {
-    // Truncation and a comparison: floor is a call on processors without SSE 4.1.
-    let whole = u as i32 as f64;
-    let fraction = if u < whole { u - whole + 1.0 } else { u - whole };
-    let at = fraction * side as f64;
+    let at = (u - f64::from(floor(u))) * side as f64;
     let base = (at as usize).min(side - 1);
     (base, at - base as f64)
 }
@@ -306,6 +308,7 @@ fn bin_of(u: f64, side: usize) -> (usize, f64) {
 type Stencil = ([usize; 4], [f32; 4]);
 
 /// Bins and Catmull–Rom weights about a fractional lattice index.
+#[inline]
 fn stencil(u: f64, side: usize) -> Stencil {
     let (base, t) = bin_of(u, side);
     let t = t as f32;
@@ -369,9 +372,9 @@ impl<'a> Field<'a> {
 
     /// Brightness at fractional lattice indices: bilinear between micro-images.
     fn brightness_at(&self, u: f64, v: f64) -> Option<f32> {
-        let (i, j) = (u.floor(), v.floor());
-        let (s, t) = ((u - i) as f32, (v - j) as f32);
-        let (i, j) = (i as i32 - self.first[0], j as i32 - self.first[1]);
+        let (i, j) = (floor(u), floor(v));
+        let (s, t) = ((u - f64::from(i)) as f32, (v - f64::from(j)) as f32);
+        let (i, j) = (i - self.first[0], j - self.first[1]);
         if i < 0 || j < 0 || i as usize + 1 >= self.size[0] || j as usize + 1 >= self.size[1] {
             return None;
         }
@@ -383,11 +386,11 @@ impl<'a> Field<'a> {
     }
 
     /// A profile of zeros with so many terms.
-    fn empty(&self, terms: usize) -> Vignetting {
+    fn empty(&self, count: usize) -> Vignetting {
         let pitch_px = self.grid.pitch_px();
         let enough = ((self.pixels() / PIXELS_PER_BIN) as f64).sqrt() as usize;
         let side = ((pitch_px / BIN_PX).round() as usize).min(enough).clamp(4, BINS_MAX);
-        Vignetting { side, terms: vec![vec![0.0; side * side]; terms], pitch_px, usable_radius: 0.0, residual: 0.0 }
+        Vignetting { side, terms: vec![[0.0; 4]; side * side], count, pitch_px, usable_radius: 0.0, residual: 0.0 }
     }
 
     /// The profile, least squares over the pixels: one for the whole field, or with changes over the field when
@@ -397,7 +400,7 @@ impl<'a> Field<'a> {
             None => (self.empty(1), ROUNDS),
             Some(start) => {
                 let mut profile = self.empty(4);
-                profile.terms[0].clone_from(&start.terms[0]);
+                profile.terms.clone_from(&start.terms);
                 (profile, 1)
             }
         };
@@ -421,7 +424,7 @@ impl<'a> Field<'a> {
         parts: usize,
     ) -> Vec<Bins> {
         let [w, h] = self.grid.frame_size;
-        let count = profile.terms.len();
+        let count = profile.count;
         // A profile to begin with predicts nothing.
         let blank = profile.terms.iter().flatten().all(|&value| value == 0.0);
         let fresh = || (0..parts).map(|_| Bins::new(profile.side, count)).collect::<Vec<_>>();
@@ -439,7 +442,7 @@ impl<'a> Field<'a> {
                         let Some(brightness) = self.brightness_at(u, v) else { return };
                         let [fx, fy] = field_coordinates(self.grid, x as f64, y as f64);
                         let predicted = if blank { 0.0 } else { brightness * profile.transmission(u, v, fx, fy) };
-                        let to = part((u + 0.5).floor() as i32, (v + 0.5).floor() as i32);
+                        let to = part(floor(u + 0.5), floor(v + 0.5));
                         bins[to].add(u, v, [fx, fy], brightness, self.values[y * w + x] - predicted);
                     });
                 }
@@ -555,9 +558,9 @@ impl Bins {
                 break;
             }
         }
-        for (bin, step) in steps.iter().enumerate() {
-            for (term, s) in profile.terms.iter_mut().zip(step.unwrap_or_default()) {
-                term[bin] += s as f32;
+        for (terms, step) in profile.terms.iter_mut().zip(steps) {
+            for (term, s) in terms.iter_mut().zip(step.unwrap_or_default()) {
+                *term += s as f32;
             }
         }
     }
@@ -573,7 +576,7 @@ fn usable_radius(profile: &Vignetting, grid: &Grid) -> f64 {
             .map(|k| {
                 let angle = std::f64::consts::TAU * k as f64 / DIRECTIONS as f64;
                 let (x, y) = (radius * profile.pitch_px * angle.cos(), radius * profile.pitch_px * angle.sin());
-                f64::from(profile.sample(0, r[0][0] * x + r[0][1] * y, r[1][0] * x + r[1][1] * y))
+                f64::from(profile.interpolated(r[0][0] * x + r[0][1] * y, r[1][0] * x + r[1][1] * y)[0])
             })
             .sum();
         sum / DIRECTIONS as f64
