@@ -17,8 +17,6 @@ const PAIRS: usize = 600;
 /// Every how many of them it looks at first: no divisor of what a micro-image has of pairs, so that all directions are
 /// among them.
 const SPARSE: usize = 5;
-/// Correlation of those few from which the match is beyond doubt, so that the others need not be asked.
-const PLAIN_CORRELATION: f64 = 0.75;
 /// Pairs that a map of the field looks at.
 const MAP_PAIRS: usize = 1500;
 /// Peaks of the correlation that are looked at more closely.
@@ -87,7 +85,8 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
     let ranges = trial_spacings(mla_pitch, mode);
     let few: Vec<Vec<Pair>> = subsets.iter().map(|pairs| pairs.iter().copied().step_by(SPARSE).collect()).collect();
     let mut peaks = peaks(frames, &few, &ranges);
-    if peaks.first().is_none_or(|best| best.correlation < PLAIN_CORRELATION) {
+    // Where the few know no match, the others may.
+    if peaks.first().is_none_or(|best| best.correlation < super::LEAST_CORRELATION) {
         peaks = self::peaks(frames, &subsets, &ranges);
     }
     peaks.truncate(CANDIDATES);
