@@ -59,9 +59,14 @@ fn command<F: Future<Output = ()> + Send + 'static>(future: F) -> JoinHandle<()>
     tokio::spawn(future)
 }
 
-/// Waits until nothing has the axes, and no job is left.
+/// Whether nothing has the axes, and no job is left.
+pub(super) fn is_idle(service: &Service) -> bool {
+    !AxisName::ALL.into_iter().any(|axis| service.is_commanded(axis)) && service.bench_view().job.is_none()
+}
+
+/// Waits until it is so, on a paused clock.
 pub(super) async fn done(service: &Service) {
-    while AxisName::ALL.into_iter().any(|axis| service.is_commanded(axis)) || service.bench_view().job.is_some() {
+    while !is_idle(service) {
         elapse(Duration::from_millis(5)).await;
     }
 }

@@ -157,18 +157,22 @@ impl NearEnd {
         // A reading of where it stands.
         yield_now().await;
         let stopped = DeviceError::Stopped { axis: link.name() };
-        if self.orders.generation() != generation {
-            return Err(stopped);
-        }
         let mut closed = self.far.0.closed.subscribe();
         let mut resets = self.far.0.resets.subscribe();
-        if closed.borrow().is_some() {
-            return Err(DeviceError::Disconnected { device: "told".to_owned(), reason: "unplugged".to_owned() });
+        {
+            // Looking and writing are one, as in a port's one owner: no stop of another thread comes between them.
+            let mut told = self.far.told();
+            if self.orders.generation() != generation {
+                return Err(stopped);
+            }
+            if closed.borrow().is_some() {
+                return Err(DeviceError::Disconnected { device: "told".to_owned(), reason: "unplugged".to_owned() });
+            }
+            if what == "move" && link.home().is_none() {
+                return Err(DeviceError::NotHomed { axis: link.name() });
+            }
+            told.push(Told::Order(link.name(), what));
         }
-        if what == "move" && link.home().is_none() {
-            return Err(DeviceError::NotHomed { axis: link.name() });
-        }
-        self.far.told().push(Told::Order(link.name(), what));
         link.modify(|state| (state.moving, state.at_rest_since) = (true, None));
         let moves = async {
             for _ in 0..3 {

@@ -8,7 +8,8 @@ use plenalign::device::AxisName;
 use plenalign::units::Millimetres;
 use tokio::time::Instant;
 
-use super::commands::{Rig, done};
+use super::super::until::until;
+use super::commands::{Rig, is_idle};
 use super::controller::Told;
 
 /// How often a command and a stop are let loose on each other.
@@ -42,7 +43,7 @@ async fn a_stop_and_an_admission_at_the_same_moment_leave_nothing_to_go_out() {
         rig.service.stop(Instant::now(), "ada").await;
         rig.far.told().push(Told::Ended);
         refused += u32::from(asked.await.unwrap().is_err());
-        done(&rig.service).await;
+        until("nothing has the axes", async || is_idle(&rig.service)).await;
         {
             let told = rig.far.told();
             let ended = told.iter().position(|told| *told == Told::Ended).unwrap();
