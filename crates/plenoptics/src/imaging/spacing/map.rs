@@ -70,7 +70,8 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, score: &PairScore, weight: f64) {
+    fn add(&mut self, score: &PairScore) {
+        let weight = score.weight;
         self.score += weight * score.score[0];
         self.information += weight * score.information[0][0];
         // Pairs that match badly are as uncertain as they match badly.
@@ -80,18 +81,18 @@ impl Sums {
     }
 }
 
-/// The map at a fitted model, from what each frame's pairs say there and their weights. Frames of one pose add up.
-pub(super) fn map(frames: &[SpacingFrame], model: &Model, scores: &[Vec<(PairScore, f64)>]) -> SpacingMap {
+/// The map at a fitted model, from what each frame's pairs say there. Frames of one pose add up.
+pub(super) fn map(frames: &[SpacingFrame], model: &Model, scores: &[Vec<PairScore>]) -> SpacingMap {
     let mut sums: BTreeMap<[i32; 2], Sums> = BTreeMap::new();
     let mut pairs = Vec::new();
     for (k, (frame, scores)) in frames.iter().zip(scores).enumerate() {
-        for &(score, weight) in scores {
+        for score in scores {
             let ends = [score.pair.first, score.pair.second].map(|n| &frame.micro_images[n]);
             for end in ends {
-                sums.entry(end.index).or_default().add(&score, weight);
+                sums.entry(end.index).or_default().add(score);
             }
             if k == 0 {
-                pairs.push(PairMatch { centres_px: ends.map(|end| end.centre), weight });
+                pairs.push(PairMatch { centres_px: ends.map(|end| end.centre), weight: score.weight });
             }
         }
     }

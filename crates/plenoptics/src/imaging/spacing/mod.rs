@@ -177,8 +177,8 @@ pub fn measure_spacing_map(
 struct Fitted {
     regions: RegionSpacings,
     model: Model,
-    /// What each frame's pairs say at the model, and how much they count.
-    scores: Vec<Vec<(PairScore, f64)>>,
+    /// What each frame's pairs say at the model.
+    scores: Vec<Vec<PairScore>>,
 }
 
 fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing, Fitted), SpacingError> {

@@ -9,7 +9,7 @@ use super::patch::{Patch, Placed};
 use super::score::{PairScore, order};
 
 /// Variance that pixel noise alone gives an unknown: `along` is its row of the inverse information, `scores` what each
-/// frame's pairs say at the model, with their weights.
+/// frame's pairs say at the model.
 ///
 /// The noise of a pixel enters every pair that its micro-image takes part in, as reference and as neighbour; with a
 /// neighbour on either side most of it cancels. So its weights are gathered pixel by pixel before they are squared.
@@ -17,7 +17,7 @@ use super::score::{PairScore, order};
 pub(super) fn noise_variance(
     frames: &[SpacingFrame],
     model: &Model,
-    scores: &[Vec<(PairScore, f64)>],
+    scores: &[Vec<PairScore>],
     along: &DVector<f64>,
 ) -> f64 {
     frames.iter().zip(scores).map(|(frame, scores)| frame_noise_variance(frame, model, scores, along)).sum()
@@ -32,13 +32,13 @@ struct Neighbour {
     factor: [f64; 2],
 }
 
-fn frame_noise_variance(frame: &SpacingFrame, model: &Model, scores: &[(PairScore, f64)], along: &DVector<f64>) -> f64 {
+fn frame_noise_variance(frame: &SpacingFrame, model: &Model, scores: &[PairScore], along: &DVector<f64>) -> f64 {
     let mut neighbours: Vec<Vec<Neighbour>> = vec![Vec::new(); frame.micro_images.len()];
     let mut derivatives = [Vec::new(), Vec::new()];
-    for (score, weight) in scores {
+    for score in scores {
         let pair = score.pair;
         model.derivatives(score.region, &score.place, &mut derivatives);
-        let scale = weight / model.noise(frame).powi(2).max(1e-6);
+        let scale = score.weight / model.noise(frame).powi(2).max(1e-6);
         let leverage = |row: &Vec<f64>| row.iter().zip(along.iter()).map(|(d, a)| d * a).sum::<f64>() * scale;
         let factor = [leverage(&derivatives[0]), leverage(&derivatives[1])];
         let spacing = model.spacing(score.region, &score.place);

@@ -31,6 +31,8 @@ pub(super) struct PairScore {
     pub(super) residual: f64,
     /// The same in units of what noise and the model's limits leave: 1 and less where the two match.
     pub(super) misfit: f64,
+    /// How much it counts beside the frame's other pairs, by how well it matches.
+    pub(super) weight: f64,
     /// What the contents have in common.
     pub(super) content: Content,
     /// Which of the frame's pairs.
@@ -98,13 +100,15 @@ pub(super) fn order(sums: &PairSums, noise: f64, slope_noise: f64) -> Order {
 
 /// Compares the given pairs of a frame at the spacings of the model.
 pub(super) fn score_pairs(frame: &SpacingFrame, pairs: &[Pair], model: &Model) -> Vec<PairScore> {
-    pairs
+    let mut scores: Vec<PairScore> = pairs
         .par_chunks(32)
         .flat_map_iter(|chunk| {
             let mut patch = Patch::default();
             chunk.iter().filter_map(move |&pair| score_pair(frame, pair, model, &mut patch)).collect::<Vec<_>>()
         })
-        .collect()
+        .collect();
+    weigh(&mut scores);
+    scores
 }
 
 fn score_pair(frame: &SpacingFrame, pair: Pair, model: &Model, patch: &mut Patch) -> Option<PairScore> {
@@ -171,15 +175,17 @@ pub(super) fn correlation<'a>(contents: impl IntoIterator<Item = &'a Content>) -
     if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
-/// Weights of pairs by how well they match: pairs that see an edge in depth, a bubble or a reflection count little.
-pub(super) fn pair_weights(scores: &[PairScore]) -> Vec<f64> {
+/// Weighs pairs by how well they match: those that see an edge in depth, a bubble or a reflection count little.
+fn weigh(scores: &mut [PairScore]) {
     let mut misfits: Vec<f64> = scores.iter().map(|s| s.misfit).collect();
     if misfits.is_empty() {
-        return Vec::new();
+        return;
     }
     let middle = misfits.len() / 2;
     let (_, median, _) = misfits.select_nth_unstable_by(middle, f64::total_cmp);
     // Four times what is usual is where doubt begins.
     let usual = 4.0 * median.max(1.0);
-    scores.iter().map(|s| 1.0 / (1.0 + (s.misfit / usual).powi(2))).collect()
+    for score in scores {
+        score.weight = 1.0 / (1.0 + (score.misfit / usual).powi(2));
+    }
 }

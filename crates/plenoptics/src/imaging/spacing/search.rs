@@ -84,19 +84,19 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
     let flat = |spacing: f64| Model::flat(vec![spacing; regions]);
     let ranges = trial_spacings(mla_pitch, mode);
     let few: Vec<Vec<Pair>> = subsets.iter().map(|pairs| pairs.iter().copied().step_by(SPARSE).collect()).collect();
-    let mut peaks = peaks(frames, &few, &ranges);
+    let mut found = peaks(frames, &few, &ranges);
     // Where the few know no match, the others may.
-    if peaks.first().is_none_or(|best| best.correlation < super::LEAST_CORRELATION) {
-        peaks = self::peaks(frames, &subsets, &ranges);
+    if found.first().is_none_or(|best| best.correlation < super::LEAST_CORRELATION) {
+        found = peaks(frames, &subsets, &ranges);
     }
-    peaks.truncate(CANDIDATES);
+    found.truncate(CANDIDATES);
     if regions > 1 {
-        return peaks;
+        return found;
     }
     // The best is looked at in any case: what it comes to is what a refusal names.
-    let hopeful = peaks.iter().skip(1).take_while(|peak| peak.correlation >= HOPELESS_CORRELATION).count();
-    peaks.truncate(1 + hopeful);
-    let mut refined: Vec<Candidate> = peaks
+    let hopeful = found.iter().skip(1).take_while(|peak| peak.correlation >= HOPELESS_CORRELATION).count();
+    found.truncate(1 + hopeful);
+    let mut refined: Vec<Candidate> = found
         .iter()
         .filter_map(|peak| {
             let mut model = flat(peak.spacing);

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::frame::{Pair, SpacingFrame};
 use super::model::Model;
-use super::score::{BLOCKS, PairScore, correlation, pair_weights, score_pairs};
+use super::score::{BLOCKS, PairScore, correlation, score_pairs};
 
 /// The normal equation of all pairs of all frames, at one state of the model.
 #[derive(Debug)]
@@ -17,14 +17,13 @@ pub(super) struct Normal {
     block_information: Vec<f64>,
     /// Information about the spacing by lattice direction.
     pub(super) by_direction: [f64; 3],
-    pub(super) pairs: usize,
     pub(super) correlation: f64,
     /// Median residual of the pairs in units of what noise alone would leave.
     pub(super) residual: f64,
     /// Pairs in each region.
     pub(super) region_pairs: Vec<usize>,
-    /// What each pair of each frame says, and how much it counts by how well it matches.
-    pub(super) scores: Vec<Vec<(PairScore, f64)>>,
+    /// What each pair of each frame says.
+    pub(super) scores: Vec<Vec<PairScore>>,
 }
 
 impl Normal {
@@ -36,7 +35,6 @@ impl Normal {
             block_gradients: vec![DVector::zeros(n); BLOCKS * BLOCKS * frames.len()],
             block_information: vec![0.0; BLOCKS * BLOCKS * frames.len()],
             by_direction: [0.0; 3],
-            pairs: 0,
             correlation: 0.0,
             residual: 0.0,
             region_pairs: vec![0; model.spacings.len()],
@@ -46,10 +44,9 @@ impl Normal {
         for (k, frame) in frames.iter().enumerate() {
             let pairs = subsets.map_or(&frame.pairs, |s| &s[k]);
             let scores = score_pairs(frame, pairs, model);
-            let weights = pair_weights(&scores);
-            for (score, weight) in scores.iter().zip(&weights) {
+            for score in &scores {
                 // Frames of other noise or depth weigh by what their noise allows.
-                let weight = weight / model.noise(frame).powi(2).max(1e-6);
+                let weight = score.weight / model.noise(frame).powi(2).max(1e-6);
                 model.derivatives(score.region, &score.place, &mut derivatives);
                 let block = k * BLOCKS * BLOCKS + score.block;
                 let [along, across] = &derivatives;
@@ -69,14 +66,13 @@ impl Normal {
                 normal.by_direction[score.pair.direction.min(2)] += weight * score.information[0][0];
                 normal.region_pairs[score.region] += 1;
             }
-            normal.pairs += scores.len();
-            normal.scores.push(scores.into_iter().zip(weights).collect());
+            normal.scores.push(scores);
         }
         for (unknown, information) in model.prior() {
             normal.information[(unknown, unknown)] += information;
             normal.gradient[unknown] -= information * model.value(unknown);
         }
-        let all = || normal.scores.iter().flatten().map(|(score, _)| score);
+        let all = || normal.scores.iter().flatten();
         normal.correlation = correlation(all().map(|score| &score.content));
         let mut residuals: Vec<f64> = all().map(|score| score.residual).collect();
         if !residuals.is_empty() {
