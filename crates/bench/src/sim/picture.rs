@@ -23,6 +23,23 @@ pub(super) struct Picture {
     renderers: Mutex<HashMap<u32, Arc<Renderer>>>,
     /// Textures by the side of their texels, nm.
     textures: Mutex<HashMap<u64, Arc<TextureMap>>>,
+    /// The newest light by its rays a pixel.
+    light: Mutex<HashMap<u32, Light>>,
+}
+
+/// What light depends on, beside its rays a pixel and the configuration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Moment {
+    from: Pose,
+    to: Pose,
+    scene: SceneFaults,
+    picture: PictureFault,
+}
+
+/// Noise-free irradiance, kept for the frames of a bench at rest, which differ in their noise alone.
+struct Light {
+    moment: Moment,
+    irradiance: Arc<Vec<f32>>,
 }
 
 impl Picture {
@@ -35,6 +52,7 @@ impl Picture {
             config: config.clone(),
             renderers: Mutex::new(HashMap::new()),
             textures: Mutex::new(HashMap::new()),
+            light: Mutex::new(HashMap::new()),
         }
     }
 
@@ -42,16 +60,34 @@ impl Picture {
     ///
     /// Where the configuration samples an exposure at one moment only, that is the first.
     pub(super) fn take(&self, from: &Pose, to: &Pose, rays: u32, seq: u64, faults: &Faults) -> RawImage {
-        let camera = self.camera(from, faults);
-        let simulation = &self.config.bench.simulation;
-        let seed = simulation.seed;
+        let moment = Moment { from: *from, to: *to, scene: faults.scene, picture: faults.camera.picture };
+        let (sensor, seed) = (&self.config.sensor, self.config.bench.simulation.seed);
+        let (width, height) = (sensor.width_px as usize, sensor.height_px as usize);
+        expose(&self.light(&moment, rays), width, height, &self.noise, seed.rotate_left(32) ^ seq)
+    }
+
+    /// The light of a moment: traced anew unless it is that of the frame before.
+    fn light(&self, moment: &Moment, rays: u32) -> Arc<Vec<f32>> {
+        let kept = || self.light.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(light) = kept().get(&rays).filter(|light| light.moment == *moment) {
+            return Arc::clone(&light.irradiance);
+        }
+        let irradiance = Arc::new(self.trace(moment, rays));
+        kept().insert(rays, Light { moment: *moment, irradiance: Arc::clone(&irradiance) });
+        irradiance
+    }
+
+    fn trace(&self, moment: &Moment, rays: u32) -> Vec<f32> {
+        let Moment { from, to, scene, picture } = moment;
+        let camera = self.camera(from, scene);
+        let seed = self.config.bench.simulation.seed;
         let travel = Displacement {
             delta_v: to.delta_v_mm - from.delta_v_mm,
             e: to.e_mm - from.e_mm,
             ..Displacement::default()
         };
         let shutter = configured::shutter(&self.config).with_travel(travel);
-        let flaws = match faults.scene.bubbles {
+        let flaws = match scene.bubbles {
             0 => configured::flaws(&self.config, from.shell_on, seed),
             count => {
                 let mut config = self.config.clone();
@@ -59,10 +95,10 @@ impl Picture {
                 configured::flaws(&config, from.shell_on, seed)
             }
         };
-        let scene = self.scene(from, &faults.scene);
+        let scene = self.scene(from, scene);
         let mut irradiance = shutter.collect(&self.renderer(rays, seed), &camera, &scene, &flaws);
-        spoil(&mut irradiance, camera.width, faults.camera.picture);
-        expose(&irradiance, camera.width, camera.height, &self.noise, seed.rotate_left(32) ^ seq)
+        spoil(&mut irradiance, camera.width, *picture);
+        irradiance
     }
 
     fn renderer(&self, rays: u32, seed: u64) -> Arc<Renderer> {
@@ -71,16 +107,15 @@ impl Picture {
         Arc::clone(renderer)
     }
 
-    fn camera(&self, pose: &Pose, faults: &Faults) -> CameraTruth {
+    fn camera(&self, pose: &Pose, faults: &SceneFaults) -> CameraTruth {
         let simulation = &self.config.bench.simulation;
         let mut camera = self.design_camera(pose.shell_on.then_some(pose.e_mm));
         if let Medium::Water { shell, e, .. } = &mut camera.medium {
-            let radius =
-                if faults.scene.no_shell { FLAT_MM } else { shell.outer_radius + faults.scene.shell_radius_mm };
+            let radius = if faults.no_shell { FLAT_MM } else { shell.outer_radius + faults.shell_radius_mm };
             // The vertex stays where it is: the centre moves with the radius.
             let larger = radius - shell.outer_radius;
             (shell.outer_radius, shell.inner_radius, *e) = (radius, shell.inner_radius + larger, *e - larger);
-            if faults.scene.tank_empty {
+            if faults.tank_empty {
                 shell.n_water = 1.0;
             }
         }
@@ -206,6 +241,36 @@ fn spread(line: &[f32]) -> Vec<f32> {
 mod tests {
     use super::*;
     use crate::sim::truth::Truth;
+
+    #[test]
+    fn a_frame_at_rest_has_new_noise_on_the_same_light() {
+        let mut config = Config::default();
+        (config.sensor.width_px, config.sensor.height_px) = (120, 90);
+        let picture = Picture::new(&config);
+        let pose = Truth::new(&Arc::new(config.clone())).pose();
+        let none = Faults::default();
+        let first = picture.take(&pose, &pose, 8, 1, &none);
+        let second = picture.take(&pose, &pose, 8, 2, &none);
+        assert_ne!(first, second);
+        assert_eq!(second, Picture::new(&config).take(&pose, &pose, 8, 2, &none), "as if it were traced anew");
+        let rest = Moment { from: pose, to: pose, scene: none.scene, picture: none.camera.picture };
+        let light = |moment: &Moment, rays| picture.light(moment, rays);
+        let kept = light(&rest, 8);
+        assert!(Arc::ptr_eq(&kept, &light(&rest, 8)));
+        // A preview between two frames makes neither be traced again; whatever changes does.
+        let preview = light(&rest, 2);
+        assert!(Arc::ptr_eq(&kept, &light(&rest, 8)) && Arc::ptr_eq(&preview, &light(&rest, 2)));
+        let others = [
+            Moment { from: Pose { e_mm: pose.e_mm + 1e-6, ..pose }, ..rest },
+            Moment { to: Pose { delta_v_mm: pose.delta_v_mm + 1e-6, ..pose }, ..rest },
+            Moment { scene: SceneFaults { bubbles: 3, ..none.scene }, ..rest },
+            Moment { picture: PictureFault::Dark, ..rest },
+        ];
+        for other in others {
+            let before = light(&rest, 8);
+            assert!(!Arc::ptr_eq(&before, &light(&other, 8)), "{other:?}");
+        }
+    }
 
     #[test]
     fn the_axes_travel_during_a_frame_blurs_it_where_configured() {
