@@ -37,6 +37,9 @@ const PROFILE_PARTS: usize = 8;
 /// Micro-images that go before all others where there are many, and how little (px) they may still move when these follow.
 const FORERUNNERS: usize = 2500;
 const FORERUNNERS_AT_REST_PX: f64 = 0.02;
+/// A profile known from elsewhere is drawn anew where the lattice's vectors have changed by more than this, px: at the
+/// edge of a cell that moves it half as far, out on one side and in on the other, which shifts nothing.
+const VECTORS_STEADY_PX: f64 = 0.005;
 /// Standard errors of the fit's shift below which a grid does not move.
 const AT_REST_SIGMAS: f64 = 0.5;
 
@@ -73,11 +76,12 @@ pub(super) fn matched_best(
     /// Starts that are nearer to each other than this, px, lead to the same place.
     const APART_PX: f64 = 0.3;
     let mut best: Option<Matched> = None;
+    let mut drawn = None;
     for (n, start) in starts.iter().enumerate() {
         if starts[..n].iter().any(|earlier| earlier.distance_to(start) < APART_PX) {
             continue;
         }
-        let Some(found) = matched(frame, start, lenses, known, model, effort) else { continue };
+        let Some(found) = matched(frame, start, lenses, known, model, effort, &mut drawn) else { continue };
         if best.as_ref().is_none_or(|b| found.error_log < b.error_log) {
             best = Some(found);
         }
@@ -86,6 +90,7 @@ pub(super) fn matched_best(
 }
 
 /// Places a grid by the mean profile about its `lenses` (their indices count); `None` where they do not determine it.
+/// `drawn` keeps what a known profile was drawn for.
 fn matched(
     frame: &Frame,
     grid: &Grid,
@@ -93,6 +98,7 @@ fn matched(
     known: Option<Known>,
     model: Model,
     effort: Effort,
+    drawn: &mut Option<Matcher>,
 ) -> Option<Matched> {
     let mut at = grid.clone();
     // The profile is averaged with the grid that it corrects: both settle together, a part of the micro-images first.
@@ -108,7 +114,11 @@ fn matched(
             })
             .collect();
         let harmonics = Harmonics::new(&at).waves;
-        let places = Matcher::new(frame, &at, &lenses, known, effort.step)?.run(frame, &at, &lenses, &harmonics);
+        let matcher = match drawn.take_if(|drawn| known.is_some() && drawn.serves(&at)) {
+            Some(drawn) => drawn,
+            None => Matcher::new(frame, &at, &lenses, known, effort.step)?,
+        };
+        let places = drawn.insert(matcher).run(frame, &lenses, &harmonics);
         let phases = Phases::new(&at, &places, &harmonics).by_certainty();
         let fit = phases.fit(model)?;
         let moved = fit.grid.distance_to(&at);
@@ -144,6 +154,10 @@ fn by_chance(lenses: &[MicroImage], wanted: usize) -> Vec<MicroImage> {
 
 /// Compares micro-images with the frame's mean profile.
 struct Matcher {
+    /// The lattice's vectors that it was made for, px.
+    basis: [[f64; 2]; 2],
+    /// Half a pitch, px: what the scene's terms count in.
+    scale: f64,
     /// Pixels of a cell from the one nearest its centre, and the same as a window on the frame.
     cell: Vec<(isize, isize)>,
     window: Window,
@@ -183,7 +197,8 @@ impl Matcher {
         let reach = cell.iter().fold([0, 0], |r, c| [r[0].max(c.0.abs()), r[1].max(c.1.abs())]);
         let window = Window::new(&cell, step as usize, frame.width);
         let places = if step > 1 { PLACES_SPARSE } else { PLACES };
-        let mut matcher = Self { cell, window, reach, shapes: Vec::new(), places };
+        let (basis, scale) = (grid.basis, grid.pitch_px() / 2.0);
+        let mut matcher = Self { basis, scale, cell, window, reach, shapes: Vec::new(), places };
         let own = if known.is_none() { Some(matcher.mean_profile(frame, grid, lenses)?) } else { None };
         let profile = |u: f64, v: f64| match (&own, known) {
             (_, Some(known)) => known(u, v),
@@ -191,23 +206,27 @@ impl Matcher {
             (None, None) => 0.0,
         };
         let shapes: Option<Vec<Shape>> = (0..places * places)
-            .map(|k| matcher.shape(grid, &profile, [k % places, k / places].map(|n| matcher.place_between(n))))
+            .map(|k| matcher.shape(&profile, [k % places, k / places].map(|n| matcher.place_between(n))))
             .collect();
         matcher.shapes = shapes?;
         Some(matcher)
     }
 
-    fn shape(&self, grid: &Grid, profile: &dyn Fn(f64, f64) -> f64, place: [f64; 2]) -> Option<Shape> {
-        let r = reciprocal(grid.basis);
+    /// Whether what was drawn is as good for this grid.
+    fn serves(&self, grid: &Grid) -> bool {
+        self.basis.as_flattened().iter().zip(grid.basis.as_flattened()).all(|(a, b)| (a - b).abs() < VECTORS_STEADY_PX)
+    }
+
+    fn shape(&self, profile: &dyn Fn(f64, f64) -> f64, place: [f64; 2]) -> Option<Shape> {
+        let r = reciprocal(self.basis);
         let value = |x: f64, y: f64| profile(r[0][0] * x + r[0][1] * y, r[1][0] * x + r[1][1] * y);
-        let scale = grid.pitch_px() / 2.0;
         let count = self.cell.len();
         let mut products = DMatrix::<f64>::zeros(count, TERMS);
         let mut slopes = [Vec::with_capacity(count), Vec::with_capacity(count)];
         for (n, &(dx, dy)) in self.cell.iter().enumerate() {
             let (x, y) = (dx as f64 - place[0], dy as f64 - place[1]);
             let v = value(x, y);
-            for (k, term) in terms(dx, dy, scale).into_iter().enumerate() {
+            for (k, term) in terms(dx, dy, self.scale).into_iter().enumerate() {
                 products[(n, k)] = v * term;
             }
             // V(r − u) = V(r) − u·∇V.
@@ -333,12 +352,11 @@ impl Matcher {
 
     /// Those of `lenses` that are complete, each shift written as phases of the lattice's `harmonics` whose modulus is
     /// the inverse of its standard error.
-    fn run(&self, frame: &Frame, grid: &Grid, lenses: &[MicroImage], harmonics: &[[f64; 2]]) -> Vec<Lens> {
+    fn run(&self, frame: &Frame, lenses: &[MicroImage], harmonics: &[[f64; 2]]) -> Vec<Lens> {
         let size = [frame.width, frame.height];
-        let scale = grid.pitch_px() / 2.0;
         let mut polynomials: [Vec<f32>; TERMS] = std::array::from_fn(|_| Vec::with_capacity(self.cell.len()));
         for &(dx, dy) in &self.cell {
-            polynomials.iter_mut().zip(terms(dx, dy, scale)).for_each(|(all, term)| all.push(term as f32));
+            polynomials.iter_mut().zip(terms(dx, dy, self.scale)).for_each(|(all, term)| all.push(term as f32));
         }
         let arch = pulp::Arch::new();
         lenses
