@@ -69,7 +69,9 @@ impl Alerts {
             self.0.insert(alert.alert, alert.clone());
             changed.push(alert);
         }
-        debug_assert!(wrong.is_empty(), "an alert that is not among all: {wrong:?}");
+        if !wrong.is_empty() {
+            tracing::error!(?wrong, "alerts that are not among all");
+        }
         changed
     }
 }

@@ -97,7 +97,7 @@ impl Table {
 
     /// Adds a row.
     pub(super) fn push<const N: usize>(&mut self, cells: [String; N]) {
-        debug_assert_eq!(N, self.columns.len());
+        assert_eq!(N, self.columns.len());
         self.rows.push(cells.into());
     }
 }
