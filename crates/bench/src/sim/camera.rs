@@ -1,7 +1,7 @@
 //! The simulated camera: a frame source that renders what the truth implies.
 //!
 //! A measured frame is rendered at full quality when it is asked for. While somebody watches, coarse previews are
-//! rendered at the preview rate; nobody watching costs nothing.
+//! rendered at the preview rate; nobody watching costs nothing. Of a bench at rest a frame's noise alone is new.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
