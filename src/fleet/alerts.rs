@@ -23,31 +23,22 @@ pub(super) struct Alert {
     pub(super) detail: String,
 }
 
-/// What is wrong now, by alert. `disk_free` and `disk_kept` are in bytes: what is left, and what is to be left.
-pub(super) fn wrong(bench: &BenchView, disk_free: Option<u64>, disk_kept: u64) -> BTreeMap<&'static str, String> {
-    let mut wrong = BTreeMap::new();
-    if bench.stop.latched {
-        wrong.insert("stop_latched", "motion is refused until the stop is reset".to_owned());
-    }
-    if let Some(why) = bench.camera.absence() {
-        wrong.insert("camera_offline", why.to_owned());
-    }
-    for axis in &bench.axes {
-        let Some(why) = axis.absence() else { continue };
-        let alert = match axis.axis {
-            AxisName::Focus => "focus_offline",
-            AxisName::E => "e_offline",
-        };
-        wrong.insert(alert, why.to_owned());
-    }
-    if let Some(why) = &bench.history_fault {
-        wrong.insert("history_unwritable", why.clone());
-    }
-    if let Some(free) = disk_free.filter(|free| *free < disk_kept) {
+/// What is wrong now, in words, in the order of [`ALERTS`]. `disk_free` and `disk_kept` are in bytes: what is left, and
+/// what is to be left.
+pub(super) fn wrong(bench: &BenchView, disk_free: Option<u64>, disk_kept: u64) -> [Option<String>; ALERTS.len()] {
+    let absent = |name: AxisName| bench.axes.iter().find(|axis| axis.axis == name)?.absence().map(str::to_owned);
+    let disk_low = disk_free.filter(|free| *free < disk_kept).map(|free| {
         let (free, kept) = (free >> 20, disk_kept >> 20);
-        wrong.insert("disk_low", format!("{free} MB are free, and record.keep_free_mb is {kept}: nothing is recorded"));
-    }
-    wrong
+        format!("{free} MB are free, and record.keep_free_mb is {kept}: nothing is recorded")
+    });
+    [
+        bench.stop.latched.then(|| "motion is refused until the stop is reset".to_owned()),
+        bench.camera.absence().map(str::to_owned),
+        absent(AxisName::Focus),
+        absent(AxisName::E),
+        bench.history_fault.clone(),
+        disk_low,
+    ]
 }
 
 /// What is known of every alert.
@@ -56,10 +47,9 @@ pub(super) struct Alerts(BTreeMap<&'static str, Alert>);
 
 impl Alerts {
     /// The alerts that are otherwise than before: at first all of them.
-    pub(super) fn update(&mut self, now: Timestamp, mut wrong: BTreeMap<&'static str, String>) -> Vec<Alert> {
+    pub(super) fn update(&mut self, now: Timestamp, wrong: [Option<String>; ALERTS.len()]) -> Vec<Alert> {
         let mut changed = Vec::new();
-        for alert in ALERTS {
-            let detail = wrong.remove(alert);
+        for (alert, detail) in ALERTS.into_iter().zip(wrong) {
             let before = self.0.get(alert);
             let active = detail.is_some();
             if before.is_some_and(|before| before.active == active) {
@@ -68,9 +58,6 @@ impl Alerts {
             let alert = Alert { alert, active, since: now, detail: detail.unwrap_or_default() };
             self.0.insert(alert.alert, alert.clone());
             changed.push(alert);
-        }
-        if !wrong.is_empty() {
-            tracing::error!(?wrong, "alerts that are not among all");
         }
         changed
     }
@@ -84,15 +71,16 @@ mod tests {
     fn an_alert_is_told_when_it_goes_on_and_off() {
         let mut alerts = Alerts::default();
         let at = |s| Timestamp::from_second(s).unwrap();
-        let first = alerts.update(at(1), BTreeMap::new());
+        let none = || [const { None }; ALERTS.len()];
+        let first = alerts.update(at(1), none());
         assert_eq!(first.iter().map(|alert| alert.alert).collect::<Vec<_>>(), ALERTS);
         assert!(first.iter().all(|alert| !alert.active && alert.detail.is_empty()));
-        let wrong = || BTreeMap::from([("camera_offline", "unplugged".to_owned())]);
+        let wrong = || ALERTS.map(|alert| (alert == "camera_offline").then(|| "unplugged".to_owned()));
         let on = alerts.update(at(2), wrong());
         let said = Alert { alert: "camera_offline", active: true, since: at(2), detail: "unplugged".to_owned() };
         assert_eq!(on, [said]);
         assert_eq!(alerts.update(at(3), wrong()), []);
-        let off = alerts.update(at(4), BTreeMap::new());
+        let off = alerts.update(at(4), none());
         assert_eq!((off.len(), off[0].active, off[0].since), (1, false, at(4)));
     }
 }
