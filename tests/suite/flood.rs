@@ -7,18 +7,18 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
-use tokio::io::AsyncReadExt as _;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 
 use super::limits::{STOP, exchange};
 use super::program::{Program, serve};
-use super::until::until;
 
 /// What every test here begins with: the other listeners beside the main one.
 const CONFIG: &str = "[bench.simulation]\nrays = 4\n[alpaca]\nlisten = \"127.0.0.1:0\"\ndiscovery = false\n\
                       [foxglove]\nlisten = \"127.0.0.1:0\"\n";
 const HALT: &str = "PUT /api/v1/focuser/0/halt HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-length: 0\r\n\r\n";
 const HEALTH: &str = "GET /healthz HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n\r\n";
+const KEPT: &str = "GET /healthz HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n";
 /// A stop that is starved takes half a minute and more.
 const STARVED: Duration = Duration::from_secs(3);
 
@@ -120,19 +120,21 @@ async fn one_address_has_its_share_of_the_places_whichever_listeners_it_takes_th
     let state = tempfile::tempdir().unwrap();
     let program = Program::start(limited(state.path(), "-n 1024", "max_connections_per_address = 8"));
     let Addresses { main, alpaca, foxglove } = addresses(&program);
-    let mut held = idle(foxglove, 4).await;
-    held.extend(idle(alpaca, 4).await);
+    let mut held = Vec::new();
+    for address in [foxglove, alpaca] {
+        held.extend(idle(address, 3).await);
+        // It is accepted after those before it, so that its answer says that all have their places.
+        let mut last = TcpStream::connect(address).await.unwrap();
+        last.write_all(KEPT.as_bytes()).await.unwrap();
+        let mut answer = [0; 1024];
+        let length = last.read(&mut answer).await.unwrap();
+        let answer = String::from_utf8_lossy(&answer[..length]);
+        assert!(answer.starts_with("HTTP/1.1 ") && !answer.starts_with("HTTP/1.1 503"), "{address}: {answer}");
+        held.push(last);
+    }
     for address in [main, alpaca, foxglove] {
-        // What idles is accepted sooner or later; and closed some time after, when another takes its place.
-        let crowded = async || {
-            let answer = exchange(address, HEALTH).await;
-            if answer.starts_with("HTTP/1.1 503") && answer.contains("crowded") {
-                return Ok(());
-            }
-            held.extend(idle(foxglove, 1).await);
-            Err(format!("{address}: {answer}"))
-        };
-        until("crowded", crowded).await;
+        let answer = exchange(address, HEALTH).await;
+        assert!(answer.starts_with("HTTP/1.1 503") && answer.contains("crowded"), "{address}: {answer}");
     }
 }
 
