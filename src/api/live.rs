@@ -27,11 +27,12 @@ use super::hub::{Begin, text};
 use super::picture::{QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
 use super::types::{ServerMessage, ViewerMessage};
-use super::viewed::{Wanted, map_message, picture_message, shown};
+use super::viewed::{Wanted, map_message, picture_message, reading_message, shown};
 use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
 use crate::control::lease::Permit;
+use crate::control::meter::Reading;
 use crate::device::Frame;
 use crate::telemetry::{self, ViewerKind, Viewing};
 
@@ -52,6 +53,7 @@ const FAREWELL: Duration = Duration::from_secs(1);
 
 type Frames = watch::Receiver<Option<Arc<Frame>>>;
 type Maps = watch::Receiver<Option<Arc<FieldMap>>>;
+type Readings = watch::Receiver<Option<Arc<Reading>>>;
 
 /// The live view: `proto/asyncapi.yaml` says what is sent here.
 #[utoipa::path(
@@ -114,6 +116,14 @@ impl Watching {
     }
 }
 
+/// What a viewer wants to read.
+struct Metering {
+    readings: Readings,
+    /// At least so long between two readings.
+    interval: Duration,
+    next_at: Instant,
+}
+
 /// Why a viewer's task ends.
 enum End {
     /// The connection broke.
@@ -144,6 +154,7 @@ struct Viewer {
     principal: Principal,
     socket: WebSocket,
     watching: Option<Watching>,
+    metering: Option<Metering>,
     /// The control lease, where this connection holds it.
     lease: Option<Permit>,
     heard_at: Instant,
@@ -157,7 +168,7 @@ impl Drop for Viewer {
 
 impl Viewer {
     fn new(app: App, principal: Principal, socket: WebSocket) -> Self {
-        Self { app, principal, socket, watching: None, lease: None, heard_at: Instant::now() }
+        Self { app, principal, socket, watching: None, metering: None, lease: None, heard_at: Instant::now() }
     }
 
     async fn run(mut self, follow: Follow) {
@@ -187,7 +198,7 @@ impl Viewer {
 
     /// Watches nothing any more, and is no longer there for the lease.
     fn let_go(&mut self) {
-        self.watching = None;
+        (self.watching, self.metering) = (None, None);
         if let Some(lease) = self.lease.take() {
             self.app.service.leases().disconnect(&lease);
         }
@@ -228,6 +239,9 @@ impl Viewer {
                 },
                 message = self.socket.recv() => self.hear(message).await?,
                 _ = tick.tick() => self.tick().await?,
+                reading = next_reading(&mut self.metering) => {
+                    self.send_viewed(What::Reading(reading_message(&reading))).await?;
+                }
                 what = next_seen(&mut self.watching) => match what {
                     See::Frame(frame) => self.send_picture(frame).await?,
                     See::Map(map) => self.send_map(&map).await?,
@@ -302,6 +316,18 @@ impl Viewer {
     fn obey(&mut self, message: &Utf8Bytes) -> Result<()> {
         match parse(message.as_bytes())? {
             ViewerMessage::Pictures { on: false, .. } => self.watching = None,
+            ViewerMessage::Readings { on: false, .. } => self.metering = None,
+            ViewerMessage::Readings { on: true, max_rate_hz } => {
+                if !(0.1..=120.0).contains(&max_rate_hz) {
+                    let detail = format!("max_rate_hz: {max_rate_hz} is not within 0.1 to 120");
+                    return Err(Problem::invalid("max_rate_hz", detail));
+                }
+                let mut readings = self.app.service.readings();
+                // One that there is already counts as new.
+                readings.mark_changed();
+                let interval = Duration::from_secs_f64(1.0 / max_rate_hz);
+                self.metering = Some(Metering { readings, interval, next_at: Instant::now() });
+            }
             ViewerMessage::Hold { lease } => {
                 let leases = self.app.service.leases();
                 let held = leases.connect(&lease).map_err(ServiceError::from)?;
@@ -412,6 +438,15 @@ async fn next_seen(watching: &mut Option<Watching>) -> See {
         map = next_map(map) => See::Map(map),
         frame = next_frame(frames, *next_at), if may_send => See::Frame(frame),
     }
+}
+
+/// The newest reading once there is a new one and the viewer's rate allows it; never for one who wants none.
+async fn next_reading(metering: &mut Option<Metering>) -> Arc<Reading> {
+    let Some(Metering { readings, interval, next_at }) = metering else { return std::future::pending().await };
+    tokio::time::sleep_until(*next_at).await;
+    let reading = next_or_never(readings).await;
+    *next_at = (*next_at + *interval).max(Instant::now());
+    reading
 }
 
 async fn next_map(map: &mut Option<Maps>) -> Arc<FieldMap> {

@@ -2,7 +2,7 @@
 /// One thing to look at.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Viewed {
-    #[prost(oneof = "viewed::What", tags = "1, 2")]
+    #[prost(oneof = "viewed::What", tags = "1, 2, 3")]
     pub what: ::core::option::Option<viewed::What>,
 }
 /// Nested message and enum types in `Viewed`.
@@ -15,7 +15,77 @@ pub mod viewed {
         /// The spacing over the field, for a viewer who asked for the overlay.
         #[prost(message, tag = "2")]
         SpacingMap(super::SpacingMap),
+        /// What the meter reads, for a viewer who asked for readings.
+        #[prost(message, tag = "3")]
+        Reading(super::Reading),
     }
+}
+/// The spacing in one frame, as the meter reads it: in each frame that the camera takes, as far as it keeps up.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Reading {
+    /// Sequence number of the frame.
+    #[prost(uint64, tag = "1")]
+    pub seq: u64,
+    /// End of the exposure, wall-clock time, microseconds since 1970-01-01T00:00:00Z.
+    #[prost(int64, tag = "2")]
+    pub captured_unix_us: i64,
+    /// The same on the daemon's machine's CLOCK_MONOTONIC: no setting of the clock disturbs it.
+    #[prost(uint64, tag = "3")]
+    pub captured_monotonic_us: u64,
+    /// Age of the frame (from the end of its exposure) when this was handed to the socket, ms.
+    #[prost(double, tag = "4")]
+    pub age_ms: f64,
+    /// Readback of the focus axis when the frame was taken, mm; absent while unknown.
+    #[prost(double, optional, tag = "5")]
+    pub focus_mm: ::core::option::Option<f64>,
+    /// Readback of the e axis when the frame was taken, mm; absent while unknown.
+    #[prost(double, optional, tag = "6")]
+    pub e_mm: ::core::option::Option<f64>,
+    /// Whether both axes were at rest during the whole exposure.
+    #[prost(bool, tag = "7")]
+    pub settled: bool,
+    /// Whether the frame is a coarse picture for viewing only.
+    #[prost(bool, tag = "8")]
+    pub preview: bool,
+    /// Whether the frame was simulated.
+    #[prost(bool, tag = "9")]
+    pub simulated: bool,
+    /// Whether the frame is of old, played from a file.
+    #[prost(bool, tag = "10")]
+    pub replayed: bool,
+    /// What became of the frame.
+    #[prost(enumeration = "ReadingState", tag = "11")]
+    pub state: i32,
+    /// Why it has no spacing, in words; empty where it has one. The fields that follow are then 0.
+    #[prost(string, tag = "12")]
+    pub why: ::prost::alloc::string::String,
+    /// The spacing on the axis, px.
+    #[prost(double, tag = "13")]
+    pub spacing_px: f64,
+    /// Its standard uncertainty, px.
+    #[prost(double, tag = "14")]
+    pub spacing_sigma_px: f64,
+    /// Its standard uncertainty from pixel noise alone, px.
+    #[prost(double, tag = "15")]
+    pub spacing_sigma_random_px: f64,
+    /// Rise of the spacing along x, px per half frame width.
+    #[prost(double, tag = "16")]
+    pub tilt_x_px: f64,
+    /// Rise of the spacing along y, px per half frame width.
+    #[prost(double, tag = "17")]
+    pub tilt_y_px: f64,
+    /// Rise of the spacing with the squared distance from the axis, px per half frame width squared.
+    #[prost(double, tag = "18")]
+    pub curvature_px: f64,
+    /// The spacing wanted, px; there without a spacing, too.
+    #[prost(double, tag = "19")]
+    pub spacing_target_px: f64,
+    /// Whether the spacing is within the blur limit of that.
+    #[prost(bool, tag = "20")]
+    pub in_focus: bool,
+    /// Frames that the camera took since somebody began to read, and that were not measured.
+    #[prost(uint64, tag = "21")]
+    pub frames_left_out: u64,
 }
 /// The spacing micro-image by micro-image. The lists run together: one entry for each micro-image.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -103,6 +173,43 @@ pub struct Frame {
     /// What the picture shows. All but the raw frame are in colour where the sensor or the depth is.
     #[prost(enumeration = "Picture", tag = "18")]
     pub picture: i32,
+}
+/// What became of a frame at the meter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum ReadingState {
+    /// Not said.
+    Unspecified = 0,
+    /// It has a spacing.
+    Measured = 1,
+    /// The spacing could not be followed to this frame, and is searched for.
+    Lost = 2,
+    /// The frame cannot be measured.
+    Refused = 3,
+}
+impl ReadingState {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Unspecified => "READING_STATE_UNSPECIFIED",
+            Self::Measured => "READING_STATE_MEASURED",
+            Self::Lost => "READING_STATE_LOST",
+            Self::Refused => "READING_STATE_REFUSED",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "READING_STATE_UNSPECIFIED" => Some(Self::Unspecified),
+            "READING_STATE_MEASURED" => Some(Self::Measured),
+            "READING_STATE_LOST" => Some(Self::Lost),
+            "READING_STATE_REFUSED" => Some(Self::Refused),
+            _ => None,
+        }
+    }
 }
 /// What became of a micro-image in the newest measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

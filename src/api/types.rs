@@ -288,6 +288,15 @@ pub enum ViewerMessage {
         #[schema(maximum = 16, default = 0)]
         window: u32,
     },
+    /// Asks for what the meter reads, or for no more of it.
+    Readings {
+        /// Whether to send readings.
+        on: bool,
+        /// At most so many a second, 0.1 to 120.
+        #[serde(default = "default_reading_rate")]
+        #[schema(minimum = 0.1, maximum = 120, default = 120)]
+        max_rate_hz: f64,
+    },
     /// Holds the control lease for as long as this connection lives, and 10 s longer.
     Hold {
         /// The lease's key.
@@ -318,6 +327,10 @@ pub enum Show {
 
 fn default_rate() -> f64 {
     15.0
+}
+
+fn default_reading_rate() -> f64 {
+    120.0
 }
 
 fn default_quality() -> u8 {

@@ -14,6 +14,7 @@ use super::types::Show;
 use super::view::picture;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
+use crate::control::meter::{NoReading, Reading};
 use crate::device::Frame;
 use crate::imaging::spacing::{LensSpacing, LensState};
 
@@ -38,6 +39,47 @@ pub(super) fn map_message(field: &FieldMap) -> proto::SpacingMap {
         spacing_px: each(|lens| lens.spacing_px),
         sigma_px: each(|lens| lens.sigma_px),
         state: lenses.iter().map(|lens| i32::from(lens_state(lens.state))).collect(),
+    }
+}
+
+/// The message that a reading goes out as.
+pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
+    let frame = &reading.frame;
+    let message = proto::Reading {
+        seq: frame.seq,
+        captured_unix_us: frame.captured_at.as_microsecond(),
+        captured_monotonic_us: monotonic(frame.exposed_to).as_micros() as u64,
+        age_ms: milliseconds(age(frame)),
+        focus_mm: frame.focus.position.map(|position| position.value()),
+        e_mm: frame.e.position.map(|position| position.value()),
+        settled: frame.focus.settled && frame.e.settled,
+        preview: frame.preview,
+        simulated: frame.simulated,
+        replayed: frame.replayed,
+        spacing_target_px: reading.spacing_target_px,
+        in_focus: reading.in_focus,
+        frames_left_out: reading.frames_left_out,
+        ..proto::Reading::default()
+    };
+    let without = |state: proto::ReadingState, why: &str| (state.into(), why.to_owned());
+    match &reading.spacing {
+        Ok(spacing) => proto::Reading {
+            state: proto::ReadingState::Measured.into(),
+            spacing_px: spacing.on_axis_px,
+            spacing_sigma_px: spacing.sigma_px,
+            spacing_sigma_random_px: spacing.sigma_random_px,
+            tilt_x_px: spacing.tilt_x_px,
+            tilt_y_px: spacing.tilt_y_px,
+            curvature_px: spacing.curvature_px,
+            ..message
+        },
+        Err(no_reading) => {
+            let (state, why) = match no_reading {
+                NoReading::Lost(why) => without(proto::ReadingState::Lost, why),
+                NoReading::Refused(why) => without(proto::ReadingState::Refused, why),
+            };
+            proto::Reading { state, why, ..message }
+        }
     }
 }
 

@@ -14,6 +14,10 @@ use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 const STOP_LATENCY: &str = "plenalign_stop_latency_seconds";
 const REQUEST: &str = "plenalign_http_request_seconds";
 const MEASUREMENT: &str = "plenalign_measurement_seconds";
+const READINGS: &str = "plenalign_readings_total";
+const READING: &str = "plenalign_reading_seconds";
+const READING_AGE: &str = "plenalign_reading_age_seconds";
+const FRAMES_LEFT_OUT: &str = "plenalign_frames_left_out_total";
 const LOOK: &str = "plenalign_view_seconds";
 const PICTURE_LATENCY: &str = "plenalign_picture_latency_seconds";
 const PICTURES_DROPPED: &str = "plenalign_pictures_dropped_total";
@@ -89,6 +93,10 @@ pub fn install() -> Result<PrometheusHandle, String> {
     );
     describe_histogram!(REQUEST, "From a request to its answer, by method, route and status");
     describe_histogram!(MEASUREMENT, "Measuring the spacing of a frame or of several");
+    describe_counter!(READINGS, "Frames that the meter has tried to read the spacing in, by outcome");
+    describe_histogram!(READING, "The meter's reading of a frame, by what it took to find the spacing");
+    describe_histogram!(READING_AGE, "From the end of a frame's exposure to its reading, by outcome");
+    describe_counter!(FRAMES_LEFT_OUT, "Frames that came while the meter was at another, and were not read");
     describe_histogram!(LOOK, "Making a frame ready for views and depth");
     describe_histogram!(PICTURE_LATENCY, "From the end of a frame's exposure to its picture handed to the socket");
     describe_counter!(PICTURES_DROPPED, "Frames that a viewer watching was not sent");
@@ -156,6 +164,39 @@ pub fn answered(method: &str, route: &'static str, status: u16, took: Duration) 
 /// Frames were measured.
 pub fn measured(took: Duration) {
     histogram!(MEASUREMENT).record(took);
+}
+
+/// What became of a frame at the meter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReadingOutcome {
+    /// It has a spacing.
+    Measured,
+    /// The spacing is searched for.
+    Lost,
+    /// It cannot be measured.
+    Refused,
+}
+
+impl ReadingOutcome {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Lost => "lost",
+            Self::Refused => "refused",
+        }
+    }
+}
+
+/// The meter looked for the spacing of a frame: near that of the one before, or, `searched`, as if nothing were known.
+pub fn read(searched: bool, outcome: ReadingOutcome, took: Duration) {
+    counter!(READINGS, "outcome" => outcome.name()).increment(1);
+    histogram!(READING, "search" => if searched { "whole" } else { "near" }).record(took);
+}
+
+/// A reading of a frame of this age was published, and so many frames before it were not read.
+pub fn reading_published(outcome: ReadingOutcome, age: Duration, left_out: u64) {
+    histogram!(READING_AGE, "outcome" => outcome.name()).record(age);
+    counter!(FRAMES_LEFT_OUT).increment(left_out);
 }
 
 /// A frame was made ready for views and depth.

@@ -28,6 +28,9 @@ const FRAME_TRIES: u32 = 5;
 /// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
 const LIT: [f32; 2] = [0.1, 0.9];
 const LEAST_LIT: f64 = 0.01;
+/// What is said of a frame that has the very picture of one before it.
+pub(super) const OLD_PICTURE: &str = "two frames are the same to the last pixel: it gives an old picture again as if it \
+                                      were new; unplug it and plug it in again";
 
 /// A spacing seen, with the pose of its last frame.
 #[derive(Debug, Clone)]
@@ -244,19 +247,22 @@ impl Eye {
     /// last pixel, unless the driver gives an old one again.
     pub(super) fn check_new(&self, before: Option<&Frame>, frame: &Arc<Frame>) -> Result<(), DeviceError> {
         let looked_at = self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).replace(Arc::clone(frame));
-        let simulation = &self.config.bench.simulation;
-        let noiseless = frame.simulated && simulation.read_noise_levels == 0.0 && simulation.electrons_per_level == 0.0;
-        let same = |old: &Frame| old.seq != frame.seq && is_same_picture(&old.image, &frame.image);
-        if noiseless || !(looked_at.as_deref().is_some_and(same) || before.is_some_and(same)) {
+        if ![looked_at.as_deref(), before].into_iter().flatten().any(|old| self.repeats(old, frame)) {
             return Ok(());
         }
-        Err(DeviceError::Protocol {
-            device: "the camera".to_owned(),
-            detail:
-                "two frames are the same to the last pixel: it gives an old picture again as if it were new; unplug \
-                     it and plug it in again"
-                    .to_owned(),
-        })
+        Err(DeviceError::Protocol { device: "the camera".to_owned(), detail: OLD_PICTURE.to_owned() })
+    }
+
+    /// Whether a frame has the very picture of one before it.
+    pub(super) fn repeats(&self, before: &Frame, frame: &Frame) -> bool {
+        let simulation = &self.config.bench.simulation;
+        let noiseless = frame.simulated && simulation.read_noise_levels == 0.0 && simulation.electrons_per_level == 0.0;
+        !noiseless && before.seq != frame.seq && is_same_picture(&before.image, &frame.image)
+    }
+
+    /// Whether a spacing (px) is within the blur limit of the one wanted.
+    pub(super) fn is_in_focus(&self, spacing_px: f64) -> bool {
+        (spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px
     }
 
     async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
@@ -340,7 +346,7 @@ impl Eye {
             settled: frame.focus.settled && frame.e.settled,
             spacing: seen.spacing.clone(),
             spacing_target_px: self.target_px(),
-            in_focus: (seen.spacing.spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px,
+            in_focus: self.is_in_focus(seen.spacing.spacing_px),
             micro_image_pitch_px: seen.micro_image_pitch_px,
             eog: seen.eog.map(|eog| eog.mean_per_pixel),
             eog_sum: seen.eog.map(|eog| eog.sum),

@@ -27,6 +27,7 @@ mod l_bound;
 pub mod lease;
 pub mod look;
 pub mod measurement;
+pub mod meter;
 mod mistake;
 pub mod motion;
 mod open;

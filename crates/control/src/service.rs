@@ -19,6 +19,7 @@ use super::job::JobSnapshot;
 use super::journal::Journal;
 use super::lease::{LeaseGrant, LeaseRequest, LeaseView, Leases};
 use super::look::Looks;
+use super::meter::Readings;
 use super::motion::{Motion, Stops};
 use super::press::Presses;
 use super::simulated::PlanInForce;
@@ -70,8 +71,9 @@ pub struct Service {
     pub(super) closing: AtomicBool,
     /// Asks the service's own watchers for a sign of life; each answers when it comes round.
     pub(super) pulses: [watch::Sender<u64>; 2],
-    /// Shared with everybody who watches the live picture's spacing.
+    /// Shared with everybody who watches the live picture's whole measurement.
     pub(super) onlookers: Arc<()>,
+    pub(super) readings: Readings,
     /// What is to go wrong with a simulated bench, and when.
     pub(super) fault_plan: Mutex<Option<PlanInForce>>,
     pub(super) tasks: CancellationToken,
@@ -112,6 +114,7 @@ impl Service {
             closing: AtomicBool::new(false),
             pulses: [watch::Sender::new(0), watch::Sender::new(0)],
             onlookers: Arc::default(),
+            readings: Readings::default(),
             fault_plan: Mutex::default(),
             tasks: CancellationToken::new(),
         });
@@ -143,8 +146,9 @@ impl Service {
         self.events.subscribe()
     }
 
-    /// Has the live picture's spacing measured between jobs for as long as what this returns is held. Measuring costs
-    /// a core a good part of its time: nobody watching, it rests.
+    /// Has the live picture measured in whole between jobs, now and then, for as long as what this returns is held: with
+    /// the view's clarity and the spacing over the field. It costs a core a good part of its time: nobody watching, it
+    /// rests.
     #[must_use]
     pub fn look_on(&self) -> Arc<()> {
         Arc::clone(&self.onlookers)

@@ -9,6 +9,7 @@ use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, Ca
 use plenoptics::imaging::clarity::Eog;
 use plenoptics::imaging::depth::DepthOptions;
 use plenoptics::imaging::grid::Grid;
+use plenoptics::imaging::live::{LiveMeter, LiveOptions};
 use plenoptics::imaging::measurement::{
     FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame,
 };
@@ -123,6 +124,22 @@ impl Sight {
             mosaic: self.mosaic,
             map: false,
         }
+    }
+
+    /// What follows the spacing from frame to frame.
+    ///
+    /// # Errors
+    /// Why nothing can, in words.
+    pub(super) fn meter(&self) -> Result<LiveMeter, String> {
+        let SpacingOptions { mla_pitch_px, mode, .. } = self.options().spacing;
+        let options = LiveOptions { mode, ..LiveOptions::new(mla_pitch_px) };
+        let WhiteModel { grid, vignetting } = &self.white;
+        LiveMeter::new(grid, &vignetting.render(grid), options).map_err(|error| error.to_string())
+    }
+
+    /// Whether the sensor has a mosaic.
+    pub(super) const fn has_mosaic(&self) -> bool {
+        self.mosaic.is_some()
     }
 
     /// Why the white frame no longer fits a frame, in words; `None` while it does.

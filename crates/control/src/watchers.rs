@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde_json::json;
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use super::ServiceError;
 use super::events::{Event, MeasurementView};
@@ -20,20 +21,24 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 const PULSE: Duration = Duration::from_millis(500);
 /// Between two attempts to read how an earlier run left the stop.
 const TRY_AGAIN: Duration = Duration::from_secs(1);
-/// Rest between two measurements of the live picture.
-const LIVE_INTERVAL: Duration = Duration::from_millis(500);
+/// Rest between two measurements in whole of the live picture, at least; and in units of what the last one took, so that
+/// the meter's readings and the pictures have the most of the machine.
+const LIVE_REST: Duration = Duration::from_millis(500);
+const LIVE_SHARE: u32 = 3;
 
 impl Service {
     /// Starts the watchers; they end with the service.
     pub(super) fn watch(self: &Arc<Self>) {
         let (watched, measured, leased) = (Arc::clone(self), Arc::clone(self), Arc::clone(self));
         let (kept, held, pruned) = (Arc::clone(self), Arc::clone(self), Arc::clone(self));
+        let read = Arc::clone(self);
         tokio::spawn(async move { pruned.tasks.clone().run_until_cancelled(pruned.watch_retention()).await });
         tokio::spawn(async move { kept.tasks.clone().run_until_cancelled(kept.watch_history()).await });
         tokio::spawn(async move { held.tasks.clone().run_until_cancelled(held.keep_lease()).await });
         tokio::spawn(async move { leased.tasks.clone().run_until_cancelled(leased.watch_lease()).await });
         tokio::spawn(async move { watched.tasks.clone().run_until_cancelled(watched.watch_bench()).await });
         tokio::spawn(async move { measured.tasks.clone().run_until_cancelled(measured.watch_focus()).await });
+        tokio::spawn(async move { read.tasks.clone().run_until_cancelled(read.watch_meter()).await });
     }
 
     /// Returns once it is known what an earlier run has left, or that the history cannot be read now.
@@ -189,9 +194,11 @@ impl Service {
         }
     }
 
-    /// Publishes what the jobs measure and, while somebody watches and no job measures, the live picture's spacing.
+    /// Publishes what the jobs measure and, while somebody watches and no job measures, the live picture's measurement in
+    /// whole.
     async fn watch_focus(&self) {
         let mut measured = self.eye.measured();
+        let mut rest = LIVE_REST;
         loop {
             tokio::select! {
                 changed = measured.changed() => {
@@ -203,13 +210,16 @@ impl Service {
                         self.publish_measurement(measurement);
                     }
                 }
-                () = tokio::time::sleep(LIVE_INTERVAL) => {
+                () = tokio::time::sleep(rest) => {
+                    let began = Instant::now();
                     if Arc::strong_count(&self.onlookers) > 1
                         && self.current().is_none_or(|job| job.snapshot().state == JobState::WaitingForOperator)
                         && let Some(measurement) = self.eye.measure_live().await
                     {
+                        self.readings.compare(measurement.frame_seq, measurement.spacing.spacing_px);
                         self.publish_measurement(measurement);
                     }
+                    rest = LIVE_REST.max(LIVE_SHARE * began.elapsed());
                 }
             }
         }

@@ -4918,6 +4918,18 @@ export interface components {
           window: number;
         }
       | {
+          /**
+           * Format: double
+           * @description At most so many a second, 0.1 to 120.
+           * @default 120
+           */
+          max_rate_hz: number;
+          /** @description Whether to send readings. */
+          on: boolean;
+          /** @enum {string} */
+          type: "readings";
+        }
+      | {
           /** @description The lease's key. */
           lease: string;
           /** @enum {string} */

@@ -14,7 +14,7 @@ import type { Message } from "@bufbuild/protobuf";
 export const file_plenalign_v1_frame: GenFile =
   /*@__PURE__*/
   fileDesc(
-    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSJnCgZWaWV3ZWQSJAoFZnJhbWUYASABKAsyEy5wbGVuYWxpZ24udjEuRnJhbWVIABIvCgtzcGFjaW5nX21hcBgCIAEoCzIYLnBsZW5hbGlnbi52MS5TcGFjaW5nTWFwSABCBgoEd2hhdCLCAQoKU3BhY2luZ01hcBIRCglmcmFtZV9zZXEYASABKAQSHAoUbWljcm9faW1hZ2VfcGl0Y2hfcHgYAiABKAESGQoRc3BhY2luZ190YXJnZXRfcHgYAyABKAESDAoEeF9weBgEIAMoAhIMCgR5X3B4GAUgAygCEhIKCnNwYWNpbmdfcHgYBiADKAISEAoIc2lnbWFfcHgYByADKAISJgoFc3RhdGUYCCADKA4yFy5wbGVuYWxpZ24udjEuTGVuc1N0YXRlIpYDCgVGcmFtZRIMCgRqcGVnGAEgASgMEgsKA3NlcRgCIAEoBBIYChBjYXB0dXJlZF91bml4X3VzGAMgASgDEhMKC2V4cG9zdXJlX3VzGAQgASgEEhgKEGV4cG9zdXJlX2Fzc3VtZWQYBSABKAgSFQoIZm9jdXNfbW0YBiABKAFIAIgBARIRCgRlX21tGAcgASgBSAGIAQESDwoHc2V0dGxlZBgIIAEoCBIPCgdwcmV2aWV3GAkgASgIEhEKCXNpbXVsYXRlZBgKIAEoCBIOCgZhZ2VfbXMYCyABKAESFgoOZnJhbWVzX3NraXBwZWQYDCABKAQSEAoId2lkdGhfcHgYDSABKA0SEQoJaGVpZ2h0X3B4GA4gASgNEg4KBnJlZHVjZRgPIAEoDRIQCghyZXBsYXllZBgQIAEoCBIdChVjYXB0dXJlZF9tb25vdG9uaWNfdXMYESABKAQSJgoHcGljdHVyZRgSIAEoDjIVLnBsZW5hbGlnbi52MS5QaWN0dXJlQgsKCV9mb2N1c19tbUIHCgVfZV9tbSpwCglMZW5zU3RhdGUSGgoWTEVOU19TVEFURV9VTlNQRUNJRklFRBAAEhYKEkxFTlNfU1RBVEVfTUFUQ0hFRBABEhkKFUxFTlNfU1RBVEVfTUlTTUFUQ0hFRBACEhQKEExFTlNfU1RBVEVfQkxBTksQAyp1CgdQaWN0dXJlEhcKE1BJQ1RVUkVfVU5TUEVDSUZJRUQQABIPCgtQSUNUVVJFX1JBVxABEhMKD1BJQ1RVUkVfQ0VOVFJBTBACEhgKFFBJQ1RVUkVfQUxMX0lOX0ZPQ1VTEAMSEQoNUElDVFVSRV9ERVBUSBAEYgZwcm90bzM",
+    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSKRAQoGVmlld2VkEiQKBWZyYW1lGAEgASgLMhMucGxlbmFsaWduLnYxLkZyYW1lSAASLwoLc3BhY2luZ19tYXAYAiABKAsyGC5wbGVuYWxpZ24udjEuU3BhY2luZ01hcEgAEigKB3JlYWRpbmcYAyABKAsyFS5wbGVuYWxpZ24udjEuUmVhZGluZ0gAQgYKBHdoYXQi7wMKB1JlYWRpbmcSCwoDc2VxGAEgASgEEhgKEGNhcHR1cmVkX3VuaXhfdXMYAiABKAMSHQoVY2FwdHVyZWRfbW9ub3RvbmljX3VzGAMgASgEEg4KBmFnZV9tcxgEIAEoARIVCghmb2N1c19tbRgFIAEoAUgAiAEBEhEKBGVfbW0YBiABKAFIAYgBARIPCgdzZXR0bGVkGAcgASgIEg8KB3ByZXZpZXcYCCABKAgSEQoJc2ltdWxhdGVkGAkgASgIEhAKCHJlcGxheWVkGAogASgIEikKBXN0YXRlGAsgASgOMhoucGxlbmFsaWduLnYxLlJlYWRpbmdTdGF0ZRILCgN3aHkYDCABKAkSEgoKc3BhY2luZ19weBgNIAEoARIYChBzcGFjaW5nX3NpZ21hX3B4GA4gASgBEh8KF3NwYWNpbmdfc2lnbWFfcmFuZG9tX3B4GA8gASgBEhEKCXRpbHRfeF9weBgQIAEoARIRCgl0aWx0X3lfcHgYESABKAESFAoMY3VydmF0dXJlX3B4GBIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GBMgASgBEhAKCGluX2ZvY3VzGBQgASgIEhcKD2ZyYW1lc19sZWZ0X291dBgVIAEoBEILCglfZm9jdXNfbW1CBwoFX2VfbW0iwgEKClNwYWNpbmdNYXASEQoJZnJhbWVfc2VxGAEgASgEEhwKFG1pY3JvX2ltYWdlX3BpdGNoX3B4GAIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GAMgASgBEgwKBHhfcHgYBCADKAISDAoEeV9weBgFIAMoAhISCgpzcGFjaW5nX3B4GAYgAygCEhAKCHNpZ21hX3B4GAcgAygCEiYKBXN0YXRlGAggAygOMhcucGxlbmFsaWduLnYxLkxlbnNTdGF0ZSKWAwoFRnJhbWUSDAoEanBlZxgBIAEoDBILCgNzZXEYAiABKAQSGAoQY2FwdHVyZWRfdW5peF91cxgDIAEoAxITCgtleHBvc3VyZV91cxgEIAEoBBIYChBleHBvc3VyZV9hc3N1bWVkGAUgASgIEhUKCGZvY3VzX21tGAYgASgBSACIAQESEQoEZV9tbRgHIAEoAUgBiAEBEg8KB3NldHRsZWQYCCABKAgSDwoHcHJldmlldxgJIAEoCBIRCglzaW11bGF0ZWQYCiABKAgSDgoGYWdlX21zGAsgASgBEhYKDmZyYW1lc19za2lwcGVkGAwgASgEEhAKCHdpZHRoX3B4GA0gASgNEhEKCWhlaWdodF9weBgOIAEoDRIOCgZyZWR1Y2UYDyABKA0SEAoIcmVwbGF5ZWQYECABKAgSHQoVY2FwdHVyZWRfbW9ub3RvbmljX3VzGBEgASgEEiYKB3BpY3R1cmUYEiABKA4yFS5wbGVuYWxpZ24udjEuUGljdHVyZUILCglfZm9jdXNfbW1CBwoFX2VfbW0qfAoMUmVhZGluZ1N0YXRlEh0KGVJFQURJTkdfU1RBVEVfVU5TUEVDSUZJRUQQABIaChZSRUFESU5HX1NUQVRFX01FQVNVUkVEEAESFgoSUkVBRElOR19TVEFURV9MT1NUEAISGQoVUkVBRElOR19TVEFURV9SRUZVU0VEEAMqcAoJTGVuc1N0YXRlEhoKFkxFTlNfU1RBVEVfVU5TUEVDSUZJRUQQABIWChJMRU5TX1NUQVRFX01BVENIRUQQARIZChVMRU5TX1NUQVRFX01JU01BVENIRUQQAhIUChBMRU5TX1NUQVRFX0JMQU5LEAMqdQoHUGljdHVyZRIXChNQSUNUVVJFX1VOU1BFQ0lGSUVEEAASDwoLUElDVFVSRV9SQVcQARITCg9QSUNUVVJFX0NFTlRSQUwQAhIYChRQSUNUVVJFX0FMTF9JTl9GT0NVUxADEhEKDVBJQ1RVUkVfREVQVEgQBGIGcHJvdG8z",
   );
 
 /**
@@ -45,6 +45,15 @@ export type Viewed = Message<"plenalign.v1.Viewed"> & {
         value: SpacingMap;
         case: "spacingMap";
       }
+    | {
+        /**
+         * What the meter reads, for a viewer who asked for readings.
+         *
+         * @generated from field: plenalign.v1.Reading reading = 3;
+         */
+        value: Reading;
+        case: "reading";
+      }
     | { case: undefined; value?: undefined };
 };
 
@@ -53,6 +62,166 @@ export type Viewed = Message<"plenalign.v1.Viewed"> & {
  * Use `create(ViewedSchema)` to create a new message.
  */
 export const ViewedSchema: GenMessage<Viewed> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 0);
+
+/**
+ * The spacing in one frame, as the meter reads it: in each frame that the camera takes, as far as it keeps up.
+ *
+ * @generated from message plenalign.v1.Reading
+ */
+export type Reading = Message<"plenalign.v1.Reading"> & {
+  /**
+   * Sequence number of the frame.
+   *
+   * @generated from field: uint64 seq = 1;
+   */
+  seq: bigint;
+
+  /**
+   * End of the exposure, wall-clock time, microseconds since 1970-01-01T00:00:00Z.
+   *
+   * @generated from field: int64 captured_unix_us = 2;
+   */
+  capturedUnixUs: bigint;
+
+  /**
+   * The same on the daemon's machine's CLOCK_MONOTONIC: no setting of the clock disturbs it.
+   *
+   * @generated from field: uint64 captured_monotonic_us = 3;
+   */
+  capturedMonotonicUs: bigint;
+
+  /**
+   * Age of the frame (from the end of its exposure) when this was handed to the socket, ms.
+   *
+   * @generated from field: double age_ms = 4;
+   */
+  ageMs: number;
+
+  /**
+   * Readback of the focus axis when the frame was taken, mm; absent while unknown.
+   *
+   * @generated from field: optional double focus_mm = 5;
+   */
+  focusMm?: number | undefined;
+
+  /**
+   * Readback of the e axis when the frame was taken, mm; absent while unknown.
+   *
+   * @generated from field: optional double e_mm = 6;
+   */
+  eMm?: number | undefined;
+
+  /**
+   * Whether both axes were at rest during the whole exposure.
+   *
+   * @generated from field: bool settled = 7;
+   */
+  settled: boolean;
+
+  /**
+   * Whether the frame is a coarse picture for viewing only.
+   *
+   * @generated from field: bool preview = 8;
+   */
+  preview: boolean;
+
+  /**
+   * Whether the frame was simulated.
+   *
+   * @generated from field: bool simulated = 9;
+   */
+  simulated: boolean;
+
+  /**
+   * Whether the frame is of old, played from a file.
+   *
+   * @generated from field: bool replayed = 10;
+   */
+  replayed: boolean;
+
+  /**
+   * What became of the frame.
+   *
+   * @generated from field: plenalign.v1.ReadingState state = 11;
+   */
+  state: ReadingState;
+
+  /**
+   * Why it has no spacing, in words; empty where it has one. The fields that follow are then 0.
+   *
+   * @generated from field: string why = 12;
+   */
+  why: string;
+
+  /**
+   * The spacing on the axis, px.
+   *
+   * @generated from field: double spacing_px = 13;
+   */
+  spacingPx: number;
+
+  /**
+   * Its standard uncertainty, px.
+   *
+   * @generated from field: double spacing_sigma_px = 14;
+   */
+  spacingSigmaPx: number;
+
+  /**
+   * Its standard uncertainty from pixel noise alone, px.
+   *
+   * @generated from field: double spacing_sigma_random_px = 15;
+   */
+  spacingSigmaRandomPx: number;
+
+  /**
+   * Rise of the spacing along x, px per half frame width.
+   *
+   * @generated from field: double tilt_x_px = 16;
+   */
+  tiltXPx: number;
+
+  /**
+   * Rise of the spacing along y, px per half frame width.
+   *
+   * @generated from field: double tilt_y_px = 17;
+   */
+  tiltYPx: number;
+
+  /**
+   * Rise of the spacing with the squared distance from the axis, px per half frame width squared.
+   *
+   * @generated from field: double curvature_px = 18;
+   */
+  curvaturePx: number;
+
+  /**
+   * The spacing wanted, px; there without a spacing, too.
+   *
+   * @generated from field: double spacing_target_px = 19;
+   */
+  spacingTargetPx: number;
+
+  /**
+   * Whether the spacing is within the blur limit of that.
+   *
+   * @generated from field: bool in_focus = 20;
+   */
+  inFocus: boolean;
+
+  /**
+   * Frames that the camera took since somebody began to read, and that were not measured.
+   *
+   * @generated from field: uint64 frames_left_out = 21;
+   */
+  framesLeftOut: bigint;
+};
+
+/**
+ * Describes the message plenalign.v1.Reading.
+ * Use `create(ReadingSchema)` to create a new message.
+ */
+export const ReadingSchema: GenMessage<Reading> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 1);
 
 /**
  * The spacing micro-image by micro-image. The lists run together: one entry for each micro-image.
@@ -121,7 +290,7 @@ export type SpacingMap = Message<"plenalign.v1.SpacingMap"> & {
  * Describes the message plenalign.v1.SpacingMap.
  * Use `create(SpacingMapSchema)` to create a new message.
  */
-export const SpacingMapSchema: GenMessage<SpacingMap> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 1);
+export const SpacingMapSchema: GenMessage<SpacingMap> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 2);
 
 /**
  * A picture of the live view, and when and where it was taken.
@@ -261,7 +430,47 @@ export type Frame = Message<"plenalign.v1.Frame"> & {
  * Describes the message plenalign.v1.Frame.
  * Use `create(FrameSchema)` to create a new message.
  */
-export const FrameSchema: GenMessage<Frame> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 2);
+export const FrameSchema: GenMessage<Frame> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 3);
+
+/**
+ * What became of a frame at the meter.
+ *
+ * @generated from enum plenalign.v1.ReadingState
+ */
+export enum ReadingState {
+  /**
+   * Not said.
+   *
+   * @generated from enum value: READING_STATE_UNSPECIFIED = 0;
+   */
+  UNSPECIFIED = 0,
+
+  /**
+   * It has a spacing.
+   *
+   * @generated from enum value: READING_STATE_MEASURED = 1;
+   */
+  MEASURED = 1,
+
+  /**
+   * The spacing could not be followed to this frame, and is searched for.
+   *
+   * @generated from enum value: READING_STATE_LOST = 2;
+   */
+  LOST = 2,
+
+  /**
+   * The frame cannot be measured.
+   *
+   * @generated from enum value: READING_STATE_REFUSED = 3;
+   */
+  REFUSED = 3,
+}
+
+/**
+ * Describes the enum plenalign.v1.ReadingState.
+ */
+export const ReadingStateSchema: GenEnum<ReadingState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 0);
 
 /**
  * What became of a micro-image in the newest measurement.
@@ -301,7 +510,7 @@ export enum LensState {
 /**
  * Describes the enum plenalign.v1.LensState.
  */
-export const LensStateSchema: GenEnum<LensState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 0);
+export const LensStateSchema: GenEnum<LensState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 1);
 
 /**
  * What a picture shows.
@@ -348,4 +557,4 @@ export enum Picture {
 /**
  * Describes the enum plenalign.v1.Picture.
  */
-export const PictureSchema: GenEnum<Picture> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 1);
+export const PictureSchema: GenEnum<Picture> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 2);

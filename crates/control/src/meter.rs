@@ -1,0 +1,224 @@
+//! The meter: the spacing in every frame that the camera takes while somebody reads it.
+//!
+//! The newest frame is measured, never a queue of them: what comes meanwhile is left out and counted. From one frame to
+//! the next the spacing is followed. Where it cannot be, the reading says at once that it is lost, and the next frame is
+//! searched for it as if nothing were known.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use tokio::sync::{Notify, watch};
+use tokio::time::Instant;
+
+use super::eye::OLD_PICTURE;
+use super::service::Service;
+use super::sight::Sight;
+use bench::device::Frame;
+use bench::telemetry::{self, ReadingOutcome};
+use plenoptics::imaging::live::{LiveError, LiveMeter, LiveSpacing};
+
+/// How long a frame is awaited before it is seen whether anybody still reads.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// What is said of frames that come between two searches.
+const SEARCHING: &str = "the spacing is searched for";
+/// How many readings are kept to be compared with whole measurements of their frames.
+const KEPT: usize = 256;
+/// Spacings of one frame that are farther apart are of different matches, px.
+const SAME_PX: f64 = 1.0;
+
+/// What the meter reads in one frame.
+#[derive(Debug, Clone)]
+pub struct Reading {
+    /// The frame.
+    pub frame: Arc<Frame>,
+    /// Its spacing, or why there is none.
+    pub spacing: Result<LiveSpacing, NoReading>,
+    /// The spacing wanted, px.
+    pub spacing_target_px: f64,
+    /// Whether there is a spacing, and within the blur limit of that.
+    pub in_focus: bool,
+    /// Frames that the camera took since somebody began to read, and that were not measured.
+    pub frames_left_out: u64,
+}
+
+/// Why a frame gave no reading, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoReading {
+    /// The spacing could not be followed to this frame, and is searched for.
+    Lost(String),
+    /// The frame cannot be measured.
+    Refused(String),
+}
+
+impl From<LiveError> for NoReading {
+    fn from(error: LiveError) -> Self {
+        let why = error.to_string();
+        match error {
+            LiveError::Spacing(_) => Self::Refused(why),
+            LiveError::GridMoved { .. }
+            | LiveError::GridNotSeen { .. }
+            | LiveError::NoStart
+            | LiveError::Lost { .. } => Self::Lost(why),
+        }
+    }
+}
+
+/// What is followed from frame to frame.
+struct Followed {
+    /// What the white frame taught, by which it was begun.
+    sight: Arc<Sight>,
+    meter: LiveMeter,
+    /// The next frame has to be searched for its spacing, not before this.
+    search_from: Option<Instant>,
+}
+
+impl Followed {
+    fn new(sight: &Arc<Sight>) -> Result<Self, NoReading> {
+        let meter = sight.meter().map_err(NoReading::Refused)?;
+        Ok(Self { sight: Arc::clone(sight), meter, search_from: Some(Instant::now()) })
+    }
+
+    fn read(&mut self, frame: &Frame) -> Result<LiveSpacing, NoReading> {
+        let (began, searched) = (Instant::now(), self.search_from.is_some());
+        let read = match self.search_from {
+            Some(from) if from > began => return Err(NoReading::Lost(SEARCHING.to_owned())),
+            Some(_) => self.meter.acquire(&frame.image),
+            None => self.meter.measure(&frame.image),
+        };
+        let (read, took) = (read.map_err(NoReading::from), began.elapsed());
+        telemetry::read(searched, outcome(&read), took);
+        self.search_from = match &read {
+            Ok(_) => None,
+            // A search takes every core: whatever else there is to do is left as long again.
+            Err(_) if searched => Some(Instant::now() + took),
+            Err(NoReading::Lost(_)) => Some(began),
+            // The frame is at fault, not the place that the spacing was followed to.
+            Err(NoReading::Refused(_)) => None,
+        };
+        read
+    }
+}
+
+const fn outcome(read: &Result<LiveSpacing, NoReading>) -> ReadingOutcome {
+    match read {
+        Ok(_) => ReadingOutcome::Measured,
+        Err(NoReading::Lost(_)) => ReadingOutcome::Lost,
+        Err(NoReading::Refused(_)) => ReadingOutcome::Refused,
+    }
+}
+
+/// Reads a frame away from the runtime's threads, with what was followed before where the white frame is still the same.
+async fn read(
+    followed: &mut Option<Followed>,
+    sight: Arc<Sight>,
+    frame: &Arc<Frame>,
+) -> Result<LiveSpacing, NoReading> {
+    let before = followed.take().filter(|before| Arc::ptr_eq(&before.sight, &sight));
+    let frame = Arc::clone(frame);
+    let work = move || {
+        let mut followed = match before.map_or_else(|| Followed::new(&sight), Ok) {
+            Ok(followed) => followed,
+            Err(why) => return (None, Err(why)),
+        };
+        let read = match pool() {
+            Some(pool) => pool.install(|| followed.read(&frame)),
+            None => followed.read(&frame),
+        };
+        (Some(followed), read)
+    };
+    let (now, read) = tokio::task::spawn_blocking(work)
+        .await
+        .unwrap_or_else(|error| (None, Err(NoReading::Refused(format!("reading ended unexpectedly: {error}")))));
+    *followed = now;
+    read
+}
+
+/// Threads of the meter's own: what else is computed takes its turn on others, and does not hold a reading up.
+fn pool() -> Option<&'static rayon::ThreadPool> {
+    static POOL: OnceLock<Option<rayon::ThreadPool>> = OnceLock::new();
+    let build = || rayon::ThreadPoolBuilder::new().thread_name(|k| format!("meter-{k}")).build();
+    POOL.get_or_init(|| build().inspect_err(|error| tracing::error!(%error, "the meter has no threads")).ok()).as_ref()
+}
+
+/// Readings, to who reads them.
+pub(super) struct Readings {
+    newest: watch::Sender<Option<Arc<Reading>>>,
+    begun: Notify,
+    /// Sequence number and spacing (px) of the frame that was measured in whole last.
+    whole: watch::Sender<(u64, f64)>,
+}
+
+impl Default for Readings {
+    fn default() -> Self {
+        Self { newest: watch::Sender::new(None), begun: Notify::new(), whole: watch::Sender::new((0, 0.0)) }
+    }
+}
+
+impl Readings {
+    /// A frame was measured in whole. Where the meter has followed another match to it, it searches anew.
+    pub(super) fn compare(&self, frame_seq: u64, spacing_px: f64) {
+        self.whole.send_replace((frame_seq, spacing_px));
+    }
+}
+
+impl Service {
+    /// What the meter reads from now on, frame by frame: measured for as long as this is held.
+    #[must_use]
+    pub fn readings(&self) -> watch::Receiver<Option<Arc<Reading>>> {
+        let readings = self.readings.newest.subscribe();
+        self.readings.begun.notify_one();
+        readings
+    }
+
+    /// Reads every frame while somebody reads the meter.
+    pub(super) async fn watch_meter(&self) {
+        loop {
+            if self.readings.newest.receiver_count() == 0 {
+                self.readings.newest.send_replace(None);
+                self.readings.begun.notified().await;
+                continue;
+            }
+            self.read_frames().await;
+        }
+    }
+
+    /// Reads frames until nobody reads them any more.
+    async fn read_frames(&self) {
+        let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
+        let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
+        let mut kept = VecDeque::with_capacity(KEPT);
+        while self.readings.newest.receiver_count() > 0 {
+            let Ok(Ok(())) = tokio::time::timeout(PATIENCE, live.changed()).await else { continue };
+            let (Some(frame), Some(sight)) = (live.borrow_and_update().clone(), self.eye.sight()) else { continue };
+            if sight.has_mosaic() {
+                // It is measured in whole alone.
+                continue;
+            }
+            if whole.has_changed().is_ok_and(|changed| changed) {
+                let (seq, spacing_px) = *whole.borrow_and_update();
+                let other = |&(read, read_px): &(u64, f64)| read == seq && (read_px - spacing_px).abs() > SAME_PX;
+                if kept.iter().any(other) {
+                    tracing::warn!(frame = seq, spacing_px, "the meter has followed another match: it searches anew");
+                    followed = None;
+                }
+            }
+            let missed = before.as_ref().map_or(0, |before| frame.seq.saturating_sub(before.seq + 1));
+            frames_left_out += missed;
+            let spacing = match &before {
+                Some(before) if self.eye.repeats(before, &frame) => Err(NoReading::Refused(OLD_PICTURE.to_owned())),
+                _ => read(&mut followed, sight, &frame).await,
+            };
+            before = Some(Arc::clone(&frame));
+            if let Ok(spacing) = &spacing {
+                kept.truncate(KEPT - 1);
+                kept.push_front((frame.seq, spacing.on_axis_px));
+            }
+            telemetry::reading_published(outcome(&spacing), frame.exposed_to.elapsed(), missed);
+            let spacing_target_px = self.eye.target_px();
+            let in_focus = spacing.as_ref().is_ok_and(|spacing| self.eye.is_in_focus(spacing.on_axis_px));
+            let reading = Reading { frame, spacing, spacing_target_px, in_focus, frames_left_out };
+            self.readings.newest.send_replace(Some(Arc::new(reading)));
+        }
+    }
+}
