@@ -17,6 +17,7 @@ from plenalign.models import (
     MeasurementMessage,
     PicturesRequest,
     ProblemMessage,
+    ReadingsRequest,
     Show,
     SnapshotMessage,
     SpacingWatchJob,
@@ -58,8 +59,9 @@ def test_everything_first_and_then_what_changes(homed: plenalign.Client) -> None
 
 def test_live_pictures(homed: plenalign.Client) -> None:
     wanted = PicturesRequest(on=True, reduce=4, max_rate_hz=10.0, overlay=True, window=1)
-    with homed.watch(pictures=wanted) as watch:
+    with homed.watch(pictures=wanted, readings=ReadingsRequest(on=True)) as watch:
         pictures = [until(watch, plenalign.Picture) for _ in range(3)]
+        readings = [until(watch, plenalign.Reading) for _ in range(3)]
         spacing = until(watch, plenalign.SpacingMap, 60.0)
     for picture in pictures:
         assert isinstance(picture, plenalign.Picture)
@@ -70,6 +72,11 @@ def test_live_pictures(homed: plenalign.Client) -> None:
     assert isinstance(spacing, plenalign.SpacingMap)
     assert len(spacing.x_px) == len(spacing.y_px) == len(spacing.spacing_px) == len(spacing.matched) > 0
     assert any(spacing.matched)
+    for reading in readings:
+        assert isinstance(reading, plenalign.Reading)
+        assert reading.simulated
+        assert (reading.spacing_px is None) == (reading.why is not None)
+        assert reading.spacing_target_px > 0
 
 
 def test_what_cannot_be_used_is_told(homed: plenalign.Client) -> None:

@@ -19,6 +19,7 @@ from .models import (
     MeasurementMessage,
     PicturesRequest,
     ProblemMessage,
+    ReadingsRequest,
     SeenRequest,
     ServerMessage,
     Show,
@@ -35,6 +36,7 @@ SILENCE_S = 10.0
 LONGEST_MESSAGE = 256 * 1024 * 1024
 CONNECT_S = 5.0
 _TYPES = frozenset({"snapshot", "gap", "bench", "job", "measurement", "tick", "problem"})
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _CHANGES = (SnapshotMessage, BenchMessage, JobMessage, MeasurementMessage)
 
 
@@ -79,6 +81,54 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Reading:
+    """The spacing in one frame, as the meter reads it."""
+
+    seq: int
+    """Sequence number of the frame."""
+    captured_at: datetime
+    """End of the exposure."""
+    captured_monotonic_us: int
+    """The same on the daemon's machine's monotonic clock, µs."""
+    age_ms: float
+    """Age of the frame when this was sent, ms."""
+    focus_mm: float | None
+    """Readback of the focus axis, mm; none while unknown."""
+    e_mm: float | None
+    """Readback of the e axis, mm; none while unknown."""
+    settled: bool
+    """Whether both axes were at rest during the exposure."""
+    preview: bool
+    """Whether the frame is a coarse picture for viewing only."""
+    simulated: bool
+    """Whether the frame was simulated."""
+    replayed: bool
+    """Whether the frame is of old, played from a file."""
+    lost: bool
+    """Whether the spacing could not be followed to this frame, and is searched for."""
+    why: str | None
+    """Why there is no spacing; none where there is one."""
+    spacing_px: float | None
+    """The spacing on the axis, px; none where there is none, and so are those that follow up to the target."""
+    spacing_sigma_px: float | None
+    """Its standard uncertainty, px."""
+    spacing_sigma_random_px: float | None
+    """Its standard uncertainty from pixel noise alone, px."""
+    tilt_x_px: float | None
+    """Rise of the spacing along x, px per half frame width."""
+    tilt_y_px: float | None
+    """Rise of the spacing along y, px per half frame width."""
+    curvature_px: float | None
+    """Rise of the spacing with the squared distance from the axis, px per half frame width squared."""
+    spacing_target_px: float
+    """The spacing wanted, px."""
+    in_focus: bool
+    """Whether there is a spacing, and within the blur limit of that."""
+    frames_left_out: int
+    """Frames that the camera took since somebody began to read, and that were not measured."""
+
+
+@dataclass(frozen=True)
 class SpacingMap:
     """The spacing micro-image by micro-image; the lists run together."""
 
@@ -109,6 +159,7 @@ Message: TypeAlias = (
     | TickMessage
     | ProblemMessage
     | Picture
+    | Reading
     | SpacingMap
 )
 """What comes while one watches."""
@@ -121,11 +172,12 @@ class _Type(msgspec.Struct):
 class Following:
     """What was seen last, so that a new connection goes on there."""
 
-    def __init__(self, address: Address, pictures: PicturesRequest | None) -> None:
+    def __init__(self, address: Address, pictures: PicturesRequest | None, readings: ReadingsRequest | None) -> None:
         self._address = address
         self._pictures = pictures
+        self._readings = readings
         self._after: tuple[int, UUID] | None = None
-        if pictures is not None:
+        if self.greetings():
             _messages()
 
     @property
@@ -138,7 +190,7 @@ class Following:
 
     def greetings(self) -> list[str]:
         """What is sent over a new connection."""
-        return [] if self._pictures is None else [_text(self._pictures)]
+        return [_text(asked) for asked in (self._pictures, self._readings) if asked is not None]
 
     def read(self, message: str | bytes) -> tuple[Message | None, list[str]]:
         """A message, where it is one that is known, and what is to be sent back."""
@@ -167,12 +219,12 @@ def _messages() -> Any:
         from ._pb import frame_pb2
     except ImportError as error:
         raise ImportError(
-            "live pictures need Google's protobuf: pip install 'plenalign[live]'", name=error.name
+            "live pictures and readings need Google's protobuf: pip install 'plenalign[live]'", name=error.name
         ) from error
     return frame_pb2
 
 
-def _viewed(data: bytes) -> Picture | SpacingMap | None:
+def _viewed(data: bytes) -> Picture | Reading | SpacingMap | None:
     """A binary message; none where it is of a kind that is not known."""
     from google.protobuf.message import DecodeError
 
@@ -180,21 +232,22 @@ def _viewed(data: bytes) -> Picture | SpacingMap | None:
     try:
         viewed: frame_pb2.Viewed = pb.Viewed.FromString(data)
     except DecodeError as error:
-        raise UnexpectedAnswerError(f"a picture cannot be understood: {error}") from None
+        raise UnexpectedAnswerError(f"a binary message cannot be understood: {error}") from None
     which = viewed.WhichOneof("what")
     if which == "frame":
         return _picture(viewed.frame)
+    if which == "reading":
+        return _reading(viewed.reading, pb)
     return _map(viewed.spacing_map, pb.LENS_STATE_MATCHED) if which == "spacing_map" else None
 
 
 def _picture(frame: frame_pb2.Frame) -> Picture:
     shows = {0: Show.RAW, 1: Show.RAW, 2: Show.CENTRAL, 3: Show.ALL_IN_FOCUS, 4: Show.DEPTH}
-    epoch = datetime(1970, 1, 1, tzinfo=timezone.utc)
     return Picture(
         jpeg=frame.jpeg,
         show=shows.get(int(frame.picture)),
         seq=frame.seq,
-        captured_at=epoch + timedelta(microseconds=frame.captured_unix_us),
+        captured_at=_EPOCH + timedelta(microseconds=frame.captured_unix_us),
         captured_monotonic_us=frame.captured_monotonic_us,
         exposure_us=frame.exposure_us,
         exposure_assumed=frame.exposure_assumed,
@@ -208,6 +261,37 @@ def _picture(frame: frame_pb2.Frame) -> Picture:
         frames_skipped=frame.frames_skipped,
         raw_size=(frame.width_px, frame.height_px),
         reduce=frame.reduce,
+    )
+
+
+def _reading(reading: frame_pb2.Reading, pb: Any) -> Reading:
+    measured = reading.state == pb.READING_STATE_MEASURED
+
+    def value(number: float) -> float | None:
+        return number if measured else None
+
+    return Reading(
+        seq=reading.seq,
+        captured_at=_EPOCH + timedelta(microseconds=reading.captured_unix_us),
+        captured_monotonic_us=reading.captured_monotonic_us,
+        age_ms=reading.age_ms,
+        focus_mm=reading.focus_mm if reading.HasField("focus_mm") else None,
+        e_mm=reading.e_mm if reading.HasField("e_mm") else None,
+        settled=reading.settled,
+        preview=reading.preview,
+        simulated=reading.simulated,
+        replayed=reading.replayed,
+        lost=reading.state == pb.READING_STATE_LOST,
+        why=None if measured else reading.why,
+        spacing_px=value(reading.spacing_px),
+        spacing_sigma_px=value(reading.spacing_sigma_px),
+        spacing_sigma_random_px=value(reading.spacing_sigma_random_px),
+        tilt_x_px=value(reading.tilt_x_px),
+        tilt_y_px=value(reading.tilt_y_px),
+        curvature_px=value(reading.curvature_px),
+        spacing_target_px=reading.spacing_target_px,
+        in_focus=reading.in_focus,
+        frames_left_out=reading.frames_left_out,
     )
 
 

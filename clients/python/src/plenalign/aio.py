@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidSta
 from ._following import CONNECT_S, LONGEST_MESSAGE, SILENCE_S, Following, Message, cut_off, refused
 from .address import Address
 from .errors import ConnectionLostError, NotReachedError, PlenalignError, UnavailableError
-from .models import PicturesRequest
+from .models import PicturesRequest, ReadingsRequest
 from .watch import AGAIN_S
 
 
@@ -26,20 +26,28 @@ def watch(
     fingerprint: str | None = None,
     insecure: bool = False,
     pictures: PicturesRequest | None = None,
+    readings: ReadingsRequest | None = None,
     reconnect_s: float = 30.0,
 ) -> AsyncWatch:
     """What `plenalign.Watch` is, for an event loop; the first five arguments are those of `Address`."""
     address = Address(server, token=token, ca=ca, fingerprint=fingerprint, insecure=insecure)
-    return AsyncWatch(address, pictures=pictures, reconnect_s=reconnect_s)
+    return AsyncWatch(address, pictures=pictures, readings=readings, reconnect_s=reconnect_s)
 
 
 class AsyncWatch:
     """Messages from the daemon, to be iterated over asynchronously; see `plenalign.Watch`."""
 
-    def __init__(self, address: Address, *, pictures: PicturesRequest | None = None, reconnect_s: float = 30.0) -> None:
+    def __init__(
+        self,
+        address: Address,
+        *,
+        pictures: PicturesRequest | None = None,
+        readings: ReadingsRequest | None = None,
+        reconnect_s: float = 30.0,
+    ) -> None:
         self._address = address
         self._reconnect_s = reconnect_s
-        self._following = Following(address, pictures)
+        self._following = Following(address, pictures, readings)
         self._socket: ClientConnection | None = None
         self._closed = False
 

@@ -43,6 +43,7 @@ from .models import (
     MeasurementView,
     PicturesRequest,
     PlanInForce,
+    ReadingsRequest,
     ResetRequest,
     SingleMeasurement,
     StopReport,
@@ -125,9 +126,15 @@ class Client:
         """The state of the whole bench."""
         return self._transport.ask(op.GET_BENCH).as_(BenchView)
 
-    def watch(self, *, pictures: PicturesRequest | None = None, reconnect_s: float = 30.0) -> Watch:
+    def watch(
+        self,
+        *,
+        pictures: PicturesRequest | None = None,
+        readings: ReadingsRequest | None = None,
+        reconnect_s: float = 30.0,
+    ) -> Watch:
         """Everything that changes, as it changes; `Watch` says more. `plenalign.aio.watch` does so asynchronously."""
-        return Watch(self.address, pictures=pictures, reconnect_s=reconnect_s)
+        return Watch(self.address, pictures=pictures, readings=readings, reconnect_s=reconnect_s)
 
     # The stop.
 

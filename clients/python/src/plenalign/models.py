@@ -1821,6 +1821,15 @@ class PicturesRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag
     """At most so many pictures on the way that the viewer has not said it has seen; 0 for no such bound."""
 
 
+class ReadingsRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="readings"):
+    """Asks for what the meter reads, or for no more of it."""
+
+    max_rate_hz: float | UnsetType = UNSET
+    """At most so many a second, 0.1 to 120."""
+    on: bool
+    """Whether to send readings."""
+
+
 class HoldRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="hold"):
     """Holds the control lease for as long as this connection lives, and 10 s longer."""
 
@@ -1943,4 +1952,4 @@ ServerMessage: TypeAlias = (
     SnapshotMessage | GapMessage | BenchMessage | JobMessage | MeasurementMessage | TickMessage | ProblemMessage
 )
 
-ViewerMessage: TypeAlias = PicturesRequest | HoldRequest | SeenRequest
+ViewerMessage: TypeAlias = PicturesRequest | ReadingsRequest | HoldRequest | SeenRequest

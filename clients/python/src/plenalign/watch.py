@@ -13,7 +13,7 @@ from websockets.sync.client import ClientConnection, connect
 from ._following import CONNECT_S, LONGEST_MESSAGE, SILENCE_S, Following, Message, cut_off, refused
 from .address import Address
 from .errors import ConnectionLostError, NotReachedError, PlenalignError, UnavailableError
-from .models import PicturesRequest
+from .models import PicturesRequest, ReadingsRequest
 
 AGAIN_S = 0.5
 """Between two attempts to connect anew."""
@@ -27,13 +27,21 @@ class Watch:
     missed, or was started anew, a `GapMessage` and a new snapshot come. After `reconnect_s` without a connection
     `ConnectionLostError` is raised.
 
-    With `pictures`, live pictures come, too, as `Picture`, and with its `overlay` the `SpacingMap` of each measurement.
+    With `pictures`, live pictures come, too, as `Picture`, and with its `overlay` the `SpacingMap` of each measurement;
+    with `readings` the spacing in each frame that the camera takes, as `Reading`.
     """
 
-    def __init__(self, address: Address, *, pictures: PicturesRequest | None = None, reconnect_s: float = 30.0) -> None:
+    def __init__(
+        self,
+        address: Address,
+        *,
+        pictures: PicturesRequest | None = None,
+        readings: ReadingsRequest | None = None,
+        reconnect_s: float = 30.0,
+    ) -> None:
         self._address = address
         self._reconnect_s = reconnect_s
-        self._following = Following(address, pictures)
+        self._following = Following(address, pictures, readings)
         self._socket: ClientConnection | None = None
         self._closed = False
 

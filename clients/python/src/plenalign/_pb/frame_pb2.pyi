@@ -7,6 +7,13 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
+class ReadingState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    READING_STATE_UNSPECIFIED: _ClassVar[ReadingState]
+    READING_STATE_MEASURED: _ClassVar[ReadingState]
+    READING_STATE_LOST: _ClassVar[ReadingState]
+    READING_STATE_REFUSED: _ClassVar[ReadingState]
+
 class LensState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     LENS_STATE_UNSPECIFIED: _ClassVar[LensState]
@@ -21,6 +28,10 @@ class Picture(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     PICTURE_CENTRAL: _ClassVar[Picture]
     PICTURE_ALL_IN_FOCUS: _ClassVar[Picture]
     PICTURE_DEPTH: _ClassVar[Picture]
+READING_STATE_UNSPECIFIED: ReadingState
+READING_STATE_MEASURED: ReadingState
+READING_STATE_LOST: ReadingState
+READING_STATE_REFUSED: ReadingState
 LENS_STATE_UNSPECIFIED: LensState
 LENS_STATE_MATCHED: LensState
 LENS_STATE_MISMATCHED: LensState
@@ -32,12 +43,60 @@ PICTURE_ALL_IN_FOCUS: Picture
 PICTURE_DEPTH: Picture
 
 class Viewed(_message.Message):
-    __slots__ = ("frame", "spacing_map")
+    __slots__ = ("frame", "spacing_map", "reading")
     FRAME_FIELD_NUMBER: _ClassVar[int]
     SPACING_MAP_FIELD_NUMBER: _ClassVar[int]
+    READING_FIELD_NUMBER: _ClassVar[int]
     frame: Frame
     spacing_map: SpacingMap
-    def __init__(self, frame: _Optional[_Union[Frame, _Mapping]] = ..., spacing_map: _Optional[_Union[SpacingMap, _Mapping]] = ...) -> None: ...
+    reading: Reading
+    def __init__(self, frame: _Optional[_Union[Frame, _Mapping]] = ..., spacing_map: _Optional[_Union[SpacingMap, _Mapping]] = ..., reading: _Optional[_Union[Reading, _Mapping]] = ...) -> None: ...
+
+class Reading(_message.Message):
+    __slots__ = ("seq", "captured_unix_us", "captured_monotonic_us", "age_ms", "focus_mm", "e_mm", "settled", "preview", "simulated", "replayed", "state", "why", "spacing_px", "spacing_sigma_px", "spacing_sigma_random_px", "tilt_x_px", "tilt_y_px", "curvature_px", "spacing_target_px", "in_focus", "frames_left_out")
+    SEQ_FIELD_NUMBER: _ClassVar[int]
+    CAPTURED_UNIX_US_FIELD_NUMBER: _ClassVar[int]
+    CAPTURED_MONOTONIC_US_FIELD_NUMBER: _ClassVar[int]
+    AGE_MS_FIELD_NUMBER: _ClassVar[int]
+    FOCUS_MM_FIELD_NUMBER: _ClassVar[int]
+    E_MM_FIELD_NUMBER: _ClassVar[int]
+    SETTLED_FIELD_NUMBER: _ClassVar[int]
+    PREVIEW_FIELD_NUMBER: _ClassVar[int]
+    SIMULATED_FIELD_NUMBER: _ClassVar[int]
+    REPLAYED_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    WHY_FIELD_NUMBER: _ClassVar[int]
+    SPACING_PX_FIELD_NUMBER: _ClassVar[int]
+    SPACING_SIGMA_PX_FIELD_NUMBER: _ClassVar[int]
+    SPACING_SIGMA_RANDOM_PX_FIELD_NUMBER: _ClassVar[int]
+    TILT_X_PX_FIELD_NUMBER: _ClassVar[int]
+    TILT_Y_PX_FIELD_NUMBER: _ClassVar[int]
+    CURVATURE_PX_FIELD_NUMBER: _ClassVar[int]
+    SPACING_TARGET_PX_FIELD_NUMBER: _ClassVar[int]
+    IN_FOCUS_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
+    seq: int
+    captured_unix_us: int
+    captured_monotonic_us: int
+    age_ms: float
+    focus_mm: float
+    e_mm: float
+    settled: bool
+    preview: bool
+    simulated: bool
+    replayed: bool
+    state: ReadingState
+    why: str
+    spacing_px: float
+    spacing_sigma_px: float
+    spacing_sigma_random_px: float
+    tilt_x_px: float
+    tilt_y_px: float
+    curvature_px: float
+    spacing_target_px: float
+    in_focus: bool
+    frames_left_out: int
+    def __init__(self, seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., captured_monotonic_us: _Optional[int] = ..., age_ms: _Optional[float] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., replayed: _Optional[bool] = ..., state: _Optional[_Union[ReadingState, str]] = ..., why: _Optional[str] = ..., spacing_px: _Optional[float] = ..., spacing_sigma_px: _Optional[float] = ..., spacing_sigma_random_px: _Optional[float] = ..., tilt_x_px: _Optional[float] = ..., tilt_y_px: _Optional[float] = ..., curvature_px: _Optional[float] = ..., spacing_target_px: _Optional[float] = ..., in_focus: _Optional[bool] = ..., frames_left_out: _Optional[int] = ...) -> None: ...
 
 class SpacingMap(_message.Message):
     __slots__ = ("frame_seq", "micro_image_pitch_px", "spacing_target_px", "x_px", "y_px", "spacing_px", "sigma_px", "state")
