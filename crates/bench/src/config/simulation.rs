@@ -117,7 +117,7 @@ impl Default for SimulationConfig {
             bits: 8,
             rays: 64,
             preview_rays: 4,
-            preview_rate_hz: 15.0,
+            preview_rate_hz: 30.0,
             microlenses: MicrolensesConfig::default(),
             dust: DustConfig::default(),
             bubbles: BubblesConfig::default(),

@@ -152,7 +152,7 @@ impl Shared {
         tokio::time::sleep(EXPOSURE).await;
         let end = self.truth.pose();
         let seq = self.seq.fetch_add(1, Ordering::SeqCst) + 1;
-        let image = self.image(pose, end, rays, seq).await?;
+        let image = self.image(pose, end, rays, seq, preview).await?;
         self.unplugged()?;
         Ok(Arc::new(Frame {
             image,
@@ -170,7 +170,14 @@ impl Shared {
         }))
     }
 
-    async fn image(&self, from: Pose, to: Pose, rays: u32, seq: u64) -> Result<Arc<RawImage>, DeviceError> {
+    async fn image(
+        &self,
+        from: Pose,
+        to: Pose,
+        rays: u32,
+        seq: u64,
+        preview: bool,
+    ) -> Result<Arc<RawImage>, DeviceError> {
         let faults = *self.faults.borrow();
         let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let hanging = if faults.camera.frozen { last().clone() } else { None };
@@ -178,7 +185,8 @@ impl Shared {
             return Ok(image);
         }
         let picture = Arc::clone(&self.picture);
-        let image = tokio::task::spawn_blocking(move || picture.take(&from, &to, rays, seq, &faults))
+        let take = if preview { Picture::preview } else { Picture::take };
+        let image = tokio::task::spawn_blocking(move || take(&picture, &from, &to, rays, seq, &faults))
             .await
             .map_err(|error| DeviceError::Disconnected { device: NAME.to_owned(), reason: error.to_string() })?;
         let image = Arc::new(image);

@@ -1,10 +1,10 @@
 //! From the simulated truth to a raw frame: what the renderer is given, and how the sensor exposes it.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::configured;
-use super::exposure::{Noise, expose};
+use super::exposure::{Bank, Noise, expose};
 use super::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use super::scene::{Board, Scene, TripleBoard, texel_for};
 use super::shutter::Displacement;
@@ -25,6 +25,8 @@ pub(super) struct Picture {
     textures: Mutex<HashMap<u64, Arc<TextureMap>>>,
     /// The newest light by its rays a pixel.
     light: Mutex<HashMap<u32, Light>>,
+    /// Noise for previews.
+    bank: OnceLock<Bank>,
 }
 
 /// What light depends on, beside its rays a pixel and the configuration.
@@ -34,6 +36,12 @@ struct Moment {
     to: Pose,
     scene: SceneFaults,
     picture: PictureFault,
+}
+
+impl Moment {
+    fn of(from: &Pose, to: &Pose, faults: &Faults) -> Self {
+        Self { from: *from, to: *to, scene: faults.scene, picture: faults.camera.picture }
+    }
 }
 
 /// Noise-free irradiance, kept for the frames of a bench at rest, which differ in their noise alone.
@@ -53,6 +61,7 @@ impl Picture {
             renderers: Mutex::new(HashMap::new()),
             textures: Mutex::new(HashMap::new()),
             light: Mutex::new(HashMap::new()),
+            bank: OnceLock::new(),
         }
     }
 
@@ -60,21 +69,46 @@ impl Picture {
     ///
     /// Where the configuration samples an exposure at one moment only, that is the first.
     pub(super) fn take(&self, from: &Pose, to: &Pose, rays: u32, seq: u64, faults: &Faults) -> RawImage {
-        let moment = Moment { from: *from, to: *to, scene: faults.scene, picture: faults.camera.picture };
-        let (sensor, seed) = (&self.config.sensor, self.config.bench.simulation.seed);
-        let (width, height) = (sensor.width_px as usize, sensor.height_px as usize);
-        expose(&self.light(&moment, rays), width, height, &self.noise, seed.rotate_left(32) ^ seq)
+        let light = self.light(&Moment::of(from, to, faults), rays);
+        let [width, height] = self.size();
+        expose(&light, width, height, &self.noise, self.seed(seq))
+    }
+
+    /// The same for viewers, whose pictures have to keep pace: noise comes from a bank, and the light is that of a measured
+    /// frame where one was taken of the moment.
+    pub(super) fn preview(&self, from: &Pose, to: &Pose, rays: u32, seq: u64, faults: &Faults) -> RawImage {
+        let moment = Moment::of(from, to, faults);
+        let measured = self.kept(&moment, self.config.bench.simulation.rays);
+        let light = measured.unwrap_or_else(|| self.light(&moment, rays));
+        let [width, height] = self.size();
+        let bank = self.bank.get_or_init(|| Bank::new(self.config.bench.simulation.seed));
+        bank.expose(&light, width, height, &self.noise, self.seed(seq))
+    }
+
+    fn size(&self) -> [usize; 2] {
+        let sensor = &self.config.sensor;
+        [sensor.width_px as usize, sensor.height_px as usize]
+    }
+
+    fn seed(&self, seq: u64) -> u64 {
+        self.config.bench.simulation.seed.rotate_left(32) ^ seq
     }
 
     /// The light of a moment: traced anew unless it is that of the frame before.
     fn light(&self, moment: &Moment, rays: u32) -> Arc<Vec<f32>> {
-        let kept = || self.light.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(light) = kept().get(&rays).filter(|light| light.moment == *moment) {
-            return Arc::clone(&light.irradiance);
+        if let Some(light) = self.kept(moment, rays) {
+            return light;
         }
         let irradiance = Arc::new(self.trace(moment, rays));
-        kept().insert(rays, Light { moment: *moment, irradiance: Arc::clone(&irradiance) });
+        let light = Light { moment: *moment, irradiance: Arc::clone(&irradiance) };
+        self.light.lock().unwrap_or_else(PoisonError::into_inner).insert(rays, light);
         irradiance
+    }
+
+    /// The light of a moment, where it has been traced.
+    fn kept(&self, moment: &Moment, rays: u32) -> Option<Arc<Vec<f32>>> {
+        let light = self.light.lock().unwrap_or_else(PoisonError::into_inner);
+        light.get(&rays).filter(|light| light.moment == *moment).map(|light| Arc::clone(&light.irradiance))
     }
 
     fn trace(&self, moment: &Moment, rays: u32) -> Vec<f32> {

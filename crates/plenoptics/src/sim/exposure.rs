@@ -65,6 +65,94 @@ pub fn expose(irradiance: &[f32], width: usize, height: usize, noise: &Noise, se
     }
 }
 
+/// Deviates of a [`Bank`].
+const BANKED: usize = 1 << 20;
+/// Neighbourhood within which noise from a bank has no deviate twice, px: three of the largest micro-images there are.
+const APART: usize = 300;
+/// Draws of a row's place in the bank, before one that is too near a neighbour's is taken after all.
+const DRAWS: usize = 64;
+
+/// Normal deviates drawn beforehand, for a camera that has to keep pace: every row of a frame takes a stretch of them
+/// from a place of its own, so that no pattern shows twice within 300 px.
+#[derive(Debug)]
+pub struct Bank(Vec<f32>);
+
+impl Bank {
+    /// The deviates that follow from a seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        let mut chance = Chance::new(seed);
+        Self((0..BANKED).map(|_| chance.deviate()).collect())
+    }
+
+    /// Exposes an irradiance as [`expose`] does, but for two things: photon noise is normal however few the photons, and
+    /// the deviates are the bank's.
+    ///
+    /// # Panics
+    /// As [`expose`].
+    #[must_use]
+    pub fn expose(&self, irradiance: &[f32], width: usize, height: usize, noise: &Noise, seed: u64) -> RawImage {
+        if width > BANKED / 2 {
+            return expose(irradiance, width, height, noise, seed);
+        }
+        let bits = noise.bits.clamp(8, 16);
+        if bits == 8 {
+            RawImage::from_u8(width, height, self.samples(irradiance, width, noise, 255.0, seed, |level| level as u8))
+        } else {
+            let white = ((1u32 << bits) - 1) as f32;
+            let samples = self.samples(irradiance, width, noise, white, seed, |level| level as u16);
+            RawImage::from_u16(width, height, bits, samples)
+        }
+    }
+
+    fn samples<T: Copy + Default + Send + Sync>(
+        &self,
+        irradiance: &[f32],
+        width: usize,
+        noise: &Noise,
+        white: f32,
+        seed: u64,
+        sample: impl Fn(f32) -> T + Sync,
+    ) -> Vec<T> {
+        let width = width.max(1);
+        let deeper = white / 255.0;
+        let gain = WHITE_LEVELS * noise.exposure_gain as f32 * deeper;
+        let read = (noise.read_noise_levels as f32 * deeper).powi(2);
+        // Photons make a variance that rises with the level.
+        let photons = if noise.electrons_per_level > 0.0 { deeper / noise.electrons_per_level as f32 } else { 0.0 };
+        let places = places(irradiance.len().div_ceil(width), BANKED - width, seed);
+        let mut samples = vec![T::default(); irradiance.len()];
+        let rows = samples.par_chunks_mut(width).zip(irradiance.par_chunks(width)).zip(places);
+        rows.with_min_len(32).for_each(|((row, irradiance), place)| {
+            let deviates = &self.0[place..place + row.len()];
+            for ((to, &irradiance), deviate) in row.iter_mut().zip(irradiance).zip(deviates) {
+                let clean = irradiance * gain;
+                let level = clean + deviate * (read + photons * clean).max(0.0).sqrt();
+                *to = sample((level + 0.5).clamp(0.0, white));
+            }
+        });
+        samples
+    }
+}
+
+/// Where each row's stretch of a bank begins.
+fn places(rows: usize, last: usize, seed: u64) -> Vec<usize> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut places: Vec<usize> = Vec::with_capacity(rows);
+    for row in 0..rows {
+        let near = row.saturating_sub(APART);
+        let mut place = random.random_range(0..=last);
+        for _ in 0..DRAWS {
+            if places[near..].iter().all(|other| other.abs_diff(place) > APART) {
+                break;
+            }
+            place = random.random_range(0..=last);
+        }
+        places.push(place);
+    }
+    places
+}
+
 /// Photon noise: Poisson in electrons, and its normal limit where that is as good.
 fn photons(levels: f32, electrons_per_level: f32, chance: &mut Chance) -> f32 {
     let mean = levels * electrons_per_level;
@@ -190,6 +278,36 @@ mod tests {
             assert!(found.abs() < 0.012, "{found} at a lag of {lag}");
         }
         assert!(product(&one, &other).abs() < 0.012);
+    }
+
+    #[test]
+    fn noise_from_a_bank_is_as_that_drawn_anew() {
+        let bank = Bank::new(7);
+        let photon = Noise { read_noise_levels: 1.0, electrons_per_level: 20.0, bits: 12, ..Noise::default() };
+        for (noise, irradiance) in [(Noise::default(), 0.5), (photon, 0.9), (photon, 0.1)] {
+            let light = vec![irradiance; 400 * 300];
+            let (banked, drawn) = (bank.expose(&light, 400, 300, &noise, 9), expose(&light, 400, 300, &noise, 9));
+            let ((mean, variance), (drawn_mean, drawn_variance)) = (statistics(&banked), statistics(&drawn));
+            let error = (variance / 120_000.0).sqrt();
+            assert!((mean - drawn_mean).abs() < 6.0 * error, "{mean} for {drawn_mean}");
+            assert!((variance / drawn_variance - 1.0).abs() < 0.025, "{variance} for {drawn_variance}");
+        }
+        let noise = Noise { read_noise_levels: 0.0, ..Noise::default() };
+        let light = [0.0, 0.5, 1.0, 2.0];
+        assert_eq!(bank.expose(&light, 2, 2, &noise, 3), expose(&light, 2, 2, &noise, 3));
+    }
+
+    #[test]
+    fn noise_from_a_bank_repeats_nowhere_near() {
+        for (seed, width) in [(1, 1160), (2, 4096)] {
+            let places = places(3072, BANKED - width, seed);
+            for (row, place) in places.iter().enumerate() {
+                let near = &places[row.saturating_sub(APART)..row];
+                assert!(near.iter().all(|other| other.abs_diff(*place) > APART), "row {row}");
+            }
+        }
+        // From frame to frame it is another.
+        assert_ne!(places(100, BANKED - 400, 1), places(100, BANKED - 400, 2));
     }
 
     #[test]
