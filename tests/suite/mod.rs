@@ -47,6 +47,7 @@ mod limits;
 mod live;
 mod measure_cli;
 mod measurements;
+mod meter;
 mod metrics;
 mod microlenses;
 mod model;

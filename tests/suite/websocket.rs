@@ -164,7 +164,7 @@ async fn a_slow_viewer_is_sent_the_newest_frame_and_holds_nobody_up() {
 }
 
 #[tokio::test]
-async fn the_camera_is_watched_only_while_somebody_asks_for_pictures() {
+async fn the_camera_is_watched_only_while_somebody_asks_for_pictures_or_readings() {
     let fakes = fakes();
     let camera = fakes.camera.clone();
     let daemon = Daemon::start(fakes.bench).await;
@@ -177,6 +177,11 @@ async fn the_camera_is_watched_only_while_somebody_asks_for_pictures() {
         say(&mut socket, json!({ "type": "nonsense" })).await;
         next_problem(&mut socket).await;
         assert_eq!(camera.viewers(), viewers);
+    }
+    for (on, viewers) in [(true, 2), (false, 1), (true, 2)] {
+        say(&mut socket, json!({ "type": "readings", "on": on })).await;
+        // The meter begins and ends in its own time.
+        until("the meter follows", async || camera.viewers() == viewers).await;
     }
     socket.close(None).await.unwrap();
     until("a viewer that left watches no more", async || camera.viewers() == 0).await;
@@ -193,6 +198,8 @@ async fn a_message_that_cannot_be_used_is_answered_and_the_rest_goes_on() {
         ("{\"type\":\"pictures\",\"on\":true,\"reduce\":3}", 422, Some("reduce")),
         ("{\"type\":\"pictures\",\"on\":true,\"max_rate_hz\":1000}", 422, Some("max_rate_hz")),
         ("{\"type\":\"pictures\",\"on\":true,\"window\":99}", 422, Some("window")),
+        ("{\"type\":\"readings\",\"on\":true,\"max_rate_hz\":1000}", 422, Some("max_rate_hz")),
+        ("{\"type\":\"readings\"}", 422, Some("on")),
     ];
     for (text, status, field) in cases {
         socket.send(Message::text(text)).await.unwrap();

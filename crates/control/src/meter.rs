@@ -17,6 +17,7 @@ use super::sight::Sight;
 use bench::device::Frame;
 use bench::telemetry::{self, ReadingOutcome};
 use plenoptics::imaging::live::{LiveError, LiveMeter, LiveSpacing};
+use plenoptics::imaging::spacing::SpacingError;
 
 /// How long a frame is awaited before it is seen whether anybody still reads.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -55,11 +56,13 @@ impl From<LiveError> for NoReading {
     fn from(error: LiveError) -> Self {
         let why = error.to_string();
         match error {
-            LiveError::Spacing(_) => Self::Refused(why),
-            LiveError::GridMoved { .. }
+            // It shows something, and there is no telling at which spacing: the next may.
+            LiveError::Spacing(SpacingError::NoMatch { .. } | SpacingError::Ambiguous { .. })
+            | LiveError::GridMoved { .. }
             | LiveError::GridNotSeen { .. }
             | LiveError::NoStart
             | LiveError::Lost { .. } => Self::Lost(why),
+            LiveError::Spacing(_) => Self::Refused(why),
         }
     }
 }
