@@ -95,7 +95,7 @@ fn free_directions_change_nothing_where_they_are_alike() {
         let difference = live.on_axis_px - known.full.on_axis_px;
         assert!(difference.abs() < 0.001, "{name}: {difference:+.5} px");
         for (k, term) in [live.row_column_px, live.diagonal_px].into_iter().enumerate() {
-            let sigma = live.covariance[4 + k][4 + k].sqrt();
+            let sigma = live.covariance[5 + k][5 + k].sqrt();
             assert!(term.abs() < 4.0 * sigma + 1e-9, "{name}: {term} ± {sigma}");
         }
         assert_eq!(live.diagonal_px == 0.0, known.grid.array == ArrayKind::Square);

@@ -48,16 +48,18 @@ pub(super) struct Overlap {
 }
 
 impl Overlap {
-    /// Of a reference `a` and its neighbour `b` in the direction `unit` at `spacing` (px): the pixel x of the reference
-    /// is met by x + spacing · unit in the neighbour. `None` where the masks do not overlap.
+    /// Of a reference `a` and its neighbour `b` in the direction `unit`, at a spacing along it and across it (px): the
+    /// pixel x of the reference is met by x + along · unit + across · n in the neighbour, n being 90° further than `unit`
+    /// from +x towards +y. `None` where the masks do not overlap.
     #[inline(always)]
-    pub(super) fn new(a: &Tile, b: &Tile, shape: &Shape, unit: [f64; 2], spacing: f64) -> Option<Self> {
+    pub(super) fn new(a: &Tile, b: &Tile, shape: &Shape, unit: [f64; 2], [along, across]: [f64; 2]) -> Option<Self> {
         let middle = shape.middle();
         let edge = f64::from(shape.edge);
+        let shifts = [along * unit[0] - across * unit[1], along * unit[1] + across * unit[0]];
         let (mut first, mut last, mut floors, mut nearest) = ([0usize; 2], [0usize; 2], [0usize; 2], [0usize; 2]);
         let mut fraction = [0.0f32; 2];
         for axis in 0..2 {
-            let shift = spacing * unit[axis];
+            let shift = shifts[axis];
             // From the reference's tile to the neighbour's: both begin at the same distance from their middle pixel.
             let apart = a.nearest[axis] - b.nearest[axis];
             let own = middle[axis] as f64 + a.fraction[axis];

@@ -10,20 +10,11 @@ use super::run::{Clusters, Pass, Pool, run};
 use super::shape::Shape;
 use super::{LiveError, LiveOptions, LiveSpacing};
 use crate::imaging::grid::Grid;
-use crate::imaging::spacing::{LEAST_PAIRS, MASK_FRACTION, MODEL_SIGMA_PX, SpacingError};
+use crate::imaging::spacing::{
+    LEAST_CORRELATION, LEAST_PAIRS, MARGIN_PX, MASK_FRACTION, MODEL_SIGMA_PX, QUANTISATION, SpacingError,
+    mask_fraction, noise_scale, whole_fraction,
+};
 
-/// Pixels that a tile reaches beyond the largest mask, where the frame goes on so far.
-const MARGIN_PX: f64 = 4.0;
-/// The smallest masks, as a part of the micro-image's radius, where the profile falls from its centre on.
-const LEAST_MASK_FRACTION: f64 = 0.5;
-/// Share of the centre's light from which on a pixel counts as seeing through its whole microlens.
-const WHOLE_SHARE: f64 = 0.985;
-/// Least half width (px) of the overlap of two masks.
-const LEAST_OVERLAP_PX: f64 = 1.5;
-/// Median residual, in units of what a right noise estimate would leave, of pairs that match.
-const USUAL_RESIDUAL: f64 = 0.8;
-/// Correlation of neighbours below which they do not show the same thing.
-const LEAST_CORRELATION: f64 = 0.6;
 /// Agreement of the lattice's phases below which there is no lattice.
 const LEAST_COHERENCE: f64 = 0.3;
 /// Standard uncertainties of a displacement beyond the tolerance at which it is sure: neighbouring micro-images show the
@@ -31,8 +22,6 @@ const LEAST_COHERENCE: f64 = 0.3;
 const SURE: f64 = 4.0;
 /// Content beyond the noise's, in units of the noise's, below which a frame that does not match shows nothing.
 const LEAST_CONTRAST: f64 = 0.25;
-/// Standard deviation of a grey level's rounding: no frame has less noise.
-const QUANTISATION: f64 = 0.288_675;
 /// Clusters that are settled first, at most and as a share of the micro-images.
 const CLUSTERS: usize = 96;
 const CLUSTERS_SHARE: usize = 64;
@@ -58,7 +47,7 @@ pub(super) struct State {
 impl State {
     /// A spacing (px) with its tilt x, tilt y and curvature.
     pub(super) fn new(spacing: f64, [tilt_x, tilt_y, curvature]: [f64; 3]) -> Self {
-        Self { terms: Terms::from([spacing, tilt_x, tilt_y, curvature, 0.0, 0.0]), noise_scale: None }
+        Self { terms: Terms::from([spacing, tilt_x, tilt_y, curvature, 0.0, 0.0, 0.0]), noise_scale: None }
     }
 }
 
@@ -101,7 +90,10 @@ impl Engine {
             options: *options,
             free: free_terms(&plan, options.field_held.is_some(), options.directions_alike),
             pitch,
-            whole: whole_fraction(vignetting, &plan, grid.frame_size[0], pitch),
+            whole: {
+                let centres: Vec<[f64; 2]> = (0..plan.lenses.len() as u32).map(|lens| plan.centre(lens)).collect();
+                whole_fraction(&centres, pitch, |_, [x, y]| vignetting[y * grid.frame_size[0] + x])
+            },
             state: options.start_px.map(|start| State::new(start, options.field_held.unwrap_or_default())),
             clusters,
             plan,
@@ -163,9 +155,10 @@ impl Engine {
             let fresh = shape.replace(now) != Some(now);
             let noise = (raw_noise * scale).max(QUANTISATION);
             let Self { plan, clusters, normals: [normal, _], .. } = self;
-            let pass = Pass { frame, lenses: &plan.lenses, turns: &plan.turns, model: &axis, shape: &now, noise };
+            let pass =
+                Pass { frame, lenses: &plan.lenses, directions: &plan.directions, model: &axis, shape: &now, noise };
             clusters.run(&pass, fresh);
-            normal.gather(&clusters.jobs, &plan.turns, noise);
+            normal.gather(&clusters.jobs, &plan.directions, &axis, noise);
             let correlation = normal.correlation;
             let Some(inverse) = normal.inverse(&axis.free) else { return Err(self.no_match(0, from_px, raw_noise)) };
             let step = normal.step(&inverse);
@@ -206,9 +199,9 @@ impl Engine {
         for passes in 1..=PASSES {
             let shape = self.shape(model.terms[0]);
             let Self { plan, pool, normals: [_, normal], .. } = self;
-            let pass = Pass { frame, lenses: &plan.lenses, turns: &plan.turns, model, shape: &shape, noise };
+            let pass = Pass { frame, lenses: &plan.lenses, directions: &plan.directions, model, shape: &shape, noise };
             run(&pass, &mut plan.jobs, pool);
-            normal.gather(&plan.jobs, &plan.turns, noise);
+            normal.gather(&plan.jobs, &plan.directions, model, noise);
             if normal.pairs < LEAST_PAIRS {
                 return Err(SpacingError::TooFewMicroImages { pairs: normal.pairs, needed: LEAST_PAIRS }.into());
             }
@@ -236,7 +229,8 @@ impl Engine {
             // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
             covariance[(0, 0)] = covariance[(0, 0)].max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2);
             self.state = Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });
-            let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, row_column_px, diagonal_px] = model.terms.into();
+            let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px] =
+                model.terms.into();
             return Ok(LiveSpacing {
                 on_axis_px,
                 sigma_px: covariance[(0, 0)].sqrt(),
@@ -244,6 +238,7 @@ impl Engine {
                 tilt_x_px,
                 tilt_y_px,
                 curvature_px,
+                astigmatism_px,
                 row_column_px,
                 diagonal_px,
                 covariance: covariance.transpose().into(),
@@ -262,10 +257,7 @@ impl Engine {
     /// Tiles for spacings near this one: masks as large as the main lens's aperture cuts nothing off, and never so small
     /// that they hardly overlap.
     fn shape(&self, spacing: f64) -> Shape {
-        // Masks a shift apart overlap by their diameter less the shift.
-        let shift = (spacing - self.pitch).abs();
-        let fraction = self.whole.max((shift / 2.0 + LEAST_OVERLAP_PX) / (self.pitch / 2.0)).min(MASK_FRACTION);
-        Shape::new(fraction * self.pitch / 2.0)
+        Shape::new(mask_fraction(self.whole, self.pitch, spacing) * self.pitch / 2.0)
     }
 
     /// What it means that the clusters (0) or all pairs (1) do not match.
@@ -284,7 +276,7 @@ impl Engine {
         }
         let total: f64 = normal.by_direction.iter().sum();
         // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
-        if self.plan.directions == 2 {
+        if self.plan.direction_count == 2 {
             for (direction, along_rows) in [(1, true), (0, false)] {
                 if normal.by_direction[direction] < 0.01 * total {
                     return Err(SpacingError::OneDirection { along_rows });
@@ -293,35 +285,4 @@ impl Engine {
         }
         Ok(())
     }
-}
-
-/// The noise's scale at which the pairs' residuals are what they usually are.
-fn noise_scale(scale: f64, residual: f64) -> f64 {
-    (scale * scale * residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt()
-}
-
-/// Part of the micro-image's radius within which no light is cut off, from the profile's mean around circles.
-fn whole_fraction(vignetting: &[f32], plan: &Plan, width: usize, pitch: f64) -> f64 {
-    const DIRECTIONS: usize = 24;
-    let every = (plan.lenses.len() / 64).max(1);
-    let ring = |fraction: f64| {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for lens in (0..plan.lenses.len()).step_by(every) {
-            let [x, y] = plan.centre(lens as u32);
-            for k in 0..DIRECTIONS {
-                let (sin, cos) = (std::f64::consts::TAU * k as f64 / DIRECTIONS as f64).sin_cos();
-                let reach = fraction * pitch / 2.0;
-                let at = (y + reach * sin).round() as usize * width + (x + reach * cos).round() as usize;
-                sum += f64::from(vignetting[at]);
-                count += 1.0;
-            }
-        }
-        sum / f64::max(count, 1.0)
-    };
-    let least = WHOLE_SHARE * f64::midpoint(ring(0.1), ring(0.25));
-    (0..)
-        .map(|k| MASK_FRACTION - 0.02 * f64::from(k))
-        .take_while(|&fraction| fraction > LEAST_MASK_FRACTION)
-        .find(|&fraction| ring(fraction) >= least)
-        .unwrap_or(LEAST_MASK_FRACTION)
 }

@@ -4,12 +4,10 @@ use rayon::prelude::*;
 
 use super::frame::{Frame, Sample};
 use super::plan::{Plan, spread};
-use crate::imaging::spacing::SpacingError;
+use crate::imaging::spacing::{SATURATED_SHARE, SpacingError, least_mean};
 
 /// Micro-images looked at.
 const WANTED: usize = 128;
-/// Share of saturated pixels within the masks above which a frame is refused.
-const SATURATED_SHARE: f64 = 0.4;
 /// Part of the masks' radius within which noise is looked for.
 const NOISE_RADIUS: f64 = 0.85;
 
@@ -59,8 +57,7 @@ impl Exposure {
             return Err(SpacingError::Saturated { share });
         }
         let mean = total(|c| f64::from(c.sum)) / pixels;
-        // An 8-bit frame whose micro-images average three grey levels holds no texture above its own quantisation.
-        let least = (f64::from(frame.white.grey()) * 0.012).min(3.0);
+        let least = least_mean(f64::from(frame.white.grey()));
         if mean < least {
             return Err(SpacingError::Dark { mean, least });
         }

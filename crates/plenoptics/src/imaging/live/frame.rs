@@ -2,11 +2,10 @@
 
 use super::plan::Lens;
 use super::shape::Shape;
+use crate::imaging::spacing::LEAST_VIGNETTING;
 
 /// Samples that lie in one cache line at least.
 const TOUCH_STEP: usize = 32;
-/// Below this share of light vignetting is not divided out any further: it would only blow up noise.
-const LEAST_SHARE: f32 = 0.2;
 /// Unit of the gains.
 pub(super) const GAIN_UNIT: f32 = 1.0 / 8192.0;
 /// Gains beyond the last, for rows of tiles that reach over it.
@@ -138,5 +137,5 @@ impl Gains {
 
 /// A share of light as a gain.
 pub(super) fn gain(share: f32) -> u16 {
-    (1.0 / (share.max(LEAST_SHARE) * GAIN_UNIT)).round() as u16
+    (1.0 / (share.max(LEAST_VIGNETTING) * GAIN_UNIT)).round() as u16
 }

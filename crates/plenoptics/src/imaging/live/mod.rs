@@ -36,6 +36,7 @@ use serde::Serialize;
 
 use self::engine::{Engine, State};
 use self::frame::{Frame, GAIN_UNIT, Gains, gain};
+use self::normal::TERMS;
 use super::grid::Grid;
 use super::spacing::{SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
 use crate::optics::MlaMode;
@@ -137,13 +138,14 @@ pub struct LiveSpacing {
     pub tilt_y_px: f64,
     /// k: rise of the spacing with the squared distance from the axis, px per half frame width squared.
     pub curvature_px: f64,
+    /// a: the curvature seen by pairs along the radius less that seen by pairs across it, px per half width squared.
+    pub astigmatism_px: f64,
     /// s: spacing along the array's rows (its first lattice direction) less that along its columns, px.
     pub row_column_px: f64,
     /// h: the same for the directions 45° further, px; 0 for a square array, where it is not looked for.
     pub diagonal_px: f64,
-    /// Covariance (px²) of the spacing, tilt x, tilt y, curvature and the two differences, from the scatter between field
-    /// blocks. Zero for terms not fitted.
-    pub covariance: [[f64; 6]; 6],
+    /// Covariance of l_0, t_x, t_y, k, a, s, h (px²), from the scatter between field blocks. Zero for terms not fitted.
+    pub covariance: [[f64; TERMS]; TERMS],
     /// Radius of the masks about the micro-images' centres, px.
     pub window_px: f64,
     /// Pairs of neighbouring micro-images that were compared.

@@ -2,11 +2,12 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::plan::{BLOCKS, Job, Pair, Plan};
+use super::plan::{Job, Pair, Plan};
 use super::score::PairScore;
+use crate::imaging::spacing::{self, ASYMMETRY_PX, BLOCKS, Directions, FIELD_TERMS};
 
-/// Unknowns: spacing on the axis, tilt x, tilt y, curvature, row less column, and the same for the diagonals.
-pub(super) const TERMS: usize = 6;
+/// Unknowns: spacing on the axis, then those by which it departs from that.
+pub(super) const TERMS: usize = 1 + spacing::TERMS;
 /// Field blocks.
 const ALL_BLOCKS: usize = BLOCKS * BLOCKS;
 
@@ -21,19 +22,28 @@ pub(super) struct Model {
     pub(super) free: [bool; TERMS],
 }
 
-/// Derivatives of a pair's spacing with respect to the terms.
+/// Derivatives of a pair's spacing, along it and across it, with respect to the terms.
 #[inline(always)]
-pub(super) fn derivatives(pair: &Pair, turns: &[[f64; 2]; 3]) -> Terms {
-    let [x, y] = pair.midpoint;
-    let [row_column, diagonal] = turns[usize::from(pair.direction)];
-    Terms::from([1.0, x, y, x * x + y * y, row_column, diagonal])
+fn both(pair: &Pair, directions: &Directions) -> [Terms; 2] {
+    let [along, across] = directions.place(pair.midpoint, usize::from(pair.direction)).terms();
+    let with = |first: f64, [x, y, square, astigmatism, row_column, diagonal]: [f64; spacing::TERMS]| {
+        Terms::from([first, x, y, square, astigmatism, row_column, diagonal])
+    };
+    [with(1.0, along), with(0.0, across)]
+}
+
+/// Derivatives of a pair's spacing along it with respect to the terms.
+#[inline(always)]
+pub(super) fn derivatives(pair: &Pair, directions: &Directions) -> Terms {
+    both(pair, directions)[0]
 }
 
 impl Model {
-    /// The spacing of a pair, px.
+    /// The spacing of a pair along it and across it (90° from +x towards +y), px.
     #[inline(always)]
-    pub(super) fn spacing(&self, pair: &Pair, turns: &[[f64; 2]; 3]) -> f64 {
-        self.terms.dot(&derivatives(pair, turns))
+    pub(super) fn spacing(&self, pair: &Pair, directions: &Directions) -> [f64; 2] {
+        let [along, across] = both(pair, directions);
+        [self.terms.dot(&along), self.terms.dot(&across)]
     }
 
     /// The same with the spacing on the axis alone unknown.
@@ -95,7 +105,7 @@ impl Normal {
     }
 
     /// Gathers what the pairs of the jobs said, at a noise of so many grey levels.
-    pub(super) fn gather(&mut self, jobs: &[Job], turns: &[[f64; 2]; 3], noise: f64) {
+    pub(super) fn gather(&mut self, jobs: &[Job], directions: &Directions, model: &Model, noise: f64) {
         self.misfit = self.median(jobs, |score| score.misfit);
         self.residual = self.median(jobs, |score| score.residual);
         self.pairs = self.sorted.len();
@@ -110,7 +120,7 @@ impl Normal {
             }
             let pair = &link.pair;
             let weight = self.weight(score) * unit;
-            let d = derivatives(pair, turns);
+            let d = derivatives(pair, directions);
             let information = weight * f64::from(score.information);
             let random = weight * weight * f64::from(score.random);
             let (block, gradient) = &mut self.blocks[usize::from(pair.block)];
@@ -134,6 +144,12 @@ impl Normal {
             block.fill_upper_triangle_with_lower_triangle();
             self.information += &*block;
             self.gradient += &*gradient;
+        }
+        // Rows and columns of no real array differ by more: where texture tells nothing about it, that is believed.
+        for k in (1 + FIELD_TERMS..TERMS).filter(|&k| model.free[k]) {
+            let information = ASYMMETRY_PX.powi(-2);
+            self.information[(k, k)] += information;
+            self.gradient[k] -= information * model.terms[k];
         }
         self.correlation = if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 };
         self.contrast = (aa + bb) / (2.0 * share).max(1e-9);
@@ -193,18 +209,24 @@ impl Normal {
     }
 }
 
-/// The directions of a plan that are told apart: the cosine's term, and for three directions the sine's.
+/// Which terms are unknowns. Directions of a plan are told apart by the cosine's term, three directions also by the sine's:
+/// pairs are compared along themselves only.
 pub(super) fn free_terms(plan: &Plan, field_held: bool, difference_held: bool) -> [bool; TERMS] {
     let field = !field_held;
-    [true, field, field, field, !difference_held, !difference_held && plan.directions == 3]
+    [true, field, field, field, true, !difference_held, !difference_held && plan.direction_count == 3]
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::plan::{Link, Row};
     use super::*;
+    use crate::imaging::grid::Grid;
+    use crate::optics::ArrayKind;
 
-    const TURNS: [[f64; 2]; 3] = [[1.0, 0.0], [-0.5, 0.866_025_4], [-0.5, -0.866_025_4]];
+    fn directions() -> Directions {
+        let basis = [[20.0, 1.0], [10.0 - 0.866_025_4, 17.320_508 + 0.5]];
+        Directions::new(&Grid::affine(ArrayKind::Hexagonal, [200.0, 200.0], basis, [400, 400]))
+    }
 
     fn pair(x: f64, y: f64, direction: u8, block: u8) -> Pair {
         Pair { first: 0, second: 1, unit: [1.0, 0.0], midpoint: [x, y], direction, block }
@@ -212,13 +234,13 @@ mod tests {
 
     #[test]
     fn the_step_leads_to_the_terms_that_made_the_scores() {
-        let truth = Terms::from([0.02, -0.01, 0.005, 0.03, 0.004, -0.006]);
+        let truth = Terms::from([0.02, -0.01, 0.005, 0.03, 0.008, 0.004, -0.006]);
         let (mut links, mut scores) = (Vec::new(), Vec::new());
         for k in 0..360u32 {
             let (x, y) = (f64::from(k % 20) / 10.0 - 0.95, f64::from(k / 20) / 9.0 - 0.95);
             let pair = pair(x, y, (k % 3) as u8, (k % 36) as u8);
             let information = 50.0 + f64::from(k % 7);
-            let score = information * truth.dot(&derivatives(&pair, &TURNS));
+            let score = information * truth.dot(&derivatives(&pair, &directions()));
             links.push(Link { pair, slots: [0, 1] });
             scores.push(PairScore {
                 score: score as f32,
@@ -233,7 +255,9 @@ mod tests {
         scores[7] = PairScore::NONE;
         let job = Job { rows: vec![Row { tiles: Vec::new(), links }], slots: 2, scores };
         let mut normal = Normal::new(360);
-        normal.gather(&[job], &TURNS, 2.0);
+        // As if the terms were known beforehand: what arrays are like pulls at nothing.
+        let model = Model { terms: Terms::zeros(), free: [false; TERMS] };
+        normal.gather(&[job], &directions(), &model, 2.0);
         assert_eq!(normal.pairs, 359);
         assert!((normal.correlation - 0.9).abs() < 1e-9 && (normal.contrast - 10.0).abs() < 1e-6);
         let inverse = normal.inverse(&[true; TERMS]).unwrap();
@@ -242,7 +266,7 @@ mod tests {
         // Nothing is left to scatter once the step is made.
         assert!(normal.scatter(&inverse, &step, TERMS).abs().max() < 1e-12);
         // A term that is held does not move, and has no variance.
-        let held = normal.inverse(&[true, true, true, false, true, true]).unwrap();
+        let held = normal.inverse(&[true, true, true, false, true, true, true]).unwrap();
         assert_eq!(normal.step(&held)[3], 0.0);
         assert_eq!(held[(3, 3)], 0.0);
     }

@@ -13,13 +13,12 @@ use std::collections::{BTreeMap, HashMap};
 
 use super::score::PairScore;
 use crate::imaging::grid::Grid;
+use crate::imaging::spacing::{Directions, block};
 
 /// Most lattice columns of a job: with them two rows of tiles fit into the second-level cache.
 const JOB_COLUMNS: i32 = 14;
 /// Most lattice rows of a job.
 const JOB_ROWS: i32 = 24;
-/// Field blocks along each side of a frame, for the scatter between regions.
-pub(super) const BLOCKS: usize = 6;
 /// The golden ratio's fraction: its multiples spread evenly however many there are.
 const GOLDEN: f64 = 0.618_033_988_749_895;
 
@@ -102,10 +101,9 @@ pub(super) struct Plan {
     pub(super) lenses: Vec<Lens>,
     pub(super) jobs: Vec<Job>,
     pub(super) pairs: usize,
-    /// Half the cosine and half the sine of twice the angle of each lattice direction from the first basis vector: what
-    /// the differences of perpendicular directions do to it.
-    pub(super) turns: [[f64; 2]; 3],
-    pub(super) directions: usize,
+    pub(super) directions: Directions,
+    /// How many of them pairs lie along.
+    pub(super) direction_count: usize,
     indices: Vec<[i32; 2]>,
     places: HashMap<[i32; 2], u32>,
 }
@@ -118,8 +116,8 @@ impl Plan {
             lenses: Vec::new(),
             jobs: Vec::new(),
             pairs: 0,
-            turns: turns(grid),
-            directions: grid.neighbour_steps().len(),
+            directions: Directions::new(grid),
+            direction_count: grid.neighbour_steps().len(),
             indices: Vec::new(),
             places: HashMap::new(),
         };
@@ -261,23 +259,6 @@ pub(super) fn spread(count: usize, wanted: usize) -> impl Iterator<Item = usize>
     chosen.into_iter()
 }
 
-/// The field block of a place of the field.
-fn block([x, y]: [f64; 2]) -> usize {
-    let place = |v: f64| (((v + 1.0) / 2.0 * BLOCKS as f64).max(0.0) as usize).min(BLOCKS - 1);
-    place(y) * BLOCKS + place(x)
-}
-
-fn turns(grid: &Grid) -> [[f64; 2]; 3] {
-    let right = match grid.array {
-        crate::optics::ArrayKind::Square => std::f64::consts::FRAC_PI_2,
-        crate::optics::ArrayKind::Hexagonal => std::f64::consts::FRAC_PI_3,
-    };
-    std::array::from_fn(|k| {
-        let (sin, cos) = (2.0 * right * k as f64).sin_cos();
-        [0.5 * cos, 0.5 * sin]
-    })
-}
-
 /// How many rows side by side are kept, and of how many: about as many micro-images as `most` of `all`. At least three,
 /// so that most of their pairs are kept with them.
 fn rows_kept(all: usize, most: usize) -> (i32, i32) {
@@ -327,7 +308,7 @@ mod tests {
             }
             assert_eq!(seen.len(), plan.pairs);
             // About two or three pairs a micro-image.
-            let expected = plan.directions * plan.lenses.len();
+            let expected = plan.direction_count * plan.lenses.len();
             assert!(seen.len() < expected && seen.len() > expected * 9 / 10, "{} of {expected}", seen.len());
         }
     }

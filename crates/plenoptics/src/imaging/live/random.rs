@@ -111,11 +111,12 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
             let pair = &ray.pair;
             let (lens, sign) = if ray.outwards { (pair.second, 1.0) } else { (pair.first, -1.0) };
             other.prepare(simd, frame, (lens, &plan.lenses), shape, work);
-            let spacing = model.spacing(pair, &plan.turns);
+            let spacing = model.spacing(pair, &plan.directions);
             let Some(overlap) = Overlap::new(own, other, shape, pair.unit.map(|u| sign * u), spacing) else { continue };
             let Some(moments) = overlap.compare(simd, own, other, shape, warp) else { continue };
             let order = Order::new(&moments, noise);
-            let factor = derivatives(pair, &plan.turns).dot(along) * normal.weight(score) / (noise * noise).max(1e-6);
+            let factor =
+                derivatives(pair, &plan.directions).dot(along) * normal.weight(score) / (noise * noise).max(1e-6);
             found[1] += factor * factor * order.random(&moments);
             // The neighbour's role mirrors the reference's: it counts as the same again.
             let strength = (2.0 * factor * order.trust) as f32;

@@ -12,12 +12,13 @@ use super::plan::{Job, Lens};
 use super::score::PairScore;
 use super::shape::Shape;
 use super::tile::{Tile, Workspace};
+use crate::imaging::spacing::Directions;
 
 /// What all jobs of a pass share.
 pub(super) struct Pass<'a, T> {
     pub(super) frame: &'a Frame<'a, T>,
     pub(super) lenses: &'a [Lens],
-    pub(super) turns: &'a [[f64; 2]; 3],
+    pub(super) directions: &'a Directions,
     pub(super) model: &'a Model,
     pub(super) shape: &'a Shape,
     /// Noise, grey levels.
@@ -145,7 +146,7 @@ fn compare<S: Simd, T: Sample>(
     b: &Tile,
     warp: &mut Warp,
 ) -> PairScore {
-    let spacing = pass.model.spacing(&link.pair, pass.turns);
+    let spacing = pass.model.spacing(&link.pair, pass.directions);
     let there = order(simd, pass.shape, a, b, link.pair.unit, spacing, warp);
     let back = order(simd, pass.shape, b, a, [-link.pair.unit[0], -link.pair.unit[1]], spacing, warp);
     match (there, back) {
@@ -162,7 +163,7 @@ fn order<S: Simd>(
     a: &Tile,
     b: &Tile,
     unit: [f64; 2],
-    spacing: f64,
+    spacing: [f64; 2],
     warp: &mut Warp,
 ) -> Option<Moments> {
     let overlap = Overlap::new(a, b, shape, unit, spacing)?;

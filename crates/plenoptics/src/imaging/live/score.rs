@@ -2,10 +2,7 @@
 
 use super::compare::Moments;
 use super::tile::SLOPE_NOISE;
-
-/// What interpolation, vignetting and the pixels' own area leave of a content's energy where two micro-images do show the
-/// same: no sign of a mismatch.
-const MODEL_SHARE: f64 = 0.002;
+use crate::imaging::spacing::MODEL_SHARE;
 
 /// What one pair says.
 #[derive(Debug, Clone, Copy, Default)]

@@ -306,7 +306,7 @@ mod tests {
             for k in 0..2 {
                 let (a, b) = (&tiles[k], &tiles[1 - k]);
                 let unit = if k == 0 { self.unit } else { [-self.unit[0], -self.unit[1]] };
-                if let Some(overlap) = Overlap::new(a, b, &self.shape, unit, self.spacing) {
+                if let Some(overlap) = Overlap::new(a, b, &self.shape, unit, [self.spacing, 0.0]) {
                     moments[k] = overlap.compare(simd, a, b, &self.shape, &mut warp);
                 }
             }

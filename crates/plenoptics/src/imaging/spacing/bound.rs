@@ -45,7 +45,7 @@ fn add(frame: &SpacingFrame, model: &Model, information: &mut DMatrix<f64>) {
         let at = frame.field(micro_image.centre);
         // Spacing, tilt and curvature spread the images; stretch and shear turn the direction of it.
         for (row, turn) in rows.iter_mut().zip([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) {
-            model.derivatives(region, &Place { at, turn, off_axis: frame.off_axis(at) }, row);
+            model.derivatives(region, &Place { at, turn, off_axis: frame.directions.off_axis(at) }, row);
         }
         let [[spread, _], [stretch, _], [shear, _]] = &mut rows;
         for ((first, second), whole) in stretch.iter_mut().zip(shear.iter_mut()).zip(spread.iter()) {

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 
 use super::SpacingError;
-use super::model::Place;
+use super::model::{Directions, Place};
 use super::slopes::slopes;
 use crate::imaging::grid::Grid;
 use crate::imaging::interpolation::spline_coefficients;
@@ -20,11 +20,11 @@ const LEAST_MASK_FRACTION: f64 = 0.5;
 /// Share of the centre's light from which on a pixel counts as seeing through its whole microlens.
 const WHOLE_SHARE: f64 = 0.985;
 /// Pixels that the spline and the slopes reach beyond the mask.
-const MARGIN_PX: f64 = 4.0;
+pub(in crate::imaging) const MARGIN_PX: f64 = 4.0;
 /// Below this share of the brightest, vignetting is not divided out any further: it would only blow up noise.
-const LEAST_VIGNETTING: f32 = 0.2;
+pub(in crate::imaging) const LEAST_VIGNETTING: f32 = 0.2;
 /// Share of saturated pixels within the masks above which a frame is refused.
-const SATURATED_SHARE: f64 = 0.4;
+pub(in crate::imaging) const SATURATED_SHARE: f64 = 0.4;
 
 /// One micro-image of a prepared frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,8 +85,8 @@ pub struct SpacingFrame {
     pub(super) array: ArrayKind,
     /// The lattice's basis, px.
     pub(super) basis: [[f64; 2]; 2],
-    /// Cosine and sine of twice the angle from the first lattice direction to each.
-    turns: [[f64; 2]; 3],
+    /// How the array lies in the frame.
+    pub(super) directions: Directions,
 }
 
 impl SpacingFrame {
@@ -139,7 +139,8 @@ impl SpacingFrame {
         describe(&mut micro_images, &values, &precision, width, radius, noise);
         let coefficients = spline_coefficients(&values, width);
         let (slopes, slope_noise) = slopes(&values, width, slope_sigma);
-        let whole = whole_fraction(vignetting, width, &micro_images, pitch);
+        let centres: Vec<[f64; 2]> = micro_images.iter().map(|m| m.centre).collect();
+        let whole = whole_fraction(&centres, pitch, |_, [x, y]| vignetting[y * width + x]);
         Ok(Self {
             width,
             height,
@@ -157,7 +158,7 @@ impl SpacingFrame {
             mosaic,
             array: grid.array,
             basis: grid.basis,
-            turns: turns(grid),
+            directions: Directions::new(grid),
         })
     }
 
@@ -231,15 +232,6 @@ impl SpacingFrame {
         [field[0] * half + (self.width as f64 - 1.0) / 2.0, field[1] * half + (self.height as f64 - 1.0) / 2.0]
     }
 
-    /// X² − Y² and 2 X Y of field coordinates along and across the lattice's first direction.
-    pub(super) fn off_axis(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let [a, b] = self.basis[0];
-        let square = a * a + b * b;
-        let (cos, sin) = ((a * a - b * b) / square, 2.0 * a * b / square);
-        let (even, mixed) = (x * x - y * y, 2.0 * x * y);
-        [even * cos + mixed * sin, mixed * cos - even * sin]
-    }
-
     /// The region that both micro-images of a pair belong to.
     pub(super) fn region_of(&self, pair: Pair) -> Option<usize> {
         let (a, b) = (self.micro_images[pair.first].region, self.micro_images[pair.second].region);
@@ -256,21 +248,8 @@ impl SpacingFrame {
     pub(super) fn place_of(&self, pair: Pair) -> Place {
         let (a, b) = (self.micro_images[pair.first].centre, self.micro_images[pair.second].centre);
         let at = self.field([f64::midpoint(a[0], b[0]), f64::midpoint(a[1], b[1])]);
-        Place { at, turn: self.turns[pair.direction], off_axis: self.off_axis(at) }
+        self.directions.place(at, pair.direction)
     }
-}
-
-/// Cosine and sine of twice the angle from the first lattice direction to each.
-fn turns(grid: &Grid) -> [[f64; 2]; 3] {
-    let [a, b] = grid.basis;
-    let mut turns = [[1.0, 0.0]; 3];
-    for (turn, [i, j]) in turns.iter_mut().zip(grid.neighbour_steps()) {
-        let (i, j) = (f64::from(*i), f64::from(*j));
-        let step = [i * a[0] + j * b[0], i * a[1] + j * b[1]];
-        let angle = (a[0] * step[1] - a[1] * step[0]).atan2(a[0] * step[0] + a[1] * step[1]);
-        *turn = [(2.0 * angle).cos(), (2.0 * angle).sin()];
-    }
-    turns
 }
 
 /// Micro-images at least `margin` px from the frame's outermost pixel centres, and the pairs of neighbours among them.
@@ -332,26 +311,36 @@ fn check_exposure(
         return Err(SpacingError::Saturated { share });
     }
     let mean = sum / count.max(1) as f64;
-    // An 8-bit frame whose micro-images average three grey levels holds no texture above its own quantisation.
-    let least = (f64::from(white) * 0.012).min(3.0);
+    let least = least_mean(f64::from(white));
     if mean < least {
         return Err(SpacingError::Dark { mean, least });
     }
     Ok(())
 }
 
-/// Part of the micro-image's radius within which no light is cut off, from the profile's mean around circles.
-fn whole_fraction(vignetting: &[f32], width: usize, micro_images: &[MicroImage], pitch: f64) -> f64 {
+/// Mean grey level of the masks below which a frame with this white level is too dark: an 8-bit frame whose micro-images
+/// average three grey levels holds no texture above its own quantisation.
+pub(in crate::imaging) fn least_mean(white: f64) -> f64 {
+    (white * 0.012).min(3.0)
+}
+
+/// Part of the micro-image's radius within which no light is cut off, from the profile's mean around circles about
+/// micro-image centres: `share` has the light that reaches the pixel in a column and row.
+pub(in crate::imaging) fn whole_fraction(
+    centres: &[[f64; 2]],
+    pitch: f64,
+    share: impl Fn([f64; 2], [usize; 2]) -> f32,
+) -> f64 {
     const DIRECTIONS: usize = 24;
-    let every = (micro_images.len() / 64).max(1);
+    let every = (centres.len() / 64).max(1);
     let ring = |fraction: f64| {
         let (mut sum, mut count) = (0.0, 0.0);
-        for m in micro_images.iter().step_by(every) {
+        for &centre in centres.iter().step_by(every) {
             for k in 0..DIRECTIONS {
-                let angle = std::f64::consts::TAU * k as f64 / DIRECTIONS as f64;
+                let (sin, cos) = (std::f64::consts::TAU * k as f64 / DIRECTIONS as f64).sin_cos();
                 let reach = fraction * pitch / 2.0;
-                let (x, y) = (m.centre[0] + reach * angle.cos(), m.centre[1] + reach * angle.sin());
-                sum += f64::from(vignetting[y.round() as usize * width + x.round() as usize]);
+                let pixel = [centre[0] + reach * cos, centre[1] + reach * sin].map(|v| v.round() as usize);
+                sum += f64::from(share(centre, pixel));
                 count += 1.0;
             }
         }

@@ -33,13 +33,16 @@ use nalgebra::DVector;
 use serde::Serialize;
 
 pub use error::SpacingError;
+pub(super) use frame::{LEAST_VIGNETTING, MARGIN_PX, SATURATED_SHARE, least_mean, whole_fraction};
 pub use frame::{MASK_FRACTION, MicroImage, Pair, SpacingFrame};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
+pub(super) use model::{ASYMMETRY_PX, Directions, FIELD_TERMS, QUANTISATION, TERMS};
 pub use pair::{PairFit, PairStep};
+pub(super) use score::{BLOCKS, MODEL_SHARE, block};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
 use crate::optics::{ArrayKind, MlaMode};
-use model::{FIELD_TERMS, Model, TERMS};
+use model::Model;
 use score::PairScore;
 use solve::{Normal, Outcome, iterate};
 
@@ -52,7 +55,7 @@ const LEAST_OVERLAP_PX: f64 = 1.5;
 /// Median residual, in units of what a right noise estimate would leave, of pairs that match.
 const USUAL_RESIDUAL: f64 = 0.8;
 /// Correlation of neighbours below which they do not show the same thing.
-const LEAST_CORRELATION: f64 = 0.6;
+pub(super) const LEAST_CORRELATION: f64 = 0.6;
 
 /// Candidates of the search nearer than this are the same, px.
 const SAME_PX: f64 = 1.0;
@@ -268,7 +271,7 @@ fn fit(
         model.free_terms(options.field_held.is_some());
         model.mask = mask(frames, &model.spacings, options);
         // Texture that the noise estimate took for noise is what matching pairs do not leave as residual.
-        model.noise_scale = (normal.residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt();
+        model.noise_scale = noise_scale(1.0, normal.residual);
         (outcome, normal) = iterate(frames, None, &mut model, reach, 2e-4, 20);
     }
     let inverse = normal.inverse().filter(|_| outcome != Outcome::Undetermined);
@@ -332,9 +335,20 @@ fn start(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<f64, Spaci
 fn mask(frames: &[SpacingFrame], spacings: &[f64], options: &SpacingOptions) -> f64 {
     let pitch = frames.first().map_or(options.mla_pitch_px, |f| f.pitch);
     let whole = frames.iter().map(|f| f.whole).fold(MASK_FRACTION, f64::min);
+    spacings.iter().map(|&spacing| mask_fraction(whole, pitch, spacing)).fold(0.0, f64::max)
+}
+
+/// The mask for one spacing, where pixels see through their whole microlens within the part `whole`.
+pub(super) fn mask_fraction(whole: f64, pitch: f64, spacing: f64) -> f64 {
     // Masks a shift apart overlap by their diameter less the shift.
-    let shift = spacings.iter().map(|l| (l - pitch).abs()).fold(0.0, f64::max);
+    let shift = (spacing - pitch).abs();
     whole.max((shift / 2.0 + LEAST_OVERLAP_PX) / (pitch / 2.0)).min(MASK_FRACTION)
+}
+
+/// Noise in units of the frames' own estimate, at which the pairs' residuals are what they usually are: those here are at
+/// a noise in the unit `scale`.
+pub(super) fn noise_scale(scale: f64, residual: f64) -> f64 {
+    (scale * scale * residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt()
 }
 
 fn no_match(options: &SpacingOptions, correlation: f64) -> SpacingError {

@@ -4,20 +4,60 @@
 use nalgebra::DVector;
 
 use super::frame::{MASK_FRACTION, SpacingFrame};
+use crate::imaging::grid::Grid;
 
 /// Tilt along x and y, curvature, astigmatism, row less column, diagonals' difference.
-pub(super) const TERMS: usize = 6;
+pub(in crate::imaging) const TERMS: usize = 6;
 /// Tilt along x and y, and curvature, come first.
-pub(super) const FIELD_TERMS: usize = 3;
+pub(in crate::imaging) const FIELD_TERMS: usize = 3;
 /// How much rows and columns of an array differ, px: where texture tells nothing about it, no more than this is
 /// believed.
-const ASYMMETRY_PX: f64 = 0.5;
+pub(in crate::imaging) const ASYMMETRY_PX: f64 = 0.5;
 /// Standard deviation of a grey level's rounding: no frame has less noise.
-pub(super) const QUANTISATION: f64 = 0.288_675;
+pub(in crate::imaging) const QUANTISATION: f64 = 0.288_675;
+
+/// How the array lies in the frame: what of a place the terms depend on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::imaging) struct Directions {
+    /// Cosine and sine of twice the angle from +x to the first lattice direction.
+    first: [f64; 2],
+    /// The same from the first lattice direction to each.
+    turns: [[f64; 2]; 3],
+}
+
+impl Directions {
+    pub(in crate::imaging) fn new(grid: &Grid) -> Self {
+        let [a, b] = grid.basis;
+        let mut turns = [[1.0, 0.0]; 3];
+        for (turn, [i, j]) in turns.iter_mut().zip(grid.neighbour_steps()) {
+            let (i, j) = (f64::from(*i), f64::from(*j));
+            let step = [i * a[0] + j * b[0], i * a[1] + j * b[1]];
+            let angle = (a[0] * step[1] - a[1] * step[0]).atan2(a[0] * step[0] + a[1] * step[1]);
+            *turn = [(2.0 * angle).cos(), (2.0 * angle).sin()];
+        }
+        let [x, y] = a;
+        let square = x * x + y * y;
+        Self { first: [(x * x - y * y) / square, 2.0 * x * y / square], turns }
+    }
+
+    /// X² − Y² and 2 X Y of field coordinates along and across the lattice's first direction.
+    #[inline]
+    pub(super) fn off_axis(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [cos, sin] = self.first;
+        let (even, mixed) = (x * x - y * y, 2.0 * x * y);
+        [even * cos + mixed * sin, mixed * cos - even * sin]
+    }
+
+    /// Where a pair along one of the lattice's directions measures.
+    #[inline]
+    pub(in crate::imaging) fn place(&self, at: [f64; 2], direction: usize) -> Place {
+        Place { at, turn: self.turns[direction], off_axis: self.off_axis(at) }
+    }
+}
 
 /// Where and along which direction a pair measures the spacing.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Place {
+pub(in crate::imaging) struct Place {
     /// The pair's midpoint in field coordinates.
     pub(super) at: [f64; 2],
     /// Cosine and sine of twice the angle from the lattice's first direction to the pair's.
@@ -28,7 +68,8 @@ pub(super) struct Place {
 
 impl Place {
     /// What the terms do to the spacing along the pair and across it.
-    fn terms(&self) -> [[f64; TERMS]; 2] {
+    #[inline]
+    pub(in crate::imaging) fn terms(&self) -> [[f64; TERMS]; 2] {
         let ([x, y], [cos, sin], [even, mixed]) = (self.at, self.turn, self.off_axis);
         // Differences of two perpendicular directions: each departs from the mean by half of it.
         [

@@ -12,11 +12,11 @@ use super::model::{Model, Place};
 use super::patch::{PairSums, Patch, Placed};
 
 /// Field blocks along each side of a frame, for the scatter between regions.
-pub(super) const BLOCKS: usize = 6;
+pub(in crate::imaging) const BLOCKS: usize = 6;
 
 /// What interpolation, vignetting and the pixels' own area leave of a content's energy where two micro-images do show
 /// the same: no sign of a mismatch.
-const MODEL_SHARE: f64 = 0.002;
+pub(in crate::imaging) const MODEL_SHARE: f64 = 0.002;
 
 /// What one pair says, both orders taken together.
 #[derive(Debug, Clone, Copy, Default)]
@@ -159,7 +159,8 @@ pub(super) fn content_of_pairs(frame: &SpacingFrame, pairs: &[Pair], spacing: f6
         .collect()
 }
 
-pub(super) fn block([x, y]: [f64; 2]) -> usize {
+/// The field block of a place of the field.
+pub(in crate::imaging) fn block([x, y]: [f64; 2]) -> usize {
     let place = |v: f64| (((v + 1.0) / 2.0 * BLOCKS as f64).max(0.0) as usize).min(BLOCKS - 1);
     place(y) * BLOCKS + place(x)
 }
