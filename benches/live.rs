@@ -40,7 +40,7 @@ fn live(criterion: &mut Criterion) {
         let model = WhiteModel::new(&white).expect("a white frame's grid");
         let vignetting = model.vignetting.render(&model.grid);
         let options = LiveOptions::new(pitch);
-        let mut meter = LiveMeter::new(&model.grid, &vignetting, options).expect("a meter");
+        let mut meter = LiveMeter::new(&model.grid, &model.vignetting, options).expect("a meter");
         let first = meter.acquire(&raw).expect("a spacing");
         println!("{label}: {:.5} ± {:.5} px", first.on_axis_px, first.sigma_px);
         group.bench_function(format!("measure {label}"), |b| b.iter(|| meter.measure(black_box(&raw))));

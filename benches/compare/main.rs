@@ -133,7 +133,7 @@ fn measured(case: &Case, folder: &Path, number: usize) -> Value {
         measure_spacing(&[prepared.frame], &options.spacing).expect("a spacing")
     });
     let live = LiveOptions { start_px: Some(case.spacing_px), ..LiveOptions::new(0.1 / PIXEL_MM) };
-    let mut meter = LiveMeter::new(&white.grid, &white.vignetting.render(&white.grid), live).expect("a meter");
+    let mut meter = LiveMeter::new(&white.grid, &white.vignetting, live).expect("a meter");
     let (live, live_ms) = best_of(|| meter.measure(&case.raw).expect("a live spacing"));
     json!({
         "name": case.name,

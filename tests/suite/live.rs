@@ -11,6 +11,7 @@ use plenalign::imaging::grid::Grid;
 use plenalign::imaging::live::{LiveError, LiveMeter, LiveOptions, LiveSpacing};
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
 use plenalign::imaging::spacing::{Spacing, SpacingError, SpacingOptions, measure_spacing};
+use plenalign::imaging::vignetting::Vignetting;
 use plenalign::optics::ArrayKind;
 use plenalign::raw::{self, RawImage, Samples};
 use plenalign::sim::exposure::{Noise, expose};
@@ -29,7 +30,7 @@ fn referee(name: &str) -> RawImage {
 struct Known {
     raw: RawImage,
     grid: Grid,
-    vignetting: Vec<f32>,
+    vignetting: Vignetting,
     full: Spacing,
 }
 
@@ -37,11 +38,10 @@ fn known(raw: RawImage, white: &RawImage) -> Known {
     let white = WhiteModel::new(white).unwrap();
     let options = FrameOptions::new(MLA_PITCH_PX);
     let prepared = prepare_frame(&raw, Some(&white), &options).unwrap();
-    let vignetting = white.vignetting.render(&prepared.grid);
     // All frames here are near focus: a start spares the search.
     let start = SpacingOptions { start_px: Some(19.6), ..options.spacing };
     let full = measure_spacing(&[prepared.frame], &start).unwrap();
-    Known { raw, grid: prepared.grid, vignetting, full }
+    Known { raw, grid: prepared.grid, vignetting: white.vignetting, full }
 }
 
 impl Known {
@@ -142,19 +142,96 @@ fn small_rendered_frames_measure_live_as_they_do_in_full() {
     }
 }
 
+/// Greatest distance between the micro-images of two grids, nearest to nearest, in the frame's middle and corners, px.
+fn apart(a: &Grid, b: &Grid) -> f64 {
+    let [w, h] = a.frame_size.map(|n| n as f64 - 1.0);
+    [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h], [w / 2.0, h / 2.0]]
+        .map(|[x, y]| {
+            let from = a.nearest(x, y);
+            let to = b.nearest(from.x, from.y);
+            (to.x - from.x).hypot(to.y - from.y)
+        })
+        .into_iter()
+        .fold(0.0, f64::max)
+}
+
+/// The grid moved by so many px, scaled and turned (radians) about its centre.
+fn moved(grid: &Grid, shift: [f64; 2], scale: f64, turn: f64) -> Grid {
+    let (sin, cos) = turn.sin_cos();
+    let mut moved = grid.clone();
+    moved.centre = [grid.centre[0] + shift[0], grid.centre[1] + shift[1]];
+    moved.basis = grid.basis.map(|[x, y]| [scale * (cos * x - sin * y), scale * (sin * x + cos * y)]);
+    moved
+}
+
 #[test]
-fn a_moved_grid_is_refused() {
+fn a_moved_grid_is_followed() {
     let known = known(referee("water_clarity_e30"), &referee("water_clarity_e30_white"));
-    for (shift, scale) in [([1.6, 0.0], 1.0), ([0.0, -2.5], 1.0), ([0.0, 0.0], 1.005)] {
-        let mut grid = known.grid.clone();
-        grid.centre = [grid.centre[0] + shift[0], grid.centre[1] + shift[1]];
-        grid.basis = grid.basis.map(|v| v.map(|x| x * scale));
-        let options = LiveOptions { start_px: Some(known.full.on_axis_px), ..LiveOptions::new(MLA_PITCH_PX) };
-        let refused = LiveMeter::new(&grid, &known.vignetting, options).unwrap().measure(&known.raw).unwrap_err();
-        let LiveError::GridMoved { shift_px, sigma_px, .. } = refused else { panic!("{refused}") };
-        let half = known.grid.frame_size[0] as f64 / 2.0;
-        let expected = f64::hypot(shift[0], shift[1]) + (scale - 1.0) * half * 2f64.sqrt();
-        assert!((shift_px - expected).abs() < 3.0 * sigma_px + 0.1, "{refused} for {expected:.2} px");
+    let options = LiveOptions { start_px: Some(known.full.on_axis_px), ..LiveOptions::new(MLA_PITCH_PX) };
+    for (shift, scale, turn) in [
+        ([0.0, 0.0], 1.0, 0.0),
+        ([1.6, 0.0], 1.0, 0.0),
+        ([0.0, -2.5], 1.0, 0.0),
+        ([0.0, 0.0], 1.005, 0.0),
+        ([0.0, 0.0], 1.0, 0.004),
+        ([-0.7, 1.2], 0.997, -0.003),
+    ] {
+        let grid = moved(&known.grid, shift, scale, turn);
+        let mut meter = LiveMeter::new(&grid, &known.vignetting, options).unwrap();
+        let live = meter.measure(&known.raw).unwrap();
+        let (off, difference) = (apart(&known.grid, &meter.grid()), live.on_axis_px - known.full.on_axis_px);
+        println!("{shift:?} {scale} {turn}: {off:.3} px off, spacing {difference:+.5} px, {:?}", live.grid);
+        assert!(off < 0.1, "{shift:?} {scale} {turn}: {off:.3} px off");
+        assert!(difference.abs() < 0.001, "{shift:?} {scale} {turn}: {difference:+.5} px");
+        let greatest = apart(&grid, &known.grid);
+        assert!((live.grid.greatest_px - greatest).abs() < 0.1 + 0.02 * greatest, "{:?} for {greatest:.2}", live.grid);
+    }
+    // Half a pitch could as well be half a pitch the other way.
+    let half = known.grid.basis[0].map(|x| 0.5 * x);
+    let refused = LiveMeter::new(&moved(&known.grid, half, 1.0, 0.0), &known.vignetting, options)
+        .unwrap()
+        .measure(&known.raw)
+        .unwrap_err();
+    let LiveError::GridMoved { shift_px, sigma_px, .. } = refused else { panic!("{refused}") };
+    assert!((shift_px - 0.5 * known.grid.pitch_px()).abs() < 3.0 * sigma_px + 0.1, "{refused}");
+}
+
+#[test]
+fn the_grid_is_followed_while_the_image_distance_changes() {
+    const SIDE: usize = 900;
+    /// An assembler moves by 0.5 mm/s while a camera takes 30 frames a second.
+    const STEP_MM: f64 = 0.5 / 30.0;
+    const FRAMES: u32 = 20;
+    let design = Config::default().design();
+    let joint = design.joint(0.0);
+    let distance = joint.equivalent_distance;
+    let texel = texel_for(&design, Medium::Air, distance, PIXEL_MM);
+    let scene = Scene::Board(Board::new(distance, Arc::new(TextureMap::generate(Texture::Natural, texel, 7))));
+    let taken = |scene: &Scene, delta_v: f64, seed: u64| {
+        let mut camera = CameraTruth::from_design(&design, delta_v, Medium::Air, PIXEL_MM, SIDE, SIDE);
+        camera.rotation = 0.7f64.to_radians();
+        camera.offset = [3.7, 1.9];
+        expose(&render(&camera, scene, RenderOptions { rays: 8, seed }), SIDE, SIDE, &Noise::default(), seed)
+    };
+    // The white frame is of another setting: the grid has moved from the first frame on.
+    let white = WhiteModel::new(&taken(&Scene::Diffuser, joint.delta_v - 1.5, 1)).unwrap();
+    let mut meter = LiveMeter::new(&white.grid, &white.vignetting, LiveOptions::new(MLA_PITCH_PX)).unwrap();
+    for frame in 0..FRAMES {
+        let delta_v = joint.delta_v + STEP_MM * (f64::from(frame) - 0.5 * f64::from(FRAMES));
+        let raw = taken(&scene, delta_v, 2 + u64::from(frame));
+        let live = if frame == 0 { meter.acquire(&raw) } else { meter.measure(&raw) }.unwrap();
+        let options = FrameOptions::new(MLA_PITCH_PX);
+        let prepared = prepare_frame(&raw, Some(&white), &options).unwrap();
+        let off = apart(&prepared.grid, &meter.grid());
+        let start = SpacingOptions { start_px: Some(live.on_axis_px), ..options.spacing };
+        let full = measure_spacing(&[prepared.frame], &start).unwrap();
+        let sigmas = (live.on_axis_px - full.on_axis_px) / live.sigma_px;
+        println!(
+            "{frame}: {:.4} px, {sigmas:+.2} sigmas of {:.4} px, {off:.3} px off, {:?}",
+            live.on_axis_px, live.sigma_px, live.grid
+        );
+        assert!(off < 0.1, "frame {frame}: {off:.3} px off");
+        assert!(sigmas.abs() < 3.0, "frame {frame}: {sigmas:+.2} sigmas, {live:?}");
     }
 }
 
@@ -201,15 +278,14 @@ fn a_lost_spacing_is_acquired_anew() {
 #[test]
 fn impossible_options_are_refused() {
     let grid = Grid::affine(ArrayKind::Square, [209.3, 210.1], [[29.4, 0.1], [-0.1, 29.4]], [420, 420]);
-    let vignetting = vec![1.0; 420 * 420];
-    for options in [
-        LiveOptions::new(f64::NAN),
-        LiveOptions { start_px: Some(-1.0), ..LiveOptions::new(MLA_PITCH_PX) },
-        LiveOptions { grid_tolerance_px: 0.0, ..LiveOptions::new(MLA_PITCH_PX) },
-    ] {
+    let (_, white, _) = rendered(ArrayKind::Square, 2.0, 6);
+    let vignetting = Vignetting::from_white(&white, &grid).unwrap();
+    for options in [LiveOptions::new(f64::NAN), LiveOptions { start_px: Some(-1.0), ..LiveOptions::new(MLA_PITCH_PX) }]
+    {
         let refused = LiveMeter::new(&grid, &vignetting, options).unwrap_err();
         assert!(matches!(refused, SpacingError::Impossible { .. }), "{refused}");
     }
-    let short = LiveMeter::new(&grid, &vignetting[1..], LiveOptions::new(MLA_PITCH_PX)).unwrap_err();
-    assert!(matches!(short, SpacingError::WrongSize { .. }), "{short}");
+    let few = Grid { frame_size: [100, 100], ..grid };
+    let refused = LiveMeter::new(&few, &vignetting, LiveOptions::new(MLA_PITCH_PX)).unwrap_err();
+    assert!(matches!(refused, SpacingError::TooFewMicroImages { .. }), "{refused}");
 }

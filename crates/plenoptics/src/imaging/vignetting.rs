@@ -144,6 +144,23 @@ impl Vignetting {
         profile + (x as f32) * by_x + (y as f32) * by_y + ((x * x + y * y) as f32) * by_square
     }
 
+    /// The profile at fractional lattice indices, and its changes per half frame width in x, in y, and in r².
+    pub(super) fn terms_at(&self, u: f64, v: f64) -> [f32; 4] {
+        self.interpolated(u, v)
+    }
+
+    /// Whether the profile changes over the field.
+    pub(super) const fn bends(&self) -> bool {
+        self.count > 1
+    }
+
+    /// A profile of `side` by `side` bins.
+    #[cfg(test)]
+    pub(super) fn from_terms(side: usize, terms: Vec<[f32; 4]>, bends: bool) -> Self {
+        let count = if bends { 4 } else { 1 };
+        Self { side, terms, count, pitch_px: 0.0, usable_radius: 0.4, residual: 0.0 }
+    }
+
     /// Relative transmission at a pixel of a frame with this grid (px).
     #[must_use]
     pub fn at(&self, grid: &Grid, x: f64, y: f64) -> f32 {

@@ -1,8 +1,10 @@
 //! One frame from its samples to its spacing.
 
 use super::exposure::Exposure;
-use super::frame::{Frame, Gains, Sample};
-use super::lattice::{Lattice, LatticeFit};
+use super::follow::Follower;
+use super::frame::{Frame, Sample};
+use super::gains::Gains;
+use super::motion::Motion;
 use super::normal::{Model, Normal, TERMS, Terms, free_terms};
 use super::plan::Plan;
 use super::random::{Random, Setting};
@@ -14,12 +16,14 @@ use crate::imaging::spacing::{
     LEAST_CORRELATION, LEAST_PAIRS, MARGIN_PX, MASK_FRACTION, MODEL_SIGMA_PX, QUANTISATION, SpacingError,
     mask_fraction, noise_scale, whole_fraction,
 };
+use crate::imaging::vignetting::Vignetting;
 
-/// Agreement of the lattice's phases below which there is no lattice.
-const LEAST_COHERENCE: f64 = 0.3;
-/// Standard uncertainties of a displacement beyond the tolerance at which it is sure: neighbouring micro-images show the
-/// same texture, so that the scatter between them says too little.
-const SURE: f64 = 4.0;
+/// Displacement (px) in a corner from which centres are moved.
+const NOTICEABLE_PX: f64 = 0.02;
+/// Displacement (px) in a corner from which the frame is planned anew: up to here the masks of all micro-images stay within
+/// it, and the directions of pairs as they are. A rotation turns them.
+const TRAVEL_PX: f64 = 2.0;
+const TRAVEL_TURN_PX: f64 = 0.25;
 /// Content beyond the noise's, in units of the noise's, below which a frame that does not match shows nothing.
 const LEAST_CONTRAST: f64 = 0.25;
 /// Clusters that are settled first, at most and as a share of the micro-images.
@@ -54,9 +58,13 @@ impl State {
 /// Everything that stays from frame to frame.
 #[derive(Debug)]
 pub(super) struct Engine {
+    follower: Follower,
+    /// Where the grid was when the frame was planned, and when centres were moved last.
+    planned: Motion,
+    moved: Motion,
     plan: Plan,
+    gains: Gains,
     exposure: Exposure,
-    lattice: Lattice,
     clusters: Clusters,
     random: Random,
     pool: Pool,
@@ -65,51 +73,80 @@ pub(super) struct Engine {
     options: LiveOptions,
     free: [bool; TERMS],
     pitch: f64,
+    /// Radius of the largest masks, px.
+    radius: f64,
     /// Part of the micro-image's radius within which pixels see through their whole microlens.
     whole: f64,
     pub(super) state: Option<State>,
 }
 
-impl Engine {
-    pub(super) fn new(grid: &Grid, vignetting: &[f32], options: &LiveOptions) -> Result<Self, SpacingError> {
-        let pitch = grid.pitch_px();
-        let radius = MASK_FRACTION * pitch / 2.0;
-        let plan = Plan::new(grid, radius + MARGIN_PX, options.micro_images_most);
+/// What is planned for where the grid is.
+struct Work {
+    plan: Plan,
+    exposure: Exposure,
+    clusters: Clusters,
+    random: Random,
+}
+
+impl Work {
+    fn new(grid: &Grid, motion: &Motion, radius: f64, options: &LiveOptions) -> Result<Self, SpacingError> {
+        let plan = Plan::new(grid, motion, radius + MARGIN_PX, options.micro_images_most);
         if plan.pairs < LEAST_PAIRS {
             return Err(SpacingError::TooFewMicroImages { pairs: plan.pairs, needed: LEAST_PAIRS });
         }
         let wanted = (plan.lenses.len() / CLUSTERS_SHARE).clamp(LEAST_CLUSTERS, CLUSTERS);
-        let clusters = Clusters::new(plan.clusters(wanted));
-        let few = clusters.jobs.iter().map(|job| job.scores.len()).sum();
         Ok(Self {
             exposure: Exposure::new(&plan, radius),
-            lattice: Lattice::new(grid),
+            clusters: Clusters::new(plan.clusters(wanted)),
             random: Random::new(&plan),
+            plan,
+        })
+    }
+}
+
+impl Engine {
+    pub(super) fn new(grid: &Grid, profile: &Vignetting, options: &LiveOptions) -> Result<Self, SpacingError> {
+        let pitch = grid.pitch_px();
+        let radius = MASK_FRACTION * pitch / 2.0;
+        let gains = Gains::new(profile, grid, radius);
+        let Work { plan, exposure, clusters, random } = Work::new(grid, &Motion::NONE, radius, options)?;
+        let few = clusters.jobs.iter().map(|job| job.scores.len()).sum();
+        let centres: Vec<[f64; 2]> = (0..plan.lenses.len() as u32).map(|lens| plan.centre(lens)).collect();
+        Ok(Self {
+            follower: Follower::new(grid, profile),
+            planned: Motion::NONE,
+            moved: Motion::NONE,
             pool: Pool::default(),
             normals: [Normal::new(few), Normal::new(plan.pairs)],
             options: *options,
             free: free_terms(&plan, options.field_held.is_some(), options.directions_alike),
             pitch,
-            whole: {
-                let centres: Vec<[f64; 2]> = (0..plan.lenses.len() as u32).map(|lens| plan.centre(lens)).collect();
-                whole_fraction(&centres, pitch, |_, [x, y]| vignetting[y * grid.frame_size[0] + x])
-            },
+            radius,
+            whole: whole_fraction(&centres, pitch, |centre, pixel| gains.share(centre, pixel)),
             state: options.start_px.map(|start| State::new(start, options.field_held.unwrap_or_default())),
+            gains,
+            exposure,
             clusters,
+            random,
             plan,
         })
     }
 
-    /// The gains of all tiles.
-    pub(super) fn gains(&self, grid: &Grid, vignetting: &[f32]) -> Gains {
-        let largest = Shape::new(MASK_FRACTION * self.pitch / 2.0);
-        Gains::new(vignetting, grid.frame_size, &self.plan.lenses, largest)
+    /// Follows the grid from where it was found in a whole frame.
+    pub(super) fn start_from(&mut self, found: &Grid) -> Result<(), SpacingError> {
+        self.follower.start_from(found);
+        self.keep_up()
+    }
+
+    /// The grid where it is now.
+    pub(super) fn grid(&self) -> Grid {
+        self.follower.grid()
     }
 
     pub(super) fn measure<T: Sample>(&mut self, frame: &Frame<'_, T>, bits: u8) -> Result<LiveSpacing, LiveError> {
-        let raw_noise = self.exposure.check(frame)?;
-        let fit = self.lattice.check(frame, bits, raw_noise);
-        self.check_grid(&fit)?;
+        let raw_noise = self.exposure.check(frame, &self.plan)?;
+        self.follower.follow(frame, bits, raw_noise)?;
+        self.keep_up()?;
         let state = self.state.ok_or(LiveError::NoStart)?;
         let mut model = Model { terms: state.terms, free: self.free };
         if let Some(field) = self.options.field_held {
@@ -117,23 +154,31 @@ impl Engine {
         }
         let known = state.noise_scale;
         let settled = self.settle(frame, raw_noise, &mut model, known);
-        let found = settled.and_then(|scale| self.finish(frame, raw_noise, &mut model, (scale, known), &fit));
+        let found = settled.and_then(|scale| self.finish(frame, raw_noise, &mut model, (scale, known)));
         if matches!(found, Err(LiveError::Lost { .. })) {
             self.state = None;
         }
         found
     }
 
-    fn check_grid(&self, fit: &LatticeFit) -> Result<(), LiveError> {
-        let LatticeFit { shift_px, sigma_px, coherence } = *fit;
-        let tolerance_px = self.options.grid_tolerance_px;
-        // Where micro-images differ by more than the phases can tell there is no saying how far they moved.
-        if coherence < LEAST_COHERENCE {
-            return Err(LiveError::GridNotSeen { coherence, least: LEAST_COHERENCE });
+    /// Moves all that knows where micro-images are to where they are now.
+    fn keep_up(&mut self) -> Result<(), SpacingError> {
+        let (motion, field) = (*self.follower.motion(), self.follower.field());
+        let from = |other: &Motion| Motion(motion.0 - other.0);
+        if from(&self.moved).greatest(field) < NOTICEABLE_PX {
+            return Ok(());
         }
-        if shift_px > tolerance_px + SURE * sigma_px {
-            return Err(LiveError::GridMoved { shift_px, sigma_px, tolerance_px });
+        let travelled = from(&self.planned);
+        if travelled.greatest(field) > TRAVEL_PX || travelled.0[3].abs() > TRAVEL_TURN_PX {
+            let given = self.follower.given();
+            let Work { plan, exposure, clusters, random } = Work::new(given, &motion, self.radius, &self.options)?;
+            (self.plan, self.exposure, self.clusters, self.random) = (plan, exposure, clusters, random);
+            self.planned = motion;
+        } else {
+            self.plan.shift_to(&motion);
         }
+        self.gains.follow(self.follower.given().basis.map(|v| motion.turned(self.follower.field(), v)));
+        self.moved = motion;
         Ok(())
     }
 
@@ -154,9 +199,16 @@ impl Engine {
             let now = self.shape(axis.terms[0]);
             let fresh = shape.replace(now) != Some(now);
             let noise = (raw_noise * scale).max(QUANTISATION);
-            let Self { plan, clusters, normals: [normal, _], .. } = self;
-            let pass =
-                Pass { frame, lenses: &plan.lenses, directions: &plan.directions, model: &axis, shape: &now, noise };
+            let Self { gains, plan, clusters, normals: [normal, _], .. } = self;
+            let pass = Pass {
+                frame,
+                gains,
+                lenses: &plan.lenses,
+                directions: &plan.directions,
+                model: &axis,
+                shape: &now,
+                noise,
+            };
             clusters.run(&pass, fresh);
             normal.gather(&clusters.jobs, &plan.directions, &axis, noise);
             let correlation = normal.correlation;
@@ -192,14 +244,14 @@ impl Engine {
         raw_noise: f64,
         model: &mut Model,
         (scale, known_scale): (f64, Option<f64>),
-        fit: &LatticeFit,
     ) -> Result<LiveSpacing, LiveError> {
         let from_px = model.terms[0];
         let noise = (raw_noise * scale).max(QUANTISATION);
         for passes in 1..=PASSES {
             let shape = self.shape(model.terms[0]);
-            let Self { plan, pool, normals: [_, normal], .. } = self;
-            let pass = Pass { frame, lenses: &plan.lenses, directions: &plan.directions, model, shape: &shape, noise };
+            let Self { gains, plan, pool, normals: [_, normal], .. } = self;
+            let pass =
+                Pass { frame, gains, lenses: &plan.lenses, directions: &plan.directions, model, shape: &shape, noise };
             run(&pass, &mut plan.jobs, pool);
             normal.gather(&plan.jobs, &plan.directions, model, noise);
             if normal.pairs < LEAST_PAIRS {
@@ -222,8 +274,8 @@ impl Engine {
                 return Err(self.no_match(1, from_px, raw_noise));
             }
             self.check_texture(raw_noise)?;
-            let Self { plan, random, normals: [_, normal], .. } = self;
-            let setting = Setting { frame, plan, model: &before, normal, shape: &shape, noise };
+            let Self { gains, plan, random, normals: [_, normal], .. } = self;
+            let setting = Setting { frame, gains, plan, model: &before, normal, shape: &shape, noise };
             let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
             let mut covariance = normal.scatter(&inverse, &step, model.unknowns());
             // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
@@ -247,7 +299,7 @@ impl Engine {
                 correlation: normal.correlation,
                 residual_ratio: normal.residual,
                 noise_grey_levels: raw_noise,
-                grid_shift_px: [fit.shift_px, fit.sigma_px],
+                grid: self.follower.motion().reported(self.follower.field(), self.follower.sigma_px()),
                 passes,
             });
         }

@@ -14,7 +14,7 @@ const NOISE_RADIUS: f64 = 0.85;
 /// A sample of a frame's micro-images.
 #[derive(Debug, Clone)]
 pub(super) struct Exposure {
-    centres: Vec<[i32; 2]>,
+    lenses: Vec<usize>,
     /// Half widths of a disc's rows, from its middle row on: for light and saturation, and for noise.
     discs: [Vec<i32>; 2],
     counts: Vec<Count>,
@@ -32,24 +32,24 @@ struct Count {
 impl Exposure {
     /// For masks of this radius, px.
     pub(super) fn new(plan: &Plan, radius: f64) -> Self {
-        let centres: Vec<[i32; 2]> = spread(plan.lenses.len(), WANTED).map(|k| plan.lenses[k].nearest).collect();
+        let lenses: Vec<usize> = spread(plan.lenses.len(), WANTED).collect();
         let disc = |radius: f64| {
             (0..=radius as i32).map(|y| (radius * radius - f64::from(y * y)).max(0.0).sqrt() as i32).collect()
         };
-        let counts = vec![Count::default(); centres.len()];
-        let variances = Vec::with_capacity(centres.len());
-        Self { centres, discs: [disc(radius), disc(NOISE_RADIUS * radius)], counts, variances }
+        let counts = vec![Count::default(); lenses.len()];
+        let variances = Vec::with_capacity(lenses.len());
+        Self { lenses, discs: [disc(radius), disc(NOISE_RADIUS * radius)], counts, variances }
     }
 
     /// Standard deviation of the frame's noise, grey levels.
-    pub(super) fn check<T: Sample>(&mut self, frame: &Frame<'_, T>) -> Result<f64, SpacingError> {
+    pub(super) fn check<T: Sample>(&mut self, frame: &Frame<'_, T>, plan: &Plan) -> Result<f64, SpacingError> {
         let discs = &self.discs;
         let arch = pulp::Arch::new();
         self.counts
             .par_iter_mut()
-            .zip(&self.centres)
+            .zip(&self.lenses)
             .with_min_len(16)
-            .for_each(|(count, &centre)| *count = arch.dispatch(Look { frame, centre, discs }));
+            .for_each(|(count, &k)| *count = arch.dispatch(Look { frame, centre: plan.lenses[k].nearest, discs }));
         let total = |f: fn(&Count) -> f64| self.counts.iter().map(f).sum::<f64>();
         let pixels = total(|c| f64::from(c.pixels)).max(1.0);
         let share = total(|c| f64::from(c.saturated)) / pixels;

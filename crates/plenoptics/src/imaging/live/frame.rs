@@ -1,15 +1,10 @@
-//! A raw frame as tiles are cut from it, with the gains that take its vignetting out.
+//! A raw frame as tiles are cut from it.
 
 use super::plan::Lens;
 use super::shape::Shape;
-use crate::imaging::spacing::LEAST_VIGNETTING;
 
 /// Samples that lie in one cache line at least.
 const TOUCH_STEP: usize = 32;
-/// Unit of the gains.
-pub(super) const GAIN_UNIT: f32 = 1.0 / 8192.0;
-/// Gains beyond the last, for rows of tiles that reach over it.
-const SPARE: usize = 16;
 
 /// A sample of a raw frame.
 pub(super) trait Sample: Copy + Default + Ord + Send + Sync + Into<f32> {
@@ -66,7 +61,6 @@ impl Sample for u16 {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame<'a, T> {
     pub(super) samples: &'a [T],
-    pub(super) gains: &'a Gains,
     pub(super) width: usize,
     pub(super) height: usize,
     /// Samples from here on are saturated.
@@ -94,48 +88,4 @@ impl<T: Sample> Frame<'_, T> {
         }
         read
     }
-}
-
-/// What every pixel of every tile is multiplied by to take the vignetting out: one micro-image after another, in the
-/// order of the plan, so that the memory is read from one end to the other.
-#[derive(Debug, Clone)]
-pub(super) struct Gains {
-    gains: Vec<u16>,
-    /// The largest tiles there are.
-    largest: Shape,
-    columns: usize,
-}
-
-impl Gains {
-    /// For tiles up to `largest`; `vignetting` has the share of light of every pixel.
-    pub(super) fn new(vignetting: &[f32], size: [usize; 2], lenses: &[Lens], largest: Shape) -> Self {
-        let [column, row] = largest.middle();
-        // Without what rows are padded by: there a row runs on into the next.
-        let columns = largest.cut();
-        let one = |lens: &Lens| {
-            let within = |at: isize, axis: usize| at.clamp(0, size[axis] as isize - 1) as usize;
-            let (left, top) = (lens.nearest[0] as isize - column as isize, lens.nearest[1] as isize - row as isize);
-            (0..largest.rows * columns).map(move |k| {
-                let (x, y) = (within(left + (k % columns) as isize, 0), within(top + (k / columns) as isize, 1));
-                gain(vignetting[y * size[0] + x])
-            })
-        };
-        let mut gains: Vec<u16> = lenses.iter().flat_map(one).collect();
-        // A row of a smaller tile may reach beyond the last.
-        gains.resize(gains.len() + SPARE, 0);
-        Self { gains, largest, columns }
-    }
-
-    /// So many of the gains of a row of a tile.
-    #[inline(always)]
-    pub(super) fn row(&self, lens: u32, y: usize, shape: &Shape, columns: usize) -> &[u16] {
-        let inset = self.largest.disc - shape.disc;
-        let from = (lens as usize * self.largest.rows + y + inset) * self.columns + inset;
-        &self.gains[from..from + columns]
-    }
-}
-
-/// A share of light as a gain.
-pub(super) fn gain(share: f32) -> u16 {
-    (1.0 / (share.max(LEAST_VIGNETTING) * GAIN_UNIT)).round() as u16
 }

@@ -1,22 +1,23 @@
-//! Whether the known grid still fits a frame, from the lattice's first harmonics about a sample of micro-images.
+//! Where the lattice is in a frame, from its first harmonics about a sample of micro-images.
 //!
 //! About a micro-image the frame's logarithm is multiplied by a window and by exp(2πi g·r) for each first harmonic g:
 //! the sum's phase says how far the micro-image lies from its place. In the logarithm the texture is a term
 //! beside the micro-images' profile and averages out over the sample.
 
 use fourier::Complex;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 
 use super::frame::{Frame, Sample};
+use super::motion::{Field, Motion, Sums};
 use super::plan::spread;
 use crate::imaging::grid::harmonics::{Harmonics, Point};
 use crate::imaging::grid::{Grid, MicroImage};
 
-/// Micro-images looked at, at most and as a share of all.
-const WANTED: usize = 256;
-const SHARE: usize = 10;
-const LEAST: usize = 128;
+/// Micro-images looked at, at most.
+const WANTED: usize = 128;
+/// Pixels by which the sample keeps from the frame's edge beyond its windows' reach.
+const SPARE_PX: i32 = 3;
 /// Rows of the window a pitch, at least: more say hardly more of the phases.
 const ROWS_PER_PITCH: f64 = 12.0;
 /// Samples that the grey levels are taken from.
@@ -30,10 +31,12 @@ const CONTRAST_CAP: f64 = 1.5;
 /// Rounds of reweighting.
 const ROUNDS: usize = 4;
 
-/// How the frame's micro-images lie about the known grid.
+/// How the frame's micro-images lie about where they were looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LatticeFit {
-    /// Greatest displacement within the frame that shift and scale make, px.
+    /// How they have moved from there.
+    pub(super) motion: Motion,
+    /// Greatest displacement within the frame, px.
     pub(super) shift_px: f64,
     /// Its standard uncertainty, px.
     pub(super) sigma_px: f64,
@@ -52,20 +55,24 @@ pub(super) struct Lattice {
     weights: Vec<[Vec<f32>; 2]>,
     table: Vec<f32>,
     histogram: Vec<u32>,
-    /// Half the frame's height over half its width.
-    aspect: f64,
+    /// The last frame's dark level, grey levels.
+    dark: f32,
+    field: Field,
+    /// Pixels from its middle one that a window reaches.
+    reach: [i32; 2],
     medians: Vec<f64>,
 }
 
 /// A micro-image of the sample and its harmonics.
 #[derive(Debug, Clone)]
 struct Lens {
-    middle: [i32; 2],
-    /// Phase factors from the middle pixel to the centre.
-    turns: [Complex<f64>; 3],
-    /// Field coordinates.
+    /// Its centre in the known grid, px.
+    base: [f64; 2],
+    /// The same in field coordinates.
     place: [f64; 2],
     sums: [Complex<f64>; 3],
+    /// Whether its window lay within the frame.
+    seen: bool,
     line: Vec<f32>,
 }
 
@@ -94,27 +101,18 @@ impl Lattice {
         }
         let weights = harmonics.kernels(&points);
         let harmonics = harmonics.waves;
-        let [width, height] = grid.frame_size.map(|n| n as f64);
+        let field = Field::new(grid.frame_size);
+        let [width, height] = grid.frame_size.map(|n| n as i32);
+        let [rx, ry] = reach.map(|reach| reach + SPARE_PX);
         let inside = |m: &MicroImage| {
             let (x, y) = (m.x.round() as i32, m.y.round() as i32);
-            x >= reach[0] && y >= reach[1] && x + reach[0] < width as i32 && y + reach[1] < height as i32
+            x >= rx && y >= ry && x + rx < width && y + ry < height
         };
         let all: Vec<MicroImage> = grid.micro_images_within(0.0).filter(inside).collect();
-        let lenses = spread(all.len(), (all.len() / SHARE).clamp(LEAST, WANTED)).map(|k| {
-            let m = all[k];
-            let middle = [m.x.round(), m.y.round()];
-            let mut turns = [Complex::new(1.0, 0.0); 3];
-            for (turn, g) in turns.iter_mut().zip(&harmonics) {
-                let shift = g[0] * (m.x - middle[0]) + g[1] * (m.y - middle[1]);
-                *turn = Complex::from_polar(1.0, -std::f64::consts::TAU * shift);
-            }
-            Lens {
-                middle: middle.map(|v| v as i32),
-                turns,
-                place: [(m.x - (width - 1.0) / 2.0) / (width / 2.0), (m.y - (height - 1.0) / 2.0) / (width / 2.0)],
-                sums: [Complex::default(); 3],
-                line: vec![0.0; 2 * reach[0] as usize + 1],
-            }
+        let lenses = spread(all.len(), WANTED).map(|k| {
+            let base = [all[k].x, all[k].y];
+            let line = vec![0.0; 2 * reach[0] as usize + 1];
+            Lens { base, place: field.coordinates(base), sums: [Complex::default(); 3], seen: false, line }
         });
         let lenses: Vec<Lens> = lenses.collect();
         let medians = Vec::with_capacity(lenses.len());
@@ -125,21 +123,42 @@ impl Lattice {
             weights,
             table: vec![0.0; TABLE],
             histogram: vec![0; TABLE],
-            aspect: height / width,
+            dark: 0.0,
+            reach,
+            field,
             medians,
         }
     }
 
-    /// Looks at a frame of so much noise (grey levels).
-    pub(super) fn check<T: Sample>(&mut self, frame: &Frame<'_, T>, bits: u8, noise: f64) -> LatticeFit {
+    /// Looks at a frame of so much noise (grey levels) about where a motion has the micro-images.
+    pub(super) fn look<T: Sample>(&mut self, frame: &Frame<'_, T>, bits: u8, noise: f64, about: &Motion) -> LatticeFit {
         let shift = bits.saturating_sub(12);
         self.tabulate(frame, shift, noise);
         let (rows, weights, table) = (&self.rows, &self.weights, &self.table);
+        let (field, harmonics, reach) = (&self.field, &self.harmonics, self.reach);
+        let size = [frame.width as i32, frame.height as i32];
         let arch = pulp::Arch::new();
         self.lenses.par_iter_mut().with_min_len(8).for_each(|lens| {
-            arch.dispatch(Demodulate { lens, frame, rows, weights, table, shift });
+            let centre = about.moved(field, lens.base);
+            let middle = centre.map(|v| v.round() as i32);
+            lens.sums = [Complex::default(); 3];
+            lens.seen = (0..2).all(|k| middle[k] >= reach[k] && middle[k] + reach[k] < size[k]);
+            if !lens.seen {
+                return;
+            }
+            arch.dispatch(Demodulate { lens, middle, frame, rows, weights, table, shift });
+            // From the middle pixel to the centre.
+            let off = [centre[0] - f64::from(middle[0]), centre[1] - f64::from(middle[1])];
+            for (sum, g) in lens.sums.iter_mut().zip(harmonics) {
+                *sum *= Complex::from_polar(1.0, -std::f64::consts::TAU * (g[0] * off[0] + g[1] * off[1]));
+            }
         });
         self.fit()
+    }
+
+    /// The dark level of the frame that was looked at last, grey levels.
+    pub(super) const fn dark(&self) -> f32 {
+        self.dark
     }
 
     /// The logarithm of each grey level above the frame's dark level.
@@ -161,6 +180,7 @@ impl Lattice {
             passed.count() as f64
         };
         let (dark, bright) = (quantile(0.01), quantile(0.99));
+        self.dark = dark as f32 * f32::from(1u16 << shift);
         let floor = (FLOOR_SHARE * (bright - dark) + 2.0 * noise / f64::from(1u32 << shift)).max(1e-3);
         let levels = level(frame.white) + 1;
         for (k, entry) in self.table[..levels].iter_mut().enumerate() {
@@ -170,7 +190,7 @@ impl Lattice {
         self.table[levels..].fill(top);
     }
 
-    /// Shift and scale through the phases.
+    /// Shift, scale and rotation through the phases.
     fn fit(&mut self) -> LatticeFit {
         let count = self.harmonics.len();
         let mut common = [Complex::new(0.0, 0.0); 3];
@@ -196,46 +216,43 @@ impl Lattice {
         let cycles = |c: Complex<f64>| c.arg() / std::f64::consts::TAU;
         let first = displacement(common.map(cycles));
         let local = |lens: &Lens| displacement(std::array::from_fn(|h| cycles(lens.sums[h] * common[h].conj())));
-        let mut step = Vector3::<f64>::zeros();
+        let mut step = Motion::NONE;
         let mut typical = f64::INFINITY;
-        let mut covariance = Matrix3::<f64>::zeros();
+        let mut covariance = Matrix4::zeros();
         for _ in 0..ROUNDS {
-            let (mut n, mut q, mut squares, mut weights) =
-                (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros(), 0.0f64, 0.0f64);
+            let mut sums = Sums::default();
             self.medians.clear();
-            for lens in &self.lenses {
+            for lens in self.lenses.iter().filter(|lens| lens.seen) {
                 let u = local(lens);
-                let [x, y] = lens.place;
-                let left: [f64; 2] = [u[0] - step[0] - step[2] * x, u[1] - step[1] - step[2] * y];
+                let [x, y] = step.displacement(lens.place);
+                let left = [u[0] - x, u[1] - y];
                 let distance = left[0].hypot(left[1]);
                 self.medians.push(distance);
                 // A faint lattice has a phase of little worth: a dark part of the board, a missing microlens.
                 let contrast = (0..count).map(|h| lens.sums[h].norm() / means[h]).fold(CONTRAST_CAP, f64::min);
                 // Beyond twice the median distance a micro-image counts less and less.
                 let weight = contrast.powi(2) / (1.0 + (distance / (2.0 * typical)).powi(2));
-                for (row, left) in [(Vector3::new(1.0, 0.0, x), left[0]), (Vector3::new(0.0, 1.0, y), left[1])] {
-                    n += row * row.transpose() * weight;
-                    q += row * (weight * left);
-                    squares += weight * left * left;
-                    weights += weight;
-                }
+                sums.add(lens.place, left, weight, weight);
             }
-            let Some(inverse) = n.try_inverse() else { break };
-            step += inverse * q;
-            covariance = inverse * (squares / (weights - 3.0).max(1.0));
+            let Some((more, inverse)) = sums.solved() else { break };
+            step.0 += more;
+            covariance = inverse * sums.variance();
+            if self.medians.is_empty() {
+                break;
+            }
             let middle = self.medians.len() / 2;
             typical = self.medians.select_nth_unstable_by(middle, f64::total_cmp).1.max(1e-6);
         }
-        let corners = [[-1.0, -self.aspect], [1.0, -self.aspect], [-1.0, self.aspect], [1.0, self.aspect]];
-        let moved = |[x, y]: [f64; 2]| (first[0] + step[0] + step[2] * x).hypot(first[1] + step[1] + step[2] * y);
-        let shift_px = corners.map(moved).into_iter().fold(0.0, f64::max);
-        let variance = covariance[(0, 0)].max(covariance[(1, 1)]) + covariance[(2, 2)] * (1.0 + self.aspect.powi(2));
-        LatticeFit { shift_px, sigma_px: variance.max(0.0).sqrt(), coherence }
+        let motion = Motion(step.0 + Vector4::new(first[0], first[1], 0.0, 0.0));
+        let shift_px = motion.greatest(&self.field);
+        LatticeFit { motion, shift_px, sigma_px: self.field.sigma(&covariance), coherence }
     }
 }
 
 struct Demodulate<'a, T> {
     lens: &'a mut Lens,
+    /// The pixel that the window is laid on.
+    middle: [i32; 2],
     frame: &'a Frame<'a, T>,
     rows: &'a [(i32, i32, usize, usize)],
     weights: &'a [[Vec<f32>; 2]],
@@ -248,12 +265,11 @@ impl<T: Sample> pulp::WithSimd for Demodulate<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        let Self { lens, frame, rows, weights, table, shift } = self;
+        let Self { lens, middle, frame, rows, weights, table, shift } = self;
         let Some(table) = table.first_chunk::<TABLE>() else { return };
         let mut sums = [[0.0f32; 2]; 3];
         for &(dy, dx, begin, count) in rows {
-            // The window lies within the frame: the sample was chosen so.
-            let from = (lens.middle[1] + dy) as usize * frame.width + (lens.middle[0] + dx) as usize;
+            let from = (middle[1] + dy) as usize * frame.width + (middle[0] + dx) as usize;
             let line = &mut lens.line[..count];
             for (value, &sample) in line.iter_mut().zip(&frame.samples[from..from + count]) {
                 *value = table[(sample.level() as usize >> shift).min(TABLE - 1)];
@@ -263,8 +279,8 @@ impl<T: Sample> pulp::WithSimd for Demodulate<'_, T> {
                 sum[1] += product(line, &im[begin..begin + count]);
             }
         }
-        for ((to, [re, im]), turn) in lens.sums.iter_mut().zip(sums).zip(lens.turns) {
-            *to = Complex::new(f64::from(re), f64::from(im)) * turn;
+        for (to, [re, im]) in lens.sums.iter_mut().zip(sums) {
+            *to = Complex::new(f64::from(re), f64::from(im));
         }
     }
 }
@@ -284,8 +300,6 @@ fn product(a: &[f32], b: &[f32]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::frame::Gains;
-    use super::super::shape::Shape;
     use super::*;
     use crate::optics::ArrayKind;
 
@@ -311,19 +325,18 @@ mod tests {
             let basis = [along(0.02), along(0.02 + turn.to_radians())];
             let grid = Grid::affine(array, [250.3, 200.1], basis, [500, 400]);
             let mut lattice = Lattice::new(&grid);
-            let gains = Gains::new(&[1.0], [1, 1], &[], Shape::new(8.0));
             for moved in [[0.0, 0.0], [1.5, -0.8], [0.0, 4.0]] {
                 let samples = samples(&grid, moved, 1);
-                let frame = Frame { samples: &samples, gains: &gains, width: 500, height: 400, white: 255 };
-                let fit = lattice.check(&frame, 8, 1.0);
+                let frame = Frame { samples: &samples, width: 500, height: 400, white: 255 };
+                let fit = lattice.look(&frame, 8, 1.0, &Motion::NONE);
                 let expected = f64::hypot(moved[0], moved[1]);
                 assert!((fit.shift_px - expected).abs() < 4.0 * fit.sigma_px + 0.05, "{array:?} {moved:?}: {fit:?}");
                 assert!(fit.sigma_px < 0.3 && fit.coherence > 0.6, "{array:?}: {fit:?}");
             }
             let noise: Vec<u8> =
                 (0..500u64 * 400).map(|k| (k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as u8).collect();
-            let frame = Frame { samples: &noise, gains: &gains, width: 500, height: 400, white: 255 };
-            assert!(lattice.check(&frame, 8, 30.0).coherence < 0.3);
+            let frame = Frame { samples: &noise, width: 500, height: 400, white: 255 };
+            assert!(lattice.look(&frame, 8, 30.0, &Motion::NONE).coherence < 0.3);
         }
     }
 }

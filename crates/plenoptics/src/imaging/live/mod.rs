@@ -1,10 +1,12 @@
 //! Live measuring: the spacing of frame after frame of one setting, as fast as a camera delivers them.
 //!
-//! The grid and the share of light of every pixel are known and stay; what follows from them is worked out once. A frame
-//! then takes one pass, and nothing is allocated for it:
+//! The micro-image's profile is known and stays, the grid is known and followed as it drifts; what follows from them is
+//! worked out once, or when the grid has moved by pixels. A frame then takes one pass, and nothing is allocated for it:
 //!
 //! ```text
-//!   exposure.rs, lattice.rs   a sample of micro-images: light, noise, and whether the grid still fits
+//!   exposure.rs               a sample of micro-images: light and noise
+//!            |
+//!   follow.rs                 lattice.rs -> places.rs: how the grid has moved
 //!            |
 //!   run.rs   clusters         some pairs spread over the frame, until the spacing there has settled
 //!            |                                                                     otherwise: lost
@@ -21,9 +23,13 @@
 mod compare;
 mod engine;
 mod exposure;
+mod follow;
 mod frame;
+mod gains;
 mod lattice;
+mod motion;
 mod normal;
+mod places;
 mod plan;
 mod random;
 mod run;
@@ -35,10 +41,11 @@ mod vector;
 use serde::Serialize;
 
 use self::engine::{Engine, State};
-use self::frame::{Frame, GAIN_UNIT, Gains, gain};
+use self::frame::Frame;
 use self::normal::TERMS;
-use super::grid::Grid;
+use super::grid::{Grid, GridError, refine_grid};
 use super::spacing::{SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
+use super::vignetting::Vignetting;
 use crate::optics::MlaMode;
 use crate::raw::{RawImage, Samples};
 
@@ -55,8 +62,6 @@ pub struct LiveOptions {
     pub field_held: Option<[f64; 3]>,
     /// Whether the difference between lattice directions is taken to be nil and not fitted.
     pub directions_alike: bool,
-    /// How far a micro-image may lie from the known grid, px, before the grid no longer fits.
-    pub grid_tolerance_px: f64,
     /// About how many micro-images are measured at most: of larger frames whole lattice rows are left out, evenly. Beyond
     /// ten thousand, noise is far below what the model itself is uncertain by, and the time is better spent on the next
     /// frame.
@@ -73,7 +78,6 @@ impl LiveOptions {
             start_px: None,
             field_held: None,
             directions_alike: false,
-            grid_tolerance_px: 0.5,
             micro_images_most: 10_000,
         }
     }
@@ -85,18 +89,21 @@ pub enum LiveError {
     /// The frame cannot be measured at all, live or not.
     #[error("{0}")]
     Spacing(#[from] SpacingError),
-    /// The micro-images are no longer where the grid has them.
+    /// The micro-images have jumped too far to say which is which.
     #[error(
-        "the micro-images have moved by up to {shift_px:.2} ± {sigma_px:.2} px from the known grid ({tolerance_px:.2} px are allowed): find the grid anew, from a white frame at this setting"
+        "the micro-images have jumped by up to {shift_px:.2} ± {sigma_px:.2} px since the last frame ({most_px:.2} px can be followed): acquire the frame, or find the grid anew from a white frame at this setting"
     )]
     GridMoved {
-        /// Greatest displacement in the frame that shift and scale of the lattice make, px.
+        /// Greatest displacement in the frame, px.
         shift_px: f64,
         /// Its standard uncertainty, px.
         sigma_px: f64,
-        /// Displacement allowed, px.
-        tolerance_px: f64,
+        /// Greatest displacement that can be followed, px.
+        most_px: f64,
     },
+    /// The grid cannot be fitted to the whole frame.
+    #[error("{0}")]
+    Grid(#[from] GridError),
     /// The lattice of micro-images is not to be seen.
     #[error(
         "the known grid's lattice does not show in this frame (its phases agree to {coherence:.2}, at least {least:.2} are needed): no raw frame of this array, or another setting; find the grid anew"
@@ -156,49 +163,51 @@ pub struct LiveSpacing {
     pub residual_ratio: f64,
     /// Noise of the frame as estimated from itself, grey levels.
     pub noise_grey_levels: f64,
-    /// Greatest displacement of micro-images from the known grid, px, and its standard uncertainty.
-    pub grid_shift_px: [f64; 2],
+    /// How the grid has moved from the one the meter was given: gains and centres are those of there.
+    pub grid: GridMotion,
     /// Passes over all pairs that it took: one when the frame is like the last.
     pub passes: usize,
 }
 
-/// Measures frame after frame of one setting.
+/// How the micro-images have moved from where a grid has them: a similarity about the frame's middle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct GridMotion {
+    /// Displacement in the frame's middle: x and y, px.
+    pub shift_px: [f64; 2],
+    /// Relative change of the pitch.
+    pub scale: f64,
+    /// Rotation from +x towards +y, radians.
+    pub rotation: f64,
+    /// Greatest displacement in the frame, that of a corner, px.
+    pub greatest_px: f64,
+    /// Standard uncertainty of a corner's place, px.
+    pub sigma_px: f64,
+}
+
+/// Measures frame after frame while the grid drifts, as it does when Δv is changed.
 #[derive(Debug)]
 pub struct LiveMeter {
     grid: Grid,
-    /// The vignetting of the whole frame, for when the spacing has to be looked for.
-    vignetting: Vec<u16>,
-    gains: Gains,
+    vignetting: Vignetting,
     options: LiveOptions,
     engine: Engine,
 }
 
 impl LiveMeter {
-    /// Prepares for frames with this grid. `vignetting` has one value for each pixel: the share of light that reaches
-    /// it, relative to a micro-image's centre, as [`super::vignetting::Vignetting::render`] draws it.
+    /// Prepares for frames with this grid, and with this profile of their micro-images.
     ///
     /// # Errors
-    /// [`SpacingError`] where grid and vignetting are not of one size, where there are too few micro-images, or where
-    /// an option is impossible.
-    pub fn new(grid: &Grid, vignetting: &[f32], options: LiveOptions) -> Result<Self, SpacingError> {
-        for (what, value) in [
-            ("an MLA pitch (px)", options.mla_pitch_px),
-            ("a tolerance of the grid (px)", options.grid_tolerance_px),
-            ("a starting spacing (px)", options.start_px.unwrap_or(1.0)),
-        ] {
+    /// [`SpacingError`] where there are too few micro-images, or where an option is impossible.
+    pub fn new(grid: &Grid, vignetting: &Vignetting, options: LiveOptions) -> Result<Self, SpacingError> {
+        for (what, value) in
+            [("an MLA pitch (px)", options.mla_pitch_px), ("a starting spacing (px)", options.start_px.unwrap_or(1.0))]
+        {
             if !(value.is_finite() && value > 0.0) {
                 return Err(SpacingError::Impossible { what, value });
             }
         }
-        let [width, height] = grid.frame_size;
-        if vignetting.len() != width * height {
-            let rows = vignetting.len().checked_div(width).unwrap_or(0);
-            return Err(SpacingError::WrongSize { frame: [width, rows], grid: grid.frame_size });
-        }
         let engine = Engine::new(grid, vignetting, &options)?;
-        let gains = engine.gains(grid, vignetting);
-        let vignetting = vignetting.iter().map(|&share| gain(share)).collect();
-        Ok(Self { grid: grid.clone(), vignetting, gains, options, engine })
+        Ok(Self { grid: grid.clone(), vignetting: vignetting.clone(), options, engine })
     }
 
     /// Measures a frame, starting from the last one's spacing.
@@ -208,24 +217,25 @@ impl LiveMeter {
     pub fn measure(&mut self, raw: &RawImage) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
         let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
-        let gains = &self.gains;
         match raw.samples() {
-            Samples::U8(samples) => self.engine.measure(&Frame { samples, gains, width, height, white: u8::MAX }, bits),
+            Samples::U8(samples) => self.engine.measure(&Frame { samples, width, height, white: u8::MAX }, bits),
             Samples::U16(samples) => {
-                self.engine.measure(&Frame { samples, gains, width, height, white: raw.white_level() }, bits)
+                self.engine.measure(&Frame { samples, width, height, white: raw.white_level() }, bits)
             }
         }
     }
 
-    /// Looks for the spacing as if nothing were known of it, and measures the frame from there. This takes as long as
-    /// [`measure_spacing`] and is not live.
+    /// Fits the grid to the whole frame with [`refine_grid`], looks for the spacing as if nothing were known of it, and
+    /// measures and follows the frame from there. This takes as long as [`measure_spacing`] and is not live.
     ///
     /// # Errors
     /// [`LiveError`].
     pub fn acquire(&mut self, raw: &RawImage) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
-        let vignetting: Vec<f32> = self.vignetting.iter().map(|&gain| 1.0 / (f32::from(gain) * GAIN_UNIT)).collect();
-        let frame = SpacingFrame::new(raw, &vignetting, &self.grid, SLOPE_SIGMA_PX)?;
+        let grid = refine_grid(raw, &self.grid, Some(&self.vignetting))?;
+        self.engine.start_from(&grid)?;
+        let shares = self.vignetting.render(&grid);
+        let frame = SpacingFrame::new(raw, &shares, &grid, SLOPE_SIGMA_PX)?;
         let options = SpacingOptions {
             mla_pitch_px: self.options.mla_pitch_px,
             mode: self.options.mode,
@@ -235,6 +245,12 @@ impl LiveMeter {
         let spacing = measure_spacing(&[frame], &options)?;
         self.start_from(&spacing);
         self.measure(raw)
+    }
+
+    /// The grid where the newest frame has it. Its micro-images have the indices of the grid that the meter was given.
+    #[must_use]
+    pub fn grid(&self) -> Grid {
+        self.engine.grid()
     }
 
     /// Lets the next frame start from a spacing measured elsewhere.

@@ -11,6 +11,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use super::motion::{Field, Motion};
 use super::score::PairScore;
 use crate::imaging::grid::Grid;
 use crate::imaging::spacing::{Directions, block};
@@ -20,7 +21,7 @@ const JOB_COLUMNS: i32 = 14;
 /// Most lattice rows of a job.
 const JOB_ROWS: i32 = 24;
 /// The golden ratio's fraction: its multiples spread evenly however many there are.
-const GOLDEN: f64 = 0.618_033_988_749_895;
+pub(super) const GOLDEN: f64 = 0.618_033_988_749_895;
 
 /// A micro-image.
 #[derive(Debug, Clone, Copy)]
@@ -29,6 +30,13 @@ pub(super) struct Lens {
     pub(super) nearest: [i32; 2],
     /// The centre less that pixel, px.
     pub(super) fraction: [f64; 2],
+}
+
+impl Lens {
+    fn at([x, y]: [f64; 2]) -> Self {
+        let nearest = [x.round(), y.round()];
+        Self { nearest: nearest.map(|n| n as i32), fraction: [x - nearest[0], y - nearest[1]] }
+    }
 }
 
 /// Two neighbouring micro-images.
@@ -104,20 +112,26 @@ pub(super) struct Plan {
     pub(super) directions: Directions,
     /// How many of them pairs lie along.
     pub(super) direction_count: usize,
+    field: Field,
+    /// Centres in the known grid, px.
+    bases: Vec<[f64; 2]>,
     indices: Vec<[i32; 2]>,
     places: HashMap<[i32; 2], u32>,
 }
 
 impl Plan {
-    /// Plans for the micro-images whose centres are at least `margin` px from the frame's outermost pixel centres: all of
+    /// Plans for a known grid that has moved, for the micro-images whose centres are at least `margin` px from the frame's outermost pixel centres: all of
     /// them up to about `most`, else rows of them.
-    pub(super) fn new(grid: &Grid, margin: f64, most: usize) -> Self {
+    pub(super) fn new(known: &Grid, motion: &Motion, margin: f64, most: usize) -> Self {
+        let grid = &motion.of(known);
         let mut plan = Self {
             lenses: Vec::new(),
             jobs: Vec::new(),
             pairs: 0,
             directions: Directions::new(grid),
             direction_count: grid.neighbour_steps().len(),
+            field: Field::new(known.frame_size),
+            bases: Vec::new(),
             indices: Vec::new(),
             places: HashMap::new(),
         };
@@ -126,9 +140,8 @@ impl Plan {
         for m in grid.micro_images_within(margin + 0.5).filter(|m| m.j.rem_euclid(period) < kept) {
             plan.places.insert([m.i, m.j], plan.lenses.len() as u32);
             plan.indices.push([m.i, m.j]);
-            let nearest = [m.x.round(), m.y.round()];
-            let fraction = [m.x - nearest[0], m.y - nearest[1]];
-            plan.lenses.push(Lens { nearest: nearest.map(|n| n as i32), fraction });
+            plan.bases.push(known.position(m.i, m.j));
+            plan.lenses.push(Lens::at([m.x, m.y]));
         }
         let pairs = plan.all_pairs(grid);
         plan.pairs = pairs.len();
@@ -174,6 +187,13 @@ impl Plan {
             }
         }
         pairs
+    }
+
+    /// Moves all centres. Directions and midpoints of pairs stay: for them motions of a pixel or two are nothing.
+    pub(super) fn shift_to(&mut self, motion: &Motion) {
+        for (lens, &base) in self.lenses.iter_mut().zip(&self.bases) {
+            *lens = Lens::at(motion.moved(&self.field, base));
+        }
     }
 
     /// Centre of a micro-image, px.
@@ -287,7 +307,7 @@ mod tests {
     #[test]
     fn every_pair_is_compared_once_with_its_tiles_at_hand() {
         for (array, angle) in [(ArrayKind::Square, 0.01), (ArrayKind::Square, 0.7), (ArrayKind::Hexagonal, -0.3)] {
-            let plan = Plan::new(&grid(array, 9.3, angle), 8.0, usize::MAX);
+            let plan = Plan::new(&grid(array, 9.3, angle), &Motion::NONE, 8.0, usize::MAX);
             let mut seen = std::collections::HashSet::new();
             for job in plan.jobs.iter().chain(&plan.clusters(20)) {
                 let mut ring = vec![None; job.slots];
@@ -315,10 +335,10 @@ mod tests {
 
     #[test]
     fn of_too_many_micro_images_whole_rows_are_left_out() {
-        let whole = Plan::new(&grid(ArrayKind::Square, 9.3, 0.01), 8.0, usize::MAX);
+        let whole = Plan::new(&grid(ArrayKind::Square, 9.3, 0.01), &Motion::NONE, 8.0, usize::MAX);
         for share in [0.9, 0.8, 0.6, 0.3] {
             let most = (share * whole.lenses.len() as f64) as usize;
-            let plan = Plan::new(&grid(ArrayKind::Square, 9.3, 0.01), 8.0, most);
+            let plan = Plan::new(&grid(ArrayKind::Square, 9.3, 0.01), &Motion::NONE, 8.0, most);
             let kept = plan.lenses.len() as f64 / whole.lenses.len() as f64;
             assert!(kept < share + 0.05 && kept > share - 0.12, "{kept} for {share}");
             assert!(plan.pairs as f64 > 0.6 * kept * whole.pairs as f64, "{share}");
@@ -328,7 +348,7 @@ mod tests {
     #[test]
     fn stars_have_all_neighbours() {
         for (array, most) in [(ArrayKind::Square, 4), (ArrayKind::Hexagonal, 6)] {
-            let plan = Plan::new(&grid(array, 15.0, 0.1), 10.0, usize::MAX);
+            let plan = Plan::new(&grid(array, 15.0, 0.1), &Motion::NONE, 10.0, usize::MAX);
             let stars = plan.stars(50);
             assert!(stars.len() > 45);
             assert_eq!(stars.iter().map(|s| s.rays.len()).max(), Some(most));

@@ -8,7 +8,8 @@ use pulp::Simd;
 use rayon::prelude::*;
 
 use super::compare::{Overlap, Warp};
-use super::frame::{Frame, GAIN_UNIT, Sample};
+use super::frame::{Frame, Sample};
+use super::gains::Gains;
 use super::normal::{Matrix, Model, Normal, Terms, derivatives};
 use super::plan::{Job, Plan, Star};
 use super::score::Order;
@@ -44,6 +45,7 @@ struct Place {
 /// What all micro-images of the sample share.
 pub(super) struct Setting<'a, T> {
     pub(super) frame: &'a Frame<'a, T>,
+    pub(super) gains: &'a Gains,
     pub(super) plan: &'a Plan,
     pub(super) model: &'a Model,
     pub(super) normal: &'a Normal,
@@ -98,11 +100,11 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { place, setting, jobs, along } = self;
         let Place { star, found, own, other, work, warp, weights } = place;
-        let Setting { frame, plan, model, normal, shape, noise } = *setting;
+        let Setting { frame, gains, plan, model, normal, shape, noise } = *setting;
         weights.clear();
         weights.resize(shape.size(), 0.0);
         *found = [0.0; 2];
-        own.prepare(simd, frame, (star.lens, &plan.lenses), shape, work);
+        own.prepare(simd, frame, (&plan.lenses[star.lens as usize], gains), shape, work);
         for ray in &star.rays {
             let score = &jobs[ray.job as usize].scores[ray.score as usize];
             if !score.compared() {
@@ -110,7 +112,7 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
             }
             let pair = &ray.pair;
             let (lens, sign) = if ray.outwards { (pair.second, 1.0) } else { (pair.first, -1.0) };
-            other.prepare(simd, frame, (lens, &plan.lenses), shape, work);
+            other.prepare(simd, frame, (&plan.lenses[lens as usize], gains), shape, work);
             let spacing = model.spacing(pair, &plan.directions);
             let Some(overlap) = Overlap::new(own, other, shape, pair.unit.map(|u| sign * u), spacing) else { continue };
             let Some(moments) = overlap.compare(simd, own, other, shape, warp) else { continue };
@@ -134,12 +136,12 @@ impl<T: Sample> pulp::WithSimd for Gather<'_, T> {
                 }
             }
         }
+        let patch = gains.patch(&plan.lenses[star.lens as usize]);
         // In units of what the pairs of the whole frame make of it.
         let unit = 1.0 / along.dot(&(normal.random * along)).max(1e-300);
         for (y, line) in weights.chunks_exact(shape.stride).enumerate() {
-            let columns = shape.columns();
-            for (&weight, &gain) in line.iter().zip(frame.gains.row(star.lens, y, shape, columns)) {
-                found[0] += unit * (f64::from(weight) * f64::from(f32::from(gain) * GAIN_UNIT)).powi(2);
+            for (x, &weight) in line.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+                found[0] += unit * (f64::from(weight) * f64::from(patch.gain(x, y, shape))).powi(2);
             }
         }
         found[1] *= unit;

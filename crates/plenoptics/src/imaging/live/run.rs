@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::compare::{Moments, Overlap, Warp};
 use super::frame::{Frame, Sample};
+use super::gains::Gains;
 use super::normal::Model;
 use super::plan::{Job, Lens};
 use super::score::PairScore;
@@ -17,6 +18,7 @@ use crate::imaging::spacing::Directions;
 /// What all jobs of a pass share.
 pub(super) struct Pass<'a, T> {
     pub(super) frame: &'a Frame<'a, T>,
+    pub(super) gains: &'a Gains,
     pub(super) lenses: &'a [Lens],
     pub(super) directions: &'a Directions,
     pub(super) model: &'a Model,
@@ -79,7 +81,8 @@ impl<T: Sample> pulp::WithSimd for JobTask<'_, T> {
                 std::hint::black_box(pass.frame.touch(&pass.lenses[lens as usize], pass.shape));
             }
             for &(lens, slot) in &row.tiles {
-                tiles[usize::from(slot)].prepare(simd, pass.frame, (lens, pass.lenses), pass.shape, work);
+                let lens = &pass.lenses[lens as usize];
+                tiles[usize::from(slot)].prepare(simd, pass.frame, (lens, pass.gains), pass.shape, work);
             }
             for (link, score) in row.links.iter().zip(&mut scores) {
                 let (a, b) = (&tiles[usize::from(link.slots[0])], &tiles[usize::from(link.slots[1])]);

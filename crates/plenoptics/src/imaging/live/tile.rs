@@ -3,7 +3,8 @@
 
 use pulp::Simd;
 
-use super::frame::{EdgeLines, Frame, GAIN_UNIT, Sample};
+use super::frame::{EdgeLines, Frame, Sample};
+use super::gains::{Gains, Patch};
 use super::plan::Lens;
 use super::shape::{ABOVE, FIR, LANES, LEFT, SPLINE, Shape};
 use super::vector::{load, store, widened};
@@ -38,6 +39,7 @@ pub(super) struct Workspace {
     edge: EdgeLines,
     planes: [Vec<f32>; 2],
     across: Vec<f32>,
+    shares: Vec<f32>,
 }
 
 impl Tile {
@@ -59,27 +61,32 @@ impl Tile {
         &mut self,
         simd: S,
         frame: &Frame<'_, T>,
-        (lens, plan): (u32, &[Lens]),
+        (lens, gains): (&Lens, &Gains),
         shape: &Shape,
         work: &mut Workspace,
     ) {
         const { assert!(S::F32_LANES <= LANES, "tiles are padded for shorter vectors") };
         self.fit(shape);
         work.fit(shape);
-        self.fraction = plan[lens as usize].fraction;
-        self.nearest = plan[lens as usize].nearest;
-        self.cut(simd, frame, lens, shape, work);
+        self.fraction = lens.fraction;
+        self.nearest = lens.nearest;
+        let patch = gains.patch(lens);
+        if patch.bends() {
+            self.cut::<T, S, true>(simd, frame, &patch, shape, work);
+        } else {
+            self.cut::<T, S, false>(simd, frame, &patch, shape, work);
+        }
         self.spline(simd, shape, work);
         self.slope(simd, shape, work);
     }
 
-    /// Values and amplitudes.
+    /// Values and amplitudes, from gains or from the terms of a profile that bends.
     #[inline(always)]
-    fn cut<T: Sample, S: Simd>(
+    fn cut<T: Sample, S: Simd, const BENDS: bool>(
         &mut self,
         simd: S,
         frame: &Frame<'_, T>,
-        lens: u32,
+        patch: &Patch<'_>,
         shape: &Shape,
         work: &mut Workspace,
     ) {
@@ -100,19 +107,22 @@ impl Tile {
         let slope = 1.0 / (2.0 * shape.edge - 1.0);
         // Columns up to the mask's last; all loads are where stores were, or they would have to wait for them.
         let wide = (LEFT + 2 * shape.disc + 1).next_multiple_of(shape.lanes);
-        let Workspace { edge, planes: [causal, _], across } = work;
+        let Workspace { edge, planes: [causal, _], across, shares } = work;
         let mut offset = -((LEFT + shape.disc) as f32) - fx;
         for square in &mut across[..wide] {
             *square = offset * offset * slope;
             offset += 1.0;
         }
         let (unit, level, white) =
-            (simd.splat_f32s(GAIN_UNIT), simd.splat_f32s(level), simd.splat_f32s(frame.white.grey()));
+            (simd.splat_f32s(Patch::unit()), simd.splat_f32s(level), simd.splat_f32s(frame.white.grey()));
         let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
         let (pole, start) = (simd.splat_f32s(POLE), simd.splat_f32s(1.0 / (1.0 - POLE)));
         for y in 0..shape.rows {
             let from = line(y);
-            let gains = frame.gains.row(lens, y, shape, columns);
+            let gains = if BENDS { &[] } else { patch.gains(y, shape, columns) };
+            if BENDS {
+                patch.shares(simd, y, shape, columns, shares);
+            }
             let samples = if within {
                 &frame.samples[from + left as usize..][..columns]
             } else {
@@ -128,7 +138,11 @@ impl Tile {
             let before = if y == 0 { None } else { Some(&before[(y - 1) * shape.stride..]) };
             for k in 0..columns / S::F32_LANES {
                 let x = k * S::F32_LANES;
-                let factor = simd.mul_f32s(widened::<S, u16>(gains, x), unit);
+                let factor = if BENDS {
+                    simd.div_f32s(one, load::<S>(shares, x))
+                } else {
+                    simd.mul_f32s(widened::<S, u16>(gains, x), unit)
+                };
                 let value = simd.sub_f32s(simd.mul_f32s(widened::<S, T>(samples, x), factor), level);
                 store::<S>(values, x, value);
                 let state = match before {
@@ -148,7 +162,11 @@ impl Tile {
                 // Near the edge (edge² − r²) / (2 edge − 1) falls from 1 to 0 over one pixel.
                 let mask = simd.sub_f32s(rest, load::<S>(across, x));
                 let mask = simd.max_f32s(simd.min_f32s(mask, one), zero);
-                let mask = simd.div_f32s(mask, simd.mul_f32s(widened::<S, u16>(gains, x), unit));
+                let mask = if BENDS {
+                    simd.mul_f32s(mask, load::<S>(shares, x))
+                } else {
+                    simd.div_f32s(mask, simd.mul_f32s(widened::<S, u16>(gains, x), unit))
+                };
                 let open = simd.less_than_f32s(widened::<S, T>(samples, x), white);
                 store::<S>(amplitudes, x, simd.select_f32s(open, mask, zero));
             }
@@ -255,6 +273,7 @@ impl Workspace {
         let wide = shape.stride + 2 * LANES;
         if self.planes[0].len() < shape.size() + LANES || self.across.len() < wide {
             self.across.resize(wide, 0.0);
+            self.shares.resize(wide, 1.0);
             for plane in &mut self.planes {
                 plane.resize(shape.size() + 2 * LANES, 0.0);
             }
@@ -272,8 +291,10 @@ fn prefilter() -> [f32; FIR + 1] {
 #[cfg(test)]
 mod tests {
     use super::super::compare::{Moments, Overlap, Warp};
-    use super::super::frame::Gains;
     use super::*;
+    use crate::imaging::grid::Grid;
+    use crate::imaging::vignetting::Vignetting;
+    use crate::optics::ArrayKind;
 
     const SIDE: usize = 260;
 
@@ -289,6 +310,7 @@ mod tests {
     struct Two<'a> {
         frame: &'a Frame<'a, u16>,
         lenses: &'a [Lens; 2],
+        gains: &'a Gains,
         shape: Shape,
         unit: [f64; 2],
         spacing: f64,
@@ -300,8 +322,8 @@ mod tests {
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
             let (mut tiles, mut work) = ([Tile::default(), Tile::default()], Workspace::default());
-            tiles[0].prepare(simd, self.frame, (0, self.lenses), &self.shape, &mut work);
-            tiles[1].prepare(simd, self.frame, (1, self.lenses), &self.shape, &mut work);
+            tiles[0].prepare(simd, self.frame, (&self.lenses[0], self.gains), &self.shape, &mut work);
+            tiles[1].prepare(simd, self.frame, (&self.lenses[1], self.gains), &self.shape, &mut work);
             let (mut moments, mut warp) = ([None; 2], Warp::default());
             for k in 0..2 {
                 let (a, b) = (&tiles[k], &tiles[1 - k]);
@@ -319,7 +341,7 @@ mod tests {
     }
 
     /// Micro-images about two centres, `unit` apart in direction; the second shows what the first shows a spacing on.
-    fn two(radius: f64, unit: [f64; 2]) -> (Compared, Compared, Shape) {
+    fn two(radius: f64, unit: [f64; 2], bends: bool) -> (Compared, Compared, Shape) {
         let pitch = 2.6 * radius;
         let spacing = 0.7 * pitch;
         let a = [128.3 - pitch * unit[0] / 2.0, 127.6 - pitch * unit[1] / 2.0];
@@ -335,9 +357,11 @@ mod tests {
         let lenses = [lens(a[0], a[1]), lens(b[0], b[1])];
         let shape = Shape::new(radius);
         // Tiles smaller than the largest, as masks change with the spacing.
-        let gains = Gains::new(&vec![1.0; SIDE * SIDE], [SIDE, SIDE], &lenses, Shape::new(radius + 2.5));
-        let frame = Frame { samples: &samples, gains: &gains, width: SIDE, height: SIDE, white: 4095 };
-        let task = || Two { frame: &frame, lenses: &lenses, shape, unit, spacing };
+        let grid = Grid::affine(ArrayKind::Square, a, [[pitch, 0.0], [0.0, pitch]], [SIDE, SIDE]);
+        let even = Vignetting::from_terms(4, vec![[1.0, 0.0, 0.0, 0.0]; 16], bends);
+        let gains = Gains::new(&even, &grid, radius + 2.5);
+        let frame = Frame { samples: &samples, width: SIDE, height: SIDE, white: 4095 };
+        let task = || Two { frame: &frame, lenses: &lenses, gains: &gains, shape, unit, spacing };
         let fast = pulp::Arch::new().dispatch(task());
         let plain = pulp::WithSimd::with_simd(task(), pulp::Scalar::new());
         (fast, plain, shape)
@@ -347,7 +371,7 @@ mod tests {
     fn tiles_of_any_size_hold_their_spline_and_slopes() {
         for k in 0..60 {
             let radius = 3.0 + 0.6 * f64::from(k);
-            let ((tiles, moments), (plain, plain_moments), shape) = two(radius, [0.8, 0.6]);
+            let ((tiles, moments), (plain, plain_moments), shape) = two(radius, [0.8, 0.6], k % 2 == 1);
             let tile = &tiles[0];
             let [column, row] = shape.middle();
             let at = |plane: &[f32], dx: isize, dy: isize| {
@@ -401,7 +425,7 @@ mod tests {
     #[test]
     fn the_score_vanishes_at_the_true_spacing() {
         for unit in [[1.0, 0.0], [0.0, 1.0], [0.8, -0.6], [-0.6, 0.8]] {
-            let ((_, moments), _, _) = two(11.3, unit);
+            let ((_, moments), _, _) = two(11.3, unit, false);
             let [Some(there), Some(back)] = moments else { panic!("no overlap") };
             let step = ((there.ta - there.tb) + (back.ta - back.tb)) / (there.td + back.td);
             assert!(step.abs() < 2e-3, "{unit:?}: {step} px");
