@@ -16,6 +16,7 @@ use super::service::Service;
 use super::sight::Sight;
 use bench::device::Frame;
 use bench::telemetry::{self, ReadingOutcome};
+use plenoptics::imaging::grid::GridError;
 use plenoptics::imaging::live::{LiveError, LiveMeter, LiveSpacing};
 use plenoptics::imaging::spacing::SpacingError;
 
@@ -58,11 +59,12 @@ impl From<LiveError> for NoReading {
         match error {
             // It shows something, and there is no telling at which spacing: the next may.
             LiveError::Spacing(SpacingError::NoMatch { .. } | SpacingError::Ambiguous { .. })
+            | LiveError::Grid(GridError::DoesNotFit { .. } | GridError::NoLattice { .. })
             | LiveError::GridMoved { .. }
             | LiveError::GridNotSeen { .. }
             | LiveError::NoStart
             | LiveError::Lost { .. } => Self::Lost(why),
-            LiveError::Spacing(_) => Self::Refused(why),
+            LiveError::Spacing(_) | LiveError::Grid(_) => Self::Refused(why),
         }
     }
 }

@@ -133,8 +133,7 @@ impl Sight {
     pub(super) fn meter(&self) -> Result<LiveMeter, String> {
         let SpacingOptions { mla_pitch_px, mode, .. } = self.options().spacing;
         let options = LiveOptions { mode, ..LiveOptions::new(mla_pitch_px) };
-        let WhiteModel { grid, vignetting } = &self.white;
-        LiveMeter::new(grid, &vignetting.render(grid), options).map_err(|error| error.to_string())
+        LiveMeter::new(&self.white.grid, &self.white.vignetting, options).map_err(|error| error.to_string())
     }
 
     /// Whether the sensor has a mosaic.
