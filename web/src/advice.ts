@@ -24,7 +24,8 @@ export function advice(
   const words = strings.meter;
   if (reading.direction === "there") return { main: words.thereMore, other: null };
   if (!correction) {
-    return { main: reading.direction === "larger" ? words.farther : words.nearer, other: null };
+    const way = reading.direction === "larger" ? words.farther : words.nearer;
+    return { main: reading.pitchPx === null ? way : words.tooFar(way), other: null };
   }
   const { deltaVMm, eMm } = correction;
   const apart = length(Math.abs(deltaVMm), unit, 4);

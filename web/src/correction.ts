@@ -1,7 +1,8 @@
 // What a spacing means in millimetres, by the design's own figures: how far Δv or e would have to go, and how large a
 // tilt is. The daemon decides moves by better models; this is for whoever turns a screw.
 
-import type { Design, Measurement } from "./wire";
+import type { Reading } from "./reading";
+import type { Design } from "./wire";
 
 /** A MLA in the terms of Eq. 9. */
 interface Array {
@@ -54,15 +55,15 @@ function imageAt(array: Array, spacingPx: number): number {
 }
 
 /** How far Δv or e has to go until the spacing measured is the one wanted; null where it is too far to be told. */
-export function correction(design: Design | null, measurement: Measurement | null): Correction | null {
-  if (!design || !measurement) return null;
-  const array = arrayOf(design, measurement.micro_image_pitch_px);
+export function correction(design: Design | null, reading: Reading | null): Correction | null {
+  if (!design || !reading || reading.pitchPx === null) return null;
+  const array = arrayOf(design, reading.pitchPx);
   if (!array) return null;
-  const spacing = measurement.spacing.spacing_px;
+  const spacing = reading.spacingPx;
   // The MLA is carried along: a grows by as much as Δv shrinks.
-  const deltaVMm = imageAt(array, spacing) - imageAt(array, measurement.spacing_target_px);
+  const deltaVMm = imageAt(array, spacing) - imageAt(array, reading.targetPx);
   const apart = array.pitchPx - spacing;
-  const sigmaMm = ((array.pitchPx * array.bMm) / (apart * apart)) * measurement.spacing.spacing_sigma_px;
+  const sigmaMm = ((array.pitchPx * array.bMm) / (apart * apart)) * reading.sigmaPx;
   if (!(Math.abs(deltaVMm) <= FURTHEST_MM) || !Number.isFinite(sigmaMm)) return null;
   // Δv in focus as e grows, from the design's two solutions.
   const { joint, clarity } = design;
@@ -77,16 +78,16 @@ export function correction(design: Design | null, measurement: Measurement | nul
 }
 
 /** The tilt that a spacing's change over the field would be, for a frame `widthPx` wide. */
-export function tilt(design: Design | null, measurement: Measurement | null, widthPx: number): Tilt | null {
-  if (!design || !measurement || !(widthPx > 0)) return null;
-  const array = arrayOf(design, measurement.micro_image_pitch_px);
+export function tilt(design: Design | null, reading: Reading | null, widthPx: number): Tilt | null {
+  if (!design || !reading || reading.pitchPx === null || !(widthPx > 0)) return null;
+  const array = arrayOf(design, reading.pitchPx);
   if (!array) return null;
-  const { tilt_x_px: x, tilt_y_px: y } = measurement.spacing;
+  const { tiltXPx: x, tiltYPx: y } = reading;
   const slopePxPerMm = (array.pitchPx * array.bMm) / (array.aMm * array.aMm);
   const halfWidthMm = (widthPx / 2) * array.pixelMm;
   const degrees = (px: number) => (Math.atan(px / slopePxPerMm / halfWidthMm) * 180) / Math.PI;
   // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
-  const sigmaPx = Math.sqrt(3) * measurement.spacing.spacing_sigma_px;
+  const sigmaPx = Math.sqrt(3) * reading.sigmaPx;
   return { degrees: degrees(Math.hypot(x, y)), sigmaDegrees: degrees(sigmaPx), towards: Math.atan2(y, x) };
 }
 

@@ -3,6 +3,7 @@
 
 import { Newest } from "./newest";
 import type { Overlay } from "./preferences";
+import { Rate } from "./rate";
 import { extent } from "./show";
 import type { Command, MapFacts, Report } from "./viewer";
 import { ViewerThread } from "./viewer-thread";
@@ -22,9 +23,6 @@ interface Place {
   y: number;
 }
 
-/** Over how long the rate is told, ms. */
-const RATE_MS = 2000;
-
 export class Eyepiece {
   private thread: ViewerThread | null = null;
   private canvas: HTMLCanvasElement | null = null;
@@ -36,7 +34,7 @@ export class Eyepiece {
   private overlays: Overlay[] | null = null;
   private map: MapFacts | null = null;
   private share: number | null = null;
-  private times: number[] = [];
+  private readonly pictures = new Rate();
   private readonly probed = new Newest();
   private readonly asked = new Map<number, (grey: number | null) => void>();
   private probes = 0;
@@ -87,7 +85,7 @@ export class Eyepiece {
   /** Nothing of it is left for the next one who looks. */
   forget(): void {
     this.drawn = this.map = this.viewport = this.share = null;
-    this.times = [];
+    this.pictures.forget();
     this.post({ do: "forget" });
     this.look();
   }
@@ -108,8 +106,7 @@ export class Eyepiece {
 
   /** Pictures drawn a second, of late. */
   get rate(): number {
-    const now = performance.now();
-    return this.times.filter((time) => now - time < RATE_MS).length / (RATE_MS / 1000);
+    return this.pictures.at(performance.now());
   }
 
   get newestMap(): MapFacts | null {
@@ -185,8 +182,7 @@ export class Eyepiece {
   private heed(report: Report): void {
     switch (report.is) {
       case "picture": {
-        const now = performance.now();
-        this.times = [...this.times.filter((time) => now - time < RATE_MS), now];
+        this.pictures.note(performance.now());
         const other = this.drawn !== null && this.drawn.facts.show !== report.facts.show;
         const first = this.drawn === null;
         this.drawn = report;

@@ -1,9 +1,11 @@
-// The WebSocket's one driver: keeps a connection, reads what comes, asks for pictures, and says when they were drawn.
+// The WebSocket's one driver: keeps a connection, reads what comes, asks for pictures and for what the meter reads, and says
+// when pictures were drawn.
 
 import {
   parseMessage,
   parseSeen,
   type FieldMap,
+  type FrameReading,
   type Picture,
   type ServerMessage,
   type ViewerMessage,
@@ -30,9 +32,12 @@ export interface Listener {
   /** Resolves when the picture has been drawn. */
   picture(picture: Picture, cameAt: number): Promise<void>;
   map(map: FieldMap): void;
+  reading(reading: FrameReading, cameAt: number): void;
 }
 
 const QUALITY = 85;
+/** Readings a second at most: each, for any camera that there is. */
+const READINGS_HZ = 120;
 
 export class Live {
   private socket: WebSocket | null = null;
@@ -47,7 +52,16 @@ export class Live {
   private leftOut = { before: 0, since: 0 };
   /** Ends when all pictures that came so far have been said to be seen. */
   private said: Promise<void> = Promise.resolve();
-  private wish: Wish = { pictures: false, rateHz: 1, overlay: false, reduce: 1, show: "raw" };
+  private wish: Wish = {
+    readings: false,
+    pictures: false,
+    rateHz: 1,
+    overlay: false,
+    reduce: 1,
+    show: "raw",
+  };
+  /** Whether this connection has been asked for readings. */
+  private reads = false;
 
   constructor(
     private readonly url: string,
@@ -93,6 +107,7 @@ export class Live {
     this.socket = socket;
     this.heardAt = Date.now();
     this.said = Promise.resolve();
+    this.reads = false;
     socket.onopen = () => {
       this.retryMs = FIRST_RETRY_MS;
       this.ask();
@@ -118,6 +133,7 @@ export class Live {
   private async show(socket: WebSocket, bytes: Uint8Array, cameAt: number): Promise<void> {
     const seen = parseSeen(bytes);
     if (seen?.is === "map") this.listener.map(seen.map);
+    if (seen?.is === "reading") this.listener.reading(seen.reading, cameAt);
     if (seen?.is !== "picture") return;
     const { facts, jpeg } = seen.picture;
     const framesSkipped = this.count(facts.framesSkipped);
@@ -155,8 +171,12 @@ export class Live {
   }
 
   private ask(): void {
-    if (!this.socket) return;
-    const { pictures: on, rateHz, overlay, reduce, show } = this.wish;
+    if (this.socket?.readyState !== WebSocket.OPEN) return;
+    const { readings, pictures: on, rateHz, overlay, reduce, show } = this.wish;
+    if (readings !== this.reads) {
+      this.send(this.socket, { type: "readings", on: readings, max_rate_hz: READINGS_HZ });
+      this.reads = readings;
+    }
     this.send(this.socket, {
       type: "pictures",
       on,

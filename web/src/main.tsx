@@ -6,10 +6,11 @@ import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
 import { keyOfAddress } from "./confirm-key";
 import { eyepiece } from "./eyepiece";
 import { jog, watchJog } from "./jogging";
+import { needle } from "./needle";
 import { keep, recall } from "./preferences";
 import { addressOf, routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI } from "./session";
-import { endsPress, initial, receive, receivePicture, type State } from "./state";
+import { endsPress, initial, receive, receivePicture, receiveReading, type State } from "./state";
 import { overlaysOn } from "./show";
 import { stop, watchStopKey } from "./stopping";
 import type { Report } from "./viewer";
@@ -31,8 +32,11 @@ takeConfirmKey();
 let state: State = { ...initial, route: routeOf(location.hash), preferences: recall(localStorage) };
 const root = document.getElementById("app");
 const cadence = new Cadence(() => {
-  if (root) render(<App state={state} now={Date.now()} update={update} enter={enter} leave={leave} />, root);
+  if (!root) return;
+  const now = Date.now();
+  render(<App {...{ state, newest, now, update, enter, leave }} />, root);
 });
+const newest = () => state;
 const update = (change: Partial<State>) => set({ ...state, ...change });
 
 /** The state from now on; what is shown of it follows soon, however many messages come. */
@@ -85,6 +89,11 @@ function receiveReport(report: Report): void {
     }
     case "picture":
       set(receivePicture(state, report.facts, report.sentAt, Date.now()), LEISURELY_MS);
+      return;
+    case "reading":
+      // Nothing but the meter's own drawing follows from it.
+      state = receiveReading(state, report.reading, report.cameAt);
+      needle.moved();
       return;
     case "alive":
       api.lease.due();

@@ -1,54 +1,93 @@
-// The spacing measured last, against what it is to be.
+// What the meter shows: the newest spacing against what it is to be, whether it was read in one frame or measured in whole.
 
-import type { Measurement } from "./wire";
+import type { FrameReading, Measurement } from "./wire";
 
 /** Which way Δv or e has to go: a larger one makes the spacing smaller. */
 export type Direction = "larger" | "smaller" | "there";
 
 export interface Reading {
+  /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
+  of: "frame" | "measurement";
   spacingPx: number;
   sigmaPx: number;
   targetPx: number;
   differencePx: number;
   direction: Direction;
   inFocus: boolean;
-}
-
-/** The newest spacing against its target. */
-export function reading(measurement: Measurement | null): Reading | null {
-  if (!measurement) return null;
-  const spacingPx = measurement.spacing.spacing_px;
-  const sigmaPx = measurement.spacing.spacing_sigma_px;
-  const targetPx = measurement.spacing_target_px;
-  const differencePx = spacingPx - targetPx;
-  const direction = Math.abs(differencePx) <= 2 * sigmaPx ? "there" : differencePx > 0 ? "larger" : "smaller";
-  return { spacingPx, sigmaPx, targetPx, differencePx, direction, inFocus: measurement.in_focus };
-}
-
-/** The measurement that came closest to its target, and where the axes stood. */
-export interface Best {
-  differencePx: number;
-  sigmaPx: number;
-  targetPx: number;
+  /** Rise of the spacing, px per half frame width. */
+  tiltXPx: number;
+  tiltYPx: number;
+  /** Pitch of the micro-images, px; null while nothing has been measured in whole. */
+  pitchPx: number | null;
   focusMm: number | null;
   eMm: number | null;
+  /** Whether both axes were at rest. */
+  settled: boolean;
+  /** When its frame was taken, the daemon's clock, ms. */
+  capturedAt: number;
 }
 
-/** The best so far with a new measurement. Another target begins anew: what was best for the old one says nothing. */
-export function best(held: Best | null, measurement: Measurement): Best {
-  const now = measurement.spacing.spacing_px - measurement.spacing_target_px;
-  if (
-    held &&
-    held.targetPx === measurement.spacing_target_px &&
-    Math.abs(held.differencePx) <= Math.abs(now)
-  ) {
-    return held;
-  }
+/** Why a frame newer than the newest reading has none. */
+export interface Missing {
+  is: "lost" | "refused";
+  why: string;
+  targetPx: number;
+  capturedAt: number;
+}
+
+/** A whole measurement's spacing against its target. */
+export function reading(measurement: Measurement): Reading {
+  const { spacing } = measurement;
   return {
-    differencePx: now,
-    sigmaPx: measurement.spacing.spacing_sigma_px,
-    targetPx: measurement.spacing_target_px,
+    of: "measurement",
+    ...against(spacing.spacing_px, spacing.spacing_sigma_px, measurement.spacing_target_px),
+    inFocus: measurement.in_focus,
+    tiltXPx: spacing.tilt_x_px,
+    tiltYPx: spacing.tilt_y_px,
+    pitchPx: measurement.micro_image_pitch_px,
     focusMm: measurement.focus_mm ?? null,
     eMm: measurement.e_mm ?? null,
+    settled: measurement.settled,
+    capturedAt: Date.parse(measurement.captured_at),
   };
+}
+
+/** What the meter read in a frame; what it does not know of the micro-images is from the newest whole measurement. */
+export function frameReading(read: FrameReading, measurement: Measurement | null): Reading | null {
+  const { found, targetPx, focusMm, eMm, settled, capturedAt } = read;
+  if (found.is !== "measured") return null;
+  const { spacingPx, sigmaPx, inFocus, tiltXPx, tiltYPx } = found;
+  const pitchPx = measurement?.micro_image_pitch_px ?? null;
+  return {
+    of: "frame",
+    ...against(spacingPx, sigmaPx, targetPx),
+    ...{ inFocus, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
+  };
+}
+
+/** What there is instead of a reading. A spacing once lost is lost until it is measured again: a frame that cannot be
+ *  measured meanwhile only says why it is not found, and between two searches nothing new is said of it. */
+export function missing(read: FrameReading, before: Missing | null): Missing | null {
+  const { found, targetPx, capturedAt } = read;
+  if (found.is === "measured") return null;
+  const lost = before?.is === "lost" ? before : null;
+  const why = lost && found.is === "lost" ? lost.why : found.why;
+  return { is: lost ? "lost" : found.is, why, targetPx, capturedAt };
+}
+
+function against(spacingPx: number, sigmaPx: number, targetPx: number) {
+  const differencePx = spacingPx - targetPx;
+  const direction: Direction =
+    Math.abs(differencePx) <= 2 * sigmaPx ? "there" : differencePx > 0 ? "larger" : "smaller";
+  return { spacingPx, sigmaPx, targetPx, differencePx, direction };
+}
+
+/** The reading that came closest to its target, and where the axes stood. */
+export type Best = Pick<Reading, "differencePx" | "sigmaPx" | "targetPx" | "focusMm" | "eMm">;
+
+/** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */
+export function best(held: Best | null, now: Reading): Best {
+  const { differencePx, sigmaPx, targetPx, focusMm, eMm } = now;
+  const better = held?.targetPx !== targetPx || Math.abs(differencePx) < Math.abs(held.differencePx);
+  return held && !better ? held : { differencePx, sigmaPx, targetPx, focusMm, eMm };
 }

@@ -13,14 +13,20 @@ const SIGMAS = 3;
 /** What was said last, and when, ms. */
 export interface Said {
   differencePx: number;
-  direction: Reading["direction"];
+  /** Null: that it is lost. */
+  direction: Reading["direction"] | null;
   at: number;
 }
 
-/** Whether a reading is to be said after what was said last. */
-export function isNews(said: Said | null, reading: Reading, now: number): boolean {
+/** Whether a reading, or null where it is lost, is to be said after what was said last. */
+export function isNews(
+  said: Said | null,
+  reading: Pick<Reading, "differencePx" | "sigmaPx" | "direction"> | null,
+  now: number,
+): boolean {
   if (said === null) return true;
   if (now - said.at < SPEAK_MS) return false;
+  if (reading === null) return said.direction !== null;
   if (reading.direction !== said.direction) return true;
   // On the target it stays on the target.
   if (reading.direction === "there") return false;

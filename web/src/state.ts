@@ -1,13 +1,14 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
 import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
-import { best, type Best } from "./reading";
+import { best, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import { routeOf, type Route } from "./route";
 import { standard, type Preferences } from "./preferences";
-import { follow, noTrail, type AxesPoint, type SpacingPoint, type Trail } from "./trail";
+import { follow, noTrail, type AxesPoint, type ClarityPoint, type SpacingPoint, type Trail } from "./trail";
 import type {
   Bench,
   Design,
+  FrameReading,
   Job,
   JobState,
   Measurement,
@@ -34,10 +35,18 @@ export interface State {
   bench: Bench | null;
   /** Newest last. */
   jobs: Job[];
+  /** The newest in whole. */
   measurement: Measurement | null;
   clock: Clock;
-  /** This page's clock when the measurement came, ms. */
-  measurementAt: number | null;
+  /** What the meter shows: the newest spacing. */
+  reading: Reading | null;
+  /** This page's clock when the reading was sent, ms, as far as is known without the daemon's clock. */
+  readingAt: number | null;
+  /** Why there is none of a newer frame. */
+  missing: Missing | null;
+  missingAt: number | null;
+  /** Frames that were not read. */
+  framesLeftOut: number;
   picture: PictureFacts | null;
   /** This page's clock when the picture was sent, ms. */
   pictureAt: number | null;
@@ -55,9 +64,10 @@ export interface State {
   preferences: Preferences;
   /** The design of the configured camera, where it has been asked for. */
   design: Design | null;
-  /** The measurement closest to its target since this was reset. */
+  /** The reading closest to its target since this was reset. */
   best: Best | null;
   spacings: Trail<SpacingPoint>;
+  clarities: Trail<ClarityPoint>;
   axes: Trail<AxesPoint>;
 }
 
@@ -72,7 +82,11 @@ export const initial: State = {
   jobs: [],
   clock: unknown,
   measurement: null,
-  measurementAt: null,
+  reading: null,
+  readingAt: null,
+  missing: null,
+  missingAt: null,
+  framesLeftOut: 0,
   picture: null,
   pictureAt: null,
   heardAt: null,
@@ -85,13 +99,18 @@ export const initial: State = {
   design: null,
   best: null,
   spacings: noTrail,
+  clarities: noTrail,
   axes: noTrail,
 };
 
 /** Older than this, a picture does not show how things are, ms. */
 export const STALE_MS = 2000;
 /** Older than this, a measurement says how old it is: a frame takes a second or two to be taken and measured, ms. */
-export const OLD_MEASUREMENT_MS = 5000;
+const OLD_MEASUREMENT_MS = 5000;
+/** A frame is read several times a second: older than this, its reading says how old it is, ms. */
+const OLD_READING_MS = 1000;
+/** Where the spacing is lost, a search takes longer, and nothing is said meanwhile, ms. */
+const OLD_SEARCH_MS = 5000;
 /** Ticks come every 2 s: after this silence the connection counts as lost, ms. */
 export const SILENCE_MS = 6000;
 
@@ -112,10 +131,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         bench: message.bench,
         stopSent: withStop(state, message.bench),
         jobs: message.jobs,
-        measurement: message.measurement ?? null,
-        measurementAt: message.measurement
-          ? Math.min(now, Date.parse(message.measurement.captured_at))
-          : null,
+        ...withSnapshot(message.measurement ?? null, now),
         axes: withAxes(state, message.bench, now),
         ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
@@ -136,14 +152,8 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         ...heard,
         seq,
         measurement: message.measurement,
-        measurementAt: now,
-        best: best(state.best, message.measurement),
-        spacings: follow(state.spacings, now / 1000, {
-          spacingPx: message.measurement.spacing.spacing_px,
-          sigmaPx: message.measurement.spacing.spacing_sigma_px,
-          targetPx: message.measurement.spacing_target_px,
-          eog: message.measurement.eog ?? null,
-        }),
+        clarities: follow(state.clarities, now / 1000, message.measurement.eog ?? null),
+        ...withMeasurement(state, message.measurement, now),
       };
     case "tick":
       return { ...heard, seq, clock: heardTick(state.clock, now, message.now) };
@@ -152,6 +162,49 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
     case "problem":
       return { ...heard, seq, problem: message.problem };
   }
+}
+
+function withSnapshot(measurement: Measurement | null, now: number): Partial<State> {
+  return {
+    measurement,
+    reading: measurement && reading(measurement),
+    readingAt: measurement && Math.min(now, Date.parse(measurement.captured_at)),
+    missing: null,
+    missingAt: null,
+  };
+}
+
+/** A whole measurement says something of the spacing where frame after frame is not read, and by a frame that is newer. */
+function withMeasurement(state: State, measurement: Measurement, now: number): Partial<State> {
+  const newest = reading(measurement);
+  const word = wordOf(state);
+  const says = !word || word.of === "measurement" || wordAge(state, word, now) > word.oldMs;
+  return says && newest.capturedAt >= (word?.capturedAt ?? -Infinity)
+    ? withReading(state, newest, now, now)
+    : {};
+}
+
+/** `sentAt` and `now` are this page's clock, ms. */
+function withReading(state: State, newest: Reading, sentAt: number, now: number) {
+  const { spacingPx, sigmaPx, targetPx } = newest;
+  return {
+    reading: newest,
+    readingAt: sentAt,
+    missing: null,
+    missingAt: null,
+    best: best(state.best, newest),
+    spacings: follow(state.spacings, now / 1000, { spacingPx, sigmaPx, targetPx }),
+  };
+}
+
+/** The state with what the meter says of a frame, which came at `now` of this page's clock. */
+export function receiveReading(state: State, read: FrameReading, now: number): State {
+  const heard = { ...state, heardAt: now, framesLeftOut: read.framesLeftOut };
+  const newest = frameReading(read, state.measurement);
+  const takenAt = now - read.ageMs;
+  return newest
+    ? { ...heard, ...withReading(state, newest, takenAt, now) }
+    : { ...heard, missing: missing(read, state.missing), missingAt: takenAt };
 }
 
 function withAxes(state: State, bench: Bench, now: number): Trail<AxesPoint> {
@@ -202,12 +255,42 @@ export function pictureAge(state: State, now: number): number | null {
   return state.picture && state.pictureAt !== null ? state.picture.ageMs + (now - state.pictureAt) : null;
 }
 
-/** Age of the measurement shown, ms: since its frame was taken where the daemon's clock is known, or since it came. */
-export function measurementAge(state: State, now: number): number | null {
-  if (!state.measurement || state.measurementAt === null) return null;
+/** What was said last of the spacing, and how long that holds, ms. */
+interface Word {
+  of: "frame" | "measurement";
+  capturedAt: number;
+  sentAt: number;
+  oldMs: number;
+}
+
+function wordOf({ missing, missingAt, reading, readingAt }: State): Word | null {
+  if (missing && missingAt !== null) {
+    const oldMs = missing.is === "lost" ? OLD_SEARCH_MS : OLD_READING_MS;
+    return { of: "frame", capturedAt: missing.capturedAt, sentAt: missingAt, oldMs };
+  }
+  if (!reading || readingAt === null) return null;
+  const oldMs = reading.of === "frame" ? OLD_READING_MS : OLD_MEASUREMENT_MS;
+  return { of: reading.of, capturedAt: reading.capturedAt, sentAt: readingAt, oldMs };
+}
+
+/** Since its frame was taken where the daemon's clock is known, or since it was sent, ms. */
+function wordAge(state: State, word: Pick<Word, "capturedAt" | "sentAt">, now: number): number {
   const aheadMs = ahead(state.clock);
-  if (aheadMs === null) return now - state.measurementAt;
-  return Math.max(0, now - aheadMs - Date.parse(state.measurement.captured_at));
+  return aheadMs === null ? now - word.sentAt : Math.max(0, now - aheadMs - word.capturedAt);
+}
+
+/** Age of what the meter shows, ms. */
+export function meterAge(state: State, now: number): number | null {
+  const refused = state.missing?.is === "refused";
+  const shown = wordOf(refused ? { ...state, missing: null } : state);
+  return shown && wordAge(state, shown, now);
+}
+
+/** Whether what the meter shows may no longer be so: it has passed, or nothing newer is known. */
+export function isMeterOld(state: State, now: number): boolean {
+  const word = wordOf(state);
+  if (!word) return false;
+  return state.missing?.is === "refused" || state.link !== "open" || wordAge(state, word, now) > word.oldMs;
 }
 
 export type PictureState = "none" | "fresh" | "stale";

@@ -4,6 +4,8 @@
 export const SPAN_S = 120;
 /** Points kept at most. */
 const MOST = 1500;
+/** Nearer to the one before, a point is left out, s: no chart shows it apart, and the oldest are not to go for it. */
+const APART_S = SPAN_S / MOST;
 
 export interface Trail<Point> {
   /** This page's clock, s. */
@@ -13,8 +15,10 @@ export interface Trail<Point> {
 
 export const noTrail = { at: [], points: [] };
 
-/** The trail with a point more, and without what is too old. */
+/** The trail with a point more, where it is apart from the others, and without what is too old. */
 export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): Trail<Point> {
+  const newest = trail.at.at(-1);
+  if (newest !== undefined && atS >= newest && atS - newest < APART_S) return trail;
   const oldest = atS - SPAN_S;
   let from = trail.at.findIndex((at) => at >= oldest);
   if (from < 0) from = trail.at.length;
@@ -22,14 +26,15 @@ export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): T
   return { at: [...trail.at.slice(from), atS], points: [...trail.points.slice(from), point] };
 }
 
-/** A spacing with its uncertainty and target, px, and how clear the picture was. */
+/** A spacing with its uncertainty and target, px. */
 export interface SpacingPoint {
   spacingPx: number;
   sigmaPx: number;
   targetPx: number;
-  /** Energy of gradient of the central view, mean a pixel; null where no view could be made. */
-  eog: number | null;
 }
+
+/** How clear the picture was: energy of gradient of the central view, mean a pixel; null where no view could be made. */
+export type ClarityPoint = number | null;
 
 /** Readbacks, mm; null while unknown. */
 export interface AxesPoint {

@@ -9,7 +9,7 @@ import type { Overlay } from "./preferences";
 import { onFrame } from "./screen-frame";
 import type { Link } from "./state";
 import type { Size } from "./viewport";
-import type { PictureFacts, ServerMessage } from "./wire";
+import type { FrameReading, PictureFacts, ServerMessage } from "./wire";
 import type { Wish } from "./wish";
 
 export type Command =
@@ -41,6 +41,7 @@ export type Report =
   /** A picture has been drawn. */
   | { is: "picture"; facts: PictureFacts; size: Size; sentAt: number }
   | { is: "map"; map: MapFacts }
+  | { is: "reading"; reading: FrameReading; cameAt: number }
   | { is: "saturation"; share: number | null }
   | { is: "grey"; probe: number; grey: number | null };
 
@@ -68,6 +69,7 @@ export class Viewer {
         // A browser that draws its frames more slowly than pictures come is not sent more of them.
         await new Promise<void>((resolve) => onFrame(resolve));
       },
+      reading: (reading, cameAt) => report({ is: "reading", reading, cameAt }),
       map: (map) => {
         const stepPx = this.painter.showMap(map);
         report({ is: "map", map: { frameSeq: map.frameSeq, rangePx: range(map), stepPx } });

@@ -5,8 +5,10 @@ import type { components } from "./gen/api";
 import {
   LensState,
   Picture as Pictured,
+  ReadingState,
   ViewedSchema,
   type Frame,
+  type Reading as FrameRead,
   type SpacingMap,
   type Viewed,
 } from "./gen/plenalign/v1/frame_pb";
@@ -131,8 +133,38 @@ export interface FieldMap {
   lenses: Lens[];
 }
 
+/** What the meter says of one frame. */
+export interface FrameReading {
+  /** When its exposure ended, the daemon's clock, ms. */
+  capturedAt: number;
+  /** Age when the daemon sent it, ms. */
+  ageMs: number;
+  focusMm: number | null;
+  eMm: number | null;
+  settled: boolean;
+  /** Frames that were not measured. */
+  framesLeftOut: number;
+  targetPx: number;
+  found: Found;
+}
+
+/** Its spacing; or why there is none: it is lost and searched for, or the frame cannot be measured. */
+export type Found =
+  | {
+      is: "measured";
+      spacingPx: number;
+      sigmaPx: number;
+      tiltXPx: number;
+      tiltYPx: number;
+      inFocus: boolean;
+    }
+  | { is: "lost" | "refused"; why: string };
+
 /** What a binary message shows. */
-export type Seen = { is: "picture"; picture: Picture } | { is: "map"; map: FieldMap };
+export type Seen =
+  | { is: "picture"; picture: Picture }
+  | { is: "map"; map: FieldMap }
+  | { is: "reading"; reading: FrameReading };
 
 /** A binary message, or null for what is none of those known. */
 export function parseSeen(bytes: Uint8Array): Seen | null {
@@ -149,6 +181,10 @@ export function parseSeen(bytes: Uint8Array): Seen | null {
         : null;
     case "spacingMap":
       return { is: "map", map: mapOf(viewed.what.value) };
+    case "reading": {
+      const reading = readingOf(viewed.what.value);
+      return reading && { is: "reading", reading };
+    }
     default:
       return null;
   }
@@ -183,6 +219,42 @@ function mapOf(map: SpacingMap): FieldMap {
     targetPx: map.spacingTargetPx,
     lenses,
   };
+}
+
+function readingOf(read: FrameRead): FrameReading | null {
+  const found = foundIn(read);
+  return (
+    found && {
+      capturedAt: Number(read.capturedUnixUs) / 1000,
+      ageMs: read.ageMs,
+      focusMm: read.focusMm ?? null,
+      eMm: read.eMm ?? null,
+      settled: read.settled,
+      framesLeftOut: Number(read.framesLeftOut),
+      targetPx: read.spacingTargetPx,
+      found,
+    }
+  );
+}
+
+function foundIn(read: FrameRead): Found | null {
+  switch (read.state) {
+    case ReadingState.MEASURED:
+      return {
+        is: "measured",
+        spacingPx: read.spacingPx,
+        sigmaPx: read.spacingSigmaPx,
+        tiltXPx: read.tiltXPx,
+        tiltYPx: read.tiltYPx,
+        inFocus: read.inFocus,
+      };
+    case ReadingState.LOST:
+      return { is: "lost", why: read.why };
+    case ReadingState.REFUSED:
+      return { is: "refused", why: read.why };
+    default:
+      return null;
+  }
 }
 
 function pictureOf(frame: Frame): Picture {

@@ -5,11 +5,14 @@ import type { Show } from "./wire";
 
 /** As quickly as a screen is worth. */
 const LIVE_HZ = 30;
-/** The daemon measures while somebody looks: few and coarse pictures say that somebody does. */
+/** The meter alone needs few and coarse pictures: while there are some, the daemon measures in whole. That checks what is
+ *  followed from frame to frame, and is all that there is before a reading, or where a sensor in colour has none. */
 const METER_HZ = 1;
 
-/** What this page wants to see. Pictures cost the daemon work: none are wished for while nobody looks. */
+/** What this page wants to see. It costs the daemon work: nothing is wished for while nobody looks. */
 export interface Wish {
+  /** What the meter reads, frame by frame. */
+  readings: boolean;
   pictures: boolean;
   /** So many a second at most. */
   rateHz: number;
@@ -23,6 +26,7 @@ export interface Wish {
 
 export function sameWish(one: Wish, other: Wish): boolean {
   return (
+    one.readings === other.readings &&
     one.pictures === other.pictures &&
     one.rateHz === other.rateHz &&
     one.overlay === other.overlay &&
@@ -43,6 +47,7 @@ export function wishOf(
   looking: ReturnType<typeof lookedAt>,
   picture: Pick<Wish, "overlay" | "reduce" | "show">,
 ): Wish {
-  if (looking === "picture") return { ...picture, pictures: true, rateHz: LIVE_HZ };
-  return { pictures: looking === "meter", rateHz: METER_HZ, overlay: false, reduce: 4, show: "raw" };
+  const looks = looking !== null;
+  if (looking === "picture") return { ...picture, readings: looks, pictures: looks, rateHz: LIVE_HZ };
+  return { readings: looks, pictures: looks, rateHz: METER_HZ, overlay: false, reduce: 4, show: "raw" };
 }

@@ -1,4 +1,13 @@
-import type { Bench, Design, Job, Measurement, PictureFacts, ServerMessage } from "../src/wire";
+import type {
+  Bench,
+  Design,
+  Found,
+  FrameReading,
+  Job,
+  Measurement,
+  PictureFacts,
+  ServerMessage,
+} from "../src/wire";
 
 export const boot = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 
@@ -88,6 +97,20 @@ export function measurement(spacing_px: number, spacing_sigma_px: number): Measu
     micro_image_pitch_px: 29.4,
   };
 }
+
+function read(found: Found, capturedAt: number): FrameReading {
+  const axes = { focusMm: 1.5, eMm: 30, settled: true };
+  return { ...axes, capturedAt, ageMs: 50, framesLeftOut: 2, targetPx: 19.725, found };
+}
+
+/** What the meter says of a frame, 50 ms after it was taken at `capturedAt`, ms. */
+export function frameReading(spacingPx: number, capturedAt: number): FrameReading {
+  const level = { sigmaPx: 0.002, tiltXPx: 0, tiltYPx: 0, inFocus: true };
+  return read({ is: "measured", spacingPx, ...level }, capturedAt);
+}
+
+export const lostReading = (why: string, capturedAt: number) => read({ is: "lost", why }, capturedAt);
+export const refusedReading = (why: string, capturedAt: number) => read({ is: "refused", why }, capturedAt);
 
 export const picture: PictureFacts = {
   seq: 7,

@@ -1,8 +1,9 @@
 import { create, toBinary } from "@bufbuild/protobuf";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { FrameSchema, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
+import { FrameSchema, ReadingSchema, ReadingState, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
 import { Live } from "../src/live";
-import type { PictureFacts } from "../src/wire";
+import type { FrameReading, PictureFacts } from "../src/wire";
+import type { Wish } from "../src/wish";
 
 class Socket {
   static readonly OPEN = 1;
@@ -24,6 +25,11 @@ class Socket {
   close(): void {
     // The browser says so later.
   }
+  reading(): void {
+    const value = create(ReadingSchema, { state: ReadingState.LOST, why: "gone" });
+    const bytes = toBinary(ViewedSchema, create(ViewedSchema, { what: { case: "reading", value } }));
+    this.onmessage?.({ data: new Uint8Array(bytes).buffer });
+  }
   picture(seq: number, framesSkipped = 0): void {
     const value = create(FrameSchema, {
       seq: BigInt(seq),
@@ -35,8 +41,18 @@ class Socket {
   }
 }
 
+const wish: Wish = {
+  readings: true,
+  pictures: true,
+  rateHz: 30,
+  overlay: false,
+  reduce: 1,
+  show: "raw",
+};
+
 describe("the live connection", () => {
   let drawn: PictureFacts[] = [];
+  let read: FrameReading[] = [];
   let draw: () => Promise<void>;
   let live: Live;
   let links: [string, number | null][] = [];
@@ -47,18 +63,20 @@ describe("the live connection", () => {
     vi.useFakeTimers();
     vi.stubGlobal("WebSocket", Socket);
     drawn = [];
+    read = [];
     draw = () => Promise.resolve();
     links = [];
     live = new Live("ws://bench", {
       link: (link, nextAt) => void links.push([link, nextAt === null ? null : nextAt - Date.now()]),
       message: () => undefined,
       map: () => undefined,
+      reading: (reading) => void read.push(reading),
       picture: ({ facts }) => {
         drawn.push(facts);
         return draw();
       },
     });
-    live.want({ pictures: true, rateHz: 30, overlay: false, reduce: 1, show: "raw" });
+    live.want(wish);
     live.open();
     socket().onopen?.();
   });
@@ -76,6 +94,27 @@ describe("the live connection", () => {
     expect(sent("seen")).toEqual([]);
     await vi.advanceTimersByTimeAsync(1);
     expect(sent("seen")).toEqual([{ type: "seen", seq: 7 }]);
+  });
+
+  it("asks for readings once, and for no more of them where nobody looks; a new connection is asked anew", () => {
+    const on = { type: "readings", on: true, max_rate_hz: 120 };
+    expect(sent("readings")).toEqual([on]);
+    live.want({ ...wish, overlay: true });
+    expect(sent("readings")).toEqual([on]);
+    live.want({ ...wish, readings: false });
+    live.want(wish);
+    expect(sent("readings")).toEqual([on, { ...on, on: false }, on]);
+    socket().onclose?.();
+    live.now();
+    socket().onopen?.();
+    expect(sent("readings")).toEqual([on]);
+  });
+
+  it("hands a reading on, of which nothing is said to have been seen", async () => {
+    socket().reading();
+    await vi.advanceTimersByTimeAsync(0);
+    expect(read.map(({ found }) => found)).toEqual([{ is: "lost", why: "gone" }]);
+    expect(sent("seen")).toEqual([]);
   });
 
   it("says so in the order in which pictures came, whichever is drawn first", async () => {

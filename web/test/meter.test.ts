@@ -46,16 +46,16 @@ describe("the meter's figure", () => {
 
 describe("peak hold", () => {
   it("keeps what came closest to the target, and where the axes stood", () => {
-    const first = best(null, { ...measurement(19.8, 0.002), focus_mm: 1.5, e_mm: null });
+    const first = best(null, reading({ ...measurement(19.8, 0.002), focus_mm: 1.5, e_mm: null }));
     expect(first).toMatchObject({ focusMm: 1.5, eMm: null, targetPx: 19.725 });
-    const better = best(first, measurement(19.71, 0.002));
+    const better = best(first, reading(measurement(19.71, 0.002)));
     expect(better.differencePx).toBeCloseTo(-0.015, 9);
-    expect(best(better, measurement(19.75, 0.002))).toBe(better);
+    expect(best(better, reading(measurement(19.75, 0.002)))).toBe(better);
   });
 
   it("begins anew with another target", () => {
-    const held = best(null, measurement(19.726, 0.002));
-    const other = best(held, { ...measurement(25, 0.002), spacing_target_px: 20 });
+    const held = best(null, reading(measurement(19.726, 0.002)));
+    const other = best(held, reading({ ...measurement(25, 0.002), spacing_target_px: 20 }));
     expect(other.differencePx).toBe(5);
   });
 });
@@ -67,7 +67,7 @@ describe("the correction", () => {
     const pitch = (design.spacing_target_px * a) / (a - b);
     const off = a + 0.05;
     const seen = measurement((pitch * (off - b)) / off, 0.002);
-    const found = correction(design, { ...seen, spacing_target_px: design.spacing_target_px });
+    const found = correction(design, reading({ ...seen, spacing_target_px: design.spacing_target_px }));
     expect(found?.deltaVMm).toBeCloseTo(0.05, 9);
     // dl/da = D b / a².
     expect(found?.sigmaMm).toBeCloseTo((0.002 * off * off) / (pitch * b), 9);
@@ -85,15 +85,18 @@ describe("the correction", () => {
       ...measurement((29 * (off - b)) / off, 0.002),
       spacing_target_px: keplerian.spacing_target_px,
     };
-    expect(correction(keplerian, { ...seen, micro_image_pitch_px: 29.3 })?.deltaVMm).toBeCloseTo(0.02, 9);
+    expect(correction(keplerian, reading({ ...seen, micro_image_pitch_px: 29.3 }))?.deltaVMm).toBeCloseTo(
+      0.02,
+      9,
+    );
   });
 
   it("is told only where it can be", () => {
-    expect(correction(null, measurement(19.8, 0.002))).toBeNull();
+    expect(correction(null, reading(measurement(19.8, 0.002)))).toBeNull();
     expect(correction(design, null)).toBeNull();
-    expect(correction(design, measurement(28.985, 0.002))).toBeNull();
+    expect(correction(design, reading(measurement(28.985, 0.002)))).toBeNull();
     const flat = { ...design, clarity: { ...design.clarity, e_mm: design.joint.e_mm } };
-    expect(correction(flat, measurement(19.8, 0.002))?.eMm).toBeNull();
+    expect(correction(flat, reading(measurement(19.8, 0.002)))?.eMm).toBeNull();
   });
 });
 
@@ -101,7 +104,7 @@ describe("the tilt", () => {
   it("is an angle that grows with the frame's slope, and the way the spacing grows", () => {
     const seen = measurement(19.725, 0.002);
     const leaning = { ...seen, spacing: { ...seen.spacing, tilt_x_px: 0, tilt_y_px: 0.4 } };
-    const found = tilt(design, leaning, 1160);
+    const found = tilt(design, reading(leaning), 1160);
     // dl/dΔv = D b / a² = 8.695 px/mm; half the frame is 2.001 mm wide.
     expect(found?.degrees).toBeCloseTo((Math.atan(0.4 / 8.695 / 2.001) * 180) / Math.PI, 2);
     expect(found?.sigmaDegrees).toBeCloseTo(
@@ -109,7 +112,7 @@ describe("the tilt", () => {
       4,
     );
     expect(octant(found?.towards ?? 0)).toBe("bottom");
-    expect(tilt(design, leaning, 0)).toBeNull();
+    expect(tilt(design, reading(leaning), 0)).toBeNull();
   });
 
   it("has eight names", () => {
@@ -123,8 +126,7 @@ describe("the advice", () => {
   const of = (spacing: number, moved: "e" | "delta_v") => {
     const seen = measurement(spacing, 0.002);
     const now = reading(seen);
-    if (!now) throw new Error("nothing is read");
-    return advice(now, correction(design, seen), moved, "mm");
+    return advice(now, correction(design, now), moved, "mm");
   };
 
   it("moves the camera away from the shell where the spacing is too large, towards it where it is too small", () => {
@@ -143,5 +145,12 @@ describe("the advice", () => {
   it("calls for no move on the target, and for no distance far from it", () => {
     expect(of(19.7255, "e").main).toMatch(/no move/);
     expect(of(28.985, "e")).toEqual({ main: expect.stringMatching(/must grow/) as string, other: null });
+  });
+
+  it("says which way alone while the micro-images are not known", () => {
+    const unknown = { ...reading(measurement(19.78, 0.002)), pitchPx: null };
+    expect(correction(design, unknown)).toBeNull();
+    expect(tilt(design, unknown, 1160)).toBeNull();
+    expect(advice(unknown, null, "e", "mm").main).toBe("Δv or e must grow");
   });
 });

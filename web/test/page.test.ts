@@ -75,13 +75,14 @@ describe("what the page wishes for", () => {
   const picture = { overlay: true, reduce: 1, show: "depth" } as const;
   const wish = (hash: string, visible = true) => wishOf(lookedAt(routeOf(hash), visible), picture);
   it("is every picture on the live page, and nothing where nobody looks", () => {
-    expect(wish("#/live")).toEqual({ ...picture, pictures: true, rateHz: 30 });
+    expect(wish("#/live")).toEqual({ ...picture, readings: true, pictures: true, rateHz: 30 });
     for (const wished of [wish("#/live", false), wish("#/design"), wish("#/alignment/" + id)])
-      expect(wished.pictures).toBe(false);
+      expect([wished.pictures, wished.readings]).toEqual([false, false]);
   });
 
   it("is enough for the meter to be measured where it stands alone", () => {
     expect(wish("#/alignment")).toEqual({
+      readings: true,
       pictures: true,
       rateHz: 1,
       overlay: false,
@@ -92,6 +93,14 @@ describe("what the page wishes for", () => {
 });
 
 describe("a trail", () => {
+  it("goes back as far however many points come, and leaves out those that no chart shows apart", () => {
+    let trail: Trail<number> = noTrail;
+    for (let i = 0; i < 60 * 300; i += 1) trail = follow(trail, i / 60, i);
+    expect(trail.at.length).toBeLessThanOrEqual(1500);
+    expect((trail.at.at(-1) ?? 0) - (trail.at[0] ?? 0)).toBeGreaterThan(SPAN_S - 1);
+    expect(follow(trail, 300.001, 7).at.at(-1)).toBeGreaterThan(299.9);
+  });
+
   it("forgets what is too old, and is bounded", () => {
     let trail: Trail<number> = noTrail;
     for (let second = 0; second < 300; second += 1) trail = follow(trail, second, second);

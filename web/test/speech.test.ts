@@ -2,13 +2,10 @@ import { expect, it } from "vitest";
 import { isNews, SPEAK_MS, type Said } from "../src/speech";
 import type { Reading } from "../src/reading";
 
-const reading = (differencePx: number, direction: Reading["direction"]): Reading => ({
-  spacingPx: 20 + differencePx,
+const reading = (differencePx: number, direction: Reading["direction"]) => ({
   sigmaPx: 0.01,
-  targetPx: 20,
   differencePx,
   direction,
-  inFocus: false,
 });
 const said: Said = { differencePx: 1, direction: "larger", at: 0 };
 
@@ -26,4 +23,12 @@ it("does not repeat what differs by scatter, or in its last digit", () => {
   expect(isNews(near, reading(0.09, "larger"), 60_000)).toBe(true);
   const there: Said = { differencePx: 0.001, direction: "there", at: 0 };
   expect(isNews(there, reading(-0.015, "there"), 60_000)).toBe(false);
+});
+
+it("says once that the spacing is lost, and then what is found", () => {
+  expect(isNews(said, null, SPEAK_MS - 1)).toBe(false);
+  expect(isNews(said, null, SPEAK_MS)).toBe(true);
+  const lost: Said = { differencePx: 0, direction: null, at: 0 };
+  expect(isNews(lost, null, 60_000)).toBe(false);
+  expect(isNews(lost, reading(0, "there"), SPEAK_MS)).toBe(true);
 });

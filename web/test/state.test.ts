@@ -4,25 +4,37 @@ import {
   currentJob,
   endsPress,
   initial,
-  measurementAge,
+  isMeterOld,
+  meterAge,
   newsOfReset,
   pictureAge,
   pictureState,
   receive,
   receivePicture,
+  receiveReading,
   STALE_MS,
   type State,
 } from "../src/state";
 import type { Bench, ServerMessage } from "../src/wire";
 import { reading } from "../src/reading";
 import { along, axisScale } from "../src/travel";
-import { bench, boot, job, measurement, picture, snapshot } from "./fixtures";
+import {
+  bench,
+  boot,
+  frameReading,
+  job,
+  lostReading,
+  measurement,
+  picture,
+  refusedReading,
+  snapshot,
+} from "./fixtures";
 
 const open = (): State => receive(initial, snapshot(5, [job("a", 1)]), 1000);
 
-describe("measurementAge", () => {
+describe("meterAge", () => {
   it("counts from when a measurement came, or from when it was taken if a snapshot brings it", () => {
-    expect(measurementAge(open(), 9000)).toBeNull();
+    expect(meterAge(open(), 9000)).toBeNull();
     const message = {
       type: "measurement",
       seq: 6,
@@ -30,10 +42,10 @@ describe("measurementAge", () => {
       measurement: measurement(20, 0.01),
     } as const;
     const came = receive(open(), message, 5000);
-    expect(measurementAge(came, 9000)).toBe(4000);
+    expect(meterAge(came, 9000)).toBe(4000);
     const taken = { ...message.measurement, captured_at: "1970-01-01T00:00:02Z" };
     const reloaded = receive(initial, { ...snapshot(1), measurement: taken } as ServerMessage, 9000);
-    expect(measurementAge(reloaded, 9000)).toBe(7000);
+    expect(meterAge(reloaded, 9000)).toBe(7000);
   });
 
   it("counts from when the frame was taken once the daemon has told the time, whatever this page's clock says", () => {
@@ -46,8 +58,8 @@ describe("measurementAge", () => {
     );
     const tick = { type: "tick", seq: 6, boot_id: boot, now: "2026-01-01T00:00:14Z" } as const;
     const told = receive(came, tick, 6000);
-    expect(measurementAge(told, 6000)).toBe(4000);
-    expect(measurementAge(told, 7500)).toBe(5500);
+    expect(meterAge(told, 6000)).toBe(4000);
+    expect(meterAge(told, 7500)).toBe(5500);
   });
 });
 
@@ -105,11 +117,79 @@ describe("the picture", () => {
 
 describe("reading", () => {
   it("says which way to go: a larger Δv or e makes the spacing smaller", () => {
-    expect(reading(measurement(19.8, 0.002))?.direction).toBe("larger");
-    expect(reading(measurement(19.7, 0.002))?.direction).toBe("smaller");
-    expect(reading(measurement(19.726, 0.002))?.direction).toBe("there");
-    expect(reading(measurement(19.726, 0.002))?.differencePx).toBeCloseTo(0.001, 9);
-    expect(reading(null)).toBeNull();
+    expect(reading(measurement(19.8, 0.002)).direction).toBe("larger");
+    expect(reading(measurement(19.7, 0.002)).direction).toBe("smaller");
+    expect(reading(measurement(19.726, 0.002)).direction).toBe("there");
+    expect(reading(measurement(19.726, 0.002)).differencePx).toBeCloseTo(0.001, 9);
+    expect(open().reading).toBeNull();
+  });
+});
+
+describe("what the meter reads, frame by frame", () => {
+  const measured = (state: State, captured_at: string, now: number): State =>
+    receive(
+      state,
+      {
+        type: "measurement",
+        seq: 6,
+        boot_id: boot,
+        measurement: { ...measurement(19.8, 0.002), captured_at },
+      },
+      now,
+    );
+  const second = (count: number) => new Date(1000 * count).toISOString();
+
+  it("is shown, held and charted in the place of what was measured before", () => {
+    const before = measured(open(), second(1), 2000);
+    const state = receiveReading(before, frameReading(19.73, 3000), 3050);
+    expect(state.reading).toMatchObject({ of: "frame", spacingPx: 19.73, pitchPx: 29.4, settled: true });
+    expect(state.best?.differencePx).toBeCloseTo(0.005, 9);
+    expect(state.spacings.points.map(({ spacingPx }) => spacingPx)).toEqual([19.8, 19.73]);
+    expect(state).toMatchObject({ heardAt: 3050, framesLeftOut: 2, measurement: before.measurement });
+  });
+
+  it("gives way to a whole measurement where frames are read no more, and to one of a newer frame only", () => {
+    const read = receiveReading(open(), frameReading(19.73, 3000), 3050);
+    const late = measured(read, second(2), 3100);
+    expect(late.reading).toBe(read.reading);
+    expect(late.spacings).toBe(read.spacings);
+    expect(late.clarities.at).toEqual([3.1]);
+    expect(measured(read, second(3.5), 3900).reading).toBe(read.reading);
+    expect(measured(read, second(4), 5000).reading).toMatchObject({ of: "measurement", spacingPx: 19.8 });
+    const lost = receiveReading(read, lostReading("gone", 3100), 3150);
+    expect(measured(lost, second(4), 5000).missing).toBe(lost.missing);
+    expect(measured(lost, second(8), 9000).missing).toBeNull();
+  });
+
+  it("is lost from the frame on that says so until one is measured, whatever cannot be measured meanwhile", () => {
+    const read = receiveReading(open(), frameReading(19.73, 3000), 3050);
+    const lost = receiveReading(read, lostReading("the board went", 3100), 3150);
+    expect(lost.missing).toMatchObject({ is: "lost", why: "the board went" });
+    const still = receiveReading(lost, lostReading("it is searched for", 3200), 3250);
+    expect(still.missing).toMatchObject({ is: "lost", why: "the board went", capturedAt: 3200 });
+    const dark = receiveReading(still, refusedReading("too dark", 3300), 3350);
+    expect(dark.missing).toMatchObject({ is: "lost", why: "too dark" });
+    expect(dark.best).toBe(read.best);
+    const found = receiveReading(dark, frameReading(19.7, 3400), 3450);
+    expect(found).toMatchObject({ missing: null, reading: { spacingPx: 19.7 } });
+  });
+
+  it("is old after a second without it, and at once where a frame cannot be measured", () => {
+    const read = receiveReading(open(), frameReading(19.73, 3000), 3050);
+    expect([meterAge(read, 3150), isMeterOld(read, 3999)]).toEqual([150, false]);
+    expect(isMeterOld(read, 4001)).toBe(true);
+    expect(isMeterOld({ ...read, link: "lost" }, 3100)).toBe(true);
+    const refused = receiveReading(read, refusedReading("too dark", 3100), 3150);
+    expect(refused.reading).toBe(read.reading);
+    expect([meterAge(refused, 3200), isMeterOld(refused, 3200)]).toEqual([200, true]);
+    const lost = receiveReading(read, lostReading("gone", 3100), 3150);
+    expect([meterAge(lost, 3200), isMeterOld(lost, 8100), isMeterOld(lost, 8200)]).toEqual([
+      100,
+      false,
+      true,
+    ]);
+    const whole = measured(open(), second(3), 3050);
+    expect([isMeterOld(whole, 8000), isMeterOld(whole, 8100)]).toEqual([false, true]);
   });
 });
 
@@ -179,9 +259,8 @@ describe("the bench anew", () => {
   });
 
   it("keeps clarity beside the spacing, for the charts", () => {
-    expect(measured().spacings.points).toEqual([
-      { spacingPx: 19.73, sigmaPx: 0.002, targetPx: 19.725, eog: 1300 },
-    ]);
+    expect(measured().spacings.points).toEqual([{ spacingPx: 19.73, sigmaPx: 0.002, targetPx: 19.725 }]);
+    expect(measured().clarities).toEqual({ at: measured().spacings.at, points: [1300] });
   });
 });
 

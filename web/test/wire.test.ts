@@ -1,9 +1,11 @@
-import { create, toBinary } from "@bufbuild/protobuf";
+import { create, toBinary, type MessageInitShape } from "@bufbuild/protobuf";
 import { describe, expect, it } from "vitest";
 import {
   FrameSchema,
   LensState,
   Picture,
+  ReadingSchema,
+  ReadingState,
   SpacingMapSchema,
   ViewedSchema,
 } from "../src/gen/plenalign/v1/frame_pb";
@@ -101,6 +103,53 @@ describe("parseSeen", () => {
     const kinds = [Picture.UNSPECIFIED, Picture.RAW, Picture.CENTRAL, Picture.ALL_IN_FOCUS, Picture.DEPTH];
     expect(kinds.map(shown)).toEqual(["raw", "raw", "central", "all_in_focus", "depth"]);
     expect(shown(99 as Picture)).toBe("raw");
+  });
+
+  it("reads what the meter says of a frame: its spacing, or why there is none", () => {
+    const of = (value: MessageInitShape<typeof ReadingSchema>) => {
+      const message = create(ViewedSchema, {
+        what: { case: "reading", value: create(ReadingSchema, value) },
+      });
+      const seen = parseSeen(toBinary(ViewedSchema, message));
+      return seen?.is === "reading" ? seen.reading : null;
+    };
+    const measured = of({
+      capturedUnixUs: 1_700_000_000_123_456n,
+      ageMs: 31.5,
+      eMm: 0,
+      settled: true,
+      state: ReadingState.MEASURED,
+      spacingPx: 19.7,
+      spacingSigmaPx: 0.002,
+      tiltXPx: 0.1,
+      tiltYPx: -0.2,
+      spacingTargetPx: 19.72,
+      inFocus: true,
+      framesLeftOut: 4n,
+    });
+    expect(measured).toEqual({
+      capturedAt: 1_700_000_000_123.456,
+      ageMs: 31.5,
+      focusMm: null,
+      eMm: 0,
+      settled: true,
+      framesLeftOut: 4,
+      targetPx: 19.72,
+      found: {
+        is: "measured",
+        spacingPx: 19.7,
+        sigmaPx: 0.002,
+        tiltXPx: 0.1,
+        tiltYPx: -0.2,
+        inFocus: true,
+      },
+    });
+    expect(of({ state: ReadingState.LOST, why: "the board went" })?.found).toEqual({
+      is: "lost",
+      why: "the board went",
+    });
+    expect(of({ state: ReadingState.REFUSED, why: "dark" })?.found).toEqual({ is: "refused", why: "dark" });
+    expect(of({})).toBeNull();
   });
 
   it("gives null for bytes that are no picture", () => {

@@ -2,7 +2,7 @@
 
 import type { Octant } from "../correction";
 import type { Overlay, Preferences } from "../preferences";
-import type { Direction } from "../reading";
+import type { Direction, Missing } from "../reading";
 
 export const picture = {
   live: "Live frame",
@@ -64,9 +64,18 @@ export const meter = {
   noneBegin: "Begin one",
   noneMore: "The live picture is measured once a white frame has been taken: an alignment begins with one.",
   unit: "px",
-  against: (sigma: string, target: string) => `± ${sigma} · target ${target} px`,
+  sigma: (sigma: string) => `± ${sigma}`,
+  target: (target: string) => `target ${target} px`,
   ago: (span: string) => `OLD · ${span}`,
   inFocus: "IN FOCUS",
+  moving: "an axis moves",
+  rate: (perSecond: string) => `${perSecond} /s`,
+  leftOut: (count: number) => `Readings a second; ${count} frames left out`,
+  lost: "LOST",
+  missing: {
+    lost: "The spacing is lost, and searched for",
+    refused: "This frame cannot be measured",
+  } satisfies Record<Missing["is"], string>,
   words: {
     larger: "Spacing too large",
     smaller: "Spacing too small",
@@ -85,8 +94,9 @@ export const meter = {
   grow: (length: string) => `Move MLA and sensor ${length} away from the lens`,
   shrink: (length: string) => `Move MLA and sensor ${length} towards the lens`,
   otherwise: (other: string) => `, ${other} (by the design's figures)`,
-  farther: "too far from the target for a distance: Δv or e must grow",
-  nearer: "too far from the target for a distance: Δv or e must shrink",
+  farther: "Δv or e must grow",
+  nearer: "Δv or e must shrink",
+  tooFar: (way: string) => `too far from the target for a distance: ${way}`,
   ends: { smaller: "too small", larger: "too large" },
   best: (difference: string) => `Best ${difference} px`,
   bestMore: (focus: string, e: string) => `at focus ${focus}, e ${e}`,

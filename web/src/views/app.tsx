@@ -14,6 +14,7 @@ import { SignIn } from "./sign-in";
 
 interface Props {
   state: State;
+  newest: () => State;
   now: number;
   update: (change: Partial<State>) => void;
   enter: (key: string) => Promise<Problem | null>;
@@ -28,7 +29,7 @@ const VIEWS = {
   settings: SettingsPage,
 } as const;
 
-export function App({ state, now, update, enter, leave }: Props) {
+export function App({ state, newest, now, update, enter, leave }: Props) {
   const act: Act = async (request) => {
     const result = await request;
     update({ problem: result.ok ? null : result.problem });
@@ -54,7 +55,7 @@ export function App({ state, now, update, enter, leave }: Props) {
       </>
     );
   }
-  const scene: Scene = { state, now, update, act };
+  const scene: Scene = { state, newest, now, update, act };
   const View = VIEWS[state.route.page];
   return (
     <>

@@ -8,6 +8,8 @@ export type Act = (request: Promise<Result<unknown>>) => Promise<boolean>;
 
 export interface Scene {
   state: State;
+  /** The state as it is by now: readings have come since all of the page was drawn. */
+  newest: () => State;
   /** This page's clock, ms. */
   now: number;
   update: (change: Partial<State>) => void;

@@ -5,12 +5,12 @@ import { strings } from "../../strings";
 import { length } from "../../units";
 import type { Scene } from "../scene";
 
-/** Peak hold: the best that was measured, and where the axes stood. */
+/** Peak hold: the best that was read, and where the axes stood. */
 export function BestHeld({ state, update }: Scene) {
   const held = state.best;
   if (!held) return null;
   const at = (mm: number | null) => (mm === null ? strings.axis.unknown : length(mm, state.preferences.unit));
-  const anew = () => update({ best: state.measurement ? best(null, state.measurement) : null });
+  const anew = () => update({ best: state.reading && best(null, state.reading) });
   return (
     <div class="best-held">
       <p>

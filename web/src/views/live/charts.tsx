@@ -33,7 +33,7 @@ function spacing(colours: Theme): Options {
         label: strings.charts.spacing,
         stroke: colours.accent,
         width: 2,
-        points: { show: true, size: 5, fill: colours.accent },
+        points: { size: 5, fill: colours.accent },
       },
     ],
     bands: [{ series: [2, 1], fill: colours.band }],
@@ -51,7 +51,7 @@ function clarity(colours: Theme): Options {
         label: strings.charts.eog,
         stroke: colours.accent,
         width: 2,
-        points: { show: true, size: 5, fill: colours.accent },
+        points: { size: 5, fill: colours.accent },
       },
     ],
   };
@@ -98,21 +98,22 @@ function axes(colours: Theme, unit: LengthUnit): Options {
 export function Charts({ state, now }: Scene) {
   const { unit } = state.preferences;
   const second = Math.round(now / 500) / 2;
-  const [spacings, eogs] = useMemo((): [uPlot.AlignedData, uPlot.AlignedData] => {
+  const spacings = useMemo((): uPlot.AlignedData => {
     const { at, points } = state.spacings;
     const ago = at.map((time) => time - second);
     const spread = (sign: number) => points.map(({ spacingPx, sigmaPx }) => spacingPx + sign * 2 * sigmaPx);
     return [
-      [
-        ago,
-        spread(-1),
-        spread(1),
-        points.map(({ targetPx }) => targetPx),
-        points.map(({ spacingPx }) => spacingPx),
-      ],
-      [ago, points.map(({ eog }) => eog)],
+      ago,
+      spread(-1),
+      spread(1),
+      points.map(({ targetPx }) => targetPx),
+      points.map(({ spacingPx }) => spacingPx),
     ];
   }, [state.spacings, second]);
+  const clarities = useMemo(
+    (): uPlot.AlignedData => [state.clarities.at.map((time) => time - second), state.clarities.points],
+    [state.clarities, second],
+  );
   const positions = useMemo((): uPlot.AlignedData => {
     const { at, points } = state.axes;
     const shown = (mm: number | null) => (mm === null ? null : inUnit(mm, unit));
@@ -139,8 +140,8 @@ export function Charts({ state, now }: Scene) {
           <p class="facts key" title={words.eogMore}>
             <LineKey of="accent">{words.eog}</LineKey>
           </p>
-          <Plot label={words.eog} height={HEIGHT} data={eogs} options={clarity} />
-          {state.spacings.points.every(({ eog }) => eog === null) && <p class="chart-none">{words.none}</p>}
+          <Plot label={words.eog} height={HEIGHT} data={clarities} options={clarity} />
+          {state.clarities.points.every((eog) => eog === null) && <p class="chart-none">{words.none}</p>}
         </div>
         <div>
           <p class="facts key">

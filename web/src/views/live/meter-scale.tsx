@@ -4,7 +4,8 @@ import type { Best, Reading } from "../../reading";
 import { strings } from "../../strings";
 
 interface Props {
-  reading: Reading;
+  /** Null where there is none now. */
+  reading: Reading | null;
   best: Best | null;
   /** |difference| still called sharp, px. */
   blurPx: number | null;
@@ -14,7 +15,6 @@ const percent = (place: number) => `${(50 + 50 * place).toFixed(2)}%`;
 
 /** The meter's scale: the target in the middle, what is sharp about it, the reading with its uncertainty. */
 export function MeterScale({ reading, best, blurPx }: Props) {
-  const { from, to } = band(reading.differencePx, reading.sigmaPx);
   const sharp = blurPx === null ? null : place(blurPx);
   return (
     <div class="meter-scale" aria-hidden="true">
@@ -26,13 +26,8 @@ export function MeterScale({ reading, best, blurPx }: Props) {
           <i key={mark} class="mark" style={{ left: percent(place(mark)) }} />
         ))}
         <i class="target" />
-        <i class="band" style={{ left: percent(from), width: `${(50 * (to - from)).toFixed(2)}%` }} />
         {best && <i class="best" style={{ left: percent(place(best.differencePx)) }} />}
-        <i
-          class="pointer"
-          data-beyond={beyond(reading.differencePx)}
-          style={{ left: percent(place(reading.differencePx)) }}
-        />
+        {reading && <Pointer {...reading} />}
       </div>
       <p class="marks">
         <span class="end">▼ {strings.meter.ends.smaller}</span>
@@ -44,5 +39,15 @@ export function MeterScale({ reading, best, blurPx }: Props) {
         <span class="end">{strings.meter.ends.larger} ▲</span>
       </p>
     </div>
+  );
+}
+
+function Pointer({ differencePx, sigmaPx }: Reading) {
+  const { from, to } = band(differencePx, sigmaPx);
+  return (
+    <>
+      <i class="band" style={{ left: percent(from), width: `${(50 * (to - from)).toFixed(2)}%` }} />
+      <i class="pointer" data-beyond={beyond(differencePx)} style={{ left: percent(place(differencePx)) }} />
+    </>
   );
 }

@@ -1,12 +1,13 @@
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { advice, type Moved } from "../../advice";
 import { correction, tilt } from "../../correction";
 import { fixed, signed, span } from "../../format";
 import { steadyDigits } from "../../meter";
-import { reading, type Reading } from "../../reading";
+import { needle } from "../../needle";
+import type { Reading } from "../../reading";
 import { isNews, type Said } from "../../speech";
 import { addressOf } from "../../route";
-import { currentJob, isFinal, may, measurementAge, OLD_MEASUREMENT_MS, type State } from "../../state";
+import { currentJob, isFinal, isMeterOld, may, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
 import { BestHeld } from "./best";
@@ -14,6 +15,8 @@ import { MeterScale } from "./meter-scale";
 import { TiltArrow } from "./tilt-arrow";
 
 const ARROW = { larger: "▲", smaller: "▼", there: "✓" } as const;
+/** What stands where a figure would. */
+const NO_FIGURE = "–";
 
 /** Whether Δv is being set, or e. */
 function moved(state: State): Moved {
@@ -22,80 +25,122 @@ function moved(state: State): Moved {
   return state.bench?.shell === "off" ? "delta_v" : "e";
 }
 
+/** The scene as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
+function useNewest(scene: Scene): Scene {
+  const [, draw] = useState({});
+  useEffect(() => needle.follow(() => draw({})), []);
+  return { ...scene, state: scene.newest(), now: Date.now() };
+}
+
 /** The spacing against its target, to be read from two metres. */
-export function Meter(scene: Scene) {
+export function Meter(given: Scene) {
+  const scene = useNewest(given);
   const { state, now: clock } = scene;
   const [held] = useState<{ places: number | null }>({ places: null });
-  const now = reading(state.measurement);
-  const age = measurementAge(state, clock);
-  const old = age !== null && (age > OLD_MEASUREMENT_MS || state.link !== "open");
-  const unit = state.preferences.unit;
-  if (!now) {
-    return (
-      <section class="card meter" aria-label={strings.meter.title}>
-        <h2>{strings.meter.title}</h2>
-        <p>{strings.meter.none}</p>
-        <p class="quiet">
-          {strings.meter.noneMore}{" "}
-          {state.route.page !== "alignment" && may(state, "control") && (
-            <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>
-          )}
-        </p>
-      </section>
-    );
-  }
-  held.places = steadyDigits(now.sigmaPx, held.places);
-  const { places } = held;
-  const wanted = advice(now, correction(state.design, state.measurement), moved(state), unit);
-  const leaning = tilt(state.design, state.measurement, state.picture?.widthPx ?? 0);
-  const words = (now.inFocus ? strings.meter.sharp : strings.meter.words)[now.direction];
-  const difference = signed(now.differencePx, places);
+  const { missing } = state;
+  const target = missing ?? state.reading;
+  if (!target) return <Nothing {...scene} />;
+  // What was read before it was lost is no reading of what there is now.
+  const now = missing?.is === "lost" ? null : state.reading;
+  const old = isMeterOld(state, clock);
+  const age = meterAge(state, clock);
+  if (now) held.places = steadyDigits(now.sigmaPx, held.places);
+  const difference = now ? signed(now.differencePx, held.places ?? 0) : NO_FIGURE;
+  const wanted = now && advice(now, correction(state.design, now), moved(state), state.preferences.unit);
+  const leaning = tilt(state.design, state.reading, state.picture?.widthPx ?? 0);
+  const words = now && (now.inFocus ? strings.meter.sharp : strings.meter.words)[now.direction];
   return (
     <section
       class="card meter"
+      data-state={missing?.is ?? "measured"}
       data-old={old}
-      data-direction={now.direction}
+      data-direction={now?.direction}
       aria-label={strings.meter.title}
     >
       <h2>
         {strings.meter.title}
         <span class="quiet sigma">
-          <b id="spacing">{fixed(now.spacingPx, 4)}</b>{" "}
-          {strings.meter.against(fixed(now.sigmaPx, 4), fixed(now.targetPx, 4))}
+          <b id="spacing">{now ? fixed(now.spacingPx, 4) : NO_FIGURE}</b>{" "}
+          {strings.meter.sigma(now ? fixed(now.sigmaPx, 4) : NO_FIGURE)} ·{" "}
+          {strings.meter.target(fixed(target.targetPx, 4))}
         </span>
-        {old && <span class="tag old">{strings.meter.ago(span(age))}</span>}
-        {now.inFocus && !old && <span class="tag good">✓ {strings.meter.inFocus}</span>}
       </h2>
+      <p class="meter-tags">
+        <Pace framesLeftOut={state.framesLeftOut} />
+        {now && !now.settled && !old && <span class="tag">{strings.meter.moving}</span>}
+        {old && age !== null && <span class="tag old">{strings.meter.ago(span(age))}</span>}
+        {now?.inFocus && !old && <span class="tag good">✓ {strings.meter.inFocus}</span>}
+      </p>
       <p class="large" aria-hidden="true">
         <span class="arrow">
-          {ARROW[now.direction]}
+          {now ? ARROW[now.direction] : "?"}
           <small>{strings.meter.unit}</small>
         </span>
         <span class="number" id="difference">
-          {difference}
+          {missing?.is === "lost" ? strings.meter.lost : difference}
         </span>
       </p>
       <MeterScale reading={now} best={state.best} blurPx={state.design?.blur_limit_px ?? null} />
-      <p class="advice">
-        <b>{words}.</b> {wanted.main}
-        {wanted.other && <small>{strings.meter.otherwise(wanted.other)}</small>}
-      </p>
+      {missing && (
+        <p class="advice">
+          <b>{strings.meter.missing[missing.is]}.</b> <small>{missing.why}</small>
+        </p>
+      )}
+      {!missing && wanted && (
+        <p class="advice">
+          <b>{words}.</b> {wanted.main}
+          {wanted.other && <small>{strings.meter.otherwise(wanted.other)}</small>}
+        </p>
+      )}
       <div class="meter-more">
         {leaning && <TiltArrow tilt={leaning} />}
         <BestHeld {...scene} />
       </div>
       {!old && (
-        <Spoken reading={now} text={strings.meter.spoken(words, difference, wanted.main)} now={clock} />
+        <Spoken
+          reading={now}
+          text={
+            words && wanted
+              ? strings.meter.spoken(words, difference, wanted.main)
+              : strings.meter.missing.lost
+          }
+          now={clock}
+        />
       )}
     </section>
   );
 }
 
+function Nothing({ state }: Scene) {
+  return (
+    <section class="card meter" aria-label={strings.meter.title}>
+      <h2>{strings.meter.title}</h2>
+      <p>{strings.meter.none}</p>
+      <p class="quiet">
+        {strings.meter.noneMore}{" "}
+        {state.route.page !== "alignment" && may(state, "control") && (
+          <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>
+        )}
+      </p>
+    </section>
+  );
+}
+
+/** How many readings come a second; nothing where none do. */
+function Pace({ framesLeftOut }: { framesLeftOut: number }) {
+  const { rate } = needle;
+  return (
+    <span class="quiet pace" title={strings.meter.leftOut(framesLeftOut)}>
+      {rate > 0 && strings.meter.rate(fixed(rate, 0))}
+    </span>
+  );
+}
+
 /** What a screen reader says, where it is news. */
-function Spoken({ reading, text, now }: { reading: Reading; text: string; now: number }) {
+function Spoken({ reading, text, now }: { reading: Reading | null; text: string; now: number }) {
   const [last] = useState<{ said: Said | null; text: string }>({ said: null, text: "" });
   if (isNews(last.said, reading, now)) {
-    last.said = { differencePx: reading.differencePx, direction: reading.direction, at: now };
+    last.said = { differencePx: reading?.differencePx ?? 0, direction: reading?.direction ?? null, at: now };
     last.text = text;
   }
   return (

@@ -9,19 +9,17 @@ import { LivePicture } from "./picture";
 /** Between two looks at the clock, ms. */
 const CLOCK_MS = 500;
 
-/** What an assembler works by. What a picture does not change is not drawn anew with each. */
+/** What an assembler works by. What a picture or a reading does not change is not drawn anew with each. */
 export function LivePage(scene: Scene) {
   const { state, now } = scene;
-  const { picture, pictureAt, heardAt, ...rest } = state;
+  const { picture, pictureAt, heardAt, ...more } = state;
+  const { reading, readingAt, missing, missingAt, framesLeftOut, best, spacings, clarities, ...rest } = more;
   const beat = Math.round(now / CLOCK_MS);
   const about = [...Object.values(rest), beat, picture?.widthPx];
   const strip = useMemo(() => <JobStrip {...scene} />, about);
   const meter = useMemo(() => <Meter {...scene} />, about);
   const bench = useMemo(() => <Bench {...scene} />, about);
-  const charts = useMemo(
-    () => <Charts {...scene} />,
-    [state.spacings, state.axes, state.preferences.unit, beat],
-  );
+  const charts = useMemo(() => <Charts {...scene} />, [state.preferences.unit, beat]);
   return (
     <div class="live-page">
       <div class="column">
