@@ -1,5 +1,5 @@
-// How often the page's text is drawn: as often as it changes, unless that would leave the browser no time for anything
-// else.
+// How often the page's text, or its meter, is drawn: as often as it changes, unless that would leave the browser no time
+// for anything else.
 
 /** At most so often, ms; what changes by itself is not read as quickly as it changes. */
 export const SOON_MS = 30;

@@ -1,25 +1,23 @@
-// When the meter is drawn: at the screen's next frame after a reading, however many have come. Readings come faster than the
-// page's text is drawn, and nothing but the meter changes with one.
+// When the meter is drawn: soon after a reading, however many have come, and by itself. Readings come faster than the page's
+// text is drawn, and nothing but the meter changes with one.
 
+import { Cadence } from "./cadence";
 import { Rate } from "./rate";
-import { onFrame } from "./screen-frame";
+
+/** A frame of the screen, ms: what is drawn more often is not seen. */
+const FRAME_MS = 16;
 
 export class Needle {
   private readonly draws = new Set<() => void>();
   private readonly readings = new Rate();
-  private due = false;
-
-  constructor(private readonly frame: (act: () => void) => void = onFrame) {}
+  private readonly cadence = new Cadence(() => {
+    for (const draw of this.draws) draw();
+  });
 
   /** A reading has come. */
   moved(): void {
     this.readings.note(performance.now());
-    if (this.due || this.draws.size === 0) return;
-    this.due = true;
-    this.frame(() => {
-      this.due = false;
-      for (const draw of this.draws) draw();
-    });
+    if (this.draws.size > 0) this.cadence.due(FRAME_MS);
   }
 
   /** Has the meter drawn with readings from now on; returns what ends that. */

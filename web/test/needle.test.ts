@@ -1,23 +1,38 @@
-import { expect, it } from "vitest";
+import { afterEach, beforeEach, expect, it, vi } from "vitest";
 import { Needle } from "../src/needle";
 import { Rate } from "../src/rate";
 
-it("is drawn once a screen's frame, however many readings come, and by whoever shows it", () => {
-  const frames: (() => void)[] = [];
-  const needle = new Needle((act) => void frames.push(act));
+beforeEach(() => {
+  vi.useFakeTimers();
+  vi.stubGlobal("requestAnimationFrame", (act: () => void) => setTimeout(act, 16));
+});
+afterEach(() => {
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+it("is drawn once a screen's frame at most, however many readings come, and only where it is shown", () => {
+  const needle = new Needle();
   let drawn = 0;
   needle.moved();
-  expect(frames).toHaveLength(0);
+  vi.advanceTimersByTime(100);
   const leave = needle.follow(() => (drawn += 1));
-  for (let reading = 0; reading < 5; reading += 1) needle.moved();
-  expect([frames.length, drawn]).toEqual([1, 0]);
-  frames.shift()?.();
-  expect(drawn).toBe(1);
+  for (let ms = 0; ms < 1000; ms += 4) {
+    needle.moved();
+    vi.advanceTimersByTime(4);
+  }
+  expect(drawn).toBeGreaterThan(25);
+  expect(drawn).toBeLessThanOrEqual(63);
+  expect(needle.rate).toBeGreaterThan(100);
+  vi.advanceTimersByTime(100);
+  const before = drawn;
   needle.moved();
+  vi.advanceTimersByTime(100);
+  expect(drawn).toBe(before + 1);
   leave();
-  frames.shift()?.();
-  expect(drawn).toBe(1);
-  expect(needle.rate).toBeGreaterThan(0);
+  needle.moved();
+  vi.advanceTimersByTime(100);
+  expect(drawn).toBe(before + 1);
 });
 
 it("tells a rate over the last two seconds", () => {

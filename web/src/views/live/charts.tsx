@@ -51,7 +51,7 @@ function clarity(colours: Theme): Options {
         label: strings.charts.eog,
         stroke: colours.accent,
         width: 2,
-        points: { size: 5, fill: colours.accent },
+        points: { show: true, size: 5, fill: colours.accent },
       },
     ],
   };

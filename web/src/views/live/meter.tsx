@@ -60,8 +60,12 @@ export function Meter(given: Scene) {
       <h2>
         {strings.meter.title}
         <span class="quiet sigma">
-          <b id="spacing">{now ? fixed(now.spacingPx, 4) : NO_FIGURE}</b>{" "}
-          {strings.meter.sigma(now ? fixed(now.sigmaPx, 4) : NO_FIGURE)} ·{" "}
+          {now && (
+            <>
+              <b id="spacing">{fixed(now.spacingPx, 4)}</b> {strings.meter.sigma(fixed(now.sigmaPx, 4))}{" "}
+              ·{" "}
+            </>
+          )}
           {strings.meter.target(fixed(target.targetPx, 4))}
         </span>
       </h2>
@@ -83,7 +87,7 @@ export function Meter(given: Scene) {
       <MeterScale reading={now} best={state.best} blurPx={state.design?.blur_limit_px ?? null} />
       {missing && (
         <p class="advice">
-          <b>{strings.meter.missing[missing.is]}.</b> <small>{missing.why}</small>
+          <b>{strings.meter.missing[missing.is]}:</b> <small>{missing.why}</small>
         </p>
       )}
       {!missing && wanted && (
