@@ -1,15 +1,21 @@
-// Faults of the simulated bench, made and made good from the page, and what the page then shows.
+// Faults of the simulated bench, made and made good from the page, and what the page then shows: the meter, which reads every
+// frame, among it.
 
 import assert from "node:assert/strict";
-import { accessible, browse, faults, folder, open, photograph, start, step } from "./harness.mjs";
+import { accessible, browse, darken, faults, folder, open, photograph, start, step } from "./harness.mjs";
+import { until } from "./until.mjs";
 
+/** Frames a second of the simulated camera unless set otherwise are more. */
+const LEAST_HZ = 10;
+/** Figures painted that this is judged by. */
+const FIGURES = 30;
 const bench = folder(`
 [sensor]
 width_px = 320
 height_px = 320
 
 [bench.simulation]
-rays = 1
+rays = 16
 `);
 const daemon = start(bench);
 const browser = await browse();
@@ -62,9 +68,71 @@ try {
   await other.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
   await other.locator("#camera-gone").waitFor({ state: "detached", timeout: 20_000 });
   await other.locator("#stage-gone").waitFor({ state: "detached", timeout: 30_000 });
+
+  step("once there is a white frame, the meter shows what is read in every frame");
+  await open(page, "Alignment");
+  await page.locator("#kind").selectOption("spacing_watch");
+  await page.locator(".start [name=duration_s]").fill("1");
+  await page.locator("#start").click();
+  await page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
+  const meter = other.locator(".meter");
+  const live = other.locator(".meter[data-state=measured][data-old=false]");
+  await live.waitFor({ timeout: 20_000 });
+  await other.locator(".meter .pace", { hasText: /^\d+ \/s$/ }).waitFor();
+  await other.evaluate(watchFigure);
+  const rate = await until(async () => {
+    const times = await other.evaluate((last) => globalThis.figures.slice(-last), FIGURES);
+    const hz = (1000 * (times.length - 1)) / (times.at(-1) - times[0]);
+    return times.length === FIGURES && hz >= LEAST_HZ && hz;
+  }, `fewer than ${LEAST_HZ} figures a second are painted`);
+  console.log(`  ${rate.toFixed(1)} figures a second`);
+  const height = async () => Math.round((await meter.boundingBox()).height);
+  const high = await height();
+
+  step("a spacing that is lost is said to be, in the place of the figure, until it is found again");
+  await open(page, "Settings");
+  await camera.getByRole("button", { name: "torn", exact: true }).click();
+  await other
+    .locator(".meter[data-state=lost] #difference", { hasText: "LOST" })
+    .waitFor({ timeout: 20_000 });
+  await meter.locator(".advice small", { hasText: /\w/ }).waitFor();
+  assert.doesNotMatch(await meter.innerText(), /IN FOCUS|On target|Sharp|Move/);
+  assert.equal(await meter.locator("#spacing, .pointer").count(), 0, "a spacing is shown that is lost");
+  assert.equal(await height(), high, "the meter jumps where the spacing is lost");
+  await accessible(other);
+  await photograph(other, "spacing-lost");
+  await darken(other, "spacing-lost");
+  await panel.locator("#faults-none").click();
+  await live.waitFor({ timeout: 20_000 });
+
+  step("where a frame cannot be measured, the last figure is shown as old, and why");
+  await camera.getByRole("button", { name: "dark", exact: true }).click();
+  const refused = other.locator(".meter[data-state=refused][data-old=true]");
+  await refused
+    .locator(".advice", { hasText: /cannot be measured: .*grey levels/ })
+    .waitFor({ timeout: 20_000 });
+  await refused.locator(".tag.old", { hasText: /^OLD · \d+ s$/ }).waitFor();
+  assert.match(await other.locator("#spacing").innerText(), /^\d+\.\d{4}$/);
+  assert.equal(await height(), high, "the meter jumps where a frame cannot be measured");
+  await photograph(other, "frame-refused");
+  await panel.locator("#faults-none").click();
+  await live.waitFor({ timeout: 20_000 });
   assert.deepEqual(own(), []);
 } finally {
   await browser.close();
   daemon.process.kill("SIGKILL");
   bench.remove();
+}
+
+/** In the page: when another spacing was painted, ms. */
+function watchFigure() {
+  globalThis.figures = [];
+  let shown = null;
+  const look = (now) => {
+    const text = document.querySelector("#spacing")?.textContent ?? null;
+    if (text !== null && text !== shown) globalThis.figures.push(now);
+    shown = text;
+    requestAnimationFrame(look);
+  };
+  requestAnimationFrame(look);
 }
