@@ -117,6 +117,11 @@ try {
   await photograph(other, "frame-refused");
   await panel.locator("#faults-none").click();
   await live.waitFor({ timeout: 20_000 });
+
+  step("a reading that is taken while an axis moves says so");
+  await open(page, "Live");
+  await page.getByRole("button", { name: "Home the focus axis" }).click();
+  await other.locator(".meter-tags .tag", { hasText: "an axis moves" }).waitFor({ timeout: 20_000 });
   assert.deepEqual(own(), []);
 } finally {
   await browser.close();
