@@ -224,6 +224,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
             ("src/api/server/stall.rs", 1),
             ("web/test/jog.test.ts", 2),
             ("web/test/live.test.ts", 3),
+            ("web/test/needle.test.ts", 1),
         ],
     ),
     (

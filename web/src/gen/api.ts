@@ -1340,7 +1340,7 @@ export interface components {
        *           "steps": 1
        *         },
        *         "operator_confirms": true,
-       *         "preview_rate_hz": 15,
+       *         "preview_rate_hz": 30,
        *         "preview_rays": 4,
        *         "rays": 64,
        *         "read_noise_levels": 2,
@@ -1812,7 +1812,7 @@ export interface components {
        *         "steps": 1
        *       },
        *       "operator_confirms": true,
-       *       "preview_rate_hz": 15,
+       *       "preview_rate_hz": 30,
        *       "preview_rays": 4,
        *       "rays": 64,
        *       "read_noise_levels": 2,
@@ -2601,7 +2601,7 @@ export interface components {
       /**
        * Format: double
        * @description Frames a second of the live preview.
-       * @default 15
+       * @default 30
        */
       preview_rate_hz: number;
       /**
