@@ -5,7 +5,10 @@
 //! made up, or lost.
 //!
 //! ```text
-//!   cargo bench --bench pace [-- --partial]     --partial: 1160² alone, and shorter
+//!   cargo bench --bench pace [-- [--partial] [--out FILE]]
+//!
+//!   --partial    1160² alone, and shorter
+//!   --out FILE   the figures as JSON, besides
 //! ```
 
 use std::io::BufRead as _;
@@ -286,6 +289,7 @@ fn percentile(values: &mut [f64], share: f64) -> f64 {
 }
 
 /// A line of the table: what, how much, at least or at most how much.
+#[derive(serde::Serialize)]
 struct Line {
     camera: &'static str,
     what: &'static str,
@@ -337,6 +341,13 @@ async fn main() -> ExitCode {
                 return ExitCode::FAILURE;
             }
         }
+    }
+    let out = std::env::args().skip_while(|argument| argument != "--out").nth(1);
+    if let Some(out) = out
+        && let Err(error) = std::fs::write(&out, json!(lines).to_string())
+    {
+        eprintln!("pace: {out}: {error}");
+        return ExitCode::FAILURE;
     }
     println!("| camera | what | found | wanted | reached |\n|---|---|---|---|---|");
     for line in &lines {

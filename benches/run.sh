@@ -19,6 +19,7 @@ cut -d' ' -f1-3 /proc/loadavg >"$folder/started"
 cargo bench --bench grid --bench spacing --bench live --bench views --bench jpeg --bench render
 cargo bench --bench accuracy
 benches/compare/run.sh
+cargo bench --bench pace -- --out "$PWD/$folder/pace.json"
 echo
-python3 benches/table.py --since "$folder/started" --comparison target/compare/comparison.json \
+python3 benches/table.py --since "$folder/started" --comparison target/compare/comparison.json --pace "$folder/pace.json" \
   ${BENCH_PAGE:+--page "$BENCH_PAGE"} "$folder/benchmarks.md"

@@ -4,12 +4,12 @@ Every criterion benchmark has its median, the target where it has one, and how m
 the plain sum is the limit that the machine's memory sets. The encoder in Rust stands beside libjpeg-turbo, and OpenCV with
 NumPy beside this program, by time and by error.
 
-    table.py [--criterion DIR] [--since FILE] [--comparison FILE] [--page FILE] [--partial] OUT
+    table.py [--criterion DIR] [--since FILE] [--comparison FILE] [--pace FILE] [--page FILE] [--partial] OUT
 
 Reads criterion's results below DIR (target/criterion), only those newer than FILE where one is given, so that a benchmark
-that is no longer there does not linger; and the figures that benches/compare/opencv.py left. Writes the table to OUT,
-prints it, and puts it between the two marks of the page. Needs nothing but Python: criterion's results are JSON, and there
-is nothing to build.
+that is no longer there does not linger; the figures that benches/compare/opencv.py left; and those of benches/pace.rs.
+Writes the table to OUT, prints it, and puts it between the two marks of the page. Needs nothing but Python: criterion's
+results are JSON, and there is nothing to build.
 """
 
 import argparse
@@ -140,6 +140,24 @@ def beside(who, theirs, ours, unit):
     return {"beside": who, "theirs": figure(theirs, unit), "theirs / here": digits(ratio) if math.isfinite(ratio) else ""}
 
 
+def pace_rows(lines):
+    """Rows of the daemon and one client, end to end."""
+    rows = []
+    for line in lines:
+        least, found, wanted, unit = line["at_least"], line["found"], line["wanted"], line["unit"]
+        reached = found >= wanted if least else found <= wanted
+        share = f"{100.0 * found / wanted:.0f} %"
+        rows.append(
+            {
+                "benchmark": f"daemon {line['camera']}: {line['what']}",
+                "here": f"{digits(found)} {unit}",
+                "target": f"{'≥' if least else '≤'} {wanted:g} {unit}",
+                "of the target": share if reached else f"**{share}: missed**",
+            }
+        )
+    return rows
+
+
 def comparison_rows(comparison):
     """Rows of this program beside the usual tools, frame by frame, and the geometric mean of each ratio."""
     tools = comparison["tools"]
@@ -239,6 +257,7 @@ def main(arguments):
     parser.add_argument("--criterion", type=Path, default=Path("target/criterion"), metavar="DIR")
     parser.add_argument("--since", type=Path, metavar="FILE", help="made when the run began; may hold the load then")
     parser.add_argument("--comparison", type=Path, metavar="FILE", help="the figures of benches/compare/opencv.py")
+    parser.add_argument("--pace", type=Path, metavar="FILE", help="the figures of benches/pace.rs")
     parser.add_argument("--page", type=Path, metavar="FILE", help="the page to put the table into")
     parser.add_argument("--partial", action="store_true", help="not every benchmark was run: a target may have none")
     parser.add_argument("out", type=Path, metavar="OUT")
@@ -251,7 +270,9 @@ def main(arguments):
         if nowhere and not given.partial:
             raise Wrong(f"there is a target, but no benchmark was run, of: {'; '.join(nowhere)}")
         comparison = json.loads(given.comparison.read_text()) if given.comparison else None
-        rows = criterion_rows(medians) + (comparison_rows(comparison) if comparison is not None else [])
+        pace = json.loads(given.pace.read_text()) if given.pace else []
+        rows = criterion_rows(medians) + pace_rows(pace)
+        rows += comparison_rows(comparison) if comparison is not None else []
         text = "\n".join([*head(comparison, load), "", *table(rows)]) + "\n"
         given.out.parent.mkdir(parents=True, exist_ok=True)
         given.out.write_text(text)

@@ -126,7 +126,7 @@ try {
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
 
   step("a stage that is unplugged is said to be gone");
-  stage.kill("SIGKILL");
+  unplug();
   await page.locator("#stage-gone", { hasText: "focus axis, e axis" }).waitFor({ timeout: 20_000 });
   assert.equal(await page.locator(".axes .tag", { hasText: "not connected" }).count(), 2);
   await photograph(page, "stage-gone");
@@ -137,7 +137,7 @@ try {
   await page.locator(".axes .tag", { hasText: "not homed" }).first().waitFor();
 
   step("an axis that stands on a limit switch is moved off it by its operator's word for which it is");
-  stage.kill("SIGKILL");
+  unplug();
   await page.locator("#stage-gone").waitFor({ timeout: 20_000 });
   stage = await plugIn(ontoTheFarSwitch);
   await page.locator("#stage-gone").waitFor({ state: "detached", timeout: 30_000 });
@@ -174,11 +174,15 @@ try {
   bench.remove();
 }
 
+/** Takes the link away with the twin, as udev does when a device goes: the terminal that it leads to will be another's. */
+function unplug() {
+  rmSync(link, { force: true });
+  stage.kill("SIGKILL");
+}
+
 /** A stage controller's twin behind the link; resolves when it serves. What is done to it before is done aside. */
 async function plugIn(before = async () => {}) {
   const aside = `${link}-aside`;
-  // As udev does when a device goes: the terminal that it leads to will be another's.
-  rmSync(link, { force: true });
   const arguments_ = ["sim-stage", "--protocol", "grbl", "--link", aside, "--json", "--config", bench.file];
   const child = spawn(program, arguments_, { env: bench.env, stdio: ["ignore", "pipe", "inherit"] });
   await once(child.stdout, "data");
