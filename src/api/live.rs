@@ -318,14 +318,10 @@ impl Viewer {
             ViewerMessage::Pictures { on: false, .. } => self.watching = None,
             ViewerMessage::Readings { on: false, .. } => self.metering = None,
             ViewerMessage::Readings { on: true, max_rate_hz } => {
-                if !(0.1..=120.0).contains(&max_rate_hz) {
-                    let detail = format!("max_rate_hz: {max_rate_hz} is not within 0.1 to 120");
-                    return Err(Problem::invalid("max_rate_hz", detail));
-                }
+                let interval = interval(max_rate_hz, 120.0)?;
                 let mut readings = self.app.service.readings();
                 // One that there is already counts as new.
                 readings.mark_changed();
-                let interval = Duration::from_secs_f64(1.0 / max_rate_hz);
                 self.metering = Some(Metering { readings, interval, next_at: Instant::now() });
             }
             ViewerMessage::Hold { lease } => {
@@ -338,10 +334,7 @@ impl Viewer {
             ViewerMessage::Pictures { on: true, max_rate_hz, reduce, quality, show, overlay, window } => {
                 let reduce = Reduce::from_number(reduce)
                     .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {reduce} is not 1, 2 or 4")))?;
-                if !(0.1..=60.0).contains(&max_rate_hz) {
-                    let detail = format!("max_rate_hz: {max_rate_hz} is not within 0.1 to 60");
-                    return Err(Problem::invalid("max_rate_hz", detail));
-                }
+                let interval = interval(max_rate_hz, 60.0)?;
                 if !QUALITIES.contains(&quality) {
                     let detail = format!("quality: {quality} is not within 10 to 100");
                     return Err(Problem::invalid("quality", detail));
@@ -366,7 +359,7 @@ impl Viewer {
                     _spacing: self.app.service.look_on(),
                     wanted: Wanted { show, reduce, quality },
                     told: None,
-                    interval: Duration::from_secs_f64(1.0 / max_rate_hz),
+                    interval,
                     next_at: Instant::now(),
                     window,
                     unseen,
@@ -420,6 +413,15 @@ impl Viewer {
         let message = proto::Viewed { what: Some(what) };
         self.send(Message::Binary(message.encode_to_vec().into())).await
     }
+}
+
+/// The time between two messages of which so many a second are asked for, `most` at most.
+fn interval(max_rate_hz: f64, most: f64) -> Result<Duration> {
+    if !(0.1..=most).contains(&max_rate_hz) {
+        let detail = format!("max_rate_hz: {max_rate_hz} is not within 0.1 to {most}");
+        return Err(Problem::invalid("max_rate_hz", detail));
+    }
+    Ok(Duration::from_secs_f64(1.0 / max_rate_hz))
 }
 
 /// What a viewer is to be shown next.

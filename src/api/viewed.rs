@@ -61,7 +61,6 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
         frames_left_out: reading.frames_left_out,
         ..proto::Reading::default()
     };
-    let without = |state: proto::ReadingState, why: &str| (state.into(), why.to_owned());
     match &reading.spacing {
         Ok(spacing) => proto::Reading {
             state: proto::ReadingState::Measured.into(),
@@ -73,12 +72,11 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
             curvature_px: spacing.curvature_px,
             ..message
         },
-        Err(no_reading) => {
-            let (state, why) = match no_reading {
-                NoReading::Lost(why) => without(proto::ReadingState::Lost, why),
-                NoReading::Refused(why) => without(proto::ReadingState::Refused, why),
-            };
-            proto::Reading { state, why, ..message }
+        Err(NoReading::Lost(why)) => {
+            proto::Reading { state: proto::ReadingState::Lost.into(), why: why.clone(), ..message }
+        }
+        Err(NoReading::Refused(why)) => {
+            proto::Reading { state: proto::ReadingState::Refused.into(), why: why.clone(), ..message }
         }
     }
 }

@@ -8,7 +8,8 @@
 use pulp::Simd;
 use rayon::prelude::*;
 
-use super::plan::Lens;
+use super::motion::Field;
+use super::plan::{Lens, nearest_place, place};
 use super::shape::Shape;
 use super::vector::{store, widened};
 use crate::imaging::grid::{Grid, reciprocal};
@@ -42,9 +43,7 @@ pub(super) struct Gains {
     largest: Shape,
     /// Columns of a patch.
     columns: usize,
-    /// The frame's middle, and half its width: field coordinates count from there, in units of it, px.
-    middle: [f64; 2],
-    half: f64,
+    field: Field,
     /// Gains of a profile that does not bend.
     gains: Vec<u16>,
     /// Terms of one that does: of each row of a patch one term after the other.
@@ -66,7 +65,6 @@ impl Gains {
     /// For tiles of masks up to `radius` (px) in frames with this grid.
     pub(super) fn new(profile: &Vignetting, grid: &Grid, radius: f64) -> Self {
         let largest = Shape::new(radius);
-        let [w, h] = grid.frame_size.map(|n| n as f64);
         let mut gains = Self {
             profile: profile.clone(),
             basis: grid.basis,
@@ -74,8 +72,7 @@ impl Gains {
             largest,
             // Without what rows are padded by: there a row runs on into the next.
             columns: largest.cut(),
-            middle: [(w - 1.0) / 2.0, (h - 1.0) / 2.0],
-            half: w / 2.0,
+            field: Field::new(grid.frame_size),
             gains: Vec::new(),
             terms: Vec::new(),
             units: [0.0; TERMS],
@@ -96,18 +93,19 @@ impl Gains {
 
     /// Relative transmission of a pixel about a micro-image's centre (both px).
     pub(super) fn share(&self, centre: [f64; 2], pixel: [usize; 2]) -> f32 {
-        let [x, y] = pixel.map(|n| n as f64);
-        let [u, v] = indices(self.basis, [x - centre[0], y - centre[1]]);
-        self.profile.transmission(u, v, (x - self.middle[0]) / self.half, (y - self.middle[1]) / self.half)
+        let at = pixel.map(|n| n as f64);
+        let [u, v] = indices(self.basis, [at[0] - centre[0], at[1] - centre[1]]);
+        let [x, y] = self.field.coordinates(at);
+        self.profile.transmission(u, v, x, y)
     }
 
     fn draw(&mut self) {
         let [column, row] = self.largest.middle().map(|n| n as f64);
-        let (rows, columns, basis, half) = (self.largest.rows, self.columns, self.basis, self.half);
+        let (rows, columns, basis, half) = (self.largest.rows, self.columns, self.basis, self.field.half);
         // Of a pixel, from where the field coordinates are those of the pixel nearest the centre.
         let at = |phase: usize, k: usize| {
             let (x, y) = ((k % columns) as f64 - column, (k / columns) as f64 - row);
-            let [u, v] = indices(basis, [x - place(phase % PHASES), y - place(phase / PHASES)]);
+            let [u, v] = indices(basis, [x - place(phase % PHASES, PHASES), y - place(phase / PHASES, PHASES)]);
             let [profile, by_x, by_y, by_square] = self.profile.terms_at(u, v);
             let (x, y) = ((x / half) as f32, (y / half) as f32);
             [
@@ -142,9 +140,8 @@ impl Gains {
     /// The patch of a micro-image.
     #[inline(always)]
     pub(super) fn patch(&self, lens: &Lens) -> Patch<'_> {
-        let [px, py] = lens.fraction.map(|f| (((f + 0.5) * PHASES as f64) as usize).min(PHASES - 1));
-        let x = ((f64::from(lens.nearest[0]) - self.middle[0]) / self.half) as f32;
-        let y = ((f64::from(lens.nearest[1]) - self.middle[1]) / self.half) as f32;
+        let [px, py] = lens.fraction.map(|fraction| nearest_place(fraction, PHASES));
+        let [x, y] = self.field.coordinates(lens.nearest.map(f64::from)).map(|v| v as f32);
         Patch { of: self, row: (py * PHASES + px) * self.largest.rows, field: [x, y, x * x + y * y] }
     }
 }
@@ -209,11 +206,6 @@ impl<'a> Patch<'a> {
     }
 }
 
-/// Where the patches with this number along an axis have their centre from the nearest pixel, px.
-fn place(number: usize) -> f64 {
-    (number as f64 + 0.5) / PHASES as f64 - 0.5
-}
-
 /// Lattice indices of a displacement, px.
 fn indices(basis: [[f64; 2]; 2], [x, y]: [f64; 2]) -> [f64; 2] {
     reciprocal(basis).map(|g| g[0] * x + g[1] * y)
@@ -265,7 +257,7 @@ mod tests {
             let fraction = [centre[0] - nearest[0], centre[1] - nearest[1]];
             let lens = Lens { nearest: nearest.map(|n| n as i32), fraction };
             let patch = gains.patch(&lens);
-            let steady = fraction.map(|f| place(((f + 0.5) * PHASES as f64) as usize));
+            let steady = fraction.map(|f| place(((f + 0.5) * PHASES as f64) as usize, PHASES));
             assert!((steady[0] - fraction[0]).hypot(steady[1] - fraction[1]) < 0.05);
             let drawn = [nearest[0] + steady[0], nearest[1] + steady[1]];
             let [column, row] = shape.middle();

@@ -17,8 +17,8 @@ pub(super) struct Motion(pub(super) Vector4<f64>);
 pub(super) struct Field {
     /// Its middle, px.
     middle: [f64; 2],
-    /// Half its width, px.
-    half: f64,
+    /// Half its width, px: the unit of field coordinates.
+    pub(super) half: f64,
     /// Half its height over half its width.
     aspect: f64,
 }

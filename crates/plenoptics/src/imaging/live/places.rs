@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::frame::{Frame, Sample};
 use super::motion::{Field, Motion, Sums};
-use super::plan::GOLDEN;
+use super::plan::{GOLDEN, nearest_place, place};
 use super::shape::LANES;
 use super::vector::vectors;
 use crate::imaging::grid::{Grid, reciprocal};
@@ -130,7 +130,7 @@ impl Places {
         let lens = |base: [f64; 2]| Lens { base, place: field.coordinates(base), shift: [0.0; 2], certainty: 0.0 };
         let lenses: Vec<Lens> = scattered(all.len()).into_iter().map(|k| lens(all[k])).collect();
         let shapes = (0..PLACES * PLACES)
-            .map(|k| Shape::new(grid, profile, &cell, [place(k % PLACES), place(k / PLACES)]))
+            .map(|k| Shape::new(grid, profile, &cell, [place(k % PLACES, PLACES), place(k / PLACES, PLACES)]))
             .collect();
         // Turns of about one length.
         let turns = lenses.len().div_ceil((lenses.len() / TURNS).clamp(LEAST, MOST)).max(1);
@@ -332,19 +332,13 @@ impl<T: Sample> pulp::WithSimd for Compare<'_, T> {
                 }
             }
             let fraction = [centre[0] - f64::from(nearest[0]), centre[1] - f64::from(nearest[1])];
-            let px = (((fraction[0] + 0.5) * PLACES as f64) as usize).min(PLACES - 1);
-            let py = (((fraction[1] + 0.5) * PLACES as f64) as usize).min(PLACES - 1);
+            let [px, py] = [nearest_place(fraction[0], PLACES), nearest_place(fraction[1], PLACES)];
             if let Some((shift, sigma)) = shapes[py * PLACES + px].shift(simd, values) {
-                lens.shift = [shift[0] + place(px) - fraction[0], shift[1] + place(py) - fraction[1]];
+                lens.shift = [shift[0] + place(px, PLACES) - fraction[0], shift[1] + place(py, PLACES) - fraction[1]];
                 lens.certainty = 1.0 / sigma;
             }
         }
     }
-}
-
-/// Where the shapes with this number along an axis have their centre from the nearest pixel, px.
-fn place(number: usize) -> f64 {
-    (number as f64 + 0.5) / PLACES as f64 - 0.5
 }
 
 /// Dot products of a row with three others that follow each other. All have a length of whole lanes.

@@ -39,6 +39,18 @@ impl Lens {
     }
 }
 
+/// Which of so many places along an axis between two pixels is nearest to a centre, from its [`Lens::fraction`].
+#[inline(always)]
+pub(super) fn nearest_place(fraction: f64, places: usize) -> usize {
+    (((fraction + 0.5) * places as f64) as usize).min(places - 1)
+}
+
+/// Where the place with this number has its centre from the nearest pixel, px.
+#[inline(always)]
+pub(super) fn place(number: usize, places: usize) -> f64 {
+    (number as f64 + 0.5) / places as f64 - 0.5
+}
+
 /// Two neighbouring micro-images.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair {
@@ -120,8 +132,8 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Plans for a known grid that has moved, for the micro-images whose centres are at least `margin` px from the frame's outermost pixel centres: all of
-    /// them up to about `most`, else rows of them.
+    /// Plans for a known grid that has moved, for the micro-images whose centres are at least `margin` px from the
+    /// frame's outermost pixel centres: all of them up to about `most`, else rows of them.
     pub(super) fn new(known: &Grid, motion: &Motion, margin: f64, most: usize) -> Self {
         let grid = &motion.of(known);
         let mut plan = Self {
