@@ -194,7 +194,12 @@ impl Service {
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
         let mut kept = VecDeque::with_capacity(KEPT);
         while self.readings.newest.receiver_count() > 0 {
-            let Ok(Ok(())) = tokio::time::timeout(PATIENCE, live.changed()).await else { continue };
+            match tokio::time::timeout(PATIENCE, live.changed()).await {
+                Ok(Ok(())) => {}
+                // The camera's driver has ended: no frame comes any more.
+                Ok(Err(_)) => return std::future::pending().await,
+                Err(_) => continue,
+            }
             let (Some(frame), Some(sight)) = (live.borrow_and_update().clone(), self.eye.sight()) else { continue };
             if sight.has_mosaic() {
                 // It is measured in whole alone.
