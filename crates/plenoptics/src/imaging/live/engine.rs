@@ -62,11 +62,8 @@ pub(super) struct Engine {
     /// Where the grid was when the frame was planned, and when centres were moved last.
     planned: Motion,
     moved: Motion,
-    plan: Plan,
+    work: Work,
     gains: Gains,
-    exposure: Exposure,
-    clusters: Clusters,
-    random: Random,
     pool: Pool,
     /// Normal equations of the clusters and of all pairs.
     normals: [Normal; 2],
@@ -81,6 +78,7 @@ pub(super) struct Engine {
 }
 
 /// What is planned for where the grid is.
+#[derive(Debug)]
 struct Work {
     plan: Plan,
     exposure: Exposure,
@@ -109,8 +107,9 @@ impl Engine {
         let pitch = grid.pitch_px();
         let radius = MASK_FRACTION * pitch / 2.0;
         let gains = Gains::new(profile, grid, radius);
-        let Work { plan, exposure, clusters, random } = Work::new(grid, &Motion::NONE, radius, options)?;
-        let few = clusters.jobs.iter().map(|job| job.scores.len()).sum();
+        let work = Work::new(grid, &Motion::NONE, radius, options)?;
+        let plan = &work.plan;
+        let few = work.clusters.jobs.iter().map(|job| job.scores.len()).sum();
         let centres: Vec<[f64; 2]> = (0..plan.lenses.len() as u32).map(|lens| plan.centre(lens)).collect();
         Ok(Self {
             follower: Follower::new(grid, profile),
@@ -119,16 +118,13 @@ impl Engine {
             pool: Pool::default(),
             normals: [Normal::new(few), Normal::new(plan.pairs)],
             options: *options,
-            free: free_terms(&plan, options.field_held.is_some(), options.directions_alike),
+            free: free_terms(plan, options.field_held.is_some(), options.directions_alike),
             pitch,
             radius,
             whole: whole_fraction(&centres, pitch, |centre, pixel| gains.share(centre, pixel)),
             state: options.start_px.map(|start| State::new(start, options.field_held.unwrap_or_default())),
             gains,
-            exposure,
-            clusters,
-            random,
-            plan,
+            work,
         })
     }
 
@@ -144,7 +140,7 @@ impl Engine {
     }
 
     pub(super) fn measure<T: Sample>(&mut self, frame: &Frame<'_, T>, bits: u8) -> Result<LiveSpacing, LiveError> {
-        let raw_noise = self.exposure.check(frame, &self.plan)?;
+        let raw_noise = self.work.exposure.check(frame, &self.work.plan)?;
         self.follower.follow(frame, bits, raw_noise)?;
         self.keep_up()?;
         let state = self.state.ok_or(LiveError::NoStart)?;
@@ -171,11 +167,10 @@ impl Engine {
         let travelled = from(&self.planned);
         if travelled.greatest(field) > TRAVEL_PX || travelled.0[3].abs() > TRAVEL_TURN_PX {
             let given = self.follower.given();
-            let Work { plan, exposure, clusters, random } = Work::new(given, &motion, self.radius, &self.options)?;
-            (self.plan, self.exposure, self.clusters, self.random) = (plan, exposure, clusters, random);
+            self.work = Work::new(given, &motion, self.radius, &self.options)?;
             self.planned = motion;
         } else {
-            self.plan.shift_to(&motion);
+            self.work.plan.shift_to(&motion);
         }
         self.gains.follow(self.follower.given().basis.map(|v| motion.turned(self.follower.field(), v)));
         self.moved = motion;
@@ -199,7 +194,7 @@ impl Engine {
             let now = self.shape(axis.terms[0]);
             let fresh = shape.replace(now) != Some(now);
             let noise = (raw_noise * scale).max(QUANTISATION);
-            let Self { gains, plan, clusters, normals: [normal, _], .. } = self;
+            let Self { gains, work: Work { plan, clusters, .. }, normals: [normal, _], .. } = self;
             let pass = Pass {
                 frame,
                 gains,
@@ -249,7 +244,7 @@ impl Engine {
         let noise = (raw_noise * scale).max(QUANTISATION);
         for passes in 1..=PASSES {
             let shape = self.shape(model.terms[0]);
-            let Self { gains, plan, pool, normals: [_, normal], .. } = self;
+            let Self { gains, work: Work { plan, .. }, pool, normals: [_, normal], .. } = self;
             let pass =
                 Pass { frame, gains, lenses: &plan.lenses, directions: &plan.directions, model, shape: &shape, noise };
             run(&pass, &mut plan.jobs, pool);
@@ -274,7 +269,7 @@ impl Engine {
                 return Err(self.no_match(1, from_px, raw_noise));
             }
             self.check_texture(raw_noise)?;
-            let Self { gains, plan, random, normals: [_, normal], .. } = self;
+            let Self { gains, work: Work { plan, random, .. }, normals: [_, normal], .. } = self;
             let setting = Setting { frame, gains, plan, model: &before, normal, shape: &shape, noise };
             let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
             let mut covariance = normal.scatter(&inverse, &step, model.unknowns());
@@ -328,7 +323,7 @@ impl Engine {
         }
         let total: f64 = normal.by_direction.iter().sum();
         // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
-        if self.plan.direction_count == 2 {
+        if self.work.plan.direction_count == 2 {
             for (direction, along_rows) in [(1, true), (0, false)] {
                 if normal.by_direction[direction] < 0.01 * total {
                     return Err(SpacingError::OneDirection { along_rows });
