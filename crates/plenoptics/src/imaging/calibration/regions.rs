@@ -33,6 +33,9 @@ impl Strips {
     }
 }
 
+/// Correlation beyond which it is interpolation and noise that say how well two micro-images match.
+const MOST_CORRELATION: f64 = 0.99;
+
 /// Divides the frame into `count` strips of different spacing, whichever way they lie.
 #[must_use]
 pub fn find_strips(frame: &SpacingFrame, options: &SpacingOptions, count: usize) -> Option<Strips> {
@@ -80,7 +83,7 @@ fn segment(bins: &[Bin], count: usize) -> Option<(f64, Vec<Run>)> {
     let mut sums = vec![vec![0.0; states]];
     for bin in bins {
         let before = &sums[sums.len() - 1];
-        let value = |state: usize| bin.values.get(state).copied().unwrap_or(0.0).clamp(-1.0, 1.0);
+        let value = |state: usize| matching(bin.values.get(state).copied().unwrap_or(0.0));
         let after = before.iter().enumerate().map(|(state, sum)| sum + bin.weight * value(state)).collect();
         sums.push(after);
     }
@@ -119,6 +122,12 @@ fn segment(bins: &[Bin], count: usize) -> Option<(f64, Vec<Run>)> {
     }
     path.reverse();
     reward.is_finite().then_some((reward, path))
+}
+
+/// How much more likely a correlation is where two micro-images show the same than where they do not: minus the logarithm
+/// of what one leaves unexplained of the other.
+fn matching(correlation: f64) -> f64 {
+    -(1.0 - correlation.clamp(0.0, MOST_CORRELATION).powi(2)).ln()
 }
 
 #[cfg(test)]
