@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use plenalign::config::{Config, Texture};
 use plenalign::imaging::live::{LiveMeter, LiveOptions};
 use plenalign::imaging::measurement::WhiteModel;
-use plenalign::imaging::spacing::{SLOPE_SIGMA_PX, SpacingFrame, SpacingOptions, measure_spacing};
+use plenalign::imaging::spacing::{SpacingFrame, SpacingOptions, measure_spacing};
 use plenalign::raw::{RawImage, Samples};
 use plenalign::sim::exposure::{Noise, expose};
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
@@ -48,7 +48,7 @@ fn live(criterion: &mut Criterion) {
             let start = SpacingOptions { start_px: Some(first.on_axis_px), ..SpacingOptions::new(pitch) };
             group.bench_function(format!("full measurement, start and grid known {label}"), |b| {
                 b.iter(|| {
-                    let frame = SpacingFrame::new(black_box(&raw), &vignetting, &model.grid, SLOPE_SIGMA_PX);
+                    let frame = SpacingFrame::new(black_box(&raw), None, &vignetting, &model.grid);
                     measure_spacing(&[frame.expect("a frame")], &start)
                 });
             });

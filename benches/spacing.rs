@@ -5,7 +5,7 @@ use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
-use plenalign::imaging::spacing::{SLOPE_SIGMA_PX, SpacingFrame, SpacingOptions, measure_spacing};
+use plenalign::imaging::spacing::{SpacingFrame, SpacingOptions, measure_spacing};
 use plenalign::raw::{self, Samples};
 
 fn spacing(criterion: &mut Criterion) {
@@ -23,7 +23,7 @@ fn spacing(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("spacing 900x900");
     group.sample_size(20);
     group.bench_function("prepare, grid known", |b| {
-        b.iter(|| SpacingFrame::new(black_box(&frame), &map, &prepared.grid, SLOPE_SIGMA_PX));
+        b.iter(|| SpacingFrame::new(black_box(&frame), None, &map, &prepared.grid));
     });
     let known = SpacingOptions { start_px: Some(19.9), ..options.spacing };
     group.bench_function("measure, start known", |b| b.iter(|| measure_spacing(black_box(&frames), &known)));

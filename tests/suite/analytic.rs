@@ -8,8 +8,7 @@ use std::f64::consts::TAU;
 
 use plenalign::imaging::grid::Grid;
 use plenalign::imaging::spacing::{
-    LensState, SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing,
-    measure_spacing_map,
+    LensState, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing, measure_spacing_map,
 };
 use plenalign::optics::ArrayKind;
 use plenalign::raw::{CfaPattern, Channel, RawImage};
@@ -123,7 +122,7 @@ fn exposed(levels: &[f64], seed: u64) -> RawImage {
 
 fn prepared(scene: &Scene, texture: u64, noise: u64) -> SpacingFrame {
     let (levels, shares) = draw(scene, texture);
-    SpacingFrame::new(&exposed(&levels, noise), &shares, &grid(scene.array), SLOPE_SIGMA_PX).unwrap()
+    SpacingFrame::new(&exposed(&levels, noise), None, &shares, &grid(scene.array)).unwrap()
 }
 
 fn measured(scene: &Scene, texture: u64, noise: u64) -> Result<Spacing, SpacingError> {
@@ -167,7 +166,7 @@ fn the_scatter_over_noise_is_what_the_frame_says_and_near_the_bound() {
     let (levels, shares) = draw(&scene, 5);
     let results: Vec<Spacing> = (0..SEEDS)
         .map(|seed| {
-            let frame = SpacingFrame::new(&exposed(&levels, seed), &shares, &grid(scene.array), SLOPE_SIGMA_PX);
+            let frame = SpacingFrame::new(&exposed(&levels, seed), None, &shares, &grid(scene.array));
             let options = SpacingOptions { start_px: Some(19.7), ..SpacingOptions::new(PITCH / 1.0175) };
             measure_spacing(&[frame.unwrap()], &options).unwrap()
         })
@@ -197,7 +196,7 @@ fn the_map_finds_the_micro_images_that_show_something_else() {
             }
         }
     }
-    let frame = SpacingFrame::new(&exposed(&levels, 1), &shares, &grid, SLOPE_SIGMA_PX).unwrap();
+    let frame = SpacingFrame::new(&exposed(&levels, 1), None, &shares, &grid).unwrap();
     let (spacing, map) = measure_spacing_map(&[frame], &SpacingOptions::new(PITCH / 1.0175)).unwrap();
     assert!((spacing.on_axis_px - 19.7).abs() < 0.005, "{spacing:?}");
     let state = |index: [i32; 2]| map.lenses.iter().find(|l| l.index == index).unwrap().state;
@@ -224,7 +223,7 @@ fn a_mosaic_is_measured_in_green() {
             })
             .collect();
         let raw = exposed(&mosaic, 3);
-        let frame = SpacingFrame::of(&raw, Some(pattern), &shares, &grid(scene.array), SLOPE_SIGMA_PX).unwrap();
+        let frame = SpacingFrame::new(&raw, Some(pattern), &shares, &grid(scene.array)).unwrap();
         let found = measure_spacing(&[frame], &SpacingOptions::new(PITCH / 1.0175)).unwrap();
         assert!((found.on_axis_px - 19.7).abs() < 3.0 * found.sigma_px, "{pattern:?}: {found:?}");
         assert!(found.sigma_px < 0.01 && found.sigma_random_px > found.sigma_bound_px, "{found:?}");
@@ -243,7 +242,7 @@ fn a_spacing_that_changed_during_the_exposure_is_refused() {
             mean.iter_mut().zip(levels).for_each(|(m, v)| *m += v / MOMENTS as f64);
         }
         let (_, shares) = draw(&Scene::plain(IN_FOCUS), 13);
-        let frame = SpacingFrame::new(&exposed(&mean, 1), &shares, &grid(ArrayKind::Square), SLOPE_SIGMA_PX).unwrap();
+        let frame = SpacingFrame::new(&exposed(&mean, 1), None, &shares, &grid(ArrayKind::Square)).unwrap();
         measure_spacing(&[frame], &SpacingOptions::new(PITCH / 1.0175))
     };
     match smeared(2.0) {

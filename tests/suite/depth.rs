@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use plenalign::config::{Config, Texture};
 use plenalign::imaging::clarity::{blockiness, eog_of_scene};
-use plenalign::imaging::depth::{DepthMap, DepthOptions, DepthState, depth_map};
+use plenalign::imaging::depth::{DepthMap, DepthOptions, DepthState};
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
 use plenalign::imaging::pictures::{Pictures, Pose};
-use plenalign::imaging::view::{Blend, Patches, View};
+use plenalign::imaging::view::{Blend, Patches, View, ViewFrame};
 use plenalign::optics::{ArrayKind, CameraDesign, DistanceTable, ExactView};
 use plenalign::raw::RawImage;
 use plenalign::sim::exposure::{Noise, expose};
@@ -70,7 +70,8 @@ impl Steps {
         let ((raw, white), options) = (self.shot(), self.options());
         let prepared = prepare_frame(&raw, Some(&white), &options).unwrap();
         let options = DepthOptions::new(self.design.mla.mode, options.spacing.mla_pitch_px);
-        depth_map(&prepared.frame, &prepared.grid, &options).unwrap()
+        let frame = ViewFrame::new(&raw, None, &prepared.grid, Some(&prepared.light)).unwrap();
+        frame.depth_map(&options).unwrap()
     }
 
     /// What the chief ray of a sensor point (mm from the axis) sees: its distance, if all that a micro-image there sees

@@ -17,14 +17,10 @@ const NOT_YET: &[(&str, &str)] = &[
     ("pitch_75_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
     ("pitch_90_hex_gal", "refused: a higher order of the lattice is taken for its pitch"),
     ("pitch_90_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
-    ("pitch_75_squ_gal", "refused: no texture is said to be there"),
-    ("pitch_75_squ_kep", "refused: no texture is said to be there"),
-    ("small_hex_12_n2.2_1", "refused: smeared, though nothing has moved"),
     ("small_hex_12_n2.2_2", "refused: smeared, though nothing has moved"),
     ("small_squ_12_n2.2_1", "refused: smeared, though nothing has moved"),
     ("small_squ_12_n2.2_2", "refused: smeared, though nothing has moved"),
     ("contrast_2", "refused: two per cent of contrast"),
-    ("texture_dots", "refused: sparse dots"),
     ("wide_2048", "wrong by 16 sigma: the field of spacings has another shape than the one fitted"),
 ];
 

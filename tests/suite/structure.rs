@@ -181,6 +181,51 @@ fn optics_and_imaging_are_pure() {
     }
 }
 
+/// What the live meter and the measurement of whole frames are both made of, and where it stands.
+const ESTIMATOR: &[(&str, &str)] = &[
+    ("struct Tile", "tile.rs"),
+    ("fn slope<", "tile.rs"),
+    ("fn spline<", "tile.rs"),
+    ("enum Light", "gains.rs"),
+    ("fn mask_radius", "masks.rs"),
+    ("fn whole_fraction", "masks.rs"),
+    ("struct Overlap", "compare.rs"),
+    ("struct Moments", "compare.rs"),
+    ("struct Order", "score.rs"),
+    ("struct PairScore", "score.rs"),
+    ("struct Contents", "score.rs"),
+    ("struct Model", "model.rs"),
+    ("struct Place ", "model.rs"),
+    ("fn block", "model.rs"),
+    ("struct Normal", "normal.rs"),
+    ("fn check_texture", "normal.rs"),
+    ("fn noise_scale", "normal.rs"),
+    ("struct Random", "random.rs"),
+    ("struct Exposure", "exposure.rs"),
+];
+
+#[test]
+fn there_is_one_estimator() {
+    let rooms = ["imaging/matching", "imaging/spacing", "imaging/live"];
+    let sources = sources();
+    let within = |room: &'static str| {
+        let of_room = sources.iter().filter(move |(path, _)| path.starts_with(room));
+        of_room.map(|(path, text)| (path, text.split("#[cfg(test)]").next().unwrap_or_default()))
+    };
+    for (item, file) in ESTIMATOR {
+        let found = rooms.iter().flat_map(|room| within(room)).filter(|(_, text)| text.contains(item));
+        let found: Vec<String> = found.map(|(path, _)| path.display().to_string()).collect();
+        assert_eq!(found, [format!("imaging/matching/{file}")], "{item}");
+    }
+    // Neither compares pixels or solves for the unknowns by itself; the bound is a solution of its own.
+    for (path, text) in ["imaging/spacing", "imaging/live"].iter().flat_map(|room| within(room)) {
+        for own in ["slope_weights(", "spline_coefficients(", ".cholesky()"] {
+            let bound = path.ends_with("bound.rs") && own == ".cholesky()";
+            assert!(bound || !text.contains(own), "{} has {own} of its own", path.display());
+        }
+    }
+}
+
 /// Every place that lifts the ban on unsafe code (for what is below it, too), each with its reason in the comment above it.
 const UNSAFE_EXCEPTIONS: &[&str] = &["api/jpeg/turbo.rs", "device/camera/kernel/mod.rs"];
 

@@ -6,8 +6,7 @@ use std::sync::Arc;
 use super::grid::{Grid, GridError, GridOptions, find_grid, refine_grid};
 use super::mosaic::balanced;
 use super::spacing::{
-    SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingMap, SpacingOptions, measure_spacing,
-    measure_spacing_map,
+    Spacing, SpacingError, SpacingFrame, SpacingMap, SpacingOptions, measure_spacing, measure_spacing_map,
 };
 use super::vignetting::{Light, ProfileFit, Vignetting, VignettingError};
 use crate::optics::ArrayKind;
@@ -196,7 +195,7 @@ impl Setting {
     /// Divides the vignetting out of a frame.
     fn prepared(&self, raw: &RawImage, options: &FrameOptions) -> Result<PreparedFrame, MeasurementError> {
         check_array(&self.grid, options)?;
-        let frame = SpacingFrame::of(raw, options.mosaic, &self.light.shares, &self.grid, SLOPE_SIGMA_PX)?;
+        let frame = SpacingFrame::new(raw, options.mosaic, &self.light.shares, &self.grid)?;
         Ok(PreparedFrame { frame, grid: self.grid.clone(), vignetting_fit: self.fit, light: Arc::clone(&self.light) })
     }
 }

@@ -11,6 +11,7 @@ pub mod depth;
 pub mod grid;
 pub mod interpolation;
 pub mod live;
+mod matching;
 pub mod measurement;
 pub mod microlenses;
 pub mod mosaic;

@@ -26,7 +26,7 @@ use utoipa::ToSchema;
 pub use frame::DepthFrame;
 
 use super::grid::Grid;
-use super::spacing::{SpacingError, SpacingFrame, capture_range};
+use super::spacing::capture_range;
 use crate::optics::MlaMode;
 
 /// Steps of the search over the spacing for each micro-image pitch.
@@ -157,14 +157,6 @@ impl Places {
         let place = self.places[row * self.size[0] + column];
         (place != u32::MAX).then_some(place as usize)
     }
-}
-
-/// The spacing of every micro-image of a frame prepared for measuring its spacing; every pixel of it counts as measured.
-///
-/// # Errors
-/// [`SpacingError`] where frame and grid do not belong together, or there are too few micro-images.
-pub fn depth_map(frame: &SpacingFrame, grid: &Grid, options: &DepthOptions) -> Result<DepthMap, SpacingError> {
-    Ok(DepthFrame::new(frame.values().0, None, grid)?.depth_map(options))
 }
 
 /// The top of the parabola through a value and its neighbours, in steps from that value and within half of one; the value

@@ -1,23 +1,27 @@
 //! One frame from its samples to its spacing.
 
-use super::exposure::Exposure;
 use super::follow::Follower;
-use super::frame::{Frame, Sample};
-use super::gains::Gains;
-use super::motion::Motion;
-use super::normal::{Model, Normal, TERMS, Terms, free_terms};
-use super::plan::Plan;
-use super::random::{Random, Setting};
-use super::run::{Clusters, Pass, Pool, run};
-use super::shape::Shape;
 use super::{LiveError, LiveOptions, LiveSpacing};
 use crate::imaging::grid::Grid;
-use crate::imaging::spacing::{
-    LEAST_CORRELATION, LEAST_PAIRS, MARGIN_PX, MASK_FRACTION, MODEL_SIGMA_PX, QUANTISATION, SpacingError,
-    mask_fraction, noise_scale, whole_fraction,
-};
+use crate::imaging::matching::compare::ALONG;
+use crate::imaging::matching::exposure::Exposure;
+use crate::imaging::matching::gains::{Gains, Light};
+use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius, whole_fraction};
+use crate::imaging::matching::model::{FIELD_TERMS, LOCAL, Model, QUANTISATION, TERMS};
+use crate::imaging::matching::motion::Motion;
+use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal, noise_scale};
+use crate::imaging::matching::plan::Plan;
+use crate::imaging::matching::random::{Random, Setting};
+use crate::imaging::matching::run::{Clusters, Pass, Pool, run};
+use crate::imaging::matching::samples::{Frame, Sample};
+use crate::imaging::matching::shape::Shape;
+use crate::imaging::spacing::{SpacingError, whole_variance};
 use crate::imaging::vignetting::Vignetting;
 
+/// Micro-images that light and noise are told from.
+const EXPOSED: usize = 128;
+/// Micro-images that the uncertainty by noise is told from.
+const SAMPLED: usize = 96;
 /// Displacement (px) in a corner from which centres are moved.
 const NOTICEABLE_PX: f64 = 0.02;
 /// Displacement (px) in a corner from which the frame is planned anew: up to here the masks of all micro-images stay within
@@ -41,17 +45,17 @@ const ROUNDS: usize = 12;
 const PASSES: usize = 6;
 
 /// Where the next frame starts.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct State {
-    terms: Terms,
+    model: Model,
     /// Noise in units of the frame's own estimate, which sharp texture makes too large; unknown before the first frame.
     noise_scale: Option<f64>,
 }
 
 impl State {
     /// A spacing (px) with its tilt x, tilt y and curvature.
-    pub(super) fn new(spacing: f64, [tilt_x, tilt_y, curvature]: [f64; 3]) -> Self {
-        Self { terms: Terms::from([spacing, tilt_x, tilt_y, curvature, 0.0, 0.0, 0.0]), noise_scale: None }
+    pub(super) fn new(spacing: f64, field: [f64; FIELD_TERMS]) -> Self {
+        Self { model: Model::flat(vec![spacing]).with_field(field), noise_scale: None }
     }
 }
 
@@ -68,7 +72,8 @@ pub(super) struct Engine {
     /// Normal equations of the clusters and of all pairs.
     normals: [Normal; 2],
     options: LiveOptions,
-    free: [bool; TERMS],
+    /// The model's terms that are fitted.
+    free: Vec<usize>,
     pitch: f64,
     /// Radius of the largest masks, px.
     radius: f64,
@@ -94,9 +99,9 @@ impl Work {
         }
         let wanted = (plan.lenses.len() / CLUSTERS_SHARE).clamp(LEAST_CLUSTERS, CLUSTERS);
         Ok(Self {
-            exposure: Exposure::new(&plan, radius),
+            exposure: Exposure::new(&plan, radius, EXPOSED),
             clusters: Clusters::new(plan.clusters(wanted)),
-            random: Random::new(&plan),
+            random: Random::new(&plan, &plan.jobs, SAMPLED),
             plan,
         })
     }
@@ -109,16 +114,15 @@ impl Engine {
         let gains = Gains::new(profile, grid, radius);
         let work = Work::new(grid, &Motion::NONE, radius, options)?;
         let plan = &work.plan;
-        let few = work.clusters.jobs.iter().map(|job| job.scores.len()).sum();
         let centres: Vec<[f64; 2]> = (0..plan.lenses.len() as u32).map(|lens| plan.centre(lens)).collect();
         Ok(Self {
             follower: Follower::new(grid, profile),
             planned: Motion::NONE,
             moved: Motion::NONE,
             pool: Pool::default(),
-            normals: [Normal::new(few), Normal::new(plan.pairs)],
+            normals: [Normal::default(), Normal::default()],
             options: *options,
-            free: free_terms(plan, options.field_held.is_some(), options.directions_alike),
+            free: free_terms(plan, options),
             pitch,
             radius,
             whole: whole_fraction(&centres, pitch, |centre, pixel| gains.share(centre, pixel)),
@@ -143,10 +147,10 @@ impl Engine {
         let raw_noise = self.work.exposure.check(frame, &self.work.plan)?;
         self.follower.follow(frame, bits, raw_noise)?;
         self.keep_up()?;
-        let state = self.state.ok_or(LiveError::NoStart)?;
-        let mut model = Model { terms: state.terms, free: self.free };
+        let state = self.state.clone().ok_or(LiveError::NoStart)?;
+        let mut model = Model { free: self.free.clone(), ..state.model };
         if let Some(field) = self.options.field_held {
-            model.terms.fixed_rows_mut::<3>(1).copy_from_slice(&field);
+            model = model.with_field(field);
         }
         let known = state.noise_scale;
         let settled = self.settle(frame, raw_noise, &mut model, known);
@@ -185,46 +189,38 @@ impl Engine {
         model: &mut Model,
         known_scale: Option<f64>,
     ) -> Result<f64, LiveError> {
-        let from_px = model.terms[0];
+        let from_px = model.spacings[0];
         let reach = 0.15 * self.options.mla_pitch_px;
         let mut scale = known_scale.unwrap_or(1.0);
         let mut shape = None;
-        let mut axis = model.axis_only();
+        let mut axis = Model { free: Vec::new(), ..model.clone() };
         for _ in 0..ROUNDS {
-            let now = self.shape(axis.terms[0]);
+            let now = self.shape(axis.spacings[0]);
             let fresh = shape.replace(now) != Some(now);
             let noise = (raw_noise * scale).max(QUANTISATION);
             let Self { gains, work: Work { plan, clusters, .. }, normals: [normal, _], .. } = self;
-            let pass = Pass {
-                frame,
-                gains,
-                lenses: &plan.lenses,
-                directions: &plan.directions,
-                model: &axis,
-                shape: &now,
-                noise,
-            };
+            let light = Light::Drawn(gains);
+            let pass = Pass { frame, light, lenses: &plan.lenses, model: &axis, shape: &now, noise };
             clusters.run(&pass, fresh);
-            normal.gather(&clusters.jobs, &plan.directions, &axis, noise);
-            let correlation = normal.correlation;
-            let Some(inverse) = normal.inverse(&axis.free) else { return Err(self.no_match(0, from_px, raw_noise)) };
+            normal.gather(&[Compared { jobs: &clusters.jobs, noise }], &axis);
+            let Some(inverse) = normal.inverse() else { return Err(self.no_match(0, from_px, raw_noise)) };
             let step = normal.step(&inverse);
-            let sigma = normal.scatter(&inverse, &step, 1)[(0, 0)].sqrt();
+            let sigma = normal.scatter(&axis, &inverse, &step)[(0, 0)].sqrt();
             let step = step[0];
             // What the clusters cannot tell from nothing is left to all pairs.
             if step.abs() < SETTLED_PX.max((2.0 * sigma).min(UNSURE_PX)) {
-                if correlation < LEAST_CORRELATION {
+                if normal.contents.correlation() < LEAST_CORRELATION {
                     return Err(self.no_match(0, from_px, raw_noise));
                 }
                 if known_scale.is_none() {
                     scale = noise_scale(scale, normal.residual);
                 }
-                model.terms[0] = axis.terms[0];
+                model.spacings = axis.spacings;
                 return Ok(scale);
             }
             // Matching is linear over about a pixel: a longer step is only a direction.
-            axis.terms[0] += step.clamp(-1.0, 1.0);
-            let moved = (axis.terms[0] - from_px).abs();
+            axis.spacings[0] += step.clamp(-1.0, 1.0);
+            let moved = (axis.spacings[0] - from_px).abs();
             if !moved.is_finite() || moved > reach {
                 break;
             }
@@ -240,47 +236,50 @@ impl Engine {
         model: &mut Model,
         (scale, known_scale): (f64, Option<f64>),
     ) -> Result<LiveSpacing, LiveError> {
-        let from_px = model.terms[0];
+        let from_px = model.spacings[0];
         let noise = (raw_noise * scale).max(QUANTISATION);
         for passes in 1..=PASSES {
-            let shape = self.shape(model.terms[0]);
-            let Self { gains, work: Work { plan, .. }, pool, normals: [_, normal], .. } = self;
-            let pass =
-                Pass { frame, gains, lenses: &plan.lenses, directions: &plan.directions, model, shape: &shape, noise };
-            run(&pass, &mut plan.jobs, pool);
-            normal.gather(&plan.jobs, &plan.directions, model, noise);
-            if normal.pairs < LEAST_PAIRS {
-                return Err(SpacingError::TooFewMicroImages { pairs: normal.pairs, needed: LEAST_PAIRS }.into());
+            let shape = self.shape(model.spacings[0]);
+            let before = model.clone();
+            let Self { gains, work: Work { plan, random, .. }, pool, normals: [_, normal], .. } = self;
+            let light = Light::Drawn(gains);
+            let pass = Pass { frame, light, lenses: &plan.lenses, model: &before, shape: &shape, noise };
+            run::<_, ALONG>(&pass, &mut plan.jobs, pool);
+            normal.gather(&[Compared { jobs: &plan.jobs, noise }], &before);
+            let pairs = normal.region_pairs[0];
+            if pairs < LEAST_PAIRS {
+                return Err(SpacingError::TooFewMicroImages { pairs, needed: LEAST_PAIRS }.into());
             }
-            let Some(inverse) = normal.inverse(&model.free) else {
-                return Err(self.no_match(1, from_px, raw_noise));
-            };
+            let Some(inverse) = normal.inverse() else { return Err(self.no_match(1, from_px, raw_noise)) };
             let mut step = normal.step(&inverse);
             let largest = step.abs().sum();
             if largest > 1.0 {
                 step /= largest;
             }
-            let before = *model;
-            model.terms += step;
+            model.advance(&step);
             if largest > FINAL_STEP_PX {
                 continue;
             }
-            if normal.correlation < LEAST_CORRELATION {
+            let correlation = normal.contents.correlation();
+            if correlation < LEAST_CORRELATION {
                 return Err(self.no_match(1, from_px, raw_noise));
             }
-            self.check_texture(raw_noise)?;
-            let Self { gains, work: Work { plan, random, .. }, normals: [_, normal], .. } = self;
-            let setting = Setting { frame, gains, plan, model: &before, normal, shape: &shape, noise };
-            let sigma_random_px = random.variance(&setting, &inverse, known_scale.is_none()).sqrt();
-            let mut covariance = normal.scatter(&inverse, &step, model.unknowns());
-            // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
-            covariance[(0, 0)] = covariance[(0, 0)].max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2);
-            self.state = Some(State { terms: model.terms, noise_scale: Some(noise_scale(scale, normal.residual)) });
-            let [on_axis_px, tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px] =
-                model.terms.into();
+            normal.check_texture(raw_noise, plan.direction_count)?;
+            let setting = Setting { pass: &pass, jobs: &plan.jobs, normal, frame: 0 };
+            let along = inverse.column(0).into_owned();
+            let sigma_random_px = random.variance::<_, ALONG>(&setting, &along, known_scale.is_none()).sqrt();
+            let scatter = normal.scatter(&before, &inverse, &step);
+            let covariance_of =
+                |row: usize, column: usize| Some(scatter[(before.unknown(0, row)?, before.unknown(0, column)?)]);
+            let mut covariance: [[f64; LOCAL]; LOCAL] =
+                std::array::from_fn(|row| std::array::from_fn(|column| covariance_of(row, column).unwrap_or_default()));
+            covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
+            let residual_ratio = normal.residual;
+            self.state = Some(State { model: model.clone(), noise_scale: Some(noise_scale(scale, residual_ratio)) });
+            let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px] = model.terms;
             return Ok(LiveSpacing {
-                on_axis_px,
-                sigma_px: covariance[(0, 0)].sqrt(),
+                on_axis_px: model.spacings[0],
+                sigma_px: covariance[0][0].sqrt(),
                 sigma_random_px,
                 tilt_x_px,
                 tilt_y_px,
@@ -288,11 +287,11 @@ impl Engine {
                 astigmatism_px,
                 row_column_px,
                 diagonal_px,
-                covariance: covariance.transpose().into(),
+                covariance,
                 window_px: f64::from(shape.edge) - 0.5,
-                pairs: normal.pairs,
-                correlation: normal.correlation,
-                residual_ratio: normal.residual,
+                pairs,
+                correlation,
+                residual_ratio,
                 noise_grey_levels: raw_noise,
                 grid: self.follower.motion().reported(self.follower.field(), self.follower.sigma_px()),
                 passes,
@@ -301,35 +300,30 @@ impl Engine {
         Err(self.no_match(1, from_px, raw_noise))
     }
 
-    /// Tiles for spacings near this one: masks as large as the main lens's aperture cuts nothing off, and never so small
-    /// that they hardly overlap.
+    /// Tiles for spacings near this one.
     fn shape(&self, spacing: f64) -> Shape {
-        Shape::new(mask_fraction(self.whole, self.pitch, spacing) * self.pitch / 2.0)
+        Shape::new(mask_radius(self.whole, self.pitch, spacing))
     }
 
     /// What it means that the clusters (0) or all pairs (1) do not match.
     fn no_match(&self, which: usize, from_px: f64, noise: f64) -> LiveError {
-        let normal = &self.normals[which];
-        if normal.contrast < LEAST_CONTRAST {
+        let contents = &self.normals[which].contents;
+        if contents.contrast() < LEAST_CONTRAST {
             return SpacingError::NoTexture { noise }.into();
         }
-        LiveError::Lost { from_px, correlation: normal.correlation }
+        LiveError::Lost { from_px, correlation: contents.correlation() }
     }
+}
 
-    fn check_texture(&self, noise: f64) -> Result<(), SpacingError> {
-        let [_, normal] = &self.normals;
-        if normal.texture_significance() < 4.0 {
-            return Err(SpacingError::NoTexture { noise });
-        }
-        let total: f64 = normal.by_direction.iter().sum();
-        // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
-        if self.work.plan.direction_count == 2 {
-            for (direction, along_rows) in [(1, true), (0, false)] {
-                if normal.by_direction[direction] < 0.01 * total {
-                    return Err(SpacingError::OneDirection { along_rows });
-                }
-            }
-        }
-        Ok(())
-    }
+/// Which terms are unknowns. Directions of a plan are told apart by the cosine's term, three directions also by the sine's:
+/// pairs are compared along themselves only.
+fn free_terms(plan: &Plan, options: &LiveOptions) -> Vec<usize> {
+    let alike = options.directions_alike;
+    let fitted = |&term: &usize| match term {
+        term if term < FIELD_TERMS => options.field_held.is_none(),
+        FIELD_TERMS => true,
+        term if term + 1 == TERMS => !alike && plan.direction_count == 3,
+        _ => !alike,
+    };
+    (0..TERMS).filter(fitted).collect()
 }

@@ -8,11 +8,11 @@
 use nalgebra::{Matrix4, Vector4};
 
 use super::LiveError;
-use super::frame::{Frame, Sample};
 use super::lattice::{Lattice, LatticeFit};
-use super::motion::{Field, Motion};
 use super::places::{Placed, Places, Turn};
 use crate::imaging::grid::Grid;
+use crate::imaging::matching::motion::{Field, Motion};
+use crate::imaging::matching::samples::{Frame, Sample};
 use crate::imaging::vignetting::Vignetting;
 
 /// Agreement of the lattice's phases below which there is no lattice.

@@ -8,11 +8,11 @@ use fourier::Complex;
 use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 
-use super::frame::{Frame, Sample};
-use super::motion::{Field, Motion, Sums};
-use super::plan::spread;
 use crate::imaging::grid::harmonics::{Harmonics, Point};
 use crate::imaging::grid::{Grid, MicroImage};
+use crate::imaging::matching::motion::{Field, Motion, Sums};
+use crate::imaging::matching::plan::spread;
+use crate::imaging::matching::samples::{Frame, Sample};
 
 /// Micro-images looked at, at most.
 const WANTED: usize = 128;
@@ -327,7 +327,7 @@ mod tests {
             let mut lattice = Lattice::new(&grid);
             for moved in [[0.0, 0.0], [1.5, -0.8], [0.0, 4.0]] {
                 let samples = samples(&grid, moved, 1);
-                let frame = Frame { samples: &samples, width: 500, height: 400, white: 255 };
+                let frame = Frame { samples: &samples, width: 500, height: 400, white: 255, mosaic: None };
                 let fit = lattice.look(&frame, 8, 1.0, &Motion::NONE);
                 let expected = f64::hypot(moved[0], moved[1]);
                 assert!((fit.shift_px - expected).abs() < 4.0 * fit.sigma_px + 0.05, "{array:?} {moved:?}: {fit:?}");
@@ -335,7 +335,7 @@ mod tests {
             }
             let noise: Vec<u8> =
                 (0..500u64 * 400).map(|k| (k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as u8).collect();
-            let frame = Frame { samples: &noise, width: 500, height: 400, white: 255 };
+            let frame = Frame { samples: &noise, width: 500, height: 400, white: 255, mosaic: None };
             assert!(lattice.look(&frame, 8, 30.0, &Motion::NONE).coherence < 0.3);
         }
     }

@@ -1,50 +1,34 @@
 //! Live measuring: the spacing of frame after frame of one setting, as fast as a camera delivers them.
 //!
 //! The micro-image's profile is known and stays, the grid is known and followed as it drifts; what follows from them is
-//! worked out once, or when the grid has moved by pixels. A frame then takes one pass, and nothing is allocated for it:
+//! worked out once, or when the grid has moved by pixels. A frame then takes one pass, and nothing of a frame's size is
+//! allocated for it:
 //!
 //! ```text
-//!   exposure.rs               a sample of micro-images: light and noise
+//!   a sample of micro-images  light and noise
 //!            |
 //!   follow.rs                 lattice.rs -> places.rs: how the grid has moved
 //!            |
-//!   run.rs   clusters         some pairs spread over the frame, until the spacing there has settled
+//!   engine.rs  clusters       some pairs spread over the frame, until the spacing there has settled
 //!            |                                                                     otherwise: lost
-//!   run.rs   all pairs        tile.rs -> compare.rs -> score.rs, in the cache
-//!            |
-//!   normal.rs                 one Newton step for spacing, field and directions; scatter between field blocks
-//!            |
-//!   random.rs                 what pixel noise alone makes of it, from a sample
+//!   engine.rs  all pairs      one Newton step for spacing, field and directions; scatter between field blocks
 //! ```
 //!
-//! The estimator is that of [`super::spacing`]: slopes of the un-interpolated reference match, the neighbour's slope
-//! makes the derivative, so that noise biases neither; gain and offset are free for every pair.
+//! Micro-images are matched as in whole measurements ([`super::spacing`]), but for this: pairs are compared along
+//! themselves only, and of large frames not all of them.
 
-mod compare;
 mod engine;
-mod exposure;
 mod follow;
-mod frame;
-mod gains;
 mod lattice;
-mod motion;
-mod normal;
 mod places;
-mod plan;
-mod random;
-mod run;
-mod score;
-mod shape;
-mod tile;
-mod vector;
 
 use serde::Serialize;
 
 use self::engine::{Engine, State};
-use self::frame::Frame;
-use self::normal::TERMS;
 use super::grid::{Grid, GridError, refine_grid};
-use super::spacing::{SLOPE_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
+use super::matching::model::LOCAL;
+use super::matching::samples::Frame;
+use super::spacing::{Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
 use super::vignetting::Vignetting;
 use crate::optics::MlaMode;
 use crate::raw::{RawImage, Samples};
@@ -152,7 +136,7 @@ pub struct LiveSpacing {
     /// h: the same for the directions 45° further, px; 0 for a square array, where it is not looked for.
     pub diagonal_px: f64,
     /// Covariance of l_0, t_x, t_y, k, a, s, h (px²), from the scatter between field blocks. Zero for terms not fitted.
-    pub covariance: [[f64; TERMS]; TERMS],
+    pub covariance: [[f64; LOCAL]; LOCAL],
     /// Radius of the masks about the micro-images' centres, px.
     pub window_px: f64,
     /// Pairs of neighbouring micro-images that were compared.
@@ -218,9 +202,12 @@ impl LiveMeter {
         self.check_size(raw)?;
         let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
         match raw.samples() {
-            Samples::U8(samples) => self.engine.measure(&Frame { samples, width, height, white: u8::MAX }, bits),
+            Samples::U8(samples) => {
+                self.engine.measure(&Frame { samples, width, height, white: u8::MAX, mosaic: None }, bits)
+            }
             Samples::U16(samples) => {
-                self.engine.measure(&Frame { samples, width, height, white: raw.white_level() }, bits)
+                let frame = Frame { samples, width, height, white: raw.white_level(), mosaic: None };
+                self.engine.measure(&frame, bits)
             }
         }
     }
@@ -235,7 +222,7 @@ impl LiveMeter {
         let grid = refine_grid(raw, &self.grid, Some(&self.vignetting))?;
         self.engine.start_from(&grid)?;
         let shares = self.vignetting.render(&grid);
-        let frame = SpacingFrame::new(raw, &shares, &grid, SLOPE_SIGMA_PX)?;
+        let frame = SpacingFrame::new(raw, None, &shares, &grid)?;
         let options = SpacingOptions {
             mla_pitch_px: self.options.mla_pitch_px,
             mode: self.options.mode,

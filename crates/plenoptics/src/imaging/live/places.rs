@@ -10,12 +10,12 @@ use nalgebra::{DMatrix, Matrix4, SMatrix, SVector};
 use pulp::Simd;
 use rayon::prelude::*;
 
-use super::frame::{Frame, Sample};
-use super::motion::{Field, Motion, Sums};
-use super::plan::{GOLDEN, nearest_place, place};
-use super::shape::LANES;
-use super::vector::vectors;
 use crate::imaging::grid::{Grid, reciprocal};
+use crate::imaging::matching::motion::{Field, Motion, Sums};
+use crate::imaging::matching::plan::{GOLDEN, nearest_place, place};
+use crate::imaging::matching::samples::{Frame, Sample};
+use crate::imaging::matching::shape::LANES;
+use crate::imaging::matching::vector::vectors;
 use crate::imaging::vignetting::Vignetting;
 use crate::optics::ArrayKind;
 

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::frame::SpacingFrame;
-use super::model::{Model, Place};
-use super::score::PairScore;
+use super::solve::Solver;
+use crate::imaging::matching::model::{Model, Place};
+use crate::imaging::matching::score::PairScore;
 
 /// A micro-image whose pairs count less than this on the whole does not show what its neighbours show.
 const LEAST_WEIGHT: f64 = 0.2;
@@ -70,34 +71,38 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, score: &PairScore) {
-        let weight = score.weight;
-        self.score += weight * score.score[0];
-        self.information += weight * score.information[0][0];
-        // Pairs that match badly are as uncertain as they match badly.
-        self.variance += weight * weight * score.score_variance * score.misfit.max(1.0);
+    fn add(&mut self, score: &PairScore, weight: f64, noise: f64) {
+        self.score += weight * f64::from(score.score[0]);
+        self.information += weight * f64::from(score.information[0][0]);
+        // Both orders see the same noise: their scores add, not their variances. Pairs that match badly are as uncertain
+        // as they match badly.
+        let variance = 4.0 * noise * noise * f64::from(score.energy[0]);
+        self.variance += weight * weight * variance * f64::from(score.misfit).max(1.0);
         self.weight += weight;
         self.pairs += 1.0;
     }
 }
 
-/// The map at a fitted model, from what each frame's pairs say there. Frames of one pose add up.
-pub(super) fn map(frames: &[SpacingFrame], model: &Model, scores: &[Vec<PairScore>]) -> SpacingMap {
+/// The map at a fitted model, from what the pairs said there last. Frames of one pose add up.
+pub(super) fn map(solver: &Solver<'_>, model: &Model) -> SpacingMap {
     let mut sums: BTreeMap<[i32; 2], Sums> = BTreeMap::new();
     let mut pairs = Vec::new();
-    for (k, (frame, scores)) in frames.iter().zip(scores).enumerate() {
-        for score in scores {
-            let ends = [score.pair.first, score.pair.second].map(|n| &frame.micro_images[n]);
+    for (k, (frame, jobs)) in solver.frames.iter().zip(&solver.jobs).enumerate() {
+        let noise = frame.noise(solver.noise_scale);
+        for (link, score) in jobs.iter().flat_map(|job| job.links().zip(&job.scores)).filter(|(_, s)| s.compared()) {
+            let weight = solver.normal.weight(k, score);
+            let ends = [link.pair.first, link.pair.second].map(|lens| &frame.micro_images[lens as usize]);
             for end in ends {
-                sums.entry(end.index).or_default().add(score);
+                sums.entry(end.index).or_default().add(score, weight, noise);
             }
             if k == 0 {
-                pairs.push(PairMatch { centres_px: ends.map(|end| end.centre), weight: score.weight });
+                pairs.push(PairMatch { centres_px: ends.map(|end| end.centre), weight });
             }
         }
     }
     let lens = |frame: &SpacingFrame, index: [i32; 2], centre: [f64; 2]| {
-        let expected = model.spacing(0, &Place { at: frame.field(centre), ..Place::default() })[0];
+        let at = frame.plan.field.coordinates(centre);
+        let expected = model.spacing(0, &Place { at, ..Place::default() })[0];
         let blank = LensSpacing {
             index,
             centre_px: centre,
@@ -117,7 +122,8 @@ pub(super) fn map(frames: &[SpacingFrame], model: &Model, scores: &[Vec<PairScor
         let departure = (sums.score / sums.information).clamp(-1.0, 1.0);
         LensSpacing { spacing_px: expected + departure, sigma_px, state: LensState::Matched, ..blank }
     };
-    let lenses = frames
+    let lenses = solver
+        .frames
         .first()
         .map_or_else(Vec::new, |frame| frame.micro_images.iter().map(|m| lens(frame, m.index, m.centre)).collect());
     SpacingMap { lenses, pairs }

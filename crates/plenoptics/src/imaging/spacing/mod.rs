@@ -11,51 +11,40 @@
 //! In the field the spacing is l(x, y, φ) = l_0 + t_x x + t_y y + k r² + ½ a r² cos 2(φ − ψ) + ½ s cos 2φ + ½ h sin 2φ, x
 //! and y from the frame's centre in units of half its width, r and ψ the same in polar coordinates, ψ and the pair's
 //! direction φ from the array's rows; a pair counts at its midpoint. k and a are the mean and the difference of the
-//! curvatures along the radius and across it: shells and distortion make them differ. l_0, the value on the axis and the mean over directions, is what Eqs. 9 and 16 mean. s is by how much rows
-//! and columns differ, h the same for the diagonals: with l_0 they make the symmetric 2×2 matrix that turns a step on the
-//! array into one between image points, which then also lie across the pair by −½ s sin 2φ + ½ h cos 2φ.
+//! curvatures along the radius and across it: shells and distortion make them differ. l_0, the value on the axis and the
+//! mean over directions, is what Eqs. 9 and 16 mean. s is by how much rows and columns differ, h the same for the
+//! diagonals: with l_0 they make the symmetric 2×2 matrix that turns a step on the array into one between image points,
+//! which then also lie across the pair by −½ s sin 2φ + ½ h cos 2φ.
+//!
+//! ```text
+//!   frame.rs     a frame with its light, micro-images, pairs and noise
+//!   search.rs    where to start: correlation over the capture range
+//!   solve.rs     all pairs at state after state of the model, until it fits
+//!   map.rs, bound.rs, smear.rs    what else the fitted frame says
+//! ```
+//!
+//! Micro-images are matched by `imaging::matching`, as they are live.
 
 mod bound;
 mod error;
 mod frame;
 mod map;
-mod model;
-mod noise;
-mod pair;
-mod patch;
-mod score;
 mod search;
-mod slopes;
 mod smear;
 mod solve;
 
-use nalgebra::DVector;
 use serde::Serialize;
 
 pub use error::SpacingError;
-pub(super) use frame::{LEAST_VIGNETTING, MARGIN_PX, SATURATED_SHARE, least_mean, whole_fraction};
-pub use frame::{MASK_FRACTION, MicroImage, Pair, SpacingFrame};
+pub use frame::{MicroImage, SpacingFrame};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
-pub(super) use model::{ASYMMETRY_PX, Directions, FIELD_TERMS, QUANTISATION, TERMS};
-pub use pair::{PairFit, PairStep};
-pub(super) use score::{BLOCKS, MODEL_SHARE, block};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
-use crate::optics::{ArrayKind, MlaMode};
-use model::Model;
-use score::PairScore;
-use solve::{Normal, Outcome, iterate};
-
-/// Fewer pairs than this leave nothing to tell scatter from.
-pub const LEAST_PAIRS: usize = 24;
-/// Smoothing of the slopes that matching is done with, px.
-pub const SLOPE_SIGMA_PX: f64 = 1.0;
-/// Least half width (px) of the overlap of two masks.
-const LEAST_OVERLAP_PX: f64 = 1.5;
-/// Median residual, in units of what a right noise estimate would leave, of pairs that match.
-const USUAL_RESIDUAL: f64 = 0.8;
-/// Correlation of neighbours below which they do not show the same thing.
-pub(super) const LEAST_CORRELATION: f64 = 0.6;
+use super::matching::model::{FIELD_TERMS, Model, TERMS};
+use super::matching::normal::{LEAST_CORRELATION, noise_scale};
+pub use super::matching::{masks::MASK_FRACTION, normal::LEAST_PAIRS};
+use crate::optics::MlaMode;
+use solve::{Outcome, Solver};
 
 /// Candidates of the search nearer than this are the same, px.
 const SAME_PX: f64 = 1.0;
@@ -173,18 +162,18 @@ pub fn measure_spacing_map(
     frames: &[SpacingFrame],
     options: &SpacingOptions,
 ) -> Result<(Spacing, SpacingMap), SpacingError> {
-    measure(frames, options).map(|(spacing, Fitted { model, scores, .. })| (spacing, map::map(frames, &model, &scores)))
+    measure(frames, options).map(|(spacing, Fitted { model, solver, .. })| (spacing, map::map(&solver, &model)))
 }
 
 /// Spacings of regions, and what led to them.
-struct Fitted {
+struct Fitted<'a> {
     regions: RegionSpacings,
     model: Model,
-    /// What each frame's pairs say at the model.
-    scores: Vec<Vec<PairScore>>,
+    /// The frames with what their pairs said at the model.
+    solver: Solver<'a>,
 }
 
-fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing, Fitted), SpacingError> {
+fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(Spacing, Fitted<'a>), SpacingError> {
     let from = start(frames, options)?;
     let fitted = match fit(frames, &[from], &[1.0], options) {
         // The expected value was too far off: look for the spacing as if nothing had been known.
@@ -194,7 +183,7 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         }
         fitted => fitted?,
     };
-    let Fitted { regions, model, .. } = &fitted;
+    let Fitted { regions, model, solver } = &fitted;
     let mut covariance = [[0.0; 1 + TERMS]; 1 + TERMS];
     let places: Vec<usize> = std::iter::once(0).chain(model.free.iter().map(|term| 1 + term)).collect();
     for (i, &row) in places.iter().enumerate() {
@@ -203,14 +192,13 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         }
     }
     let sigma_random_px = regions.sigmas_random_px[0];
-    // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
-    covariance[0][0] = covariance[0][0].max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2);
-    for smear in frames.iter().filter_map(|frame| smear::smear(frame, model)) {
+    covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
+    for smear in frames.iter().zip(&solver.radii).filter_map(|(frame, &radius)| smear::smear(frame, model, radius)) {
         if smear.change_px > SMEAR_PX && smear.significance > SMEAR_SIGNIFICANCE {
             return Err(SpacingError::Moved { change_px: smear.change_px });
         }
     }
-    let sigma_bound_px = bound::bound(frames, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
+    let sigma_bound_px = bound::bound(solver, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
     let spacing = Spacing {
         on_axis_px: regions.spacings_px[0],
         sigma_px: covariance[0][0].sqrt(),
@@ -227,9 +215,16 @@ fn measure(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<(Spacing
         pairs: regions.pairs[0],
         correlation: regions.correlation,
         residual_ratio: regions.residual_ratio,
-        noise_grey_levels: model.noise(&frames[0]),
+        noise_grey_levels: frames[0].noise(solver.noise_scale),
     };
     Ok((spacing, fitted))
+}
+
+/// Variance of a spacing, px², from the scatter between field blocks, the standard uncertainty by noise alone (px), and
+/// what is known of the model's own limits.
+pub(super) fn whole_variance(scatter: f64, sigma_random_px: f64) -> f64 {
+    // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
+    scatter.max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2)
 }
 
 /// Measures the spacings of regions (see [`SpacingFrame::assign_regions`]) that share tilt and curvature; `starts` are
@@ -246,59 +241,58 @@ pub fn measure_regions(
     fit(frames, starts, scales, options).map(|fitted| fitted.regions)
 }
 
-fn fit(
-    frames: &[SpacingFrame],
+fn fit<'a>(
+    frames: &'a [SpacingFrame],
     starts: &[f64],
     scales: &[f64],
     options: &SpacingOptions,
-) -> Result<Fitted, SpacingError> {
+) -> Result<Fitted<'a>, SpacingError> {
     let mut model = Model { scales: scales.to_vec(), ..Model::flat(starts.to_vec()) };
     if let Some(held) = options.field_held {
-        model.terms[..FIELD_TERMS].copy_from_slice(&held);
+        model = model.with_field(held);
     }
     let reach = 0.15 * options.mla_pitch_px;
     let noise = frames.first().map_or(0.0, |f| f.noise);
-    let (mut outcome, mut normal) = iterate(frames, None, &mut model, reach, 0.05, 10);
-    let scarce = normal.region_pairs.iter().copied().min().unwrap_or(0);
+    let directions = frames.first().map_or(0, |f| f.plan.direction_count);
+    let mut solver = Solver::new(frames, frames.iter().map(SpacingFrame::jobs).collect());
+    solver.mask(&model);
+    let mut outcome = solver.iterate(&mut model, reach, 0.05, 10);
+    let scarce = solver.normal.region_pairs.iter().copied().min().unwrap_or(0);
     if scarce < LEAST_PAIRS {
         return Err(SpacingError::TooFewMicroImages { pairs: scarce, needed: LEAST_PAIRS });
     }
     if outcome == Outcome::Converged {
         // Before all terms are unknown: rows and columns apart cannot be told by one direction.
-        if normal.correlation >= LEAST_CORRELATION {
-            check_texture(&normal, noise).and_then(|()| check_directions(&normal, frames))?;
+        if solver.normal.contents.correlation() >= LEAST_CORRELATION {
+            solver.normal.check_texture(noise, directions)?;
         }
-        model.free_terms(options.field_held.is_some());
-        model.mask = mask(frames, &model.spacings, options);
+        model.free = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..TERMS).collect();
+        solver.mask(&model);
         // Texture that the noise estimate took for noise is what matching pairs do not leave as residual.
-        model.noise_scale = noise_scale(1.0, normal.residual);
-        (outcome, normal) = iterate(frames, None, &mut model, reach, 2e-4, 20);
+        solver.noise_scale = noise_scale(1.0, solver.normal.residual);
+        outcome = solver.iterate(&mut model, reach, 2e-4, 20);
     }
+    let normal = &solver.normal;
+    let correlation = normal.contents.correlation();
     let inverse = normal.inverse().filter(|_| outcome != Outcome::Undetermined);
     let Some(inverse) = inverse else { return Err(SpacingError::NoTexture { noise }) };
-    if outcome == Outcome::Lost || normal.correlation < LEAST_CORRELATION {
-        return Err(no_match(options, normal.correlation));
+    if outcome == Outcome::Lost || correlation < LEAST_CORRELATION {
+        return Err(no_match(options, correlation));
     }
-    check_texture(&normal, noise)?;
+    normal.check_texture(noise, directions)?;
     check_scene(&model, frames)?;
-    let sigmas_random_px = (0..starts.len())
-        .map(|r| {
-            noise::noise_variance(frames, &model, &normal.scores, &DVector::from(inverse.column(r).clone_owned()))
-                .sqrt()
-        })
-        .collect();
     let [tilt_x, tilt_y, curvature, ..] = model.terms;
     let regions = RegionSpacings {
         spacings_px: model.spacings.clone(),
-        sigmas_random_px,
+        sigmas_random_px: (0..starts.len()).map(|r| solver.noise_variance(&model, &inverse, r).sqrt()).collect(),
         field_px: [tilt_x, tilt_y, curvature],
-        covariance: normal.scatter(&inverse),
-        window_px: frames.first().map_or(0.0, |frame| model.radius(frame)),
+        covariance: normal.scatter(&model, &inverse, &normal.step(&inverse)),
+        window_px: solver.radii.first().copied().unwrap_or_default(),
         pairs: normal.region_pairs.clone(),
-        correlation: normal.correlation,
+        correlation,
         residual_ratio: normal.residual,
     };
-    Ok(Fitted { regions, model, scores: normal.scores })
+    Ok(Fitted { regions, model, solver })
 }
 
 /// Where to start iterating: the caller's value where neighbours match there, else what a search finds.
@@ -326,31 +320,6 @@ fn start(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<f64, Spaci
     }
 }
 
-/// The masks for spacings near these, in units of half the micro-image pitch: as large as the main lens's aperture cuts
-/// nothing off, and never so small that they hardly overlap.
-///
-/// Near the edge of its micro-image a pixel sees through a part of its microlens only. Out of focus its blur is then
-/// lopsided, which pulls the spacing towards the one in focus (by 0.06 px of 6 px at Δv = 0, 0.2 of 7 px at e = 30);
-/// in focus the light lies lopsided on the pixel itself (0.006 px).
-fn mask(frames: &[SpacingFrame], spacings: &[f64], options: &SpacingOptions) -> f64 {
-    let pitch = frames.first().map_or(options.mla_pitch_px, |f| f.pitch);
-    let whole = frames.iter().map(|f| f.whole).fold(MASK_FRACTION, f64::min);
-    spacings.iter().map(|&spacing| mask_fraction(whole, pitch, spacing)).fold(0.0, f64::max)
-}
-
-/// The mask for one spacing, where pixels see through their whole microlens within the part `whole`.
-pub(super) fn mask_fraction(whole: f64, pitch: f64, spacing: f64) -> f64 {
-    // Masks a shift apart overlap by their diameter less the shift.
-    let shift = (spacing - pitch).abs();
-    whole.max((shift / 2.0 + LEAST_OVERLAP_PX) / (pitch / 2.0)).min(MASK_FRACTION)
-}
-
-/// Noise in units of the frames' own estimate, at which the pairs' residuals are what they usually are: those here are at
-/// a noise in the unit `scale`.
-pub(super) fn noise_scale(scale: f64, residual: f64) -> f64 {
-    (scale * scale * residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt()
-}
-
 fn no_match(options: &SpacingOptions, correlation: f64) -> SpacingError {
     let range = |low: f64, high: f64| (low * options.mla_pitch_px, high * options.mla_pitch_px);
     let (from_px, to_px) = match options.mode {
@@ -361,30 +330,12 @@ fn no_match(options: &SpacingOptions, correlation: f64) -> SpacingError {
     SpacingError::NoMatch { from_px, to_px, correlation }
 }
 
-fn check_texture(normal: &Normal, noise: f64) -> Result<(), SpacingError> {
-    if normal.texture_significance() < 4.0 { Err(SpacingError::NoTexture { noise }) } else { Ok(()) }
-}
-
 /// Refuses a spacing at which micro-images match as they lie: an image point there would have its image at infinity, so
 /// that what repeats belongs to the array (a profile that is not its own, dirt that repeats, the cells of a screen).
 fn check_scene(model: &Model, frames: &[SpacingFrame]) -> Result<(), SpacingError> {
     let pitch_px = frames.first().map_or(0.0, |f| f.pitch);
     if model.spacings.iter().any(|l| (l / pitch_px - 1.0).abs() < FIXED_PATTERN) {
         return Err(SpacingError::FixedPattern { pitch_px });
-    }
-    Ok(())
-}
-
-/// Refuses a texture that tells the spacing along one direction of the array only.
-fn check_directions(normal: &Normal, frames: &[SpacingFrame]) -> Result<(), SpacingError> {
-    let total: f64 = normal.by_direction.iter().sum();
-    // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
-    if frames.iter().all(|f| f.array == ArrayKind::Square) {
-        for (direction, along_rows) in [(1, true), (0, false)] {
-            if normal.by_direction[direction] < 0.01 * total {
-                return Err(SpacingError::OneDirection { along_rows });
-            }
-        }
     }
     Ok(())
 }

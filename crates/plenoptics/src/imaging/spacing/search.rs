@@ -1,11 +1,15 @@
 //! Where to start: the spacing at which neighbours correlate, looked for over the whole capture range.
 
 use super::SpacingOptions;
-use super::frame::{Pair, SpacingFrame};
-use super::model::Model;
-use super::score::{Content, content_of_pairs, correlation};
-use super::solve::{Outcome, iterate};
+use super::frame::SpacingFrame;
+use super::solve::{Outcome, Solver};
 use crate::imaging::calibration::Bin;
+use crate::imaging::matching::model::Model;
+use crate::imaging::matching::normal::LEAST_CORRELATION;
+use crate::imaging::matching::plan::{Job, Pair};
+use crate::imaging::matching::run::{Pass, contents, each};
+use crate::imaging::matching::score::{Content, Contents};
+use crate::imaging::matching::tile::Tile;
 use crate::optics::MlaMode;
 
 /// Capture range in Galilean mode, in MLA pitches.
@@ -59,13 +63,10 @@ pub(super) fn trial_spacings(mla_pitch: f64, mode: Option<MlaMode>) -> Vec<Vec<f
 }
 
 /// The pairs with the most texture, spread over the frame.
-pub(super) fn textured_pairs(frame: &SpacingFrame, wanted: usize) -> Vec<Pair> {
-    let mut pairs: Vec<(f32, Pair)> = frame
-        .pairs
-        .iter()
-        .map(|&p| (frame.micro_images[p.first].texture.min(frame.micro_images[p.second].texture), p))
-        .filter(|(_, p)| frame.region_of(*p).is_some())
-        .collect();
+fn textured_pairs(frame: &SpacingFrame, wanted: usize) -> Vec<Pair> {
+    let textures = textures(frame);
+    let texture = |pair: &Pair| textures[pair.first as usize].min(textures[pair.second as usize]);
+    let mut pairs: Vec<(f64, Pair)> = frame.pairs().into_iter().map(|pair| (texture(&pair), pair)).collect();
     // The better half, and of it every so many: the most textured alone may all lie on one object.
     let half = pairs.len() / 2;
     if half > 0 {
@@ -77,32 +78,62 @@ pub(super) fn textured_pairs(frame: &SpacingFrame, wanted: usize) -> Vec<Pair> {
     (0..).map(|k| (f64::from(k) * stride) as usize).take_while(|&k| k < pairs.len()).map(|k| pairs[k].1).collect()
 }
 
+/// Variance of the grey levels within the mask of each micro-image, vignetting divided out and noise taken out as far as
+/// known; 0 where there is no more than that.
+fn textures(frame: &SpacingFrame) -> Vec<f64> {
+    let lenses: Vec<[u32; 1]> = (0..frame.micro_images.len() as u32).map(|lens| [lens]).collect();
+    let radius = frame.largest_radius();
+    let texture = |pass: &Pass<'_, f32>, tile: &Tile| {
+        let (mut count, mut sum, mut squares, mut gains) = (0.0f64, 0.0, 0.0, 0.0);
+        tile.disc(pass.shape, radius, |at, r| {
+            if let Some(share) = tile.share(pass.shape, at, r) {
+                let value = f64::from(tile.values[at]);
+                count += 1.0;
+                sum += value;
+                squares += value * value;
+                gains += (share * share).recip();
+            }
+        });
+        let noise = frame.noise * frame.noise * gains;
+        ((squares - sum * sum / count.max(1.0) - noise) / count.max(1.0)).max(0.0)
+    };
+    let look = |pass: &Pass<'_, f32>| each(pass, &lenses, |_, tiles| texture(pass, &tiles[0]));
+    frame.at(&Model::flat(Vec::new()), radius, 1.0, look)
+}
+
+/// What the contents of pairs have in common at each of these spacings (px) all over a frame.
+fn contents_at(frame: &SpacingFrame, pairs: &[Pair], spacings: &[f64]) -> Vec<Vec<Option<Content>>> {
+    frame.at(&Model::flat(Vec::new()), frame.largest_radius(), 1.0, |pass| contents(pass, pairs, spacings))
+}
+
 /// Candidates by falling correlation, refined on a part of the pairs.
 pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMode>) -> Vec<Candidate> {
     let subsets: Vec<Vec<Pair>> = frames.iter().map(|f| textured_pairs(f, PAIRS / frames.len().min(PAIRS))).collect();
-    let regions = frames.iter().flat_map(|f| &f.micro_images).filter_map(|m| m.region).max().map_or(1, |r| r + 1);
-    let flat = |spacing: f64| Model::flat(vec![spacing; regions]);
     let ranges = trial_spacings(mla_pitch, mode);
     let few: Vec<Vec<Pair>> = subsets.iter().map(|pairs| pairs.iter().copied().step_by(SPARSE).collect()).collect();
     let mut found = peaks(frames, &few, &ranges);
     // Where the few know no match, the others may.
-    if found.first().is_none_or(|best| best.correlation < super::LEAST_CORRELATION) {
+    if found.first().is_none_or(|best| best.correlation < LEAST_CORRELATION) {
         found = peaks(frames, &subsets, &ranges);
     }
     found.truncate(CANDIDATES);
-    if regions > 1 {
+    if frames.iter().any(|frame| frame.regions() > 1) {
         return found;
     }
     // The best is looked at in any case: what it comes to is what a refusal names.
     let hopeful = found.iter().skip(1).take_while(|peak| peak.correlation >= HOPELESS_CORRELATION).count();
     found.truncate(1 + hopeful);
+    let single = |(frame, pairs): (&SpacingFrame, &Vec<Pair>)| -> Vec<Job> {
+        pairs.iter().map(|&pair| frame.plan.job(&[pair])).collect()
+    };
+    let mut solver = Solver::new(frames, frames.iter().zip(&subsets).map(single).collect());
     let mut refined: Vec<Candidate> = found
         .iter()
         .filter_map(|peak| {
-            let mut model = flat(peak.spacing);
-            let (outcome, normal) = iterate(frames, Some(&subsets), &mut model, 3.0, 0.02, 12);
-            (outcome == Outcome::Converged)
-                .then_some(Candidate { spacing: model.spacings[0], correlation: normal.correlation })
+            let mut model = Model::flat(vec![peak.spacing]);
+            let outcome = solver.iterate(&mut model, 3.0, 0.02, 12);
+            let correlation = solver.normal.contents.correlation();
+            (outcome == Outcome::Converged).then_some(Candidate { spacing: model.spacings[0], correlation })
         })
         .collect();
     refined.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
@@ -113,13 +144,13 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
 fn peaks(frames: &[SpacingFrame], subsets: &[Vec<Pair>], ranges: &[Vec<f64>]) -> Vec<Candidate> {
     let mut peaks = Vec::new();
     for trials in ranges {
-        let curve: Vec<f64> = trials
-            .iter()
-            .map(|&spacing| {
-                let contents = frames.iter().zip(subsets).flat_map(|(f, s)| content_of_pairs(f, s, spacing));
-                correlation(&contents.flatten().collect::<Vec<_>>())
-            })
-            .collect();
+        let mut sums = vec![Contents::default(); trials.len()];
+        for of_pair in frames.iter().zip(subsets).flat_map(|(f, s)| contents_at(f, s, trials)) {
+            for (sum, content) in sums.iter_mut().zip(of_pair) {
+                content.iter().for_each(|content| sum.add(content));
+            }
+        }
+        let curve: Vec<f64> = sums.iter().map(Contents::correlation).collect();
         for k in 0..curve.len() {
             let before = k.checked_sub(1).map_or(f64::MIN, |k| curve[k]);
             let after = curve.get(k + 1).copied().unwrap_or(f64::MIN);
@@ -138,29 +169,22 @@ fn peaks(frames: &[SpacingFrame], subsets: &[Vec<Pair>], ranges: &[Vec<f64>]) ->
 pub fn correlation_map(frame: &SpacingFrame, options: &SpacingOptions) -> (Vec<f64>, [Vec<Bin>; 2]) {
     let trials = trial_spacings(options.mla_pitch_px, options.mode).concat();
     let pairs = textured_pairs(frame, MAP_PAIRS);
+    let found = contents_at(frame, &pairs, &trials);
     let bins = [frame.width, frame.height].map(|size| (size as f64 / frame.pitch).ceil().max(1.0) as usize);
-    let mut maps = bins.map(|n| vec![Bin { values: Vec::with_capacity(trials.len()), weight: 0.0 }; n]);
-    let places: Vec<[f64; 2]> = pairs.iter().map(|&pair| frame.position(frame.place_of(pair).at)).collect();
-    for &spacing in &trials {
-        let contents = content_of_pairs(frame, &pairs, spacing);
-        for (axis, map) in maps.iter_mut().enumerate() {
-            let mut members: Vec<Vec<&Content>> = vec![Vec::new(); map.len()];
-            for (content, position) in contents.iter().zip(&places) {
-                let place = position[axis] / frame.pitch;
-                members[(place.max(0.0) as usize).min(bins[axis] - 1)].extend(content);
-            }
-            for (bin, members) in map.iter_mut().zip(&members) {
-                bin.values.push(correlation(members.iter().copied()));
-                bin.weight = bin.weight.max(texture(members));
+    let maps = [0, 1].map(|axis| {
+        let mut sums = vec![vec![Contents::default(); trials.len()]; bins[axis]];
+        for (pair, of_pair) in pairs.iter().zip(&found) {
+            let [a, b] = [pair.first, pair.second].map(|lens| frame.plan.centre(lens)[axis]);
+            let bin = ((f64::midpoint(a, b) / frame.pitch).max(0.0) as usize).min(bins[axis] - 1);
+            for (sum, content) in sums[bin].iter_mut().zip(of_pair) {
+                content.iter().for_each(|content| sum.add(content));
             }
         }
-    }
+        let bin = |sums: &Vec<Contents>| Bin {
+            values: sums.iter().map(Contents::correlation).collect(),
+            weight: sums.iter().map(Contents::texture).fold(0.0, f64::max),
+        };
+        sums.iter().map(bin).collect()
+    });
     (trials, maps)
-}
-
-/// How many pairs' worth of texture above the noise there is.
-fn texture(contents: &[&Content]) -> f64 {
-    let signal: f64 = contents.iter().map(|c| c.variances[0].max(0.0)).sum();
-    let noise: f64 = contents.iter().map(|c| c.noise).sum();
-    if signal > 0.0 { contents.len() as f64 * signal / (signal + noise) } else { 0.0 }
 }

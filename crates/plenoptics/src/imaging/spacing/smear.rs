@@ -5,15 +5,14 @@
 //! shows near its edge the other shows near its centre: the same texture, smeared differently. Defocus, and whatever the
 //! texture itself is like, is the same in both.
 
-use rayon::prelude::*;
+use super::frame::SpacingFrame;
+use crate::imaging::matching::model::{BLOCKS, Model};
+use crate::imaging::matching::run::each;
+use crate::imaging::matching::shape::Shape;
+use crate::imaging::matching::tile::Tile;
 
-use super::frame::{Pair, SpacingFrame, disc_rows};
-use super::model::Model;
-use super::score::{BLOCKS, block};
-use crate::optics::ArrayKind;
-
-/// Pairs that are added up by one thread at a time.
-const PART: usize = 256;
+/// Pixels about the masks that slopes of slopes reach.
+const BENDS_PX: f64 = 2.0;
 
 /// By how much the spacing changed during the exposure, as far as the frame shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,30 +46,26 @@ impl Sums {
     }
 }
 
-/// The smear of a frame at a fitted model: the least that pairs along any direction of the lattice show, since a change
-/// of the spacing smears along all of them. `None` where there is too little texture to tell.
-pub(super) fn smear(frame: &SpacingFrame, model: &Model) -> Option<Smear> {
-    let none = || [[Sums::default(); BLOCKS * BLOCKS]; 3];
-    let part = |pairs: &[Pair]| {
-        pairs.iter().fold(none(), |mut directions, &pair| {
-            let place = frame.place_of(pair);
-            if let Some(region) = frame.region_of(pair) {
-                let spacing = model.spacing(region, &place)[0];
-                let sums = &mut directions[pair.direction.min(2)][block(place.at)];
-                *sums = sums.plus(of_pair(frame, pair, spacing, model.radius(frame)));
-            }
-            directions
+/// The smear of a frame at a fitted model within masks of this radius (px): the least that pairs along any direction of
+/// the lattice show, since a change of the spacing smears along all of them. `None` where there is too little texture to
+/// tell.
+pub(super) fn smear(frame: &SpacingFrame, model: &Model, radius: f64) -> Option<Smear> {
+    let pairs = frame.pairs();
+    let ends: Vec<[u32; 2]> = pairs.iter().map(|pair| [pair.first, pair.second]).collect();
+    let found = frame.at(model, radius + BENDS_PX, 1.0, |pass| {
+        each(pass, &ends, |k, tiles| {
+            let pair = &pairs[k];
+            let spacing = model.spacing(usize::from(pair.region), &pair.place)[0];
+            of_pair([&tiles[0], &tiles[1]], pass.shape, pair.unit, spacing, radius)
         })
-    };
-    // The parts do not depend on the machine, nor on which thread is first, so that neither do the sums' last digits.
-    let parts: Vec<_> = frame.pairs.par_chunks(PART).map(part).collect();
-    let directions = parts.iter().fold(none(), |mut a, b| {
-        a.iter_mut().flatten().zip(b.iter().flatten()).for_each(|(a, &b)| *a = a.plus(b));
-        a
     });
-    let used = if frame.array == ArrayKind::Square { 2 } else { 3 };
+    let mut directions = [[Sums::default(); BLOCKS * BLOCKS]; 3];
+    for (pair, &sums) in pairs.iter().zip(&found) {
+        let all = &mut directions[usize::from(pair.direction)][usize::from(pair.block)];
+        *all = all.plus(sums);
+    }
     let patch = (frame.pitch - model.spacings[0]).abs();
-    let smears = directions[..used].iter().map(|blocks| along_direction(blocks, patch));
+    let smears = directions[..frame.plan.direction_count].iter().map(|blocks| along_direction(blocks, patch));
     let smears = smears.collect::<Option<Vec<Smear>>>()?;
     Some(Smear {
         change_px: smears.iter().map(|s| s.change_px).fold(f64::INFINITY, f64::min),
@@ -92,41 +87,39 @@ fn along_direction(blocks: &[Sums], patch: f64) -> Option<Smear> {
     Some(Smear { change_px: length_per_radius * patch, significance: loss / scatter.max(1e-12) })
 }
 
-fn of_pair(frame: &SpacingFrame, pair: Pair, spacing: f64, radius: f64) -> Sums {
-    let (a, b) = (frame.micro_images[pair.first].centre, frame.micro_images[pair.second].centre);
-    let step = [b[0] - a[0], b[1] - a[1]];
-    let length = step[0].hypot(step[1]);
-    let unit = [step[0] / length, step[1] / length];
-    let shift = [spacing * unit[0], spacing * unit[1]];
-    let width = frame.width;
-    let nearest = shift[1].round() as isize * width as isize + shift[0].round() as isize;
+/// What the slopes of two micro-images say that are `unit` apart in direction, at a spacing along it (px).
+fn of_pair([a, b]: [&Tile; 2], shape: &Shape, unit: [f64; 2], spacing: f64, radius: f64) -> Sums {
+    let shift = unit.map(|u| spacing * u);
+    let corners = [a.corner(shape), b.corner(shape)];
+    // From a pixel of the one's tile to that of the other's which shows the same, the nearest.
+    let whole = [0, 1].map(|k| shift[k].round() as isize + (corners[0][k] - corners[1][k]) as isize);
+    let nearest = whole[1] * shape.stride as isize + whole[0];
+    // From the one's centre to the other's.
+    let step = [0, 1].map(|k| f64::from(b.nearest[k] - a.nearest[k]) + b.fraction[k] - a.fraction[k]);
     let (ux, uy) = (unit[0] as f32, unit[1] as f32);
-    let slope = |pixel: usize| f64::from(ux * frame.slopes[0][pixel] + uy * frame.slopes[1][pixel]);
-    let bend = |pixel: usize| {
-        let across = slope(pixel + 1) - slope(pixel - 1);
-        let down = slope(pixel + width) - slope(pixel - width);
+    let slope = |tile: &Tile, at: usize| f64::from(ux * tile.slopes[0][at] + uy * tile.slopes[1][at]);
+    let bend = |tile: &Tile, at: usize| {
+        let across = slope(tile, at + 1) - slope(tile, at - 1);
+        let down = slope(tile, at + shape.stride) - slope(tile, at - shape.stride);
         0.5 * (unit[0] * across + unit[1] * down)
     };
     let mut sums = Sums::default();
-    disc_rows(a, radius, width, |start, count| {
-        for pixel in start..start + count {
-            let (dx, dy) = ((pixel % width) as f64 - a[0], (pixel / width) as f64 - a[1]);
-            let there = [dx + shift[0] - step[0], dy + shift[1] - step[1]];
-            if there[0] * there[0] + there[1] * there[1] > radius * radius {
-                continue;
-            }
-            let other = pixel.wrapping_add_signed(nearest);
-            if frame.precision[pixel] <= 0.0 || frame.precision[other] <= 0.0 {
-                continue;
-            }
-            let along = |r: [f64; 2]| (r[0] * unit[0] + r[1] * unit[1]).powi(2);
-            let further = along([dx, dy]) - along(there);
-            let (first, second) = (slope(pixel), slope(other));
-            sums.excess += further * (first * first - second * second);
-            sums.energy += further * further * first * second;
-            sums.slopes += first * second;
-            sums.bends += bend(pixel) * bend(other);
+    a.disc(shape, radius, |at, [dx, dy]| {
+        let there = [dx + shift[0] - step[0], dy + shift[1] - step[1]];
+        if there[0] * there[0] + there[1] * there[1] > radius * radius {
+            return;
         }
+        let other = at.wrapping_add_signed(nearest);
+        if a.amplitudes[at] <= 0.0 || b.amplitudes[other] <= 0.0 {
+            return;
+        }
+        let along = |r: [f64; 2]| (r[0] * unit[0] + r[1] * unit[1]).powi(2);
+        let further = along([dx, dy]) - along(there);
+        let (first, second) = (slope(a, at), slope(b, other));
+        sums.excess += further * (first * first - second * second);
+        sums.energy += further * further * first * second;
+        sums.slopes += first * second;
+        sums.bends += bend(a, at) * bend(b, other);
     });
     sums
 }

@@ -8,13 +8,13 @@ use super::shape::LANES;
 
 /// The vector that begins at a place of a row.
 #[inline(always)]
-pub(super) fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
+pub(in crate::imaging) fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
     S::as_simd_f32s(&row[at..at + S::F32_LANES]).0[0]
 }
 
 /// The vector of whole numbers that begin at a place of a row.
 #[inline(always)]
-pub(super) fn widened<S: Simd, T: Copy + Into<f32>>(row: &[T], at: usize) -> S::f32s {
+pub(in crate::imaging) fn widened<S: Simd, T: Copy + Into<f32>>(row: &[T], at: usize) -> S::f32s {
     // Its length is known to the compiler, which makes one conversion of it that never leaves the registers.
     let mut line = [0.0f32; LANES];
     let row = &row[at..at + S::F32_LANES];
@@ -26,12 +26,12 @@ pub(super) fn widened<S: Simd, T: Copy + Into<f32>>(row: &[T], at: usize) -> S::
 
 /// So many vectors from a place of a row on.
 #[inline(always)]
-pub(super) fn vectors<S: Simd>(row: &[f32], at: usize, count: usize) -> &[S::f32s] {
+pub(in crate::imaging) fn vectors<S: Simd>(row: &[f32], at: usize, count: usize) -> &[S::f32s] {
     &S::as_simd_f32s(&row[at..at + count * S::F32_LANES]).0[..count]
 }
 
 /// Puts a vector at a place of a row.
 #[inline(always)]
-pub(super) fn store<S: Simd>(row: &mut [f32], at: usize, value: S::f32s) {
+pub(in crate::imaging) fn store<S: Simd>(row: &mut [f32], at: usize, value: S::f32s) {
     S::as_mut_simd_f32s(&mut row[at..at + S::F32_LANES]).0[0] = value;
 }

@@ -1,15 +1,19 @@
 //! The unknowns: a spacing for each region, and the terms by which it departs from that over the field and between
 //! lattice directions.
 
-use nalgebra::DVector;
+use nalgebra::{DVector, SVector};
 
-use super::frame::{MASK_FRACTION, SpacingFrame};
 use crate::imaging::grid::Grid;
 
+/// Numbers that belong to one region: to its spacing, then to each of the terms.
+pub(in crate::imaging) const LOCAL: usize = 1 + TERMS;
+pub(in crate::imaging) type Local = SVector<f64, LOCAL>;
 /// Tilt along x and y, curvature, astigmatism, row less column, diagonals' difference.
 pub(in crate::imaging) const TERMS: usize = 6;
 /// Tilt along x and y, and curvature, come first.
 pub(in crate::imaging) const FIELD_TERMS: usize = 3;
+/// Field blocks along each side of a frame, for the scatter between parts of the field.
+pub(in crate::imaging) const BLOCKS: usize = 6;
 /// How much rows and columns of an array differ, px: where texture tells nothing about it, no more than this is
 /// believed.
 pub(in crate::imaging) const ASYMMETRY_PX: f64 = 0.5;
@@ -42,7 +46,7 @@ impl Directions {
 
     /// X² − Y² and 2 X Y of field coordinates along and across the lattice's first direction.
     #[inline]
-    pub(super) fn off_axis(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    pub(in crate::imaging) fn off_axis(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [cos, sin] = self.first;
         let (even, mixed) = (x * x - y * y, 2.0 * x * y);
         [even * cos + mixed * sin, mixed * cos - even * sin]
@@ -59,14 +63,20 @@ impl Directions {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(in crate::imaging) struct Place {
     /// The pair's midpoint in field coordinates.
-    pub(super) at: [f64; 2],
+    pub(in crate::imaging) at: [f64; 2],
     /// Cosine and sine of twice the angle from the lattice's first direction to the pair's.
-    pub(super) turn: [f64; 2],
+    pub(in crate::imaging) turn: [f64; 2],
     /// X² − Y² and 2 X Y of the midpoint's field coordinates along and across the lattice's first direction.
-    pub(super) off_axis: [f64; 2],
+    pub(in crate::imaging) off_axis: [f64; 2],
 }
 
 impl Place {
+    /// The field block that it lies in.
+    pub(in crate::imaging) fn block(&self) -> usize {
+        let place = |v: f64| (((v + 1.0) / 2.0 * BLOCKS as f64).max(0.0) as usize).min(BLOCKS - 1);
+        place(self.at[1]) * BLOCKS + place(self.at[0])
+    }
+
     /// What the terms do to the spacing along the pair and across it.
     #[inline]
     pub(in crate::imaging) fn terms(&self) -> [[f64; TERMS]; 2] {
@@ -80,83 +90,95 @@ impl Place {
 }
 
 /// Unknowns: a spacing for each region, then those of the terms that are free.
-#[derive(Debug, Clone)]
-pub(super) struct Model {
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::imaging) struct Model {
     /// How strongly the terms act in each region; as many as there are regions.
-    pub(super) scales: Vec<f64>,
+    pub(in crate::imaging) scales: Vec<f64>,
     /// Spacing on the axis in each region, px: the mean over directions.
-    pub(super) spacings: Vec<f64>,
+    pub(in crate::imaging) spacings: Vec<f64>,
     /// Tilt x, tilt y, curvature (px per half frame width, squared for the last); the curvature along the radius less that
     /// across it; then, px, the spacing along the first lattice direction less that across it, and the same for directions
     /// 45° further.
-    pub(super) terms: [f64; TERMS],
+    pub(in crate::imaging) terms: [f64; TERMS],
     /// Which terms are unknowns, rising.
-    pub(super) free: Vec<usize>,
-    /// Radius of the masks, in units of half the micro-image pitch.
-    pub(super) mask: f64,
-    /// Noise in units of the frames' own estimates, which sharp texture makes too large.
-    pub(super) noise_scale: f64,
+    pub(in crate::imaging) free: Vec<usize>,
 }
 
 impl Model {
-    /// One spacing everywhere, and masks of full size.
-    pub(super) fn flat(spacings: Vec<f64>) -> Self {
-        let scales = vec![1.0; spacings.len()];
-        Self { scales, spacings, terms: [0.0; TERMS], free: Vec::new(), mask: MASK_FRACTION, noise_scale: 1.0 }
+    /// One spacing everywhere.
+    pub(in crate::imaging) fn flat(spacings: Vec<f64>) -> Self {
+        Self { scales: vec![1.0; spacings.len()], spacings, terms: [0.0; TERMS], free: Vec::new() }
     }
 
-    /// Makes the terms unknown; the field terms only where they are not held.
-    pub(super) fn free_terms(&mut self, field_held: bool) {
-        self.free = (if field_held { FIELD_TERMS } else { 0 }..TERMS).collect();
+    /// With tilt x, tilt y and curvature as they are known to be.
+    pub(in crate::imaging) fn with_field(mut self, field: [f64; FIELD_TERMS]) -> Self {
+        self.terms[..FIELD_TERMS].copy_from_slice(&field);
+        self
     }
 
-    /// Radius of the masks in a frame, px.
-    pub(super) fn radius(&self, frame: &SpacingFrame) -> f64 {
-        self.mask * frame.pitch / 2.0
-    }
-
-    pub(super) fn noise(&self, frame: &SpacingFrame) -> f64 {
-        (frame.noise * self.noise_scale).max(QUANTISATION)
-    }
-
-    pub(super) fn unknowns(&self) -> usize {
+    pub(in crate::imaging) fn unknowns(&self) -> usize {
         self.spacings.len() + self.free.len()
     }
 
     /// The spacing of a region at a place: along the pair, and across it (px, 90° from +x towards +y).
-    pub(super) fn spacing(&self, region: usize, place: &Place) -> [f64; 2] {
-        let departure = place.terms().map(|terms| {
-            self.scales[region] * self.terms.iter().zip(terms).map(|(term, value)| term * value).sum::<f64>()
-        });
-        [self.spacings[region] + departure[0], departure[1]]
+    #[inline(always)]
+    pub(in crate::imaging) fn spacing(&self, region: usize, place: &Place) -> [f64; 2] {
+        let [along, across] = place.terms();
+        let scale = self.scales[region];
+        let (mut sums, axis) = ([0.0; 2], self.spacings[region]);
+        for k in 0..TERMS {
+            sums[0] += self.terms[k] * along[k];
+            sums[1] += self.terms[k] * across[k];
+        }
+        [axis + scale * sums[0], scale * sums[1]]
     }
 
-    /// Derivatives of those two with respect to the unknowns.
-    pub(super) fn derivatives(&self, region: usize, place: &Place, [along, across]: &mut [Vec<f64>; 2]) {
-        let n = self.spacings.len();
-        let terms = place.terms();
-        for (row, terms) in [(&mut *along, terms[0]), (across, terms[1])] {
-            row.clear();
-            row.resize(n, 0.0);
-            row.extend(self.free.iter().map(|&term| self.scales[region] * terms[term]));
+    /// Derivatives of those two with respect to the region's spacing and to all terms, free or not.
+    #[inline(always)]
+    pub(in crate::imaging) fn derivatives(&self, region: usize, place: &Place) -> [Local; 2] {
+        let scale = self.scales[region];
+        let [along, across] = place.terms();
+        let with = |first: f64, [x, y, square, astigmatism, row_column, diagonal]: [f64; TERMS]| {
+            Local::from([
+                first,
+                scale * x,
+                scale * y,
+                scale * square,
+                scale * astigmatism,
+                scale * row_column,
+                scale * diagonal,
+            ])
+        };
+        [with(1.0, along), with(0.0, across)]
+    }
+
+    /// Of a region's spacing and all terms: which of the unknowns each is, where it is one.
+    pub(in crate::imaging) fn unknown(&self, region: usize, local: usize) -> Option<usize> {
+        match local.checked_sub(1) {
+            None => Some(region),
+            Some(term) => self.free.binary_search(&term).ok().map(|k| self.spacings.len() + k),
         }
-        along[region] = 1.0;
+    }
+
+    /// What of a vector over the unknowns belongs to a region's spacing and to the terms.
+    pub(in crate::imaging) fn local(&self, unknowns: &DVector<f64>, region: usize) -> Local {
+        Local::from_fn(|k, _| self.unknown(region, k).map_or(0.0, |unknown| unknowns[unknown]))
     }
 
     /// Information (1/px²) that comes from what arrays are like: rows and columns of no real one differ by more.
-    pub(super) fn prior(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+    pub(in crate::imaging) fn prior(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         let n = self.spacings.len();
         let asymmetric = self.free.iter().enumerate().filter(|&(_, &term)| term >= FIELD_TERMS);
         asymmetric.map(move |(k, _)| (n + k, ASYMMETRY_PX.powi(-2)))
     }
 
     /// The value of an unknown.
-    pub(super) fn value(&self, unknown: usize) -> f64 {
+    pub(in crate::imaging) fn value(&self, unknown: usize) -> f64 {
         let n = self.spacings.len();
         if unknown < n { self.spacings[unknown] } else { self.terms[self.free[unknown - n]] }
     }
 
-    pub(super) fn advance(&mut self, step: &DVector<f64>) {
+    pub(in crate::imaging) fn advance(&mut self, step: &DVector<f64>) {
         let n = self.spacings.len();
         for (spacing, change) in self.spacings.iter_mut().zip(step.iter()) {
             *spacing += change;

@@ -11,25 +11,25 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use super::model::{Directions, Place};
 use super::motion::{Field, Motion};
 use super::score::PairScore;
 use crate::imaging::grid::Grid;
-use crate::imaging::spacing::{Directions, block};
 
 /// Most lattice columns of a job: with them two rows of tiles fit into the second-level cache.
 const JOB_COLUMNS: i32 = 14;
 /// Most lattice rows of a job.
 const JOB_ROWS: i32 = 24;
 /// The golden ratio's fraction: its multiples spread evenly however many there are.
-pub(super) const GOLDEN: f64 = 0.618_033_988_749_895;
+pub(in crate::imaging) const GOLDEN: f64 = 0.618_033_988_749_895;
 
 /// A micro-image.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Lens {
+pub(in crate::imaging) struct Lens {
     /// The pixel nearest its centre.
-    pub(super) nearest: [i32; 2],
+    pub(in crate::imaging) nearest: [i32; 2],
     /// The centre less that pixel, px.
-    pub(super) fraction: [f64; 2],
+    pub(in crate::imaging) fraction: [f64; 2],
 }
 
 impl Lens {
@@ -41,100 +41,104 @@ impl Lens {
 
 /// Which of so many places along an axis between two pixels is nearest to a centre, from its [`Lens::fraction`].
 #[inline(always)]
-pub(super) fn nearest_place(fraction: f64, places: usize) -> usize {
+pub(in crate::imaging) fn nearest_place(fraction: f64, places: usize) -> usize {
     (((fraction + 0.5) * places as f64) as usize).min(places - 1)
 }
 
 /// Where the place with this number has its centre from the nearest pixel, px.
 #[inline(always)]
-pub(super) fn place(number: usize, places: usize) -> f64 {
+pub(in crate::imaging) fn place(number: usize, places: usize) -> f64 {
     (number as f64 + 0.5) / places as f64 - 0.5
 }
 
 /// Two neighbouring micro-images.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pair {
-    pub(super) first: u32,
-    pub(super) second: u32,
+pub(in crate::imaging) struct Pair {
+    /// The two by their numbers in the plan.
+    pub(in crate::imaging) first: u32,
+    pub(in crate::imaging) second: u32,
     /// From the first centre to the second, of length 1.
-    pub(super) unit: [f64; 2],
-    /// Field coordinates of the midpoint.
-    pub(super) midpoint: [f64; 2],
-    /// Lattice direction, 0 to 2.
-    pub(super) direction: u8,
+    pub(in crate::imaging) unit: [f64; 2],
+    /// Where in the field, and along which direction, it measures: at its midpoint.
+    pub(in crate::imaging) place: Place,
+    /// Lattice direction: 0 and 1 along the basis, 2 along their difference (hexagonal arrays).
+    pub(in crate::imaging) direction: u8,
     /// Field block of the midpoint.
-    pub(super) block: u8,
+    pub(in crate::imaging) block: u8,
+    /// Which of several regions both belong to.
+    pub(in crate::imaging) region: u8,
 }
 
 /// A pair and where in its job's ring the two tiles are.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Link {
-    pub(super) pair: Pair,
-    pub(super) slots: [u16; 2],
+pub(in crate::imaging) struct Link {
+    pub(in crate::imaging) pair: Pair,
+    pub(in crate::imaging) slots: [u16; 2],
 }
 
 /// One lattice row of a job.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Row {
+pub(in crate::imaging) struct Row {
     /// Micro-images to be prepared, and their slots.
-    pub(super) tiles: Vec<(u32, u16)>,
+    pub(in crate::imaging) tiles: Vec<(u32, u16)>,
     /// Pairs to be compared once they are.
-    pub(super) links: Vec<Link>,
+    pub(in crate::imaging) links: Vec<Link>,
 }
 
 /// A block of the lattice.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Job {
-    pub(super) rows: Vec<Row>,
+pub(in crate::imaging) struct Job {
+    pub(in crate::imaging) rows: Vec<Row>,
     /// How many tiles its ring holds.
-    pub(super) slots: usize,
+    pub(in crate::imaging) slots: usize,
     /// What its pairs said, in the order of the rows' links.
-    pub(super) scores: Vec<PairScore>,
+    pub(in crate::imaging) scores: Vec<PairScore>,
 }
 
 impl Job {
-    pub(super) fn links(&self) -> impl Iterator<Item = &Link> {
+    pub(in crate::imaging) fn links(&self) -> impl Iterator<Item = &Link> {
         self.rows.iter().flat_map(|row| &row.links)
     }
 }
 
 /// A micro-image with all its pairs, for the noise of one micro-image in all of them together.
 #[derive(Debug, Clone)]
-pub(super) struct Star {
-    pub(super) lens: u32,
+pub(in crate::imaging) struct Star {
+    pub(in crate::imaging) lens: u32,
     /// The pairs: whether the micro-image is the first of it, its job and its place in the job's scores.
-    pub(super) rays: Vec<Ray>,
+    pub(in crate::imaging) rays: Vec<Ray>,
 }
 
 /// One pair of a [`Star`].
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ray {
-    pub(super) pair: Pair,
-    pub(super) outwards: bool,
-    pub(super) job: u32,
-    pub(super) score: u32,
+pub(in crate::imaging) struct Ray {
+    pub(in crate::imaging) pair: Pair,
+    pub(in crate::imaging) outwards: bool,
+    pub(in crate::imaging) job: u32,
+    pub(in crate::imaging) score: u32,
 }
 
 /// The whole frame's plan.
 #[derive(Debug, Clone)]
-pub(super) struct Plan {
-    pub(super) lenses: Vec<Lens>,
-    pub(super) jobs: Vec<Job>,
-    pub(super) pairs: usize,
-    pub(super) directions: Directions,
+pub(in crate::imaging) struct Plan {
+    pub(in crate::imaging) lenses: Vec<Lens>,
+    pub(in crate::imaging) jobs: Vec<Job>,
+    /// How many pairs all jobs have.
+    pub(in crate::imaging) pairs: usize,
+    pub(in crate::imaging) directions: Directions,
     /// How many of them pairs lie along.
-    pub(super) direction_count: usize,
-    field: Field,
-    /// Centres in the known grid, px.
+    pub(in crate::imaging) direction_count: usize,
+    pub(in crate::imaging) field: Field,
+    /// Centres in the known grid, px, and lattice indices.
     bases: Vec<[f64; 2]>,
-    indices: Vec<[i32; 2]>,
+    pub(in crate::imaging) indices: Vec<[i32; 2]>,
     places: HashMap<[i32; 2], u32>,
 }
 
 impl Plan {
     /// Plans for a known grid that has moved, for the micro-images whose centres are at least `margin` px from the
     /// frame's outermost pixel centres: all of them up to about `most`, else rows of them.
-    pub(super) fn new(known: &Grid, motion: &Motion, margin: f64, most: usize) -> Self {
+    pub(in crate::imaging) fn new(known: &Grid, motion: &Motion, margin: f64, most: usize) -> Self {
         let grid = &motion.of(known);
         let mut plan = Self {
             lenses: Vec::new(),
@@ -177,24 +181,22 @@ impl Plan {
 
     fn all_pairs(&self, grid: &Grid) -> Vec<Pair> {
         let mut pairs = Vec::new();
-        let [width, height] = grid.frame_size.map(|n| n as f64);
         for (first, index) in self.indices.iter().enumerate() {
             for (direction, step) in grid.neighbour_steps().iter().enumerate() {
                 let Some(&second) = self.places.get(&[index[0] + step[0], index[1] + step[1]]) else { continue };
                 let (a, b) = (self.centre(first as u32), self.centre(second));
                 let step = [b[0] - a[0], b[1] - a[1]];
                 let length = step[0].hypot(step[1]);
-                let midpoint = [
-                    (f64::midpoint(a[0], b[0]) - (width - 1.0) / 2.0) / (width / 2.0),
-                    (f64::midpoint(a[1], b[1]) - (height - 1.0) / 2.0) / (width / 2.0),
-                ];
+                let midpoint = [f64::midpoint(a[0], b[0]), f64::midpoint(a[1], b[1])];
+                let place = self.directions.place(self.field.coordinates(midpoint), direction);
                 pairs.push(Pair {
                     first: first as u32,
                     second,
                     unit: [step[0] / length, step[1] / length],
-                    midpoint,
+                    place,
                     direction: direction as u8,
-                    block: block(midpoint) as u8,
+                    block: place.block() as u8,
+                    region: 0,
                 });
             }
         }
@@ -202,20 +204,25 @@ impl Plan {
     }
 
     /// Moves all centres. Directions and midpoints of pairs stay: for them motions of a pixel or two are nothing.
-    pub(super) fn shift_to(&mut self, motion: &Motion) {
+    pub(in crate::imaging) fn shift_to(&mut self, motion: &Motion) {
         for (lens, &base) in self.lenses.iter_mut().zip(&self.bases) {
             *lens = Lens::at(motion.moved(&self.field, base));
         }
     }
 
     /// Centre of a micro-image, px.
-    pub(super) fn centre(&self, lens: u32) -> [f64; 2] {
+    pub(in crate::imaging) fn centre(&self, lens: u32) -> [f64; 2] {
         let lens = &self.lenses[lens as usize];
         [f64::from(lens.nearest[0]) + lens.fraction[0], f64::from(lens.nearest[1]) + lens.fraction[1]]
     }
 
+    /// The micro-image with these lattice indices.
+    pub(in crate::imaging) fn lens(&self, index: [i32; 2]) -> Option<u32> {
+        self.places.get(&index).copied()
+    }
+
     /// A job of these pairs, which lie within a block of the lattice.
-    fn job(&self, pairs: &[Pair]) -> Job {
+    pub(in crate::imaging) fn job(&self, pairs: &[Pair]) -> Job {
         let index = |lens: u32| self.indices[lens as usize];
         let columns = pairs.iter().flat_map(|p| [index(p.first)[0], index(p.second)[0]]);
         let (low, high) = columns.fold((i32::MAX, i32::MIN), |(l, h), i| (l.min(i), h.max(i)));
@@ -241,7 +248,7 @@ impl Plan {
     }
 
     /// Jobs of two by two micro-images each, spread over the frame: with all their tiles at hand at once.
-    pub(super) fn clusters(&self, wanted: usize) -> Vec<Job> {
+    pub(in crate::imaging) fn clusters(&self, wanted: usize) -> Vec<Job> {
         let pairs: HashMap<(u32, u32), Pair> =
             self.jobs.iter().flat_map(Job::links).map(|l| ((l.pair.first, l.pair.second), l.pair)).collect();
         let corner = |[i, j]: [i32; 2]| -> Option<[u32; 4]> {
@@ -258,12 +265,12 @@ impl Plan {
             .collect()
     }
 
-    /// Micro-images with all their pairs, spread over the frame.
-    pub(super) fn stars(&self, wanted: usize) -> Vec<Star> {
+    /// Micro-images with all their pairs in these jobs, spread over the frame.
+    pub(in crate::imaging) fn stars(&self, jobs: &[Job], wanted: usize) -> Vec<Star> {
         let mut stars: HashMap<u32, Star> = spread(self.lenses.len(), wanted)
             .map(|lens| (lens as u32, Star { lens: lens as u32, rays: Vec::new() }))
             .collect();
-        for (job, j) in self.jobs.iter().enumerate() {
+        for (job, j) in jobs.iter().enumerate() {
             for (score, link) in j.links().enumerate() {
                 let pair = link.pair;
                 for (lens, outwards) in [(pair.first, true), (pair.second, false)] {
@@ -280,7 +287,7 @@ impl Plan {
 }
 
 /// At most `wanted` of `count` places, spread evenly.
-pub(super) fn spread(count: usize, wanted: usize) -> impl Iterator<Item = usize> {
+pub(in crate::imaging) fn spread(count: usize, wanted: usize) -> impl Iterator<Item = usize> {
     let mut chosen: Vec<usize> = if wanted >= count {
         (0..count).collect()
     } else {
@@ -361,7 +368,7 @@ mod tests {
     fn stars_have_all_neighbours() {
         for (array, most) in [(ArrayKind::Square, 4), (ArrayKind::Hexagonal, 6)] {
             let plan = Plan::new(&grid(array, 15.0, 0.1), &Motion::NONE, 10.0, usize::MAX);
-            let stars = plan.stars(50);
+            let stars = plan.stars(&plan.jobs, 50);
             assert!(stars.len() > 45);
             assert_eq!(stars.iter().map(|s| s.rays.len()).max(), Some(most));
             for ray in stars.iter().flat_map(|s| s.rays.iter().map(move |r| (s.lens, r))) {

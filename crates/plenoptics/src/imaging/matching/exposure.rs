@@ -1,19 +1,19 @@
-//! Whether a frame is exposed well enough to be measured, and how noisy it is, from a sample of its micro-images.
+//! Whether a frame is exposed well enough to be measured, and how noisy it is, from its micro-images or a sample of them.
 
 use rayon::prelude::*;
 
-use super::frame::{Frame, Sample};
 use super::plan::{Plan, spread};
-use crate::imaging::spacing::{SATURATED_SHARE, SpacingError, least_mean};
+use super::samples::{Frame, Sample};
+use crate::imaging::spacing::SpacingError;
 
-/// Micro-images looked at.
-const WANTED: usize = 128;
+/// Share of saturated pixels within the masks above which a frame is refused.
+const SATURATED_SHARE: f64 = 0.4;
 /// Part of the masks' radius within which noise is looked for.
 const NOISE_RADIUS: f64 = 0.85;
 
 /// A sample of a frame's micro-images.
 #[derive(Debug, Clone)]
-pub(super) struct Exposure {
+pub(in crate::imaging) struct Exposure {
     lenses: Vec<usize>,
     /// Half widths of a disc's rows, from its middle row on: for light and saturation, and for noise.
     discs: [Vec<i32>; 2],
@@ -25,14 +25,14 @@ pub(super) struct Exposure {
 struct Count {
     pixels: u32,
     saturated: u32,
-    sum: u32,
+    sum: f32,
     variance: f32,
 }
 
 impl Exposure {
-    /// For masks of this radius, px.
-    pub(super) fn new(plan: &Plan, radius: f64) -> Self {
-        let lenses: Vec<usize> = spread(plan.lenses.len(), WANTED).collect();
+    /// For masks of this radius (px), of so many micro-images at most.
+    pub(in crate::imaging) fn new(plan: &Plan, radius: f64, most: usize) -> Self {
+        let lenses: Vec<usize> = spread(plan.lenses.len(), most).collect();
         let disc = |radius: f64| {
             (0..=radius as i32).map(|y| (radius * radius - f64::from(y * y)).max(0.0).sqrt() as i32).collect()
         };
@@ -41,8 +41,13 @@ impl Exposure {
         Self { lenses, discs: [disc(radius), disc(NOISE_RADIUS * radius)], counts, variances }
     }
 
-    /// Standard deviation of the frame's noise, grey levels.
-    pub(super) fn check<T: Sample>(&mut self, frame: &Frame<'_, T>, plan: &Plan) -> Result<f64, SpacingError> {
+    /// Standard deviation of the frame's noise, grey levels: from the lower quartile over micro-images of what a filter
+    /// blind to planes and saddles leaves, which belongs to those without sharp texture.
+    pub(in crate::imaging) fn check<T: Sample>(
+        &mut self,
+        frame: &Frame<'_, T>,
+        plan: &Plan,
+    ) -> Result<f64, SpacingError> {
         let discs = &self.discs;
         let arch = pulp::Arch::new();
         self.counts
@@ -57,7 +62,8 @@ impl Exposure {
             return Err(SpacingError::Saturated { share });
         }
         let mean = total(|c| f64::from(c.sum)) / pixels;
-        let least = least_mean(f64::from(frame.white.grey()));
+        // An 8-bit frame whose micro-images average three grey levels holds no texture above its own quantisation.
+        let least = (f64::from(frame.white.grey()) * 0.012).min(3.0);
         if mean < least {
             return Err(SpacingError::Dark { mean, least });
         }
@@ -92,28 +98,34 @@ impl<T: Sample> pulp::WithSimd for Look<'_, T> {
             for &sample in row(dy, whole[dy.unsigned_abs() as usize]) {
                 count.pixels += 1;
                 count.saturated += u32::from(sample >= frame.white);
-                count.sum += sample.level();
+                count.sum += sample.grey();
             }
         }
-        // What a filter blind to planes and saddles leaves; 36 is the sum of squares of (1 −2 1) × (1 −2 1).
-        let (mut squares, mut pixels) = (0u64, 0usize);
+        // What a filter blind to planes and saddles leaves; 36 is the sum of squares of (1 −2 1) × (1 −2 1). In a mosaic it
+        // is spread, so that it meets pixels of one colour.
+        let apart = if frame.mosaic.is_some() { 2 } else { 1 };
+        let (mut squares, mut pixels) = (0.0f32, 0u32);
         let reach = inner.len() as i32 - 1;
         for dy in -reach..=reach {
             let half = inner[dy.unsigned_abs() as usize];
-            let [above, here, below] = [row(dy - 1, half + 1), row(dy, half + 1), row(dy + 1, half + 1)];
-            let width = here.len().min(above.len()).min(below.len());
-            let (above, here, below) = (&above[..width], &here[..width], &below[..width]);
-            for k in 2..width {
-                let line = |v: &[T]| {
-                    let [a, b, c] = [v[k - 2].level(), v[k - 1].level(), v[k].level()].map(|v| v as i32);
-                    a - 2 * b + c
-                };
-                let response = line(above) - 2 * line(here) + line(below);
-                squares += u64::from(response.unsigned_abs()).pow(2);
+            let wide = half + apart;
+            let [above, here, below] = [row(dy - apart, wide), row(dy, wide), row(dy + apart, wide)];
+            let count = (2 * half + 1) as usize;
+            let step = apart as usize;
+            if [above, here, below].iter().any(|line| line.len() < count + 2 * step) {
+                continue;
             }
-            pixels += width.saturating_sub(2);
+            for k in 0..count {
+                if frame.mosaic.is_some() && !frame.is_reference((x - half) as usize + k, (y + dy) as usize) {
+                    continue;
+                }
+                let line = |v: &[T]| v[k].grey() - 2.0 * v[k + step].grey() + v[k + 2 * step].grey();
+                let response = line(above) - 2.0 * line(here) + line(below);
+                squares += response * response;
+                pixels += 1;
+            }
         }
-        count.variance = (squares as f64 / 36.0 / pixels.max(1) as f64) as f32;
+        count.variance = squares / 36.0 / pixels.max(1) as f32;
         count
     }
 }

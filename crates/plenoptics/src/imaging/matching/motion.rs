@@ -2,40 +2,40 @@
 
 use nalgebra::{Matrix4, Vector4};
 
-use super::GridMotion;
 use crate::imaging::grid::Grid;
+use crate::imaging::live::GridMotion;
 
 /// A similarity about the frame's middle.
 ///
 /// Its numbers are displacements, px: along x and y in the middle, and half a frame's width from it outwards (scale) and
 /// from +x towards +y (rotation). In them every displacement is linear.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Motion(pub(super) Vector4<f64>);
+pub(in crate::imaging) struct Motion(pub(in crate::imaging) Vector4<f64>);
 
 /// The frame that motions are about.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Field {
+pub(in crate::imaging) struct Field {
     /// Its middle, px.
     middle: [f64; 2],
     /// Half its width, px: the unit of field coordinates.
-    pub(super) half: f64,
+    pub(in crate::imaging) half: f64,
     /// Half its height over half its width.
     aspect: f64,
 }
 
 impl Field {
-    pub(super) fn new([width, height]: [usize; 2]) -> Self {
+    pub(in crate::imaging) fn new([width, height]: [usize; 2]) -> Self {
         let [width, height] = [width, height].map(|n| n as f64);
         Self { middle: [(width - 1.0) / 2.0, (height - 1.0) / 2.0], half: width / 2.0, aspect: height / width }
     }
 
     /// Field coordinates of a place, px.
-    pub(super) fn coordinates(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    pub(in crate::imaging) fn coordinates(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [(x - self.middle[0]) / self.half, (y - self.middle[1]) / self.half]
     }
 
     /// Standard uncertainty of the displacement in a corner, px, at this covariance of a motion.
-    pub(super) fn sigma(&self, covariance: &Matrix4<f64>) -> f64 {
+    pub(in crate::imaging) fn sigma(&self, covariance: &Matrix4<f64>) -> f64 {
         let variance = |[x, y]: [f64; 2]| {
             let rows = [Vector4::new(1.0, 0.0, x, -y), Vector4::new(0.0, 1.0, y, x)];
             rows.map(|row| row.dot(&(covariance * row))).into_iter().fold(0.0, f64::max)
@@ -44,17 +44,17 @@ impl Field {
     }
 
     /// The frame's corners in field coordinates.
-    pub(super) fn corners(&self) -> [[f64; 2]; 4] {
+    pub(in crate::imaging) fn corners(&self) -> [[f64; 2]; 4] {
         [[-1.0, -self.aspect], [1.0, -self.aspect], [-1.0, self.aspect], [1.0, self.aspect]]
     }
 }
 
 impl Motion {
-    pub(super) const NONE: Self = Self(Vector4::new(0.0, 0.0, 0.0, 0.0));
+    pub(in crate::imaging) const NONE: Self = Self(Vector4::new(0.0, 0.0, 0.0, 0.0));
 
     /// The motion that brings a grid to another one, whichever micro-images the two count from: the nearest ones in the
     /// frame's middle are the same.
-    pub(super) fn between(from: &Grid, to: &Grid) -> Self {
+    pub(in crate::imaging) fn between(from: &Grid, to: &Grid) -> Self {
         let field = Field::new(from.frame_size);
         let was = from.nearest(field.middle[0], field.middle[1]);
         let is = to.nearest(was.x, was.y);
@@ -74,26 +74,26 @@ impl Motion {
 
     /// Displacement at a place of the field, px.
     #[inline]
-    pub(super) fn displacement(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    pub(in crate::imaging) fn displacement(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [along_x, along_y, scale, turn] = self.0.into();
         [along_x + scale * x - turn * y, along_y + scale * y + turn * x]
     }
 
     /// Where a place goes, px.
     #[inline]
-    pub(super) fn moved(&self, field: &Field, at: [f64; 2]) -> [f64; 2] {
+    pub(in crate::imaging) fn moved(&self, field: &Field, at: [f64; 2]) -> [f64; 2] {
         let [x, y] = self.displacement(field.coordinates(at));
         [at[0] + x, at[1] + y]
     }
 
     /// What a direction turns to, with its length.
-    pub(super) fn turned(&self, field: &Field, [x, y]: [f64; 2]) -> [f64; 2] {
+    pub(in crate::imaging) fn turned(&self, field: &Field, [x, y]: [f64; 2]) -> [f64; 2] {
         let (re, im) = (1.0 + self.0[2] / field.half, self.0[3] / field.half);
         [re * x - im * y, re * y + im * x]
     }
 
     /// The moved grid. Its micro-images keep their indices.
-    pub(super) fn of(&self, grid: &Grid) -> Grid {
+    pub(in crate::imaging) fn of(&self, grid: &Grid) -> Grid {
         let field = Field::new(grid.frame_size);
         let mut moved = grid.clone();
         moved.centre = self.moved(&field, grid.centre);
@@ -105,7 +105,7 @@ impl Motion {
     }
 
     /// What it is to those who do not count in half frame widths, with its uncertainty in a corner, px.
-    pub(super) fn reported(&self, field: &Field, sigma_px: f64) -> GridMotion {
+    pub(in crate::imaging) fn reported(&self, field: &Field, sigma_px: f64) -> GridMotion {
         let [x, y, scale, turn] = self.0.into();
         let scale = scale / field.half;
         GridMotion {
@@ -118,7 +118,7 @@ impl Motion {
     }
 
     /// Greatest displacement in the frame, px: that of a corner.
-    pub(super) fn greatest(&self, field: &Field) -> f64 {
+    pub(in crate::imaging) fn greatest(&self, field: &Field) -> f64 {
         let length = |at: [f64; 2]| {
             let [x, y] = self.displacement(at);
             x.hypot(y)
@@ -129,7 +129,7 @@ impl Motion {
 
 /// The normal equation of a motion, from the displacements of single places.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Sums {
+pub(in crate::imaging) struct Sums {
     /// Sums of the weights, of weights times x, y and their squares.
     weight: f64,
     x: f64,
@@ -144,7 +144,7 @@ pub(super) struct Sums {
 impl Sums {
     /// Adds a displacement (px) at a place of the field, of a weight and counting so many times.
     #[inline]
-    pub(super) fn add(&mut self, [x, y]: [f64; 2], [ux, uy]: [f64; 2], weight: f64, count: f64) {
+    pub(in crate::imaging) fn add(&mut self, [x, y]: [f64; 2], [ux, uy]: [f64; 2], weight: f64, count: f64) {
         self.weight += weight;
         self.x += weight * x;
         self.y += weight * y;
@@ -156,7 +156,7 @@ impl Sums {
 
     /// The motion nearest to the displacements, and the inverse of the normal matrix; `None` where they do not determine
     /// it.
-    pub(super) fn solved(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
+    pub(in crate::imaging) fn solved(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
         let Self { weight: w, x, y, square: r, .. } = *self;
         let normal = Matrix4::new(w, 0.0, x, -y, 0.0, w, y, x, x, y, r, 0.0, -y, x, 0.0, r);
         let inverse = normal.try_inverse().filter(|inverse| inverse.iter().all(|v| v.is_finite()))?;
@@ -164,7 +164,7 @@ impl Sums {
     }
 
     /// Variance of a displacement of weight 1 about the motion.
-    pub(super) fn variance(&self) -> f64 {
+    pub(in crate::imaging) fn variance(&self) -> f64 {
         (self.squares - self.solved().map_or(0.0, |(motion, _)| motion.dot(&self.right))).max(0.0)
             / (self.count - 4.0).max(1.0)
     }

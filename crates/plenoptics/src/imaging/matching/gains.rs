@@ -13,7 +13,6 @@ use super::plan::{Lens, nearest_place, place};
 use super::shape::Shape;
 use super::vector::{store, widened};
 use crate::imaging::grid::{Grid, reciprocal};
-use crate::imaging::spacing::LEAST_VIGNETTING;
 use crate::imaging::vignetting::Vignetting;
 
 /// Places between two pixels along each axis: a patch is within 0.045 px of its right place.
@@ -26,6 +25,8 @@ const STEPS: f32 = 32_767.0;
 const PLATEAU: f32 = 1.0;
 /// The profile and its changes along x, along y, and with r².
 const TERMS: usize = 4;
+/// Below this share of the brightest, vignetting is not divided out any further: it would only blow up noise.
+const LEAST_VIGNETTING: f32 = 0.2;
 /// Numbers beyond the last, for rows of tiles that reach over it.
 const SPARE: usize = 16;
 /// The patches are drawn anew where another basis of the lattice would move the profile at a mask's edge by more, px.
@@ -33,7 +34,7 @@ const STALE_PX: f64 = 0.02;
 
 /// The patches of all places between pixels.
 #[derive(Debug, Clone)]
-pub(super) struct Gains {
+pub(in crate::imaging) struct Gains {
     profile: Vignetting,
     /// The lattice's basis that they are drawn for, px.
     basis: [[f64; 2]; 2],
@@ -51,19 +52,43 @@ pub(super) struct Gains {
     units: [f32; TERMS],
 }
 
+/// What is divided out of a frame.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::imaging) enum Light<'a> {
+    /// A profile about every micro-image's centre.
+    Drawn(&'a Gains),
+    /// The share of light that reaches each pixel of a frame of this width and height.
+    Shares(&'a [f32], [usize; 2]),
+}
+
 /// One micro-image's patch.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Patch<'a> {
-    of: &'a Gains,
-    /// Number of its first row.
-    row: usize,
-    /// Field coordinates of the pixel nearest the micro-image's centre, and the sum of their squares.
-    field: [f32; 3],
+pub(in crate::imaging) enum Patch<'a> {
+    Drawn {
+        of: &'a Gains,
+        /// Number of its first row.
+        row: usize,
+        /// Field coordinates of the pixel nearest the micro-image's centre, and the sum of their squares.
+        field: [f32; 3],
+    },
+    /// The shares of a whole frame, its size, and the pixel nearest the micro-image's centre.
+    Shares(&'a [f32], [usize; 2], [i32; 2]),
+}
+
+impl<'a> Light<'a> {
+    /// The patch of a micro-image.
+    #[inline(always)]
+    pub(in crate::imaging) fn patch(&self, lens: &Lens) -> Patch<'a> {
+        match *self {
+            Self::Drawn(gains) => gains.patch(lens),
+            Self::Shares(shares, size) => Patch::Shares(shares, size, lens.nearest),
+        }
+    }
 }
 
 impl Gains {
     /// For tiles of masks up to `radius` (px) in frames with this grid.
-    pub(super) fn new(profile: &Vignetting, grid: &Grid, radius: f64) -> Self {
+    pub(in crate::imaging) fn new(profile: &Vignetting, grid: &Grid, radius: f64) -> Self {
         let largest = Shape::new(radius);
         let mut gains = Self {
             profile: profile.clone(),
@@ -82,7 +107,7 @@ impl Gains {
     }
 
     /// Draws the patches anew where they no longer serve a lattice with this basis.
-    pub(super) fn follow(&mut self, basis: [[f64; 2]; 2]) {
+    pub(in crate::imaging) fn follow(&mut self, basis: [[f64; 2]; 2]) {
         let pitch = self.basis[0][0].hypot(self.basis[0][1]);
         let change = self.basis.iter().zip(basis).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f64::max);
         if change / pitch * self.radius > STALE_PX {
@@ -92,7 +117,7 @@ impl Gains {
     }
 
     /// Relative transmission of a pixel about a micro-image's centre (both px).
-    pub(super) fn share(&self, centre: [f64; 2], pixel: [usize; 2]) -> f32 {
+    pub(in crate::imaging) fn share(&self, centre: [f64; 2], pixel: [usize; 2]) -> f32 {
         let at = pixel.map(|n| n as f64);
         let [u, v] = indices(self.basis, [at[0] - centre[0], at[1] - centre[1]]);
         let [x, y] = self.field.coordinates(at);
@@ -139,71 +164,115 @@ impl Gains {
 
     /// The patch of a micro-image.
     #[inline(always)]
-    pub(super) fn patch(&self, lens: &Lens) -> Patch<'_> {
+    pub(in crate::imaging) fn patch(&self, lens: &Lens) -> Patch<'_> {
         let [px, py] = lens.fraction.map(|fraction| nearest_place(fraction, PHASES));
         let [x, y] = self.field.coordinates(lens.nearest.map(f64::from)).map(|v| v as f32);
-        Patch { of: self, row: (py * PHASES + px) * self.largest.rows, field: [x, y, x * x + y * y] }
+        Patch::Drawn { of: self, row: (py * PHASES + px) * self.largest.rows, field: [x, y, x * x + y * y] }
     }
 }
 
 impl<'a> Patch<'a> {
-    /// Whether it has terms rather than gains.
-    pub(super) fn bends(&self) -> bool {
-        self.of.gains.is_empty()
-    }
-
-    /// Number of a tile's row, and the column that it begins at.
+    /// The gains of the rows of a tile, where the profile is the same all over the field; else there are shares only.
     #[inline(always)]
-    fn begin(&self, y: usize, shape: &Shape) -> (usize, usize) {
-        let inset = self.of.largest.disc - shape.disc;
-        (self.row + y + inset, inset)
+    pub(in crate::imaging) fn gains(&self, shape: &Shape) -> Option<Rows<'a>> {
+        match *self {
+            Self::Drawn { of, row, .. } if !of.gains.is_empty() => {
+                let inset = of.largest.disc - shape.disc;
+                Some(Rows { gains: &of.gains[(row + inset) * of.columns + inset..], columns: of.columns })
+            }
+            _ => None,
+        }
     }
 
-    /// So many of the gains of a row of a tile, in units of [`Self::unit`].
+    /// So many of the shares of light of a row of a tile.
     #[inline(always)]
-    pub(super) fn gains(&self, y: usize, shape: &Shape, columns: usize) -> &'a [u16] {
-        let (row, inset) = self.begin(y, shape);
-        &self.of.gains[row * self.of.columns + inset..][..columns]
-    }
-
-    /// What one step of the gains is.
-    pub(super) const fn unit() -> f32 {
-        GAIN_UNIT
-    }
-
-    /// So many of the shares of light of a row of a tile, from the terms.
-    #[inline(always)]
-    pub(super) fn shares<S: Simd>(&self, simd: S, y: usize, shape: &Shape, columns: usize, into: &mut [f32]) {
-        let (row, inset) = self.begin(y, shape);
-        let wide = self.of.columns;
-        let rows = &self.of.terms[row * TERMS * wide + inset..][..(TERMS - 1) * wide + columns];
-        let [unit, along_x, along_y, square] = self.of.units;
-        let [x, y, r] = self.field;
-        let (plateau, least) = (simd.splat_f32s(PLATEAU), simd.splat_f32s(LEAST_VIGNETTING));
-        let (unit, along_x) = (simd.splat_f32s(unit), simd.splat_f32s(x * along_x));
-        let (along_y, square) = (simd.splat_f32s(y * along_y), simd.splat_f32s(r * square));
-        for k in 0..columns / S::F32_LANES {
-            let at = k * S::F32_LANES;
-            let share = simd.mul_add_e_f32s(unit, widened::<S, i16>(rows, at), plateau);
-            let share = simd.mul_add_e_f32s(along_x, widened::<S, i16>(rows, at + wide), share);
-            let share = simd.mul_add_e_f32s(along_y, widened::<S, i16>(rows, at + 2 * wide), share);
-            let share = simd.mul_add_e_f32s(square, widened::<S, i16>(rows, at + 3 * wide), share);
-            store::<S>(into, at, simd.max_f32s(share, least));
+    pub(in crate::imaging) fn shares<S: Simd>(
+        &self,
+        simd: S,
+        y: usize,
+        shape: &Shape,
+        columns: usize,
+        into: &mut [f32],
+    ) {
+        let least = simd.splat_f32s(LEAST_VIGNETTING);
+        match *self {
+            Self::Drawn { of, row, field: [fx, fy, r] } => {
+                let inset = of.largest.disc - shape.disc;
+                let wide = of.columns;
+                let rows = &of.terms[(row + y + inset) * TERMS * wide + inset..][..(TERMS - 1) * wide + columns];
+                let [unit, along_x, along_y, square] = of.units;
+                let plateau = simd.splat_f32s(PLATEAU);
+                let (unit, along_x) = (simd.splat_f32s(unit), simd.splat_f32s(fx * along_x));
+                let (along_y, square) = (simd.splat_f32s(fy * along_y), simd.splat_f32s(r * square));
+                for k in 0..columns / S::F32_LANES {
+                    let at = k * S::F32_LANES;
+                    let share = simd.mul_add_e_f32s(unit, widened::<S, i16>(rows, at), plateau);
+                    let share = simd.mul_add_e_f32s(along_x, widened::<S, i16>(rows, at + wide), share);
+                    let share = simd.mul_add_e_f32s(along_y, widened::<S, i16>(rows, at + 2 * wide), share);
+                    let share = simd.mul_add_e_f32s(square, widened::<S, i16>(rows, at + 3 * wide), share);
+                    store::<S>(into, at, simd.max_f32s(share, least));
+                }
+            }
+            Self::Shares(shares, size, nearest) => {
+                let line = &shares[frame_row(size, nearest, y, shape)..][..size[0]];
+                for (x, share) in into[..columns].iter_mut().enumerate() {
+                    *share = line[frame_column(size, nearest, x, shape)].max(LEAST_VIGNETTING);
+                }
+            }
         }
     }
 
     /// The gain at a pixel of a tile.
     #[inline(always)]
-    pub(super) fn gain(&self, x: usize, y: usize, shape: &Shape) -> f32 {
-        if !self.bends() {
-            return f32::from(self.gains(y, shape, x + 1)[x]) * GAIN_UNIT;
-        }
-        let (row, inset) = self.begin(y, shape);
-        let (wide, from) = (self.of.columns, row * TERMS * self.of.columns + inset + x);
-        let term = |k: usize| f32::from(self.of.terms[from + k * wide]) * self.of.units[k];
-        let [fx, fy, r] = self.field;
-        1.0 / (PLATEAU + term(0) + fx * term(1) + fy * term(2) + r * term(3)).max(LEAST_VIGNETTING)
+    pub(in crate::imaging) fn gain(&self, x: usize, y: usize, shape: &Shape) -> f32 {
+        let share = match *self {
+            Self::Drawn { of, row, field: [fx, fy, r] } => {
+                if let Some(rows) = self.gains(shape) {
+                    return f32::from(rows.row(y, x + 1)[x]) * GAIN_UNIT;
+                }
+                let inset = of.largest.disc - shape.disc;
+                let (wide, from) = (of.columns, (row + y + inset) * TERMS * of.columns + inset + x);
+                let term = |k: usize| f32::from(of.terms[from + k * wide]) * of.units[k];
+                PLATEAU + term(0) + fx * term(1) + fy * term(2) + r * term(3)
+            }
+            Self::Shares(shares, size, nearest) => {
+                shares[frame_row(size, nearest, y, shape) + frame_column(size, nearest, x, shape)]
+            }
+        };
+        1.0 / share.max(LEAST_VIGNETTING)
     }
+}
+
+/// The gains of a patch, row by row.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::imaging) struct Rows<'a> {
+    gains: &'a [u16],
+    columns: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// What one step of the gains is.
+    pub(in crate::imaging) const UNIT: f32 = GAIN_UNIT;
+
+    /// So many of a row of a tile.
+    #[inline(always)]
+    pub(in crate::imaging) fn row(&self, y: usize, columns: usize) -> &'a [u16] {
+        &self.gains[y * self.columns..][..columns]
+    }
+}
+
+/// Where the frame's row begins that a row of a tile is cut from: the edge is continued.
+#[inline(always)]
+fn frame_row([width, height]: [usize; 2], nearest: [i32; 2], y: usize, shape: &Shape) -> usize {
+    let row = (nearest[1] + y as i32 - shape.middle()[1] as i32).max(0) as usize;
+    row.min(height - 1) * width
+}
+
+/// The frame's column that a column of a tile is cut from.
+#[inline(always)]
+fn frame_column([width, _]: [usize; 2], nearest: [i32; 2], x: usize, shape: &Shape) -> usize {
+    let column = (nearest[0] + x as i32 - shape.middle()[0] as i32).max(0) as usize;
+    column.min(width - 1)
 }
 
 /// Lattice indices of a displacement, px.
@@ -248,8 +317,9 @@ mod tests {
         let profile = profile(bend);
         let grid = Grid::affine(ArrayKind::Square, [250.0, 200.0], BASIS, [501, 401]);
         let gains = Gains::new(&profile, &grid, RADIUS);
-        assert_eq!(gains.patch(&Lens { nearest: [0, 0], fraction: [0.0; 2] }).bends(), bend != 0.0);
         let shape = Shape::new(RADIUS - 2.5);
+        let first = gains.patch(&Lens { nearest: [0, 0], fraction: [0.0; 2] });
+        assert_eq!(first.gains(&shape).is_none(), bend != 0.0);
         let mut worst = [0.0f32; 2];
         for k in 0..400 {
             let centre = [20.0 + f64::from(k % 20) * 24.01 + dx, 20.0 + f64::from(k / 20) * 19.013 + dy];

@@ -2,12 +2,13 @@
 
 use super::plan::Lens;
 use super::shape::Shape;
+use crate::raw::{CfaPattern, Channel};
 
 /// Samples that lie in one cache line at least.
 const TOUCH_STEP: usize = 32;
 
 /// A sample of a raw frame.
-pub(super) trait Sample: Copy + Default + Ord + Send + Sync + Into<f32> {
+pub(in crate::imaging) trait Sample: Copy + Default + PartialOrd + Send + Sync + Into<f32> {
     /// Its grey level.
     fn level(self) -> u32;
 
@@ -18,11 +19,12 @@ pub(super) trait Sample: Copy + Default + Ord + Send + Sync + Into<f32> {
     fn line(lines: &mut EdgeLines) -> &mut Vec<Self>;
 }
 
-/// One line of samples of either kind: where a tile reaches over the frame's edge, the edge is continued.
+/// One line of samples of each kind: where a tile reaches over the frame's edge, the edge is continued.
 #[derive(Debug, Clone, Default)]
-pub(super) struct EdgeLines {
+pub(in crate::imaging) struct EdgeLines {
     bytes: Vec<u8>,
     words: Vec<u16>,
+    reals: Vec<f32>,
 }
 
 impl Sample for u8 {
@@ -57,21 +59,45 @@ impl Sample for u16 {
     }
 }
 
+impl Sample for f32 {
+    #[inline(always)]
+    fn level(self) -> u32 {
+        self as u32
+    }
+
+    #[inline(always)]
+    fn grey(self) -> f32 {
+        self
+    }
+
+    fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {
+        &mut lines.reals
+    }
+}
+
 /// A raw frame as tiles are cut from it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame<'a, T> {
-    pub(super) samples: &'a [T],
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(in crate::imaging) struct Frame<'a, T> {
+    pub(in crate::imaging) samples: &'a [T],
+    pub(in crate::imaging) width: usize,
+    pub(in crate::imaging) height: usize,
     /// Samples from here on are saturated.
-    pub(super) white: T,
+    pub(in crate::imaging) white: T,
+    /// The mosaic of the sensor, of which only green pixels are a reference; the others hold what lies between them.
+    pub(in crate::imaging) mosaic: Option<CfaPattern>,
 }
 
 impl<T: Sample> Frame<'_, T> {
+    /// Whether the sensor measured the pixel at column `x`, row `y`, in the colour that is compared.
+    #[inline]
+    pub(in crate::imaging) fn is_reference(&self, x: usize, y: usize) -> bool {
+        self.mosaic.is_none_or(|pattern| pattern.channel(x, y) == Channel::Green)
+    }
+
     /// Reads a little of every cache line that a tile will be cut from. Nothing waits for these reads, so that the
     /// memory works on many at a time; the cut itself would wait for one row after another.
     #[inline(always)]
-    pub(super) fn touch(&self, lens: &Lens, shape: &Shape) -> u32 {
+    pub(in crate::imaging) fn touch(&self, lens: &Lens, shape: &Shape) -> u32 {
         let [column, row] = shape.middle();
         let left = (lens.nearest[0] as isize - column as isize).max(0) as usize;
         let top = (lens.nearest[1] as isize - row as isize).max(0) as usize;

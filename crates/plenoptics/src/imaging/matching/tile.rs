@@ -3,9 +3,9 @@
 
 use pulp::Simd;
 
-use super::frame::{EdgeLines, Frame, Sample};
-use super::gains::{Gains, Patch};
+use super::gains::{Light, Patch, Rows};
 use super::plan::Lens;
+use super::samples::{EdgeLines, Frame, Sample};
 use super::shape::{ABOVE, FIR, LANES, LEFT, SPLINE, Shape};
 use super::vector::{load, store, widened};
 
@@ -13,29 +13,31 @@ use super::vector::{load, store, widened};
 const POLE: f32 = -0.267_949_2;
 /// Noise variance of the slopes in units of that of the values: the sum of squares of [−1 −2 0 2 1] / 8 by
 /// [1 4 6 4 1] / 16.
-pub(super) const SLOPE_NOISE: f64 = (10.0 / 64.0) * (70.0 / 256.0);
+pub(in crate::imaging) const SLOPE_NOISE: f64 = (10.0 / 64.0) * (70.0 / 256.0);
 
 /// A micro-image made ready.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Tile {
+pub(in crate::imaging) struct Tile {
     /// Grey levels, vignetting divided out, less a constant of the micro-image's own.
-    pub(super) values: Vec<f32>,
+    pub(in crate::imaging) values: Vec<f32>,
     /// Coefficients of the spline through the values.
-    pub(super) coefficients: Vec<f32>,
+    pub(in crate::imaging) coefficients: Vec<f32>,
     /// Slopes of slightly smoothed values along x and y, without any weight at the pixel itself.
-    pub(super) slopes: [Vec<f32>; 2],
+    pub(in crate::imaging) slopes: [Vec<f32>; 2],
     /// Mask times share of light: the product of two is the weight of a difference. 0 for saturated pixels.
-    pub(super) amplitudes: Vec<f32>,
+    pub(in crate::imaging) amplitudes: Vec<f32>,
+    /// Those of the pixels that are a reference, where a mosaic leaves others out.
+    counted: Option<Vec<f32>>,
     /// The centre less the pixel nearest it, px.
-    pub(super) fraction: [f64; 2],
+    pub(in crate::imaging) fraction: [f64; 2],
     /// The pixel nearest the centre.
-    pub(super) nearest: [i32; 2],
+    pub(in crate::imaging) nearest: [i32; 2],
     shape: Option<Shape>,
 }
 
 /// Planes and rows that preparing a tile needs.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Workspace {
+pub(in crate::imaging) struct Workspace {
     edge: EdgeLines,
     planes: [Vec<f32>; 2],
     across: Vec<f32>,
@@ -57,11 +59,11 @@ impl Tile {
 
     /// Cuts a micro-image out of a frame.
     #[inline(always)]
-    pub(super) fn prepare<T: Sample, S: Simd>(
+    pub(in crate::imaging) fn prepare<T: Sample, S: Simd>(
         &mut self,
         simd: S,
         frame: &Frame<'_, T>,
-        (lens, gains): (&Lens, &Gains),
+        (lens, light): (&Lens, Light<'_>),
         shape: &Shape,
         work: &mut Workspace,
     ) {
@@ -70,29 +72,82 @@ impl Tile {
         work.fit(shape);
         self.fraction = lens.fraction;
         self.nearest = lens.nearest;
-        let patch = gains.patch(lens);
-        if patch.bends() {
-            self.cut::<T, S, true>(simd, frame, &patch, shape, work);
-        } else {
-            self.cut::<T, S, false>(simd, frame, &patch, shape, work);
+        let patch = light.patch(lens);
+        match patch.gains(shape) {
+            Some(rows) => self.cut::<T, S, false>(simd, frame, (&patch, Some(rows)), shape, work),
+            None => self.cut::<T, S, true>(simd, frame, (&patch, None), shape, work),
+        }
+        if frame.mosaic.is_some() {
+            self.count(frame, shape);
         }
         self.spline(simd, shape, work);
         self.slope(simd, shape, work);
     }
 
-    /// Values and amplitudes, from gains or from the terms of a profile that bends.
+    /// The amplitudes of the pixels that are a reference.
     #[inline(always)]
-    fn cut<T: Sample, S: Simd, const BENDS: bool>(
+    pub(in crate::imaging) fn counted(&self) -> &[f32] {
+        self.counted.as_ref().unwrap_or(&self.amplitudes)
+    }
+
+    /// Leaves of a mosaic's amplitudes those of what was measured as a reference.
+    fn count<T: Sample>(&mut self, frame: &Frame<'_, T>, shape: &Shape) {
+        let [left, top] = self.corner(shape);
+        let counted = self.counted.get_or_insert_default();
+        counted.clone_from(&self.amplitudes);
+        for (y, row) in counted.chunks_exact_mut(shape.stride).take(shape.rows).enumerate() {
+            for (x, amplitude) in row.iter_mut().enumerate().filter(|(_, amplitude)| **amplitude > 0.0) {
+                // Masks lie within the frame.
+                if !frame.is_reference((left + x as i32) as usize, (top + y as i32) as usize) {
+                    *amplitude = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Column and row of the frame at which the tile begins.
+    pub(in crate::imaging) const fn corner(&self, shape: &Shape) -> [i32; 2] {
+        let [column, row] = shape.middle();
+        [self.nearest[0] - column as i32, self.nearest[1] - row as i32]
+    }
+
+    /// Calls `visit` with the place of each pixel within a disc about the centre, and where it lies from there, px. The
+    /// tile has to be one for masks that large.
+    pub(in crate::imaging) fn disc(&self, shape: &Shape, radius: f64, mut visit: impl FnMut(usize, [f64; 2])) {
+        let [column, row] = shape.middle();
+        let [cx, cy] = [column as f64 + self.fraction[0], row as f64 + self.fraction[1]];
+        for y in row - shape.disc..=row + shape.disc {
+            let dy = y as f64 - cy;
+            let half = (radius * radius - dy * dy).max(0.0).sqrt();
+            for x in (cx - half).ceil() as usize..(cx + half + 1.0).floor() as usize {
+                let dx = x as f64 - cx;
+                if dx * dx + dy * dy <= radius * radius {
+                    visit(y * shape.stride + x, [dx, dy]);
+                }
+            }
+        }
+    }
+
+    /// The share of light that reaches a pixel so far from the centre (px), where it is a reference and not saturated.
+    pub(in crate::imaging) fn share(&self, shape: &Shape, at: usize, [dx, dy]: [f64; 2]) -> Option<f64> {
+        let edge = f64::from(shape.edge);
+        let mask = ((edge * edge - dx * dx - dy * dy) / (2.0 * edge - 1.0)).min(1.0);
+        let amplitude = f64::from(self.counted()[at]);
+        (amplitude > 0.0 && mask > 0.0).then(|| amplitude / mask)
+    }
+
+    /// Values and amplitudes, from gains or from shares of light.
+    #[inline(always)]
+    fn cut<T: Sample, S: Simd, const SHARES: bool>(
         &mut self,
         simd: S,
         frame: &Frame<'_, T>,
-        patch: &Patch<'_>,
+        (patch, rows): (&Patch<'_>, Option<Rows<'_>>),
         shape: &Shape,
         work: &mut Workspace,
     ) {
-        let [column, row] = shape.middle();
-        let left = self.nearest[0] as isize - column as isize;
-        let top = self.nearest[1] as isize - row as isize;
+        let row = shape.middle()[1];
+        let [left, top] = self.corner(shape).map(|n| n as isize);
         let columns = shape.columns();
         let within = left >= 0 && left as usize + columns <= frame.width;
         let line = |y: usize| (top + y as isize).clamp(0, frame.height as isize - 1) as usize * frame.width;
@@ -114,13 +169,13 @@ impl Tile {
             offset += 1.0;
         }
         let (unit, level, white) =
-            (simd.splat_f32s(Patch::unit()), simd.splat_f32s(level), simd.splat_f32s(frame.white.grey()));
+            (simd.splat_f32s(Rows::UNIT), simd.splat_f32s(level), simd.splat_f32s(frame.white.grey()));
         let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
         let (pole, start) = (simd.splat_f32s(POLE), simd.splat_f32s(1.0 / (1.0 - POLE)));
         for y in 0..shape.rows {
             let from = line(y);
-            let gains = if BENDS { &[] } else { patch.gains(y, shape, columns) };
-            if BENDS {
+            let gains = rows.map_or(&[][..], |rows| rows.row(y, columns));
+            if SHARES {
                 patch.shares(simd, y, shape, columns, shares);
             }
             let samples = if within {
@@ -138,7 +193,7 @@ impl Tile {
             let before = if y == 0 { None } else { Some(&before[(y - 1) * shape.stride..]) };
             for k in 0..columns / S::F32_LANES {
                 let x = k * S::F32_LANES;
-                let factor = if BENDS {
+                let factor = if SHARES {
                     simd.div_f32s(one, load::<S>(shares, x))
                 } else {
                     simd.mul_f32s(widened::<S, u16>(gains, x), unit)
@@ -162,7 +217,7 @@ impl Tile {
                 // Near the edge (edge² − r²) / (2 edge − 1) falls from 1 to 0 over one pixel.
                 let mask = simd.sub_f32s(rest, load::<S>(across, x));
                 let mask = simd.max_f32s(simd.min_f32s(mask, one), zero);
-                let mask = if BENDS {
+                let mask = if SHARES {
                     simd.mul_f32s(mask, load::<S>(shares, x))
                 } else {
                     simd.div_f32s(mask, simd.mul_f32s(widened::<S, u16>(gains, x), unit))
@@ -293,6 +348,8 @@ mod tests {
     use super::super::compare::{Moments, Overlap, Warp};
     use super::*;
     use crate::imaging::grid::Grid;
+    use crate::imaging::matching::compare::BOTH;
+    use crate::imaging::matching::gains::Gains;
     use crate::imaging::vignetting::Vignetting;
     use crate::optics::ArrayKind;
 
@@ -310,7 +367,7 @@ mod tests {
     struct Two<'a> {
         frame: &'a Frame<'a, u16>,
         lenses: &'a [Lens; 2],
-        gains: &'a Gains,
+        light: Light<'a>,
         shape: Shape,
         unit: [f64; 2],
         spacing: f64,
@@ -322,14 +379,14 @@ mod tests {
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
             let (mut tiles, mut work) = ([Tile::default(), Tile::default()], Workspace::default());
-            tiles[0].prepare(simd, self.frame, (&self.lenses[0], self.gains), &self.shape, &mut work);
-            tiles[1].prepare(simd, self.frame, (&self.lenses[1], self.gains), &self.shape, &mut work);
+            tiles[0].prepare(simd, self.frame, (&self.lenses[0], self.light), &self.shape, &mut work);
+            tiles[1].prepare(simd, self.frame, (&self.lenses[1], self.light), &self.shape, &mut work);
             let (mut moments, mut warp) = ([None; 2], Warp::default());
             for k in 0..2 {
                 let (a, b) = (&tiles[k], &tiles[1 - k]);
                 let unit = if k == 0 { self.unit } else { [-self.unit[0], -self.unit[1]] };
                 if let Some(overlap) = Overlap::new(a, b, &self.shape, unit, [self.spacing, 0.0]) {
-                    moments[k] = overlap.compare(simd, a, b, &self.shape, &mut warp);
+                    moments[k] = overlap.compare::<S, BOTH>(simd, a, b, &self.shape, &mut warp);
                 }
             }
             (tiles, moments)
@@ -360,8 +417,8 @@ mod tests {
         let grid = Grid::affine(ArrayKind::Square, a, [[pitch, 0.0], [0.0, pitch]], [SIDE, SIDE]);
         let even = Vignetting::from_terms(4, vec![[1.0, 0.0, 0.0, 0.0]; 16], bends);
         let gains = Gains::new(&even, &grid, radius + 2.5);
-        let frame = Frame { samples: &samples, width: SIDE, height: SIDE, white: 4095 };
-        let task = || Two { frame: &frame, lenses: &lenses, gains: &gains, shape, unit, spacing };
+        let frame = Frame { samples: &samples, width: SIDE, height: SIDE, white: 4095, mosaic: None };
+        let task = || Two { frame: &frame, lenses: &lenses, light: Light::Drawn(&gains), shape, unit, spacing };
         let fast = pulp::Arch::new().dispatch(task());
         let plain = pulp::WithSimd::with_simd(task(), pulp::Scalar::new());
         (fast, plain, shape)
@@ -427,9 +484,9 @@ mod tests {
         for unit in [[1.0, 0.0], [0.0, 1.0], [0.8, -0.6], [-0.6, 0.8]] {
             let ((_, moments), _, _) = two(11.3, unit, false);
             let [Some(there), Some(back)] = moments else { panic!("no overlap") };
-            let step = ((there.ta - there.tb) + (back.ta - back.tb)) / (there.td + back.td);
+            let step = ((there.ta[0] - there.tb[0]) + (back.ta[0] - back.tb[0])) / (there.td[0][0] + back.td[0][0]);
             assert!(step.abs() < 2e-3, "{unit:?}: {step} px");
-            assert!(there.td > 0.0 && back.td > 0.0);
+            assert!(there.td[0][0] > 0.0 && back.td[0][0] > 0.0);
         }
     }
 }

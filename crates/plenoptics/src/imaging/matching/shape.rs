@@ -1,30 +1,30 @@
 //! How large tiles are, and how far the filters that make them reach.
 
 /// Pixels that the longest vectors hold.
-pub(super) const LANES: usize = 16;
+pub(in crate::imaging) const LANES: usize = 16;
 /// Reach of the horizontal half of the spline's prefilter, px: its tail is below 0.2 %.
-pub(super) const FIR: usize = 5;
+pub(in crate::imaging) const FIR: usize = 5;
 /// Pixels from the mask's edge that a warped neighbour's spline reaches.
-pub(super) const SPLINE: usize = 2;
+pub(in crate::imaging) const SPLINE: usize = 2;
 /// Rows that the vertical half of the prefilter needs to settle.
 const SETTLE: usize = 3;
 /// Columns before the mask.
-pub(super) const LEFT: usize = SPLINE + FIR;
+pub(in crate::imaging) const LEFT: usize = SPLINE + FIR;
 /// Rows above the mask.
-pub(super) const ABOVE: usize = SPLINE + SETTLE;
+pub(in crate::imaging) const ABOVE: usize = SPLINE + SETTLE;
 
 /// How large tiles are.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Shape {
+pub(in crate::imaging) struct Shape {
     /// Radius at which masks have fallen to nothing, px: they end over one pixel.
-    pub(super) edge: f32,
+    pub(in crate::imaging) edge: f32,
     /// Pixels from the one nearest the centre to the mask's last.
-    pub(super) disc: usize,
-    pub(super) rows: usize,
+    pub(in crate::imaging) disc: usize,
+    pub(in crate::imaging) rows: usize,
     /// From one row to the next, with room for the last vector of a row to reach beyond the mask.
-    pub(super) stride: usize,
+    pub(in crate::imaging) stride: usize,
     /// Pixels that this machine's vectors hold, which rows are padded for.
-    pub(super) lanes: usize,
+    pub(in crate::imaging) lanes: usize,
 }
 
 /// How many numbers this machine's vectors hold.
@@ -40,7 +40,7 @@ impl pulp::WithSimd for Lanes {
 
 impl Shape {
     /// For masks of this radius, px.
-    pub(super) fn new(radius: f64) -> Self {
+    pub(in crate::imaging) fn new(radius: f64) -> Self {
         let disc = (radius + 1.0).floor().max(1.0) as usize;
         let lanes = pulp::Arch::new().dispatch(Lanes);
         let stride = (2 * (LEFT + disc) + 1 + 3).next_multiple_of(lanes);
@@ -48,21 +48,21 @@ impl Shape {
     }
 
     /// Column and row of the pixel nearest the centre.
-    pub(super) const fn middle(&self) -> [usize; 2] {
+    pub(in crate::imaging) const fn middle(&self) -> [usize; 2] {
         [LEFT + self.disc, ABOVE + self.disc]
     }
 
     /// Columns that are needed.
-    pub(super) const fn cut(&self) -> usize {
+    pub(in crate::imaging) const fn cut(&self) -> usize {
         2 * (LEFT + self.disc) + 1
     }
 
     /// Columns that are cut, in whole vectors.
-    pub(super) const fn columns(&self) -> usize {
+    pub(in crate::imaging) const fn columns(&self) -> usize {
         self.cut().next_multiple_of(self.lanes)
     }
 
-    pub(super) const fn size(&self) -> usize {
+    pub(in crate::imaging) const fn size(&self) -> usize {
         self.rows * self.stride
     }
 }

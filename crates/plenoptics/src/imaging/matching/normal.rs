@@ -1,0 +1,310 @@
+//! All pairs together: one weighted normal equation for the spacing of each region and the terms they share.
+
+use nalgebra::{DMatrix, DVector, SMatrix};
+
+use super::model::{BLOCKS, LOCAL, Local, Model};
+use super::plan::Job;
+use super::score::{Contents, PairScore};
+use crate::imaging::spacing::SpacingError;
+
+/// Fewer pairs than this leave nothing to tell scatter from.
+pub const LEAST_PAIRS: usize = 24;
+/// Correlation of neighbours below which they do not show the same thing.
+pub(in crate::imaging) const LEAST_CORRELATION: f64 = 0.6;
+/// Median residual, in units of what a right noise estimate would leave, of pairs that match.
+const USUAL_RESIDUAL: f64 = 0.8;
+/// Texture that is surer than this is there.
+const LEAST_SIGNIFICANCE: f64 = 4.0;
+/// Field blocks of a frame.
+const FRAME_BLOCKS: usize = BLOCKS * BLOCKS;
+
+pub(in crate::imaging) type LocalMatrix = SMatrix<f64, LOCAL, LOCAL>;
+
+/// What the pairs of one region in one field block of one frame say.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
+    information: LocalMatrix,
+    gradient: Local,
+    /// About what the noise of one grey level makes of the gradient's covariance.
+    random: LocalMatrix,
+}
+
+/// The normal equation at one state of the model.
+#[derive(Debug, Clone, Default)]
+pub(in crate::imaging) struct Normal {
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+    /// By frame, region and field block.
+    cells: Vec<Cell>,
+    regions: usize,
+    /// Information about the spacing by lattice direction.
+    by_direction: [f64; 3],
+    /// Pairs of each region that could be compared.
+    pub(in crate::imaging) region_pairs: Vec<usize>,
+    /// Sums of the pairs' information about the spacing, and of its squares.
+    texture: [f64; 2],
+    /// What the pairs' contents have in common.
+    pub(in crate::imaging) contents: Contents,
+    /// Median of the pairs' residuals.
+    pub(in crate::imaging) residual: f64,
+    /// Median of the pairs' misfits, by frame.
+    misfits: Vec<f64>,
+    sorted: Vec<f32>,
+}
+
+/// The pairs of one frame, compared.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::imaging) struct Compared<'a> {
+    pub(in crate::imaging) jobs: &'a [Job],
+    /// Noise that they were compared at, grey levels.
+    pub(in crate::imaging) noise: f64,
+}
+
+impl Normal {
+    /// Weight of a pair of a frame by how well it matches: pairs that see an edge in depth, a bubble or a reflection
+    /// count little.
+    pub(in crate::imaging) fn weight(&self, frame: usize, score: &PairScore) -> f64 {
+        // Four times what is usual is where doubt begins.
+        let usual = 4.0 * self.misfits[frame].max(1.0);
+        1.0 / (1.0 + (f64::from(score.misfit) / usual).powi(2))
+    }
+
+    /// Gathers what the pairs of all frames said at a state of the model.
+    pub(in crate::imaging) fn gather(&mut self, frames: &[Compared<'_>], model: &Model) {
+        self.regions = model.spacings.len();
+        self.cells.clear();
+        self.cells.resize(frames.len() * self.regions * FRAME_BLOCKS, Cell::default());
+        (self.by_direction, self.texture) = ([0.0; 3], [0.0; 2]);
+        self.region_pairs.clear();
+        self.region_pairs.resize(self.regions, 0);
+        self.contents = Contents::default();
+        self.misfits.clear();
+        for frame in frames {
+            let misfit = self.median(std::slice::from_ref(frame), |score| score.misfit);
+            self.misfits.push(misfit);
+        }
+        self.residual = self.median(frames, |score| score.residual);
+        for (k, frame) in frames.iter().enumerate() {
+            self.add(k, frame, model);
+        }
+        self.assemble(model);
+    }
+
+    fn add(&mut self, k: usize, frame: &Compared<'_>, model: &Model) {
+        // Frames of other noise or depth weigh by what their noise allows.
+        let unit = 1.0 / (frame.noise * frame.noise).max(1e-6);
+        for (link, score) in frame.jobs.iter().flat_map(|job| job.links().zip(&job.scores)) {
+            if !score.compared() {
+                continue;
+            }
+            let pair = &link.pair;
+            let region = usize::from(pair.region);
+            let weight = self.weight(k, score) * unit;
+            let [along, across] = model.derivatives(region, &pair.place);
+            let [[ii, ij], [ji, jj]] = score.information.map(|row| row.map(f64::from));
+            let [si, sj] = score.score.map(|score| weight * f64::from(score));
+            let [ei, ej] = score.energy.map(|energy| weight * weight * f64::from(energy));
+            let cell = &mut self.cells[(k * self.regions + region) * FRAME_BLOCKS + usize::from(pair.block)];
+            cell.gradient += along * si + across * sj;
+            // Only the symmetric part of the information is any.
+            let mixed = 0.5 * (ij + ji);
+            for i in 0..LOCAL {
+                let by_along = weight * (ii * along[i] + mixed * across[i]);
+                let by_across = weight * (mixed * along[i] + jj * across[i]);
+                for j in 0..=i {
+                    cell.information[(i, j)] += by_along * along[j] + by_across * across[j];
+                    cell.random[(i, j)] += ei * along[i] * along[j] + ej * across[i] * across[j];
+                }
+            }
+            self.by_direction[usize::from(pair.direction)] += weight * ii;
+            self.texture[0] += weight * ii;
+            self.texture[1] += (weight * ii).powi(2);
+            self.region_pairs[region] += 1;
+            self.contents.add(&score.content);
+        }
+    }
+
+    /// Adds up all cells.
+    fn assemble(&mut self, model: &Model) {
+        let n = model.unknowns();
+        (self.information, self.gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        for (k, cell) in self.cells.iter_mut().enumerate() {
+            cell.information.fill_upper_triangle_with_lower_triangle();
+            cell.random.fill_upper_triangle_with_lower_triangle();
+            let region = k / FRAME_BLOCKS % self.regions;
+            for (i, at) in (0..LOCAL).filter_map(|i| Some((i, model.unknown(region, i)?))) {
+                self.gradient[at] += cell.gradient[i];
+                for (j, to) in (0..LOCAL).filter_map(|j| Some((j, model.unknown(region, j)?))) {
+                    self.information[(at, to)] += cell.information[(i, j)];
+                }
+            }
+        }
+        for (unknown, information) in model.prior() {
+            self.information[(unknown, unknown)] += information;
+            self.gradient[unknown] -= information * model.value(unknown);
+        }
+    }
+
+    fn median(&mut self, frames: &[Compared<'_>], value: impl Fn(&PairScore) -> f32) -> f64 {
+        let scores = frames.iter().flat_map(|frame| frame.jobs).flat_map(|job| &job.scores);
+        self.sorted.clear();
+        self.sorted.extend(scores.filter(|score| score.compared()).map(value));
+        if self.sorted.is_empty() {
+            return 0.0;
+        }
+        let middle = self.sorted.len() / 2;
+        f64::from(*self.sorted.select_nth_unstable_by(middle, f32::total_cmp).1)
+    }
+
+    /// The inverse of the information, which is positive definite where the pairs determine every unknown.
+    pub(in crate::imaging) fn inverse(&self) -> Option<DMatrix<f64>> {
+        let inverse = self.information.clone().cholesky()?.inverse();
+        inverse.iter().all(|v| v.is_finite()).then_some(inverse)
+    }
+
+    /// The step to the root of the gradient.
+    pub(in crate::imaging) fn step(&self, inverse: &DMatrix<f64>) -> DVector<f64> {
+        inverse * &self.gradient
+    }
+
+    /// Covariance of the unknowns after `step` from the scatter of the gradient between field blocks: noise, and what the
+    /// model cannot explain.
+    pub(in crate::imaging) fn scatter(
+        &self,
+        model: &Model,
+        inverse: &DMatrix<f64>,
+        step: &DVector<f64>,
+    ) -> DMatrix<f64> {
+        let n = model.unknowns();
+        let (mut middle, mut blocks) = (DMatrix::zeros(n, n), 0usize);
+        for frame in self.cells.chunks_exact(self.regions * FRAME_BLOCKS) {
+            for block in 0..FRAME_BLOCKS {
+                let mut left = DVector::zeros(n);
+                for (region, cell) in frame.iter().skip(block).step_by(FRAME_BLOCKS).enumerate() {
+                    let rest = cell.gradient - cell.information * model.local(step, region);
+                    for (i, at) in (0..LOCAL).filter_map(|i| Some((i, model.unknown(region, i)?))) {
+                        left[at] += rest[i];
+                    }
+                }
+                if left.iter().any(|v| *v != 0.0) {
+                    middle.ger(1.0, &left, &left, 1.0);
+                    blocks += 1;
+                }
+            }
+        }
+        let spare = blocks.saturating_sub(n).max(1) as f64;
+        inverse * middle * inverse * (blocks as f64 / spare)
+    }
+
+    /// About what the noise of one grey level makes of the variance of a combination of the unknowns of a region in a
+    /// frame.
+    pub(in crate::imaging) fn random(&self, frame: usize, region: usize, along: &Local) -> f64 {
+        let cells = &self.cells[(frame * self.regions + region) * FRAME_BLOCKS..][..FRAME_BLOCKS];
+        cells.iter().map(|cell| along.dot(&(cell.random * along))).sum()
+    }
+
+    /// Refuses pairs that tell nothing, or on a lattice of so many directions the spacing along one of them only, at a
+    /// noise of so many grey levels.
+    pub(in crate::imaging) fn check_texture(&self, noise: f64, directions: usize) -> Result<(), SpacingError> {
+        if self.texture_significance() < LEAST_SIGNIFICANCE {
+            return Err(SpacingError::NoTexture { noise });
+        }
+        let total: f64 = self.by_direction.iter().sum();
+        // Three directions of a hexagonal array never go blind to one texture together; two of a square array do.
+        if directions == 2 {
+            for (direction, along_rows) in [(1, true), (0, false)] {
+                if self.by_direction[direction] < 0.01 * total {
+                    return Err(SpacingError::OneDirection { along_rows });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The information about the spacing over what pairs without texture would scatter about none: noise makes as much of
+    /// it negative as positive.
+    fn texture_significance(&self) -> f64 {
+        let [sum, squares] = self.texture;
+        if squares > 0.0 { sum / squares.sqrt() } else { 0.0 }
+    }
+}
+
+/// Noise in units of the frames' own estimate, at which the pairs' residuals are what they usually are: those here are at
+/// a noise in the unit `scale`.
+pub(in crate::imaging) fn noise_scale(scale: f64, residual: f64) -> f64 {
+    (scale * scale * residual / USUAL_RESIDUAL).clamp(0.01, 1.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::grid::Grid;
+    use crate::imaging::matching::model::{Directions, TERMS};
+    use crate::imaging::matching::plan::{Link, Pair, Row};
+    use crate::imaging::matching::score::Content;
+    use crate::optics::ArrayKind;
+
+    fn pair(at: [f64; 2], direction: u8, block: u8, region: u8) -> Pair {
+        let basis = [[20.0, 1.0], [10.0 - 0.866_025_4, 17.320_508 + 0.5]];
+        let grid = Grid::affine(ArrayKind::Hexagonal, [200.0, 200.0], basis, [400, 400]);
+        let place = Directions::new(&grid).place(at, usize::from(direction));
+        Pair { first: 0, second: 1, unit: [1.0, 0.0], place, direction, block, region }
+    }
+
+    /// Pairs all over two regions whose scores are those of a departure from the model: along the pair alone, or across
+    /// it, too.
+    fn job(model: &Model, departure: &DVector<f64>, across: bool) -> Job {
+        let (mut links, mut scores) = (Vec::new(), Vec::new());
+        for k in 0..720u32 {
+            let at = [f64::from(k % 20) / 10.0 - 0.95, f64::from(k / 20 % 18) / 9.0 - 0.95];
+            let pair = pair(at, (k % 3) as u8, (k % 36) as u8, (k / 360) as u8);
+            let region = usize::from(pair.region);
+            let [along, perpendicular] = model.derivatives(region, &pair.place);
+            let local = model.local(departure, region);
+            let shift = [local.dot(&along), local.dot(&perpendicular)];
+            let (ii, mixed, jj) = (50.0 + f64::from(k % 7), 4.0 - f64::from(k % 5), 40.0 + f64::from(k % 3));
+            let information = if across { [[ii, mixed], [mixed, jj]] } else { [[ii, 0.0], [0.0, 0.0]] };
+            links.push(Link { pair, slots: [0, 1] });
+            scores.push(PairScore {
+                score: information.map(|row| (row[0] * shift[0] + row[1] * shift[1]) as f32),
+                information: information.map(|row| row.map(|v| v as f32)),
+                misfit: 0.9,
+                content: Content { covariance: 90.0, variances: [100.0, 100.0], noise: 10.0 },
+                ..PairScore::default()
+            });
+        }
+        scores[7] = PairScore::NONE;
+        Job { rows: vec![Row { tiles: Vec::new(), links }], slots: 2, scores }
+    }
+
+    #[test]
+    fn the_step_leads_to_the_unknowns_that_made_the_scores() {
+        for across in [false, true] {
+            let model = Model { scales: vec![1.0, 0.7], free: (0..TERMS).collect(), ..Model::flat(vec![0.0; 2]) };
+            let truth = DVector::from_vec(vec![0.02, -0.03, -0.01, 0.005, 0.03, 0.008, 0.0, 0.0]);
+            let jobs = [job(&model, &truth, across)];
+            let mut normal = Normal::default();
+            normal.gather(&[Compared { jobs: &jobs, noise: 2.0 }], &model);
+            assert_eq!(normal.region_pairs, [359, 360]);
+            let contents = &normal.contents;
+            assert!((contents.correlation() - 0.9).abs() < 1e-9 && (contents.contrast() - 10.0).abs() < 1e-6);
+            let inverse = normal.inverse().unwrap();
+            let step = normal.step(&inverse);
+            // What arrays are like pulls a little at the terms that are about it.
+            assert!((&step - &truth).amax() < 2e-4, "{step}");
+            // Nothing but that is left to scatter once the step is made.
+            assert!(normal.scatter(&model, &inverse, &step).amax() < 1e-8);
+            // A term that is held does not move.
+            let held = Model { free: vec![0, 1, 3], ..model };
+            normal.gather(&[Compared { jobs: &jobs, noise: 2.0 }], &held);
+            assert_eq!(normal.step(&normal.inverse().unwrap()).len(), 5);
+        }
+    }
+
+    #[test]
+    fn pairs_that_match_badly_count_little() {
+        let normal = Normal { misfits: vec![3.0, 0.5], ..Normal::default() };
+        let weight = |misfit| normal.weight(1, &PairScore { misfit, ..PairScore::default() });
+        assert!(weight(0.5) > 0.98 && weight(4.0) == 0.5 && weight(40.0) < 0.01);
+    }
+}
