@@ -16,6 +16,7 @@ const WANTED = [
   "/job/measurement",
   "/job/decision",
   "/log",
+  "/meter/reading",
 ];
 
 const call = async (path, body, headers = {}) => {
@@ -66,7 +67,8 @@ client.on("message", ({ subscriptionId, timestamp, data }) => {
   const message = fromBinary(types.get(topic), bytes);
   assert.equal(message.$unknown, undefined, `${topic} has fields that its schema does not name`);
   seen.set(topic, [...(seen.get(topic) ?? []), message]);
-  if (WANTED.every((wanted) => seen.has(wanted))) finish();
+  const read = (seen.get("/meter/reading") ?? []).some(({ state }) => state === "measured");
+  if (read && WANTED.every((wanted) => seen.has(wanted))) finish();
 });
 
 async function start() {
@@ -83,6 +85,8 @@ function finish() {
   assert.equal(picture.format, "jpeg");
   const measured = seen.get("/job/measurement").at(-1);
   assert.ok(measured.spacing.spacingPx > 5 && measured.spacing.spacingPx < 60);
+  const read = seen.get("/meter/reading").find(({ state }) => state === "measured");
+  assert.ok(read.spacing.spacingPx > 5 && read.spacing.spacingPx < 60 && read.timestamp.seconds > 1_700_000_000n);
   assert.ok(seen.get("/log").some((line) => line.message.length > 0 && line.level === 2));
   assert.ok(seen.get("/job/decision")[0].decision.length > 0);
   const counts = WANTED.map((topic) => `${topic} ${seen.get(topic).length}`);

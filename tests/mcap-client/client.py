@@ -16,6 +16,7 @@ SCHEMAS = {
     "/bench/pose": "foxglove.PoseInFrame",
     "/log": "foxglove.Log",
     "/job/measurement": "plenalign.v1.Measurement",
+    "/meter/reading": "plenalign.v1.MeterReading",
     "/job/decision": "plenalign.v1.Decision",
     "/job/answer": "plenalign.v1.Answer",
     "/job/end": "plenalign.v1.JobEnd",
@@ -54,6 +55,11 @@ def main(path: str, report: str, bits: int) -> None:
         assert decision.spacing.spacing_px == iteration["spacing"]["spacing_px"], decision
     assert decisions[-1].spacing.spacing_px == job["spacing_px"]
     assert len(read["/job/measurement"]) == len(read["/camera/annotations"]) >= len(decisions)
+
+    readings = read["/meter/reading"]
+    measured = [reading for reading in readings if reading.state == "measured"]
+    assert measured and all(5 < reading.spacing.spacing_px < 60 for reading in measured), len(readings)
+    assert all(reading.HasField("spacing") != bool(reading.why) for reading in readings)
 
     frames, infos = read["/camera/raw"], read["/job/frame"]
     assert len(frames) == len(infos) >= len(decisions)

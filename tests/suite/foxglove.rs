@@ -7,7 +7,7 @@ use std::time::Duration;
 use futures_util::{SinkExt as _, StreamExt as _};
 use plenalign::api::foxglove::TOPICS;
 use plenalign::record::foxglove::{CompressedImage, ImageAnnotations};
-use plenalign::record::messages::Measurement;
+use plenalign::record::messages::{Measurement, MeterReading};
 use plenalign::record::{DESCRIPTIONS, Topic};
 use prost::Message as _;
 use serde_json::{Value, json};
@@ -123,6 +123,17 @@ async fn a_viewer_sees_pictures_and_spacing_and_commands_nothing() {
                     } else if topic == Topic::MEASUREMENT {
                         let spacing = Measurement::decode(&data[13..]).unwrap().spacing.unwrap();
                         assert!((5.0..60.0).contains(&spacing.spacing_px), "{spacing:?}");
+                    } else if topic == Topic::READING {
+                        let reading = MeterReading::decode(&data[13..]).unwrap();
+                        assert!(
+                            reading.timestamp.is_some() && reading.exposure_us > 0 && reading.simulated,
+                            "{reading:?}"
+                        );
+                        if reading.state != "measured" {
+                            continue;
+                        }
+                        let px = reading.spacing.unwrap().spacing_px;
+                        assert!((5.0..60.0).contains(&px), "{px} px");
                     } else if topic == Topic::ANNOTATIONS {
                         let drawn = ImageAnnotations::decode(&data[13..]).unwrap();
                         assert!(drawn.texts[0].text.contains("wanted"), "{drawn:?}");

@@ -10,7 +10,7 @@ use plenalign::control::{Service, open_bench};
 use plenalign::device::camera::files::FilesCamera;
 use plenalign::device::{CameraState, FrameSource as _};
 use plenalign::record::foxglove::RawImage;
-use plenalign::record::messages::{Decision, FrameInfo, JobStart};
+use plenalign::record::messages::{Decision, FrameInfo, JobStart, MeterReading};
 use plenalign::record::{Ending, Item, Limits, Reader, Topic, Writer, raw_image};
 use plenalign::store::Store;
 use prost::Message as _;
@@ -20,8 +20,10 @@ use super::bench::{QUICK_AXES, permit, quick_axes, run, small_config};
 use super::program::{Program, plenalign, serve};
 use super::until::until;
 
-/// A service whose state, and with it its recordings, is in a folder.
-async fn service(config: Config, state: &Path) -> Arc<Service> {
+/// A service whose state, and with it its recordings, is in a folder. What the meter reads of each live picture is
+/// recorded, too: on a clock that runs ahead there are no more of them than are of use.
+async fn service(mut config: Config, state: &Path) -> Arc<Service> {
+    config.bench.simulation.preview_rate_hz = 0.1;
     let config = Arc::new(config);
     let bench = open_bench(&config).await.unwrap();
     Service::start(config, "a test's configuration".to_owned(), bench, Store::open(state))
@@ -130,6 +132,19 @@ async fn an_alignment_is_recorded_and_replayed_to_the_last_bit() {
     let (infos, frames): (Vec<FrameInfo>, Vec<RawImage>) = (messages(&file, Topic::FRAME), messages(&file, Topic::RAW));
     assert!(infos.len() == frames.len() && frames.len() >= decisions.len(), "{} frames", frames.len());
     assert!(frames.iter().all(|frame| (frame.width, frame.height) == (560, 560)));
+
+    // The meter's readings, in the order of their frames, some of which the job measured in whole.
+    let readings: Vec<MeterReading> = messages(&file, Topic::READING);
+    assert!(readings.is_sorted_by(|one, next| one.frame_seq < next.frame_seq), "{readings:#?}");
+    let info_of = |seq| infos.iter().find(move |info: &&FrameInfo| info.seq == seq);
+    let both: Vec<_> = readings.iter().filter_map(|read| Some((read, info_of(read.frame_seq)?))).collect();
+    assert!(both.iter().any(|(reading, _)| reading.state == "measured"), "{readings:#?}");
+    for (reading, info) in both {
+        let took_ns = info.exposed_to_ns - info.exposed_from_ns;
+        assert_eq!((&reading.timestamp, reading.exposure_us as i64), (&info.timestamp, took_ns / 1000));
+        assert_eq!((reading.focus_mm, reading.e_mm), (info.focus_mm, info.e_mm));
+        assert_eq!(reading.state == "measured", reading.spacing.is_some());
+    }
 
     let replayed = replay(&file).await.unwrap();
     identical(&replayed);

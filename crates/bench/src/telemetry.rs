@@ -18,6 +18,7 @@ const READINGS: &str = "plenalign_readings_total";
 const READING: &str = "plenalign_reading_seconds";
 const READING_AGE: &str = "plenalign_reading_age_seconds";
 const FRAMES_LEFT_OUT: &str = "plenalign_frames_left_out_total";
+const READINGS_LEFT_OUT: &str = "plenalign_readings_left_out_total";
 const LOOK: &str = "plenalign_view_seconds";
 const PICTURE_LATENCY: &str = "plenalign_picture_latency_seconds";
 const PICTURES_DROPPED: &str = "plenalign_pictures_dropped_total";
@@ -97,6 +98,7 @@ pub fn install() -> Result<PrometheusHandle, String> {
     describe_histogram!(READING, "The meter's reading of a frame, by what it took to find the spacing");
     describe_histogram!(READING_AGE, "From the end of a frame's exposure to its reading, by outcome");
     describe_counter!(FRAMES_LEFT_OUT, "Frames that came while the meter was at another, and were not read");
+    describe_counter!(READINGS_LEFT_OUT, "Readings that a recording or a viewer was too slow for, by reader");
     describe_histogram!(LOOK, "Making a frame ready for views and depth");
     describe_histogram!(PICTURE_LATENCY, "From the end of a frame's exposure to its picture handed to the socket");
     describe_counter!(PICTURES_DROPPED, "Frames that a viewer watching was not sent");
@@ -197,6 +199,29 @@ pub fn read(searched: bool, outcome: ReadingOutcome, took: Duration) {
 pub fn reading_published(outcome: ReadingOutcome, age: Duration, left_out: u64) {
     histogram!(READING_AGE, "outcome" => outcome.name()).record(age);
     counter!(FRAMES_LEFT_OUT).increment(left_out);
+}
+
+/// Who takes each of the meter's readings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReaderKind {
+    /// A job's recording.
+    Recording,
+    /// A viewer of the live bridge for Foxglove.
+    Foxglove,
+}
+
+impl ReaderKind {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Recording => "recording",
+            Self::Foxglove => "foxglove",
+        }
+    }
+}
+
+/// So many of the meter's readings were left out of what `reader` takes, because it was too slow for them.
+pub fn reading_left_out(reader: ReaderKind, count: u64) {
+    counter!(READINGS_LEFT_OUT, "reader" => reader.name()).increment(count);
 }
 
 /// A frame was made ready for views and depth.

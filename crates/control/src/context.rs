@@ -276,6 +276,11 @@ impl JobContext {
         self.job.snapshot()
     }
 
+    /// Whether it is recorded to a file.
+    pub(super) fn is_recorded(&self) -> bool {
+        self.job.file.get().is_some()
+    }
+
     /// Adds a line to the job's log.
     pub(super) fn log(&self, message: impl Into<String>) {
         let message = message.into();

@@ -197,6 +197,8 @@ impl Service {
 
     async fn run(&self, context: JobContext, admission: Admission) {
         let (id, kind) = (context.snapshot().id, context.snapshot().kind);
+        // A recording has what the meter reads, too.
+        let _readings = context.is_recorded().then(|| self.readings());
         let span = tracing::info_span!("job", otel.name = format!("job {}", word(&kind)), %id);
         let running = runner::run(&context, &self.motion, &admission, &self.eye, &self.config, &self.design_origin);
         if let Err(panic) = AssertUnwindSafe(running).catch_unwind().instrument(span).await {

@@ -6,15 +6,16 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use tokio::sync::{Notify, watch};
-use tokio::time::Instant;
+use tokio::sync::{Notify, broadcast, watch};
 
 use super::eye::OLD_PICTURE;
+use super::recording::{Happening, words};
 use super::service::Service;
 use super::sight::Sight;
 use bench::device::Frame;
+use bench::record::messages::MeterReading;
 use bench::telemetry::{self, ReadingOutcome};
 use plenoptics::imaging::grid::GridError;
 use plenoptics::imaging::live::{LiveError, LiveMeter, LiveSpacing};
@@ -26,6 +27,8 @@ const PATIENCE: Duration = Duration::from_millis(500);
 const SEARCHING: &str = "the spacing is searched for";
 /// How many readings are kept to be compared with whole measurements of their frames.
 const KEPT: usize = 256;
+/// Readings kept for who takes each of them and lags.
+const EACH_KEPT: usize = 256;
 /// Spacings of one frame that are farther apart are of different matches, px.
 const SAME_PX: f64 = 1.0;
 
@@ -74,7 +77,8 @@ struct Followed {
     /// What the white frame taught, by which it was begun.
     sight: Arc<Sight>,
     meter: LiveMeter,
-    /// The next frame has to be searched for its spacing, not before this.
+    /// The next frame has to be searched for its spacing, not before this: by the machine's own clock, as threads that
+    /// compute know no other.
     search_from: Option<Instant>,
 }
 
@@ -149,6 +153,7 @@ fn pool() -> Option<&'static rayon::ThreadPool> {
 /// Readings, to who reads them.
 pub(super) struct Readings {
     newest: watch::Sender<Option<Arc<Reading>>>,
+    each: broadcast::Sender<Arc<MeterReading>>,
     begun: Notify,
     /// Sequence number and spacing (px) of the frame that was measured in whole last.
     whole: watch::Sender<(u64, f64)>,
@@ -156,11 +161,20 @@ pub(super) struct Readings {
 
 impl Default for Readings {
     fn default() -> Self {
-        Self { newest: watch::Sender::new(None), begun: Notify::new(), whole: watch::Sender::new((0, 0.0)) }
+        Self {
+            newest: watch::Sender::new(None),
+            each: broadcast::Sender::new(EACH_KEPT),
+            begun: Notify::new(),
+            whole: watch::Sender::new((0, 0.0)),
+        }
     }
 }
 
 impl Readings {
+    fn are_read(&self) -> bool {
+        self.newest.receiver_count() > 0 || self.each.receiver_count() > 0
+    }
+
     /// A frame was measured in whole. Where the meter has followed another match to it, it searches anew.
     pub(super) fn compare(&self, frame_seq: u64, spacing_px: f64) {
         self.whole.send_replace((frame_seq, spacing_px));
@@ -176,10 +190,19 @@ impl Service {
         readings
     }
 
+    /// Each single reading from now on, without its frame: measured for as long as this is held. Who lags by more than 256
+    /// is told how many were left out.
+    #[must_use]
+    pub fn each_reading(&self) -> broadcast::Receiver<Arc<MeterReading>> {
+        let each = self.readings.each.subscribe();
+        self.readings.begun.notify_one();
+        each
+    }
+
     /// Reads every frame while somebody reads the meter.
     pub(super) async fn watch_meter(&self) {
         loop {
-            if self.readings.newest.receiver_count() == 0 {
+            if !self.readings.are_read() {
                 self.readings.newest.send_replace(None);
                 self.readings.begun.notified().await;
                 continue;
@@ -193,7 +216,7 @@ impl Service {
         let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
         let mut kept = VecDeque::with_capacity(KEPT);
-        while self.readings.newest.receiver_count() > 0 {
+        while self.readings.are_read() {
             match tokio::time::timeout(PATIENCE, live.changed()).await {
                 Ok(Ok(())) => {}
                 // The camera's driver has ended: no frame comes any more.
@@ -227,8 +250,17 @@ impl Service {
             telemetry::reading_published(outcome(&spacing), frame.exposed_to.elapsed(), missed);
             let spacing_target_px = self.eye.target_px();
             let in_focus = spacing.as_ref().is_ok_and(|spacing| self.eye.is_in_focus(spacing.on_axis_px));
-            let reading = Reading { frame, spacing, spacing_target_px, in_focus, frames_left_out };
-            self.readings.newest.send_replace(Some(Arc::new(reading)));
+            self.publish_reading(Reading { frame, spacing, spacing_target_px, in_focus, frames_left_out });
         }
+    }
+
+    /// Hands a reading to who reads, and to a job's recording. Nobody is waited for.
+    fn publish_reading(&self, reading: Reading) {
+        self.journal.happened(|| Happening::Read(Box::new(words::meter_reading(&reading))));
+        if self.readings.each.receiver_count() > 0 {
+            // Whoever has gone meanwhile is no error.
+            let _ = self.readings.each.send(Arc::new(words::meter_reading(&reading)));
+        }
+        self.readings.newest.send_replace(Some(Arc::new(reading)));
     }
 }

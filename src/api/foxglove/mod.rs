@@ -45,7 +45,7 @@ const IN_RESERVE: InReserve = InReserve {
 };
 
 /// The topics that the bridge offers, in the order of their channels.
-pub const TOPICS: [Topic; 7] = [
+pub const TOPICS: [Topic; 8] = [
     Topic::PICTURE,
     Topic::ANNOTATIONS,
     Topic::TRANSFORM,
@@ -53,6 +53,7 @@ pub const TOPICS: [Topic; 7] = [
     Topic::MEASUREMENT,
     Topic::DECISION,
     Topic::LOG,
+    Topic::READING,
 ];
 
 /// What every session gets.

@@ -13,6 +13,7 @@ use futures_util::{SinkExt as _, StreamExt as _};
 use jiff::Timestamp;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use tokio::sync::broadcast;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 use tokio::time::Instant;
@@ -25,11 +26,13 @@ use crate::control::job::JobSnapshot;
 use crate::control::recording::words;
 use crate::device::{AxisName, Frame};
 use crate::record::foxglove::CompressedImage;
+use crate::record::messages::MeterReading;
 use crate::record::{DESCRIPTIONS, Topic, nanoseconds, stamp};
+use crate::telemetry::{self, ReaderKind};
 
 /// Messages that may wait for a viewer.
 const QUEUE: usize = 64;
-/// Of these, pictures only while there is so much room.
+/// Of these, pictures and readings only while there is so much room: who is slow still gets the rest.
 const ROOM_FOR_PICTURES: usize = QUEUE / 2;
 /// Between two pictures, at least.
 const PICTURE_INTERVAL: Duration = Duration::from_millis(100);
@@ -90,12 +93,24 @@ pub(super) async fn run(shared: Shared, socket: WebSocket) {
                 Err(RecvError::Lagged(_)) => {}
                 Err(RecvError::Closed) => return,
             },
+            reading = next_reading(&mut viewer.readings) => viewer.reading(reading),
             frame = async { tokio::time::sleep_until(next_picture).await; next(&mut frames).await }, if sees => {
                 let Some(frame) = frame else { return };
                 next_picture = Instant::now() + PICTURE_INTERVAL;
                 viewer.picture(&frame).await;
             }
         }
+    }
+}
+
+/// The next reading, or how many were left out before it; never for one who wants none.
+async fn next_reading(readings: &mut Option<broadcast::Receiver<Arc<MeterReading>>>) -> Result<Arc<MeterReading>, u64> {
+    let Some(each) = readings else { return std::future::pending().await };
+    match each.recv().await {
+        Ok(reading) => Ok(reading),
+        Err(RecvError::Lagged(left_out)) => Err(left_out),
+        // The program is ending.
+        Err(RecvError::Closed) => std::future::pending().await,
     }
 }
 
@@ -142,6 +157,9 @@ struct Viewer<'a> {
     subscriptions: HashMap<u32, Topic>,
     /// Has the live picture's spacing measured while it is looked at.
     looking: Option<Arc<()>>,
+    /// What the meter reads, while that is subscribed to, and how many readings have been left out.
+    readings: Option<broadcast::Receiver<Arc<MeterReading>>>,
+    readings_left_out: u64,
     /// How many decisions and lines of a job's log have been sent or were there before.
     job: Option<(Uuid, usize, usize)>,
     /// Where the axes stood when they were sent last: focus and e.
@@ -153,7 +171,17 @@ struct Viewer<'a> {
 impl<'a> Viewer<'a> {
     fn new(shared: &'a Shared, queue: Sender<Message>) -> Self {
         let newest = shared.service.jobs().last().map(|job| (job.id, job.iterations.len(), job.log.len()));
-        Self { shared, queue, subscriptions: HashMap::new(), looking: None, job: newest, stood: None, left_out: 0 }
+        Self {
+            shared,
+            queue,
+            subscriptions: HashMap::new(),
+            looking: None,
+            readings: None,
+            readings_left_out: 0,
+            job: newest,
+            stood: None,
+            left_out: 0,
+        }
     }
 
     fn has(&self, topic: Topic) -> bool {
@@ -198,7 +226,10 @@ impl<'a> Viewer<'a> {
             Err(error) => self.status(&format!("a message cannot be understood: {error}")),
         }
         let measured = [Topic::MEASUREMENT, Topic::ANNOTATIONS].into_iter().any(|topic| self.has(topic));
-        self.looking = measured.then(|| self.looking.take().unwrap_or_else(|| self.shared.service.look_on()));
+        let service = &self.shared.service;
+        self.looking = measured.then(|| self.looking.take().unwrap_or_else(|| service.look_on()));
+        let reads = self.has(Topic::READING);
+        self.readings = reads.then(|| self.readings.take().unwrap_or_else(|| service.each_reading()));
     }
 
     fn subscribe(&mut self, subscription: &Subscription) {
@@ -287,6 +318,20 @@ impl<'a> Viewer<'a> {
         }
         // A snapshot of before another one may come after it.
         self.job = Some((job.id, job.iterations.len().max(iterations), job.log.len().max(lines)));
+    }
+
+    fn reading(&mut self, reading: Result<Arc<MeterReading>, u64>) {
+        let left_out = match reading {
+            Ok(reading) if self.queue.capacity() >= ROOM_FOR_PICTURES => {
+                let readings_left_out = self.readings_left_out;
+                return self.send(Topic::READING, &MeterReading { readings_left_out, ..(*reading).clone() });
+            }
+            Ok(_) => 1,
+            Err(lagged) => lagged,
+        };
+        self.readings_left_out += left_out;
+        self.left_out += left_out;
+        telemetry::reading_left_out(ReaderKind::Foxglove, left_out);
     }
 
     async fn picture(&mut self, frame: &Arc<Frame>) {

@@ -223,6 +223,65 @@ pub struct Spacing {
     #[prost(uint32, tag = "7")]
     pub frames: u32,
 }
+/// The spacing in one frame, as the meter reads it while the job runs: in each frame that the camera takes, as far as it
+/// keeps up. No part of the job: nothing is decided by it.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct MeterReading {
+    /// End of the exposure, wall-clock time.
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: ::core::option::Option<::prost_types::Timestamp>,
+    /// The number that the camera gave the frame.
+    #[prost(uint64, tag = "2")]
+    pub frame_seq: u64,
+    /// Length of the exposure window, microseconds.
+    #[prost(uint64, tag = "3")]
+    pub exposure_us: u64,
+    /// Whether the exposure window is assumed from arrival time and frame interval.
+    #[prost(bool, tag = "4")]
+    pub exposure_assumed: bool,
+    /// Readback of the focus axis, mm; absent while unknown.
+    #[prost(double, optional, tag = "5")]
+    pub focus_mm: ::core::option::Option<f64>,
+    /// Readback of the e axis, mm; absent while unknown.
+    #[prost(double, optional, tag = "6")]
+    pub e_mm: ::core::option::Option<f64>,
+    /// Whether both axes were settled during the whole exposure.
+    #[prost(bool, tag = "7")]
+    pub settled: bool,
+    /// Whether the frame is a coarse picture for viewing only.
+    #[prost(bool, tag = "8")]
+    pub preview: bool,
+    /// Whether the frame was simulated.
+    #[prost(bool, tag = "9")]
+    pub simulated: bool,
+    /// Whether the frame is of old, played from a file.
+    #[prost(bool, tag = "10")]
+    pub replayed: bool,
+    /// What became of the frame: measured, lost or refused.
+    #[prost(string, tag = "11")]
+    pub state: ::prost::alloc::string::String,
+    /// Why it has no spacing, in words; empty where it has one.
+    #[prost(string, tag = "12")]
+    pub why: ::prost::alloc::string::String,
+    /// The spacing; absent where there is none.
+    #[prost(message, optional, tag = "13")]
+    pub spacing: ::core::option::Option<Spacing>,
+    /// Its standard uncertainty from pixel noise alone, px; absent where there is none.
+    #[prost(double, optional, tag = "14")]
+    pub spacing_sigma_random_px: ::core::option::Option<f64>,
+    /// The spacing wanted, px.
+    #[prost(double, tag = "15")]
+    pub spacing_target_px: f64,
+    /// Whether the spacing is within the blur limit of that.
+    #[prost(bool, tag = "16")]
+    pub in_focus: bool,
+    /// Frames that the camera took since the meter began to read, and that were not measured.
+    #[prost(uint64, tag = "17")]
+    pub frames_left_out: u64,
+    /// Readings left out before this one, of the recording or of the viewer's connection, because it was too slow for them.
+    #[prost(uint64, tag = "18")]
+    pub readings_left_out: u64,
+}
 /// An iteration of a job: where the axes were, what was measured, what was decided.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Decision {

@@ -36,6 +36,7 @@ topics! {
     POSE = "/bench/pose" "foxglove.PoseInFrame" "Where the camera stands on the bench.";
     LOG = "/log" "foxglove.Log" "The job's log.";
     MEASUREMENT = "/job/measurement" "plenalign.v1.Measurement" "What was measured.";
+    READING = "/meter/reading" "plenalign.v1.MeterReading" "What the meter reads, frame by frame.";
     DECISION = "/job/decision" "plenalign.v1.Decision" "What was decided.";
     ANSWER = "/job/answer" "plenalign.v1.Answer" "What the devices answered.";
     END = "/job/end" "plenalign.v1.JobEnd" "How the job ended.";

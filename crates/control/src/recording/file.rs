@@ -15,12 +15,15 @@ use super::{Happening, Sink, words};
 use bench::config::{Config, RecordConfig};
 use bench::device::Frame;
 use bench::record::foxglove::CompressedImage;
-use bench::record::messages::JobStart;
+use bench::record::messages::{JobStart, MeterReading};
 use bench::record::{Limits, Topic, WriteError, Writer, raw_message, stamp};
+use bench::telemetry::{self, ReaderKind};
 use plenoptics::raw::Samples;
 
 /// Entries that may wait for the disk.
 const QUEUE: usize = 4096;
+/// Of these, readings of the meter: they are left out, and counted, before the recording of the job suffers.
+const READINGS: u64 = QUEUE as u64 / 4;
 /// A folder made for recordings: their owner and their group may look into it.
 const FOLDER_MODE: u32 = 0o750;
 /// Bytes of frames that may wait for the disk; one frame may always.
@@ -38,8 +41,39 @@ enum Command {
 /// A recording that is written to a file.
 pub(crate) struct FileSink {
     queue: SyncSender<Command>,
-    waiting: Arc<AtomicU64>,
+    waiting: Arc<Waiting>,
     failed: Arc<Failed>,
+}
+
+/// What has been handed over and is not written yet.
+#[derive(Default)]
+struct Waiting {
+    frame_bytes: AtomicU64,
+    readings: AtomicU64,
+    /// Readings left out since the begin.
+    readings_left_out: AtomicU64,
+}
+
+impl Waiting {
+    /// Whether there is room for another reading, which then says how many had to be left out before it.
+    fn has_room_for(&self, reading: &mut MeterReading) -> bool {
+        if self.readings.load(Ordering::SeqCst) >= READINGS {
+            self.readings_left_out.fetch_add(1, Ordering::SeqCst);
+            telemetry::reading_left_out(ReaderKind::Recording, 1);
+            return false;
+        }
+        reading.readings_left_out = self.readings_left_out.load(Ordering::SeqCst);
+        self.readings.fetch_add(1, Ordering::SeqCst);
+        true
+    }
+
+    fn written(&self, happening: &Happening) {
+        match happening {
+            Happening::Frame(frame) => drop(self.frame_bytes.fetch_sub(frame_bytes(frame), Ordering::SeqCst)),
+            Happening::Read(_) => drop(self.readings.fetch_sub(1, Ordering::SeqCst)),
+            _ => {}
+        }
+    }
 }
 
 struct Failed {
@@ -61,7 +95,7 @@ impl FileSink {
     /// Begins a recording. `tell` is called once if it ends before its job, with why.
     pub(crate) fn start(path: PathBuf, config: &Arc<Config>, tell: OnFailure) -> Self {
         let (queue, commands) = sync_channel(QUEUE);
-        let waiting = Arc::new(AtomicU64::new(0));
+        let waiting = Arc::<Waiting>::default();
         let failed = Arc::new(Failed { why: OnceLock::new(), tell });
         let (done, told, config) = (Arc::clone(&waiting), Arc::clone(&failed), Arc::clone(config));
         let begun = Instant::now();
@@ -101,13 +135,21 @@ fn too_slow() -> String {
 }
 
 impl Sink for FileSink {
-    fn take(&self, happening: Happening) {
-        if let Happening::Frame(frame) = &happening {
-            let (before, bytes) = (self.waiting.load(Ordering::SeqCst), frame_bytes(frame));
-            if before > 0 && before + bytes > MOST_WAITING_BYTES {
-                return self.failed.with(too_slow());
+    fn take(&self, mut happening: Happening) {
+        match &mut happening {
+            Happening::Frame(frame) => {
+                let (before, bytes) = (self.waiting.frame_bytes.load(Ordering::SeqCst), frame_bytes(frame));
+                if before > 0 && before + bytes > MOST_WAITING_BYTES {
+                    return self.failed.with(too_slow());
+                }
+                self.waiting.frame_bytes.fetch_add(bytes, Ordering::SeqCst);
             }
-            self.waiting.fetch_add(bytes, Ordering::SeqCst);
+            Happening::Read(reading) => {
+                if !self.waiting.has_room_for(reading) {
+                    return;
+                }
+            }
+            _ => {}
         }
         self.send(Command::Happening(happening, Timestamp::now()));
     }
@@ -133,13 +175,12 @@ struct Scribe {
 }
 
 impl Scribe {
-    fn run(&mut self, commands: &Receiver<Command>, waiting: &AtomicU64) -> Result<(), String> {
+    fn run(&mut self, commands: &Receiver<Command>, waiting: &Waiting) -> Result<(), String> {
         for command in commands {
             match command {
                 Command::Happening(happening, at) => {
-                    let bytes = if let Happening::Frame(frame) = &happening { frame_bytes(frame) } else { 0 };
                     let done = self.put(&happening, at).map_err(|error| error.to_string());
-                    waiting.fetch_sub(bytes, Ordering::SeqCst);
+                    waiting.written(&happening);
                     if let Err(why) = done {
                         // What it has can be read with an index where there is still room for one.
                         let _ = self.writer.take().map(Writer::finish);
@@ -181,6 +222,7 @@ impl Scribe {
                 self.message(Topic::MEASUREMENT, at, &words::measurement(view))?;
                 self.message(Topic::ANNOTATIONS, at, &words::annotations(view, map.as_deref()))
             }
+            Happening::Read(reading) => self.message(Topic::READING, at, &**reading),
             Happening::Decided(iteration) => {
                 self.message(Topic::DECISION, at, &words::decision(iteration))?;
                 self.flush()
@@ -256,13 +298,12 @@ mod tests {
     use nix::unistd::mkfifo;
 
     use super::*;
+    use crate::job::LogLine;
     use bench::device::AxisPose;
     use plenoptics::raw::RawImage;
 
-    /// A disk that takes nothing: a pipe that nobody reads.
-    #[test]
-    fn a_disk_that_hangs_ends_the_recording_and_holds_nobody_up() {
-        let folder = tempfile::tempdir().unwrap();
+    /// A recording on a disk that takes nothing (a pipe that nobody reads), and what is said of its failure.
+    fn hanging(folder: &tempfile::TempDir) -> (FileSink, Arc<Mutex<Vec<String>>>) {
         let pipe = folder.path().join("pipe.mcap");
         mkfifo(&pipe, Mode::S_IRWXU).unwrap();
         let told = Arc::new(Mutex::new(Vec::new()));
@@ -270,6 +311,13 @@ mod tests {
         let tell = move |why| hear.lock().unwrap().push(why);
         let sink = FileSink::start(pipe, &Arc::new(Config::default()), Box::new(tell));
         sink.take(Happening::Start(Box::default()));
+        (sink, told)
+    }
+
+    #[test]
+    fn a_disk_that_hangs_ends_the_recording_and_holds_nobody_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let (sink, told) = hanging(&folder);
         let (now, unknown) = (Instant::now(), AxisPose { position: None, settled: false });
         let frame = Arc::new(Frame {
             image: Arc::new(RawImage::from_u8(8192, 8192, vec![0; 8192 * 8192])),
@@ -293,5 +341,26 @@ mod tests {
         let told = told.lock().unwrap().clone();
         assert!(told.len() == 1 && told[0].contains("too slow"), "{told:?}");
         assert!(sink.finish().recv().is_err(), "it has failed already");
+    }
+
+    #[test]
+    fn readings_that_a_slow_disk_has_no_room_for_are_left_out_and_counted() {
+        const TOO_MANY: u64 = 7;
+        let folder = tempfile::tempdir().unwrap();
+        let (sink, told) = hanging(&folder);
+        let reading = || Box::new(MeterReading::default());
+        (0..READINGS + TOO_MANY).for_each(|_| sink.take(Happening::Read(reading())));
+        assert_eq!(sink.waiting.readings.load(Ordering::SeqCst), READINGS);
+        // What the job itself does still finds room.
+        for _ in 0..QUEUE as u64 / 2 {
+            sink.take(Happening::Logged(LogLine { at: Timestamp::now(), message: "it goes on".to_owned() }));
+        }
+        assert_eq!(*told.lock().unwrap(), Vec::<String>::new());
+        // The next one that there is room for says how many there were before it.
+        let mut next = reading();
+        assert!(!sink.waiting.has_room_for(&mut next));
+        sink.waiting.written(&Happening::Read(reading()));
+        assert!(sink.waiting.has_room_for(&mut next));
+        assert_eq!(next.readings_left_out, TOO_MANY + 1);
     }
 }

@@ -23,7 +23,7 @@ use super::request::{JobKind, JobRequest};
 use super::service::Service;
 use bench::config::{Config, RecordJobs};
 use bench::device::{AxisName, DeviceError, Frame, StageState};
-use bench::record::messages::JobStart;
+use bench::record::messages::{JobStart, MeterReading};
 use plenoptics::units::Millimetres;
 
 pub(super) use file::FileSink;
@@ -69,6 +69,8 @@ pub(super) enum Happening {
     Answer(Answer),
     /// What was measured.
     Measured(Box<MeasurementView>, Option<Arc<FieldMap>>),
+    /// What the meter read.
+    Read(Box<MeterReading>),
     /// What was decided.
     Decided(Box<Iteration>),
     /// What was said.

@@ -6,6 +6,7 @@ use super::{Answer, End};
 use crate::events::{FieldMap, MeasurementView};
 use crate::job::{Iteration, LogLine, SpacingReading};
 use crate::journal::word;
+use crate::meter::{NoReading, Reading};
 use bench::device::{AxisName, Frame, StageState};
 use bench::record::foxglove::{
     Color, FrameTransform, ImageAnnotations, Log, Point2, PointsAnnotation, Pose, PoseInFrame, Quaternion,
@@ -133,6 +134,47 @@ pub fn decided(message: &messages::Decision) -> Result<Iteration, String> {
         decision: message.decision.clone(),
         at: time(message.timestamp.as_ref()),
     })
+}
+
+/// What the meter read. How many readings were left out before is for who sends it on.
+#[must_use]
+pub fn meter_reading(reading: &Reading) -> messages::MeterReading {
+    let frame = &reading.frame;
+    let exposure = frame.exposed_to.saturating_duration_since(frame.exposed_from);
+    let read = reading.spacing.as_ref().ok();
+    let (state, why) = match &reading.spacing {
+        Ok(_) => ("measured", ""),
+        Err(NoReading::Lost(why)) => ("lost", why.as_str()),
+        Err(NoReading::Refused(why)) => ("refused", why.as_str()),
+    };
+    messages::MeterReading {
+        timestamp: Some(stamp(frame.captured_at)),
+        frame_seq: frame.seq,
+        exposure_us: u64::try_from(exposure.as_micros()).unwrap_or(u64::MAX),
+        exposure_assumed: frame.exposure_assumed,
+        focus_mm: frame.focus.position.map(Millimetres::value),
+        e_mm: frame.e.position.map(Millimetres::value),
+        settled: frame.focus.settled && frame.e.settled,
+        preview: frame.preview,
+        simulated: frame.simulated,
+        replayed: frame.replayed,
+        state: state.to_owned(),
+        why: why.to_owned(),
+        spacing: read.map(|read| messages::Spacing {
+            spacing_px: read.on_axis_px,
+            spacing_sigma_px: read.sigma_px,
+            tilt_x_px: read.tilt_x_px,
+            tilt_y_px: read.tilt_y_px,
+            curvature_px: read.curvature_px,
+            pairs: u32::try_from(read.pairs).unwrap_or(u32::MAX),
+            frames: 1,
+        }),
+        spacing_sigma_random_px: read.map(|read| read.sigma_random_px),
+        spacing_target_px: reading.spacing_target_px,
+        in_focus: reading.in_focus,
+        frames_left_out: reading.frames_left_out,
+        readings_left_out: 0,
+    }
 }
 
 /// What a word of the API stands for.
