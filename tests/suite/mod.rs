@@ -78,6 +78,7 @@ mod stream;
 mod structure;
 mod study;
 mod surroundings;
+mod time_spent;
 mod tls;
 mod unit;
 mod until;

@@ -23,6 +23,7 @@ export type Job = Schemas["JobResource"];
 export type JobState = Schemas["JobState"];
 export type Iteration = Schemas["Iteration"];
 export type Report = Schemas["Report"];
+export type TimeSpent = Schemas["TimeSpent"];
 export type Measurement = Schemas["MeasurementView"];
 export type ShellState = Schemas["ShellState"];
 export type StopReport = Schemas["StopReport"];

@@ -83,7 +83,24 @@ describe("the report", () => {
     spacing_sigma_px: 0.0025,
     spacing_target_px: 19.725,
     spacing_targets: { paraxial_px: 19.725 },
+    time_spent: {
+      total_s: 75.26,
+      operator_s: 12,
+      motion_s: 40.16,
+      settling_s: 4.4,
+      frames_s: 9,
+      measuring_s: 8.2,
+      other_s: 1.5,
+    },
   } as unknown as Report;
+
+  it("says where the time went", () => {
+    expect(figures(report, "mm").find(([name]) => name === "Time")?.[1]).toBe(
+      "75.3 s: operator 12.0 s, motion 40.2 s, settling 4.4 s, waiting for frames 9.0 s, measuring 8.2 s, other 1.5 s",
+    );
+    const before = { ...report, time_spent: null };
+    expect(figures(before, "mm").some(([name]) => name === "Time")).toBe(false);
+  });
 
   it("has every length in the unit chosen, and none in the other", () => {
     const text = (unit: units.LengthUnit) =>

@@ -7,10 +7,10 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc};
-use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
+use super::clock::{JobClock, Part, enter};
 use super::events::Event;
 use super::job::{
     Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage,
@@ -107,14 +107,7 @@ pub(super) struct JobContext {
     confirmed: tokio::sync::Mutex<mpsc::Receiver<u32>>,
     operator: Option<Arc<dyn SimulatedOperator>>,
     steps_asked: AtomicU32,
-    clock: Mutex<Clock>,
-}
-
-/// When the job began its work, and how long of it the operator has taken.
-#[derive(Debug, Clone, Copy)]
-struct Clock {
-    began: Instant,
-    waited: Duration,
+    clock: Arc<JobClock>,
 }
 
 impl Job {
@@ -164,7 +157,7 @@ impl Job {
             confirmed: tokio::sync::Mutex::new(confirmed),
             operator,
             steps_asked: AtomicU32::new(0),
-            clock: Mutex::new(Clock { began: Instant::now(), waited: Duration::ZERO }),
+            clock: JobClock::start(),
         };
         (job, context)
     }
@@ -296,7 +289,6 @@ impl JobContext {
 
     /// The job is at work.
     pub(super) fn begin(&self, steps: u32) {
-        self.clock.lock().unwrap_or_else(PoisonError::into_inner).began = Instant::now();
         self.job.change(|job| {
             job.state = JobState::Running;
             job.progress.of = steps;
@@ -311,7 +303,7 @@ impl JobContext {
     /// Another step begins.
     pub(super) fn doing(&self, doing: impl Into<String>) {
         let doing = doing.into();
-        let worked = self.worked();
+        let spent = self.clock.time_spent();
         self.job.change(|job| {
             let progress = &mut job.progress;
             let done = progress.step;
@@ -319,14 +311,13 @@ impl JobContext {
             progress.of = progress.of.max(progress.step + 1);
             progress.doing = doing;
             let left = f64::from(progress.of - done);
-            progress.time_left_s = (done > 0).then(|| worked.as_secs_f64() / f64::from(done) * left);
+            progress.time_left_s = (done > 0).then(|| (spent.total_s - spent.operator_s) / f64::from(done) * left);
         });
     }
 
-    /// How long the job has been at work, the operator's time not counted.
-    fn worked(&self) -> Duration {
-        let clock = *self.clock.lock().unwrap_or_else(PoisonError::into_inner);
-        clock.began.elapsed().saturating_sub(clock.waited)
+    /// What tells where its time goes.
+    pub(super) const fn clock(&self) -> &Arc<JobClock> {
+        &self.clock
     }
 
     /// Records an iteration; its number is given here.
@@ -439,7 +430,7 @@ impl JobContext {
                 job.state = JobState::WaitingForOperator;
                 job.operator_step = Some(step.clone());
             });
-            let asked = Instant::now();
+            let waiting = enter(Part::Operator);
             let mut confirmed = self.confirmed.lock().await;
             self.unless_cancelled(async {
                 while let Some(step) = confirmed.recv().await {
@@ -450,7 +441,7 @@ impl JobContext {
                 Err(JobEnd::failed("the program is ending"))
             })
             .await?;
-            self.clock.lock().unwrap_or_else(PoisonError::into_inner).waited += asked.elapsed();
+            drop(waiting);
             self.job.change(|job| {
                 job.state = JobState::Running;
                 job.operator_step = None;

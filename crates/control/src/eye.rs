@@ -6,6 +6,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use super::clock::{Part, enter};
 use super::context::JobEnd;
 use super::events::{FieldMap, MeasurementView};
 use super::job::SpacingReading;
@@ -199,6 +200,7 @@ impl Eye {
     /// A frame exposed wholly while both axes stood settled.
     async fn frame(&self) -> Result<Arc<Frame>, JobEnd> {
         for _ in 0..FRAME_TRIES {
+            let _settling = enter(Part::Settling);
             let settled = tokio::time::timeout(SETTLING_ALLOWED, async {
                 loop {
                     if let Some(from) = self.motion.settled_from() {
@@ -213,7 +215,7 @@ impl Eye {
                     "the axes did not come to rest within {SETTLING_ALLOWED:?}: {why}"
                 )));
             };
-            let frame = match self.bench.camera.frame(from.max(Instant::now())).await {
+            let frame = match self.frame_from(from).await {
                 Ok(frame) => frame,
                 Err(error) => {
                     self.journal.happened(|| Happening::Answer(Answer::no_frame(error.clone())));
@@ -228,6 +230,16 @@ impl Eye {
             }
         }
         Err(JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis")))
+    }
+
+    /// The camera's first frame from a moment on: until then what is waited for is that the axes settle.
+    async fn frame_from(&self, from: Instant) -> Result<Arc<Frame>, DeviceError> {
+        let mut frame = self.bench.camera.frame(from.max(Instant::now()));
+        if let Ok(frame) = tokio::time::timeout_at(from, &mut frame).await {
+            return frame;
+        }
+        let _waiting = enter(Part::Frames);
+        frame.await
     }
 
     /// Whether a frame is of the size that is configured.
@@ -404,6 +416,7 @@ fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
 }
 
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
+    let _measuring = enter(Part::Measuring);
     match tokio::task::spawn_blocking(work).await {
         Ok(result) => result.map_err(|why| JobEnd::Unmeasurable { why }),
         Err(error) => Err(JobEnd::failed(format!("a measurement ended unexpectedly: {error}"))),

@@ -308,6 +308,40 @@ pub struct SpacingTargets {
     pub window_px: Option<f64>,
 }
 
+/// Where a job's time went, from when it was accepted to its report, s. The parts add up to the whole.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TimeSpent {
+    /// The whole.
+    pub total_s: f64,
+    /// A person had been asked to do something, and had not confirmed it.
+    pub operator_s: f64,
+    /// Axes were on their way.
+    pub motion_s: f64,
+    /// Axes stood, and what they carry had not settled.
+    pub settling_s: f64,
+    /// The camera had yet to give a frame that was exposed at rest.
+    pub frames_s: f64,
+    /// Frames were measured.
+    pub measuring_s: f64,
+    /// Whatever else.
+    pub other_s: f64,
+}
+
+impl TimeSpent {
+    /// The parts in the order in which they are told: what each is, and how long it took, s.
+    #[must_use]
+    pub const fn parts(&self) -> [(&'static str, f64); 6] {
+        [
+            ("operator", self.operator_s),
+            ("motion", self.motion_s),
+            ("settling", self.settling_s),
+            ("waiting for frames", self.frames_s),
+            ("measuring", self.measuring_s),
+            ("other", self.other_s),
+        ]
+    }
+}
+
 /// What an alignment came to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Report {
@@ -381,6 +415,9 @@ pub struct Report {
     pub l_bound_mm: f64,
     /// Uncertainty of a measured l_bound, mm.
     pub l_bound_sigma_mm: Option<f64>,
+    /// Where the time went; `null` in a report of a version that did not tell.
+    #[serde(default)]
+    pub time_spent: Option<TimeSpent>,
     /// What a reader should know before trusting the figures, one sentence each.
     pub notes: Vec<String>,
     /// The simulated truth, on a simulated bench.

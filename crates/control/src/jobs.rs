@@ -201,6 +201,7 @@ impl Service {
         let _readings = context.is_recorded().then(|| self.readings());
         let span = tracing::info_span!("job", otel.name = format!("job {}", word(&kind)), %id);
         let running = runner::run(&context, &self.motion, &admission, &self.eye, &self.config, &self.design_origin);
+        let running = context.clock().run(running);
         if let Err(panic) = AssertUnwindSafe(running).catch_unwind().instrument(span).await {
             let breaking_off = runner::break_off(&context, &self.motion, broken(&*panic));
             if AssertUnwindSafe(breaking_off).catch_unwind().await.is_err() {

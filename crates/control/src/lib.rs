@@ -11,6 +11,7 @@ pub mod axis_model;
 mod bench_name;
 mod by_hand;
 pub mod calibrated;
+mod clock;
 mod confirm_key;
 mod context;
 pub mod design;

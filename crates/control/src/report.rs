@@ -99,6 +99,7 @@ pub(super) fn report(
         e_scale: findings.e_scale,
         l_bound_mm,
         l_bound_sigma_mm: findings.l_bound_sigma_mm,
+        time_spent: Some(context.clock().time_spent()),
         notes,
         truth,
     }

@@ -7,6 +7,7 @@ use std::time::Duration;
 use futures_util::FutureExt as _;
 
 use super::alignment::{Alignment, Findings, STEPS};
+use super::clock::{Part, enter};
 use super::context::{JobContext, JobEnd};
 use super::eye::Eye;
 use super::job::{JobKind, JobState};
@@ -91,6 +92,7 @@ fn done(kind: JobKind) -> (JobState, String) {
 /// Stops the axes and reads where they are. After a converged job they stand still already: only an axis that says
 /// otherwise is stopped, because a stop may cost the position.
 async fn bring_to_rest(context: &JobContext, motion: &Motion, stop_always: bool) {
+    let _moving = enter(Part::Motion);
     let mut stop = stop_always;
     if !stop {
         for axis in AxisName::ALL {

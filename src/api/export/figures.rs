@@ -73,6 +73,10 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
             rows.push((name, format!("{scale:.4} as the picture has it")));
         }
     }
+    if let Some(spent) = report.time_spent {
+        let parts = spent.parts().map(|(part, seconds)| format!("{part} {seconds:.1} s"));
+        rows.push(("time", format!("{:.1} s: {}", spent.total_s, parts.join(", "))));
+    }
     rows.push(("design", report.design_origin.clone()));
     rows
 }

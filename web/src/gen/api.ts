@@ -4278,6 +4278,7 @@ export interface components {
       tilt_deg?: number[] | null;
       /** @description Tilt along x and y at the end, px per half frame width. */
       tilt_px?: number[] | null;
+      time_spent?: components["schemas"]["TimeSpent"] | null;
       /** @description The simulated truth, on a simulated bench. */
       truth?: Record<string, never> | null;
     };
@@ -4789,6 +4790,44 @@ export interface components {
        * @example /api/v1/snapshot.jpg
        */
       path: string;
+    };
+    /** @description Where a job's time went, from when it was accepted to its report, s. The parts add up to the whole. */
+    TimeSpent: {
+      /**
+       * Format: double
+       * @description The camera had yet to give a frame that was exposed at rest.
+       */
+      frames_s: number;
+      /**
+       * Format: double
+       * @description Frames were measured.
+       */
+      measuring_s: number;
+      /**
+       * Format: double
+       * @description Axes were on their way.
+       */
+      motion_s: number;
+      /**
+       * Format: double
+       * @description A person had been asked to do something, and had not confirmed it.
+       */
+      operator_s: number;
+      /**
+       * Format: double
+       * @description Whatever else.
+       */
+      other_s: number;
+      /**
+       * Format: double
+       * @description Axes stood, and what they carry had not settled.
+       */
+      settling_s: number;
+      /**
+       * Format: double
+       * @description The whole.
+       */
+      total_s: number;
     };
     /** @description The tokens there are. */
     TokenList: {

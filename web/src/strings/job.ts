@@ -1,7 +1,7 @@
 // Words of jobs: their kinds, forms, states, iterations, reports.
 
 import type { NumberField } from "../job-kinds";
-import type { Iteration, JobKind, JobState } from "../wire";
+import type { Iteration, JobKind, JobState, TimeSpent } from "../wire";
 
 export const job = {
   title: "Job",
@@ -204,6 +204,16 @@ export const report = {
   step: "Shell step",
   eog: "EOG per pixel",
   design: "Design",
+  time: "Time",
+  timeOf: (whole: string, parts: string[]) => `${whole}: ${parts.join(", ")}`,
+  timeParts: {
+    operator_s: "operator",
+    motion_s: "motion",
+    settling_s: "settling",
+    frames_s: "waiting for frames",
+    measuring_s: "measuring",
+    other_s: "other",
+  } satisfies Record<Exclude<keyof TimeSpent, "total_s">, string>,
   notMeasured: "not measured",
   pastShell: "the frame's edge sees past the shell",
   notSharp: "nowhere within the blur limit",

@@ -1401,6 +1401,8 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The same as an angle between lens and MLA if nothing else were tilted, degrees."""
     tilt_px: list[float] | None = None
     """Tilt along x and y at the end, px per half frame width."""
+    time_spent: TimeSpent | None = None
+    """Where the time went; `null` in a report of a version that did not tell."""
     truth: dict[str, Any] | None = None
     """The simulated truth, on a simulated bench."""
 
@@ -1763,6 +1765,25 @@ class TicketRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     path: str
     """A path of this API that can be read, without a query."""
+
+
+class TimeSpent(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where a job's time went, from when it was accepted to its report, s. The parts add up to the whole."""
+
+    frames_s: float
+    """The camera had yet to give a frame that was exposed at rest."""
+    measuring_s: float
+    """Frames were measured."""
+    motion_s: float
+    """Axes were on their way."""
+    operator_s: float
+    """A person had been asked to do something, and had not confirmed it."""
+    other_s: float
+    """Whatever else."""
+    settling_s: float
+    """Axes stood, and what they carry had not settled."""
+    total_s: float
+    """The whole."""
 
 
 class TokenList(Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -22,6 +22,7 @@ pub use self::admission::{Admission, Claim, Stops};
 pub use self::halt::StopReport;
 use self::latch::Latch;
 use self::pieces::{Ahead, Pieces};
+use super::clock::{Part, enter};
 use super::events::ShellState;
 use super::journal::{Journal, Underway};
 use super::lease::Leases;
@@ -201,6 +202,7 @@ impl Motion {
     /// # Errors
     /// Those of [`Motion::go`].
     pub async fn go_claimed(&self, claim: &Claim, target: Millimetres) -> Result<Millimetres, ServiceError> {
+        let _moving = enter(Part::Motion);
         let axis = claim.axis();
         self.check(axis, target)?;
         let underway = self.record(axis, "move", Some(target)).await?;
@@ -337,6 +339,7 @@ impl Motion {
     /// # Errors
     /// Those of [`Motion::home`].
     pub async fn home_claimed(&self, claim: &Claim) -> Result<(), ServiceError> {
+        let _moving = enter(Part::Motion);
         let axis = claim.axis();
         self.check_home(axis)?;
         let underway = self.record(axis, "home", None).await?;
@@ -366,6 +369,7 @@ impl Motion {
     /// # Errors
     /// A latched stop, a lease that is over, another command that has the axis, or the device's error.
     pub async fn release(&self, admission: &Admission, axis: AxisName) -> Result<(), ServiceError> {
+        let _moving = enter(Part::Motion);
         // A controller may be able to switch off all of its motors only.
         let _others =
             AxisName::ALL.into_iter().filter(|&other| other != axis).map(|other| self.claim(admission, other));
@@ -389,6 +393,7 @@ impl Motion {
     /// # Errors
     /// When the controller does not answer.
     pub async fn read_state(&self, axis: AxisName) -> Result<StageState, DeviceError> {
+        let _moving = enter(Part::Motion);
         let read = self.bench.stage(axis).read_state().await;
         let end = read.as_ref().map(|_| None::<Millimetres>).map_err(|error| ServiceError::Device(error.clone()));
         self.answered(axis, "read", None, end.as_ref().copied());

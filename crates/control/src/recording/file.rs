@@ -136,20 +136,17 @@ fn too_slow() -> String {
 
 impl Sink for FileSink {
     fn take(&self, mut happening: Happening) {
-        match &mut happening {
-            Happening::Frame(frame) => {
-                let (before, bytes) = (self.waiting.frame_bytes.load(Ordering::SeqCst), frame_bytes(frame));
-                if before > 0 && before + bytes > MOST_WAITING_BYTES {
-                    return self.failed.with(too_slow());
-                }
-                self.waiting.frame_bytes.fetch_add(bytes, Ordering::SeqCst);
+        if let Happening::Read(reading) = &mut happening
+            && !self.waiting.has_room_for(reading)
+        {
+            return;
+        }
+        if let Happening::Frame(frame) = &happening {
+            let (before, bytes) = (self.waiting.frame_bytes.load(Ordering::SeqCst), frame_bytes(frame));
+            if before > 0 && before + bytes > MOST_WAITING_BYTES {
+                return self.failed.with(too_slow());
             }
-            Happening::Read(reading) => {
-                if !self.waiting.has_room_for(reading) {
-                    return;
-                }
-            }
-            _ => {}
+            self.waiting.frame_bytes.fetch_add(bytes, Ordering::SeqCst);
         }
         self.send(Command::Happening(happening, Timestamp::now()));
     }

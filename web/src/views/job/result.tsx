@@ -71,6 +71,12 @@ export function figures(report: Report, unit: LengthUnit): [string, string][] {
   if (typeof report.eog_before === "number" && typeof report.eog_after === "number") {
     rows.push([words.eog, words.change(fixed(report.eog_before, 1), fixed(report.eog_after, 1))]);
   }
+  const spent = report.time_spent;
+  if (spent) {
+    const names = Object.entries(words.timeParts) as [keyof typeof words.timeParts, string][];
+    const parts = names.map(([part, name]) => `${name} ${fixed(spent[part], 1)} s`);
+    rows.push([words.time, words.timeOf(`${fixed(spent.total_s, 1)} s`, parts)]);
+  }
   return rows;
 }
 
