@@ -17,6 +17,7 @@ use tokio_tungstenite::tungstenite::http::Request;
 use tokio_tungstenite::tungstenite::{Error, Message};
 
 use super::bench::QUICK_AXES;
+use super::limits::exchange;
 use super::program::{Program, plenalign, serve};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -152,6 +153,13 @@ async fn a_viewer_sees_pictures_and_spacing_and_commands_nothing() {
             Err(Error::Http(answer)) => assert_eq!(answer.status().as_u16(), status, "{protocol:?} {origin:?}"),
             other => panic!("{other:?}"),
         }
+    }
+    // What the meter read for them is counted, part by part.
+    let asked = "GET /metrics HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n\r\n";
+    let metrics = exchange(program.address().parse().unwrap(), asked).await;
+    for part in ["thread", "search", "exposure", "grid", "clusters", "pairs", "equations", "noise"] {
+        let count = format!("plenalign_reading_part_seconds_count{{part=\"{part}\"}}");
+        assert!(metrics.contains(&count), "{part} is not in {metrics}");
     }
     // A viewer that takes nothing does not keep the daemon from ending.
     let _idle = connect_async(request(&url, Some("foxglove.sdk.v1"), None)).await.unwrap();

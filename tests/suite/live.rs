@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use plenalign::config::{Config, Texture};
 use plenalign::imaging::grid::Grid;
-use plenalign::imaging::live::{LiveError, LiveMeter, LiveOptions, LiveSpacing};
+use plenalign::imaging::live::{LiveError, LiveMeter, LiveOptions, LivePart, LiveSpacing};
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
 use plenalign::imaging::spacing::{Spacing, SpacingError, SpacingOptions, measure_spacing};
 use plenalign::imaging::vignetting::Vignetting;
@@ -80,8 +80,11 @@ fn referee_frames_measure_live_as_they_do_in_full() {
         let first = meter.measure(&known.raw).unwrap();
         check_agreement(name, &first, &known.full);
         // From its own result the same frame takes one pass, and says the same.
-        let again = meter.measure(&known.raw).unwrap();
+        let mut parts = Vec::new();
+        let again = meter.measure_by_parts(&known.raw, &mut |part| parts.push(part)).unwrap();
         assert_eq!(again.passes, 1);
+        let [_, in_order @ ..] = LivePart::ALL;
+        assert_eq!(parts, [&in_order[..], &[LivePart::Equations]].concat(), "{name}");
         assert!((again.on_axis_px - first.on_axis_px).abs() < 1e-4, "{name}: {first:?}, {again:?}");
     }
 }

@@ -16,6 +16,7 @@ const REQUEST: &str = "plenalign_http_request_seconds";
 const MEASUREMENT: &str = "plenalign_measurement_seconds";
 const READINGS: &str = "plenalign_readings_total";
 const READING: &str = "plenalign_reading_seconds";
+const READING_PART: &str = "plenalign_reading_part_seconds";
 const READING_AGE: &str = "plenalign_reading_age_seconds";
 const FRAMES_LEFT_OUT: &str = "plenalign_frames_left_out_total";
 const READINGS_LEFT_OUT: &str = "plenalign_readings_left_out_total";
@@ -96,6 +97,7 @@ pub fn install() -> Result<PrometheusHandle, String> {
     describe_histogram!(MEASUREMENT, "Measuring the spacing of a frame or of several");
     describe_counter!(READINGS, "Frames that the meter has tried to read the spacing in, by outcome");
     describe_histogram!(READING, "The meter's reading of a frame, by what it took to find the spacing");
+    describe_histogram!(READING_PART, "Parts of the meter's reading of a frame");
     describe_histogram!(READING_AGE, "From the end of a frame's exposure to its reading, by outcome");
     describe_counter!(FRAMES_LEFT_OUT, "Frames that came while the meter was at another, and were not read");
     describe_counter!(READINGS_LEFT_OUT, "Readings that a recording or a viewer was too slow for, by reader");
@@ -193,6 +195,11 @@ impl ReadingOutcome {
 pub fn read(searched: bool, outcome: ReadingOutcome, took: Duration) {
     counter!(READINGS, "outcome" => outcome.name()).increment(1);
     histogram!(READING, "search" => if searched { "whole" } else { "near" }).record(took);
+}
+
+/// A part of one reading took so long, by the word for it: `thread` for the wait for a thread to read on.
+pub fn reading_part(part: &'static str, took: Duration) {
+    histogram!(READING_PART, "part" => part).record(took);
 }
 
 /// A reading of a frame of this age was published, and so many frames before it were not read.

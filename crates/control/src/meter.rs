@@ -18,7 +18,7 @@ use bench::device::Frame;
 use bench::record::messages::MeterReading;
 use bench::telemetry::{self, ReadingOutcome};
 use plenoptics::imaging::grid::GridError;
-use plenoptics::imaging::live::{LiveError, LiveMeter, LiveSpacing};
+use plenoptics::imaging::live::{LiveError, LiveMeter, LivePart, LiveSpacing};
 use plenoptics::imaging::spacing::SpacingError;
 
 /// How long a frame is awaited before it is seen whether anybody still reads.
@@ -88,15 +88,17 @@ impl Followed {
         Ok(Self { sight: Arc::clone(sight), meter, search_from: Some(Instant::now()) })
     }
 
-    fn read(&mut self, frame: &Frame) -> Result<LiveSpacing, NoReading> {
+    fn read(&mut self, frame: &Frame, waited: Duration) -> Result<LiveSpacing, NoReading> {
         let (began, searched) = (Instant::now(), self.search_from.is_some());
+        let mut laps = Laps { from: began, took: Default::default() };
         let read = match self.search_from {
             Some(from) if from > began => return Err(NoReading::Lost(SEARCHING.to_owned())),
-            Some(_) => self.meter.acquire(&frame.image),
-            None => self.meter.measure(&frame.image),
+            Some(_) => self.meter.acquire_by_parts(&frame.image, &mut |part| laps.ended(part)),
+            None => self.meter.measure_by_parts(&frame.image, &mut |part| laps.ended(part)),
         };
         let (read, took) = (read.map_err(NoReading::from), began.elapsed());
         telemetry::read(searched, outcome(&read), took);
+        laps.tell(waited);
         self.search_from = match &read {
             Ok(_) => None,
             // A search takes every core: whatever else there is to do is left as long again.
@@ -106,6 +108,44 @@ impl Followed {
             Err(NoReading::Refused(_)) => None,
         };
         read
+    }
+}
+
+/// How long each part of a reading took.
+struct Laps {
+    /// When the newest part to have ended did so.
+    from: Instant,
+    took: [Duration; LivePart::ALL.len()],
+}
+
+impl Laps {
+    fn ended(&mut self, part: LivePart) {
+        let now = Instant::now();
+        self.took[part as usize] += now.saturating_duration_since(self.from);
+        self.from = now;
+    }
+
+    /// Tells of each part that there was, and of how long a thread was waited for before.
+    fn tell(&self, waited: Duration) {
+        telemetry::reading_part("thread", waited);
+        for (part, took) in LivePart::ALL.into_iter().zip(self.took) {
+            if took > Duration::ZERO {
+                telemetry::reading_part(word(part), took);
+            }
+        }
+    }
+}
+
+/// The word for a part of a reading.
+const fn word(part: LivePart) -> &'static str {
+    match part {
+        LivePart::Search => "search",
+        LivePart::Exposure => "exposure",
+        LivePart::Grid => "grid",
+        LivePart::Clusters => "clusters",
+        LivePart::Pairs => "pairs",
+        LivePart::Equations => "equations",
+        LivePart::Noise => "noise",
     }
 }
 
@@ -124,15 +164,16 @@ async fn read(
     frame: &Arc<Frame>,
 ) -> Result<LiveSpacing, NoReading> {
     let before = followed.take().filter(|before| Arc::ptr_eq(&before.sight, &sight));
-    let frame = Arc::clone(frame);
+    let (frame, handed_over) = (Arc::clone(frame), Instant::now());
     let work = move || {
         let mut followed = match before.map_or_else(|| Followed::new(&sight), Ok) {
             Ok(followed) => followed,
             Err(why) => return (None, Err(why)),
         };
+        let mut read = || followed.read(&frame, handed_over.elapsed());
         let read = match pool() {
-            Some(pool) => pool.install(|| followed.read(&frame)),
-            None => followed.read(&frame),
+            Some(pool) => pool.install(read),
+            None => read(),
         };
         (Some(followed), read)
     };

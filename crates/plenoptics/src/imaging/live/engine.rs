@@ -1,7 +1,7 @@
 //! One frame from its samples to its spacing.
 
 use super::follow::Follower;
-use super::{LiveError, LiveOptions, LiveSpacing};
+use super::{LiveError, LiveOptions, LivePart, LiveSpacing};
 use crate::imaging::grid::Grid;
 use crate::imaging::matching::compare::ALONG;
 use crate::imaging::matching::exposure::Exposure;
@@ -143,10 +143,17 @@ impl Engine {
         self.follower.grid()
     }
 
-    pub(super) fn measure<T: Sample>(&mut self, frame: &Frame<'_, T>, bits: u8) -> Result<LiveSpacing, LiveError> {
+    pub(super) fn measure<T: Sample>(
+        &mut self,
+        frame: &Frame<'_, T>,
+        bits: u8,
+        ended: &mut dyn FnMut(LivePart),
+    ) -> Result<LiveSpacing, LiveError> {
         let raw_noise = self.work.exposure.check(frame, &self.work.plan)?;
+        ended(LivePart::Exposure);
         self.follower.follow(frame, bits, raw_noise)?;
         self.keep_up()?;
+        ended(LivePart::Grid);
         let state = self.state.clone().ok_or(LiveError::NoStart)?;
         let mut model = Model { free: self.free.clone(), ..state.model };
         if let Some(field) = self.options.field_held {
@@ -154,7 +161,10 @@ impl Engine {
         }
         let known = state.noise_scale;
         let settled = self.settle(frame, raw_noise, &mut model, known);
-        let found = settled.and_then(|scale| self.finish(frame, raw_noise, &mut model, (scale, known)));
+        let found = settled.and_then(|scale| {
+            ended(LivePart::Clusters);
+            self.finish(frame, raw_noise, &mut model, (scale, known), ended)
+        });
         if matches!(found, Err(LiveError::Lost { .. })) {
             self.state = None;
         }
@@ -235,6 +245,7 @@ impl Engine {
         raw_noise: f64,
         model: &mut Model,
         (scale, known_scale): (f64, Option<f64>),
+        ended: &mut dyn FnMut(LivePart),
     ) -> Result<LiveSpacing, LiveError> {
         let from_px = model.spacings[0];
         let noise = (raw_noise * scale).max(QUANTISATION);
@@ -245,6 +256,7 @@ impl Engine {
             let light = Light::Drawn(gains);
             let pass = Pass { frame, light, lenses: &plan.lenses, model: &before, shape: &shape, noise };
             run::<_, ALONG>(&pass, &mut plan.jobs, pool);
+            ended(LivePart::Pairs);
             normal.gather(&[Compared { jobs: &plan.jobs, noise }], &before);
             let pairs = normal.region_pairs[0];
             if pairs < LEAST_PAIRS {
@@ -252,6 +264,7 @@ impl Engine {
             }
             let Some(inverse) = normal.inverse() else { return Err(self.no_match(1, from_px, raw_noise)) };
             let mut step = normal.step(&inverse);
+            ended(LivePart::Equations);
             let largest = step.abs().sum();
             if largest > 1.0 {
                 step /= largest;
@@ -268,12 +281,14 @@ impl Engine {
             let setting = Setting { pass: &pass, jobs: &plan.jobs, normal, frame: 0 };
             let along = inverse.column(0).into_owned();
             let sigma_random_px = random.variance::<_, ALONG>(&setting, &along, known_scale.is_none()).sqrt();
+            ended(LivePart::Noise);
             let scatter = normal.scatter(&before, &inverse, &step);
             let covariance_of =
                 |row: usize, column: usize| Some(scatter[(before.unknown(0, row)?, before.unknown(0, column)?)]);
             let mut covariance: [[f64; LOCAL]; LOCAL] =
                 std::array::from_fn(|row| std::array::from_fn(|column| covariance_of(row, column).unwrap_or_default()));
             covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
+            ended(LivePart::Equations);
             let residual_ratio = normal.residual;
             self.state = Some(State { model: model.clone(), noise_scale: Some(noise_scale(scale, residual_ratio)) });
             let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px] = model.terms;

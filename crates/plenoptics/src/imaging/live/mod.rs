@@ -153,6 +153,31 @@ pub struct LiveSpacing {
     pub passes: usize,
 }
 
+/// A part of what is done with a frame, in the order of the first of each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LivePart {
+    /// The grid fitted to the whole frame, and the spacing looked for as if nothing were known of it.
+    Search,
+    /// Light and noise, from a sample of micro-images.
+    Exposure,
+    /// The grid followed, and what is planned for it moved along.
+    Grid,
+    /// The spacing settled on some pairs spread over the frame.
+    Clusters,
+    /// All pairs compared.
+    Pairs,
+    /// The normal equations, and the scatter between field blocks.
+    Equations,
+    /// What pixel noise alone makes of it.
+    Noise,
+}
+
+impl LivePart {
+    /// Every part.
+    pub const ALL: [Self; 7] =
+        [Self::Search, Self::Exposure, Self::Grid, Self::Clusters, Self::Pairs, Self::Equations, Self::Noise];
+}
+
 /// How the micro-images have moved from where a grid has them: a similarity about the frame's middle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct GridMotion {
@@ -199,15 +224,28 @@ impl LiveMeter {
     /// # Errors
     /// [`LiveError`]. After [`LiveError::Lost`] there is no start any more: acquire the next frame.
     pub fn measure(&mut self, raw: &RawImage) -> Result<LiveSpacing, LiveError> {
+        self.measure_by_parts(raw, &mut |_| {})
+    }
+
+    /// [`LiveMeter::measure`], and `ended` is told of each part when it has ended, of some several times: for who has a
+    /// clock. Of a frame that gives no spacing the part that it failed in is not told of.
+    ///
+    /// # Errors
+    /// Those of [`LiveMeter::measure`].
+    pub fn measure_by_parts(
+        &mut self,
+        raw: &RawImage,
+        ended: &mut dyn FnMut(LivePart),
+    ) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
         let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
         match raw.samples() {
             Samples::U8(samples) => {
-                self.engine.measure(&Frame { samples, width, height, white: u8::MAX, mosaic: None }, bits)
+                self.engine.measure(&Frame { samples, width, height, white: u8::MAX, mosaic: None }, bits, ended)
             }
             Samples::U16(samples) => {
                 let frame = Frame { samples, width, height, white: raw.white_level(), mosaic: None };
-                self.engine.measure(&frame, bits)
+                self.engine.measure(&frame, bits, ended)
             }
         }
     }
@@ -218,6 +256,18 @@ impl LiveMeter {
     /// # Errors
     /// [`LiveError`].
     pub fn acquire(&mut self, raw: &RawImage) -> Result<LiveSpacing, LiveError> {
+        self.acquire_by_parts(raw, &mut |_| {})
+    }
+
+    /// [`LiveMeter::acquire`], told by parts as [`LiveMeter::measure_by_parts`] is.
+    ///
+    /// # Errors
+    /// [`LiveError`].
+    pub fn acquire_by_parts(
+        &mut self,
+        raw: &RawImage,
+        ended: &mut dyn FnMut(LivePart),
+    ) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
         let grid = refine_grid(raw, &self.grid, Some(&self.vignetting))?;
         self.engine.start_from(&grid)?;
@@ -231,7 +281,8 @@ impl LiveMeter {
         };
         let spacing = measure_spacing(&[frame], &options)?;
         self.start_from(&spacing);
-        self.measure(raw)
+        ended(LivePart::Search);
+        self.measure_by_parts(raw, ended)
     }
 
     /// The grid where the newest frame has it. Its micro-images have the indices of the grid that the meter was given.
