@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 fn daemon(state: &Path, bridge: &str) -> Program {
     let text = format!(
-        "[foxglove]\n{bridge}\n[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\n{QUICK_AXES}"
+        "[foxglove]\n{bridge}\n[sensor]\nwidth_px = 560\nheight_px = 560\n[bench.simulation]\nrays = 16\npreview_rate_hz = 10\n{QUICK_AXES}"
     );
     std::fs::write(state.join("bench.toml"), text).unwrap();
     Program::start(serve(state, &[]))

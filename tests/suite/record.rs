@@ -23,7 +23,7 @@ use super::until::until;
 /// A service whose state, and with it its recordings, is in a folder. What the meter reads of each live picture is
 /// recorded, too: on a clock that runs ahead there are no more of them than are of use.
 async fn service(mut config: Config, state: &Path) -> Arc<Service> {
-    config.bench.simulation.preview_rate_hz = 0.1;
+    config.bench.simulation.preview_rate_hz = 0.01;
     let config = Arc::new(config);
     let bench = open_bench(&config).await.unwrap();
     Service::start(config, "a test's configuration".to_owned(), bench, Store::open(state))

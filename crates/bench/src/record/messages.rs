@@ -223,8 +223,8 @@ pub struct Spacing {
     #[prost(uint32, tag = "7")]
     pub frames: u32,
 }
-/// The spacing in one frame, as the meter reads it while the job runs: in each frame that the camera takes, as far as it
-/// keeps up. No part of the job: nothing is decided by it.
+/// The spacing in one frame, as the meter reads it: in each frame that the camera takes, as far as it keeps up. No part of
+/// a job: nothing is decided by it.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct MeterReading {
     /// End of the exposure, wall-clock time.
