@@ -205,6 +205,7 @@ export const report = {
   eog: "EOG per pixel",
   design: "Design",
   time: "Time",
+  seconds: (value: string) => `${value} s`,
   timeOf: (whole: string, parts: string[]) => `${whole}: ${parts.join(", ")}`,
   timeParts: {
     operator_s: "operator",

@@ -74,8 +74,8 @@ export function figures(report: Report, unit: LengthUnit): [string, string][] {
   const spent = report.time_spent;
   if (spent) {
     const names = Object.entries(words.timeParts) as [keyof typeof words.timeParts, string][];
-    const parts = names.map(([part, name]) => `${name} ${fixed(spent[part], 1)} s`);
-    rows.push([words.time, words.timeOf(`${fixed(spent.total_s, 1)} s`, parts)]);
+    const parts = names.map(([part, name]) => `${name} ${words.seconds(fixed(spent[part], 1))}`);
+    rows.push([words.time, words.timeOf(words.seconds(fixed(spent.total_s, 1)), parts)]);
   }
   return rows;
 }
