@@ -13,7 +13,7 @@ use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
 use plenalign::imaging::spacing::{Spacing, SpacingError, SpacingOptions, measure_spacing};
 use plenalign::imaging::vignetting::Vignetting;
 use plenalign::optics::ArrayKind;
-use plenalign::raw::{self, RawImage, Samples};
+use plenalign::raw::{self, CfaPattern, RawImage, Samples};
 use plenalign::sim::exposure::{Noise, expose};
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
 use plenalign::sim::scene::{Board, Scene, texel_for};
@@ -87,6 +87,30 @@ fn referee_frames_measure_live_as_they_do_in_full() {
         assert_eq!(parts, [&in_order[..], &[LivePart::Equations]].concat(), "{name}");
         assert!((again.on_axis_px - first.on_axis_px).abs() < 1e-4, "{name}: {first:?}, {again:?}");
     }
+}
+
+#[test]
+fn a_mosaic_measures_live_as_it_does_in_full() {
+    let read = |name: &str| {
+        raw::read(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/second/{name}.png"))).unwrap()
+    };
+    let (raw, mosaic) = (read("bayer"), Some(CfaPattern::Rggb));
+    let white = WhiteModel::of(&read("bayer_white"), mosaic).unwrap();
+    let options = FrameOptions { mosaic, ..FrameOptions::new(MLA_PITCH_PX) };
+    let full =
+        measure_spacing(&[prepare_frame(&raw, Some(&white), &options).unwrap().frame], &options.spacing).unwrap();
+    let options = LiveOptions { mosaic, ..LiveOptions::new(MLA_PITCH_PX) };
+    let mut meter = LiveMeter::new(&white.grid, &white.vignetting, options).unwrap();
+    // Found as if nothing were known, then followed.
+    for live in [meter.acquire(&raw).unwrap(), meter.measure(&raw).unwrap()] {
+        // The traced truth is 19.65 px.
+        assert!((live.on_axis_px - 19.65).abs() < 3.0 * live.sigma_px, "{live:?}");
+        assert!((live.on_axis_px - full.on_axis_px).abs() < full.sigma_px / 3.0, "{live:?}, {full:?}");
+        assert!((live.sigma_px / full.sigma_px - 1.0).abs() < 0.25, "{live:?}, {full:?}");
+    }
+    // A meter that takes it for a monochrome frame says nothing of the kind.
+    let mut grey = LiveMeter::new(&white.grid, &white.vignetting, LiveOptions { mosaic: None, ..options }).unwrap();
+    assert!(grey.acquire(&raw).is_err());
 }
 
 #[test]

@@ -6,7 +6,7 @@ import type { Show } from "./wire";
 /** As quickly as a screen is worth. */
 const LIVE_HZ = 30;
 /** The meter alone needs few and coarse pictures: while there are some, the daemon measures in whole. That checks what is
- *  followed from frame to frame, and is all that there is before a reading, or where a sensor in colour has none. */
+ *  followed from frame to frame, and is all that there is before a reading. */
 const METER_HZ = 1;
 
 /** What this page wants to see. It costs the daemon work: nothing is wished for while nobody looks. */

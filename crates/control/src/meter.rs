@@ -265,10 +265,6 @@ impl Service {
                 Err(_) => continue,
             }
             let (Some(frame), Some(sight)) = (live.borrow_and_update().clone(), self.eye.sight()) else { continue };
-            if sight.has_mosaic() {
-                // It is measured in whole alone.
-                continue;
-            }
             if whole.has_changed().is_ok_and(|changed| changed) {
                 let (seq, spacing_px) = *whole.borrow_and_update();
                 let other = |&(read, read_px): &(u64, f64)| read == seq && (read_px - spacing_px).abs() > SAME_PX;

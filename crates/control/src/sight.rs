@@ -132,13 +132,8 @@ impl Sight {
     /// Why nothing can, in words.
     pub(super) fn meter(&self) -> Result<LiveMeter, String> {
         let SpacingOptions { mla_pitch_px, mode, .. } = self.options().spacing;
-        let options = LiveOptions { mode, ..LiveOptions::new(mla_pitch_px) };
+        let options = LiveOptions { mode, mosaic: self.mosaic, ..LiveOptions::new(mla_pitch_px) };
         LiveMeter::new(&self.white.grid, &self.white.vignetting, options).map_err(|error| error.to_string())
-    }
-
-    /// Whether the sensor has a mosaic.
-    pub(super) const fn has_mosaic(&self) -> bool {
-        self.mosaic.is_some()
     }
 
     /// Why the white frame no longer fits a frame, in words; `None` while it does.

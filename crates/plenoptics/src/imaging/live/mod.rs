@@ -28,16 +28,20 @@ use self::engine::{Engine, State};
 use super::grid::{Grid, GridError, refine_grid};
 use super::matching::model::LOCAL;
 use super::matching::samples::Frame;
+use super::measurement::evened;
+use super::mosaic::green;
 use super::spacing::{Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
 use super::vignetting::Vignetting;
 use crate::optics::MlaMode;
-use crate::raw::{RawImage, Samples};
+use crate::raw::{CfaPattern, RawImage, Samples};
 
 /// What the caller knows and wants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LiveOptions {
     /// D_MLA, the made pitch of the microlenses, px.
     pub mla_pitch_px: f64,
+    /// The mosaic of the sensor: the spacing is then that of green.
+    pub mosaic: Option<CfaPattern>,
     /// Only this mode's range is searched when the spacing is acquired; both where `None`.
     pub mode: Option<MlaMode>,
     /// Expected spacing of the first frame, px: within a pixel or two, or the frame has to be acquired.
@@ -58,6 +62,7 @@ impl LiveOptions {
     pub const fn new(mla_pitch_px: f64) -> Self {
         Self {
             mla_pitch_px,
+            mosaic: None,
             mode: None,
             start_px: None,
             field_held: None,
@@ -239,14 +244,16 @@ impl LiveMeter {
     ) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
         let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
+        let (white, mosaic) = (raw.white_level(), self.options.mosaic);
+        if let Some(pattern) = mosaic {
+            let frame = Frame { samples: &green(raw, pattern), width, height, white: f32::from(white), mosaic };
+            return self.engine.measure(&frame, bits, ended);
+        }
         match raw.samples() {
             Samples::U8(samples) => {
-                self.engine.measure(&Frame { samples, width, height, white: u8::MAX, mosaic: None }, bits, ended)
+                self.engine.measure(&Frame { samples, width, height, white: u8::MAX, mosaic }, bits, ended)
             }
-            Samples::U16(samples) => {
-                let frame = Frame { samples, width, height, white: raw.white_level(), mosaic: None };
-                self.engine.measure(&frame, bits, ended)
-            }
+            Samples::U16(samples) => self.engine.measure(&Frame { samples, width, height, white, mosaic }, bits, ended),
         }
     }
 
@@ -269,10 +276,11 @@ impl LiveMeter {
         ended: &mut dyn FnMut(LivePart),
     ) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
-        let grid = refine_grid(raw, &self.grid, Some(&self.vignetting))?;
+        let mosaic = self.options.mosaic;
+        let grid = refine_grid(&evened(raw, mosaic), &self.grid, Some(&self.vignetting))?;
         self.engine.start_from(&grid)?;
         let shares = self.vignetting.render(&grid);
-        let frame = SpacingFrame::new(raw, None, &shares, &grid)?;
+        let frame = SpacingFrame::new(raw, mosaic, &shares, &grid)?;
         let options = SpacingOptions {
             mla_pitch_px: self.options.mla_pitch_px,
             mode: self.options.mode,
