@@ -7,7 +7,7 @@ use crate::imaging::matching::compare::ALONG;
 use crate::imaging::matching::exposure::Exposure;
 use crate::imaging::matching::gains::{Gains, Light};
 use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius, whole_fraction};
-use crate::imaging::matching::model::{FIELD_TERMS, LOCAL, Model, QUANTISATION, TERMS};
+use crate::imaging::matching::model::{FIELD_TERMS, Model, QUANTISATION, USUAL_TERMS};
 use crate::imaging::matching::motion::Motion;
 use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal, noise_scale};
 use crate::imaging::matching::plan::Plan;
@@ -278,6 +278,13 @@ impl Engine {
                 return Err(self.no_match(1, from_px, raw_noise));
             }
             normal.check_texture(raw_noise, plan.direction_count)?;
+            if self.options.field_held.is_none()
+                && let Some(free) = normal.demanded(&before)
+            {
+                self.free.clone_from(&free);
+                model.free = free;
+                continue;
+            }
             let setting = Setting { pass: &pass, jobs: &plan.jobs, normal, frame: 0 };
             let along = inverse.column(0).into_owned();
             let sigma_random_px = random.variance::<_, ALONG>(&setting, &along, known_scale.is_none()).sqrt();
@@ -285,13 +292,13 @@ impl Engine {
             let scatter = normal.scatter(&before, &inverse, &step);
             let covariance_of =
                 |row: usize, column: usize| Some(scatter[(before.unknown(0, row)?, before.unknown(0, column)?)]);
-            let mut covariance: [[f64; LOCAL]; LOCAL] =
+            let mut covariance: [[f64; 1 + USUAL_TERMS]; 1 + USUAL_TERMS] =
                 std::array::from_fn(|row| std::array::from_fn(|column| covariance_of(row, column).unwrap_or_default()));
             covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
             ended(LivePart::Equations);
             let residual_ratio = normal.residual;
             self.state = Some(State { model: model.clone(), noise_scale: Some(noise_scale(scale, residual_ratio)) });
-            let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px] = model.terms;
+            let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px, ..] = model.terms;
             return Ok(LiveSpacing {
                 on_axis_px: model.spacings[0],
                 sigma_px: covariance[0][0].sqrt(),
@@ -337,8 +344,8 @@ fn free_terms(plan: &Plan, options: &LiveOptions) -> Vec<usize> {
     let fitted = |&term: &usize| match term {
         term if term < FIELD_TERMS => options.field_held.is_none(),
         FIELD_TERMS => true,
-        term if term + 1 == TERMS => !alike && plan.direction_count == 3,
+        term if term + 1 == USUAL_TERMS => !alike && plan.direction_count == 3,
         _ => !alike,
     };
-    (0..TERMS).filter(fitted).collect()
+    (0..USUAL_TERMS).filter(fitted).collect()
 }

@@ -26,7 +26,7 @@ use serde::Serialize;
 
 use self::engine::{Engine, State};
 use super::grid::{Grid, GridError, refine_grid};
-use super::matching::model::LOCAL;
+use super::matching::model::USUAL_TERMS;
 use super::matching::samples::Frame;
 use super::measurement::evened;
 use super::mosaic::green;
@@ -141,7 +141,7 @@ pub struct LiveSpacing {
     /// h: the same for the directions 45° further, px; 0 for a square array, where it is not looked for.
     pub diagonal_px: f64,
     /// Covariance of l_0, t_x, t_y, k, a, s, h (px²), from the scatter between field blocks. Zero for terms not fitted.
-    pub covariance: [[f64; LOCAL]; LOCAL],
+    pub covariance: [[f64; 1 + USUAL_TERMS]; 1 + USUAL_TERMS],
     /// Radius of the masks about the micro-images' centres, px.
     pub window_px: f64,
     /// Pairs of neighbouring micro-images that were compared.

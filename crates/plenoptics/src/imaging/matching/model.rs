@@ -8,8 +8,12 @@ use crate::imaging::grid::Grid;
 /// Numbers that belong to one region: to its spacing, then to each of the terms.
 pub(in crate::imaging) const LOCAL: usize = 1 + TERMS;
 pub(in crate::imaging) type Local = SVector<f64, LOCAL>;
-/// Tilt along x and y, curvature, astigmatism, row less column, diagonals' difference.
-pub(in crate::imaging) const TERMS: usize = 6;
+/// Tilt along x and y, curvature, astigmatism, row less column, diagonals' difference; then what a wide field demands.
+pub(in crate::imaging) const TERMS: usize = 9;
+/// Terms that every field has.
+pub(in crate::imaging) const USUAL_TERMS: usize = 6;
+/// Terms of wide fields, in the order in which they are asked for: with r⁴ and the astigmatism's with r⁴, then with r⁶.
+pub(in crate::imaging) const WIDE_TERMS: [&[usize]; 2] = [&[6, 7], &[8]];
 /// Tilt along x and y, and curvature, come first.
 pub(in crate::imaging) const FIELD_TERMS: usize = 3;
 /// Field blocks along each side of a frame, for the scatter between parts of the field.
@@ -81,10 +85,13 @@ impl Place {
     #[inline]
     pub(in crate::imaging) fn terms(&self) -> [[f64; TERMS]; 2] {
         let ([x, y], [cos, sin], [even, mixed]) = (self.at, self.turn, self.off_axis);
+        let square = x * x + y * y;
         // Differences of two perpendicular directions: each departs from the mean by half of it.
+        let [along, across] = [0.5 * (even * cos + mixed * sin), 0.5 * (mixed * cos - even * sin)];
+        let fourth = square * square;
         [
-            [x, y, x * x + y * y, 0.5 * (even * cos + mixed * sin), 0.5 * cos, 0.5 * sin],
-            [0.0, 0.0, 0.0, 0.5 * (mixed * cos - even * sin), -0.5 * sin, 0.5 * cos],
+            [x, y, square, along, 0.5 * cos, 0.5 * sin, fourth, square * along, square * fourth],
+            [0.0, 0.0, 0.0, across, -0.5 * sin, 0.5 * cos, 0.0, square * across, 0.0],
         ]
     }
 }
@@ -99,6 +106,7 @@ pub(in crate::imaging) struct Model {
     /// Tilt x, tilt y, curvature (px per half frame width, squared for the last); the curvature along the radius less that
     /// across it; then, px, the spacing along the first lattice direction less that across it, and the same for directions
     /// 45° further.
+    /// Last what is in proportion to r⁴, to r² times the astigmatism's, and to r⁶.
     pub(in crate::imaging) terms: [f64; TERMS],
     /// Which terms are unknowns, rising.
     pub(in crate::imaging) free: Vec<usize>,
@@ -138,16 +146,13 @@ impl Model {
     pub(in crate::imaging) fn derivatives(&self, region: usize, place: &Place) -> [Local; 2] {
         let scale = self.scales[region];
         let [along, across] = place.terms();
-        let with = |first: f64, [x, y, square, astigmatism, row_column, diagonal]: [f64; TERMS]| {
-            Local::from([
-                first,
-                scale * x,
-                scale * y,
-                scale * square,
-                scale * astigmatism,
-                scale * row_column,
-                scale * diagonal,
-            ])
+        let with = |first: f64, terms: [f64; TERMS]| {
+            let mut local = Local::zeros();
+            local[0] = first;
+            for k in 0..TERMS {
+                local[k + 1] = scale * terms[k];
+            }
+            local
         };
         [with(1.0, along), with(0.0, across)]
     }
@@ -168,7 +173,7 @@ impl Model {
     /// Information (1/px²) that comes from what arrays are like: rows and columns of no real one differ by more.
     pub(in crate::imaging) fn prior(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         let n = self.spacings.len();
-        let asymmetric = self.free.iter().enumerate().filter(|&(_, &term)| term >= FIELD_TERMS);
+        let asymmetric = self.free.iter().enumerate().filter(|&(_, &term)| (FIELD_TERMS..USUAL_TERMS).contains(&term));
         asymmetric.map(move |(k, _)| (n + k, ASYMMETRY_PX.powi(-2)))
     }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-use super::model::{BLOCKS, LOCAL, Local, Model};
+use super::model::{BLOCKS, LOCAL, Local, Model, WIDE_TERMS};
 use super::plan::Job;
 use super::score::{Contents, PairScore};
 use crate::imaging::spacing::SpacingError;
@@ -13,6 +13,8 @@ pub const LEAST_PAIRS: usize = 24;
 pub(in crate::imaging) const LEAST_CORRELATION: f64 = 0.6;
 /// Median residual, in units of what a right noise estimate would leave, of pairs that match.
 const USUAL_RESIDUAL: f64 = 0.8;
+/// Squared standard uncertainties, on the mean, that terms of a wide field have to stand above none: four.
+const LEAST_DEMAND: f64 = 16.0;
 /// Texture that is surer than this is there.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
 /// Field blocks of a frame.
@@ -87,7 +89,11 @@ impl Normal {
         for (k, frame) in frames.iter().enumerate() {
             self.add(k, frame, model);
         }
-        self.assemble(model);
+        for cell in &mut self.cells {
+            cell.information.fill_upper_triangle_with_lower_triangle();
+            cell.random.fill_upper_triangle_with_lower_triangle();
+        }
+        (self.information, self.gradient) = self.assembled(model);
     }
 
     fn add(&mut self, k: usize, frame: &Compared<'_>, model: &Model) {
@@ -124,25 +130,40 @@ impl Normal {
         }
     }
 
-    /// Adds up all cells.
-    fn assemble(&mut self, model: &Model) {
+    /// Information and gradient of all cells for the unknowns of a model.
+    fn assembled(&self, model: &Model) -> (DMatrix<f64>, DVector<f64>) {
         let n = model.unknowns();
-        (self.information, self.gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
-        for (k, cell) in self.cells.iter_mut().enumerate() {
-            cell.information.fill_upper_triangle_with_lower_triangle();
-            cell.random.fill_upper_triangle_with_lower_triangle();
+        let (mut information, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        for (k, cell) in self.cells.iter().enumerate() {
             let region = k / FRAME_BLOCKS % self.regions;
             for (i, at) in (0..LOCAL).filter_map(|i| Some((i, model.unknown(region, i)?))) {
-                self.gradient[at] += cell.gradient[i];
+                gradient[at] += cell.gradient[i];
                 for (j, to) in (0..LOCAL).filter_map(|j| Some((j, model.unknown(region, j)?))) {
-                    self.information[(at, to)] += cell.information[(i, j)];
+                    information[(at, to)] += cell.information[(i, j)];
                 }
             }
         }
-        for (unknown, information) in model.prior() {
-            self.information[(unknown, unknown)] += information;
-            self.gradient[unknown] -= information * model.value(unknown);
+        for (unknown, prior) in model.prior() {
+            information[(unknown, unknown)] += prior;
+            gradient[unknown] -= prior * model.value(unknown);
         }
+        (information, gradient)
+    }
+
+    /// The unknowns that the field demands beside those of a model: where a wide field is not of the usual shape, the
+    /// first of [`WIDE_TERMS`] that are not free yet.
+    pub(in crate::imaging) fn demanded(&self, model: &Model) -> Option<Vec<usize>> {
+        let more = WIDE_TERMS.iter().find(|more| !more.iter().all(|term| model.free.contains(term)))?;
+        let wider = Model { free: [&model.free[..], more].concat(), ..model.clone() };
+        let (information, gradient) = self.assembled(&wider);
+        let inverse = information.cholesky()?.inverse();
+        let step = &inverse * gradient;
+        let first = model.unknowns();
+        let covariance = self.scatter(&wider, &inverse, &step);
+        let covariance = covariance.view((first, first), (more.len(), more.len())).into_owned();
+        let step = step.rows(first, more.len()).into_owned();
+        let significance = step.dot(&(covariance.cholesky()?.inverse() * &step));
+        (significance > LEAST_DEMAND * more.len() as f64).then_some(wider.free)
     }
 
     fn median(&mut self, frames: &[Compared<'_>], value: impl Fn(&PairScore) -> f32) -> f64 {
@@ -239,7 +260,7 @@ pub(in crate::imaging) fn noise_scale(scale: f64, residual: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::imaging::grid::Grid;
-    use crate::imaging::matching::model::{Directions, TERMS};
+    use crate::imaging::matching::model::{Directions, USUAL_TERMS};
     use crate::imaging::matching::plan::{Link, Pair, Row};
     use crate::imaging::matching::score::Content;
     use crate::optics::ArrayKind;
@@ -280,7 +301,7 @@ mod tests {
     #[test]
     fn the_step_leads_to_the_unknowns_that_made_the_scores() {
         for across in [false, true] {
-            let model = Model { scales: vec![1.0, 0.7], free: (0..TERMS).collect(), ..Model::flat(vec![0.0; 2]) };
+            let model = Model { scales: vec![1.0, 0.7], free: (0..USUAL_TERMS).collect(), ..Model::flat(vec![0.0; 2]) };
             let truth = DVector::from_vec(vec![0.02, -0.03, -0.01, 0.005, 0.03, 0.008, 0.0, 0.0]);
             let jobs = [job(&model, &truth, across)];
             let mut normal = Normal::default();
@@ -299,6 +320,32 @@ mod tests {
             normal.gather(&[Compared { jobs: &jobs, noise: 2.0 }], &held);
             assert_eq!(normal.step(&normal.inverse().unwrap()).len(), 5);
         }
+    }
+
+    #[test]
+    fn a_wide_field_demands_its_terms_and_no_other_does() {
+        let wide = Model { free: (0..USUAL_TERMS + 3).collect(), ..Model::flat(vec![0.0; 2]) };
+        let model = Model { free: (0..USUAL_TERMS).collect(), ..wide.clone() };
+        // Spacings, tilts, curvature, then the terms that are nil in both, and those of a wide field.
+        let demanded = |fourth: f64, sixth: f64, model: &Model| {
+            let usual = [0.02, -0.03, -0.01, 0.005, 0.03, 0.0, 0.0, 0.0];
+            let truth = DVector::from_vec([&usual[..], &[fourth, 0.0, sixth]].concat());
+            let mut job = job(&wide, &truth, true);
+            let mut seed = 7u32;
+            for score in &mut job.scores {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                score.score[0] += ((f64::from(seed) / f64::from(u32::MAX) - 0.5) * 4.0) as f32;
+            }
+            let mut normal = Normal::default();
+            normal.gather(&[Compared { jobs: &[job], noise: 2.0 }], model);
+            normal.demanded(model)
+        };
+        assert_eq!(demanded(0.0, 0.0, &model), None);
+        let wider = demanded(0.1, 0.0, &model).unwrap();
+        assert_eq!(wider, (0..USUAL_TERMS + 2).collect::<Vec<_>>());
+        let model = Model { free: wider, ..model };
+        assert_eq!(demanded(0.1, 0.0, &model), None);
+        assert_eq!(demanded(0.1, 0.1, &model), Some((0..USUAL_TERMS + 3).collect()));
     }
 
     #[test]

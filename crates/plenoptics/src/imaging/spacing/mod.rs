@@ -40,7 +40,7 @@ pub use frame::{MicroImage, SpacingFrame};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
-use super::matching::model::{FIELD_TERMS, Model, TERMS};
+use super::matching::model::{FIELD_TERMS, Model, USUAL_TERMS};
 use super::matching::normal::{LEAST_CORRELATION, noise_scale};
 pub use super::matching::{masks::MASK_FRACTION, normal::LEAST_PAIRS};
 use crate::optics::MlaMode;
@@ -111,7 +111,7 @@ pub struct Spacing {
     /// h: the same for the directions 45° further, px.
     pub diagonal_px: f64,
     /// Covariance of l_0, t_x, t_y, k, a, s, h (px²), from the scatter between field blocks. Zero for terms held.
-    pub covariance: [[f64; 1 + TERMS]; 1 + TERMS],
+    pub covariance: [[f64; 1 + USUAL_TERMS]; 1 + USUAL_TERMS],
     /// Radius of the masks about the micro-images' centres, px: the spacing is a mean over what two of them share, which
     /// matters where it depends on the place within the micro-image (through a shell).
     pub window_px: f64,
@@ -184,8 +184,9 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
         fitted => fitted?,
     };
     let Fitted { regions, model, solver } = &fitted;
-    let mut covariance = [[0.0; 1 + TERMS]; 1 + TERMS];
-    let places: Vec<usize> = std::iter::once(0).chain(model.free.iter().map(|term| 1 + term)).collect();
+    let mut covariance = [[0.0; 1 + USUAL_TERMS]; 1 + USUAL_TERMS];
+    let usual = model.free.iter().filter(|&&term| term < USUAL_TERMS);
+    let places: Vec<usize> = std::iter::once(0).chain(usual.map(|term| 1 + term)).collect();
     for (i, &row) in places.iter().enumerate() {
         for (j, &column) in places.iter().enumerate() {
             covariance[row][column] = regions.covariance[(i, j)];
@@ -266,11 +267,16 @@ fn fit<'a>(
         if solver.normal.contents.correlation() >= LEAST_CORRELATION {
             solver.normal.check_texture(noise, directions)?;
         }
-        model.free = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..TERMS).collect();
+        model.free = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..USUAL_TERMS).collect();
         solver.mask(&model);
         // Texture that the noise estimate took for noise is what matching pairs do not leave as residual.
         solver.noise_scale = noise_scale(1.0, solver.normal.residual);
         outcome = solver.iterate(&mut model, reach, 2e-4, 20);
+        while outcome == Outcome::Converged && starts.len() == 1 && options.field_held.is_none() {
+            let Some(free) = solver.normal.demanded(&model) else { break };
+            model.free = free;
+            outcome = solver.iterate(&mut model, reach, 2e-4, 20);
+        }
     }
     let normal = &solver.normal;
     let correlation = normal.contents.correlation();
