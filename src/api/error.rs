@@ -185,6 +185,17 @@ impl Problem {
             .with(json!({ "retry_after_s": seconds }))
     }
 
+    /// As many different viewports are watched as may be.
+    #[must_use]
+    pub fn too_many_viewports(limit: usize) -> Self {
+        let detail = format!(
+            "{limit} different viewports are watched, as many as server.max_viewports allows; ask for the whole frame by \
+             reduce, or for one of these, or again when another viewer has gone"
+        );
+        Self::new(StatusCode::TOO_MANY_REQUESTS, "too-many-viewports", "Too many viewports", detail)
+            .with(json!({ "limit": limit }))
+    }
+
     /// Who may only look has had as many measurements kept as they may.
     #[must_use]
     pub fn too_many_measurements(wait: TooMany) -> Self {

@@ -12,6 +12,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderValue, header};
 use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use super::App;
 use super::error::{CONFIRM_HEADER, LEASE_HEADER, Problem};
@@ -70,12 +71,28 @@ pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     })
 }
 
+/// A member of a body that was read before by the member's `name` alone; where it does not fit, the problem names what of it.
+pub(super) fn parse_member<T: DeserializeOwned>(name: &str, value: Value) -> Result<T, Problem> {
+    serde_path_to_error::deserialize(value).map_err(|error| {
+        let field = match field(error.path().to_string(), &error.inner().to_string()) {
+            whole if whole == "." => name.to_owned(),
+            field => format!("{name}.{field}"),
+        };
+        Problem::invalid(&field, format!("{field}: {}", error.inner()))
+    })
+}
+
 /// What serde says of a field that does not fit, at a path from the root.
 fn unfit(path: String, message: &str) -> Problem {
-    // Serde names a missing or unknown field in its message, and the path is that of the object around it.
-    let named = message.split('`').nth(1).filter(|_| message.contains("field `"));
-    let field = if matches!(path.as_str(), "." | "?") { named.unwrap_or(".").to_owned() } else { path };
+    let field = field(path, message);
     Problem::invalid(&field, format!("{field}: {message}"))
+}
+
+/// The field that serde means at a path: it names a missing or unknown one in its message, and the path is then that of the
+/// object around it.
+fn field(path: String, message: &str) -> String {
+    let named = message.split('`').nth(1).filter(|_| message.contains("field `"));
+    if matches!(path.as_str(), "." | "?") { named.unwrap_or(".").to_owned() } else { path }
 }
 
 /// The control lease's key, as the request shows it.
@@ -244,6 +261,7 @@ mod tests {
                 on: true,
                 max_rate_hz: 15.0,
                 reduce: 1,
+                viewport: None,
                 quality: 80,
                 show: Show::Raw,
                 overlay: false,

@@ -15,6 +15,7 @@ use super::App;
 use super::error::{Problem, Result};
 use super::extract::Query;
 use super::picture::{DEFAULT_QUALITY, Encoding, QUALITIES, Reduce, age, fresh};
+use super::viewport::whole;
 use crate::device::Frame;
 
 /// The newest frame with the camera's own samples, as a PNG of 8 or 16 bits.
@@ -42,7 +43,7 @@ use crate::device::Frame;
     )
 )]
 pub(super) async fn png(State(app): State<App>, headers: HeaderMap) -> Result<Response> {
-    answer(&app, &headers, Encoding::Png, "image/png", None).await
+    answer(&app, &headers, |_| Encoding::Png, "image/png", None).await
 }
 
 /// What `reduce` may be.
@@ -80,7 +81,8 @@ pub(super) struct PictureAsked {
     max_rate_hz: Option<f64>,
 }
 
-fn encoding(reduce: Option<u32>, quality: Option<u8>) -> Result<Encoding> {
+/// How coarse the whole frame is, and the quality of its JPEG.
+fn coarseness(reduce: Option<u32>, quality: Option<u8>) -> Result<(Reduce, u8)> {
     let number = reduce.unwrap_or(1);
     let reduce = Reduce::from_number(number)
         .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {number} is not 1, 2 or 4")))?;
@@ -88,13 +90,13 @@ fn encoding(reduce: Option<u32>, quality: Option<u8>) -> Result<Encoding> {
     if !QUALITIES.contains(&quality) {
         return Err(Problem::invalid("quality", format!("quality: {quality} is not within 10 to 100")));
     }
-    Ok(Encoding::Jpeg { reduce, quality })
+    Ok((reduce, quality))
 }
 
 impl PictureAsked {
-    /// The encoding asked for.
-    pub(super) fn encoding(self) -> Result<Encoding> {
-        encoding(self.reduce, self.quality)
+    /// How coarse the frame was asked for, and of what quality.
+    pub(super) fn coarseness(self) -> Result<(Reduce, u8)> {
+        coarseness(self.reduce, self.quality)
     }
 
     /// Least time between two pictures.
@@ -122,13 +124,15 @@ pub(super) async fn snapshot(
     Query(asked): Query<SnapshotAsked>,
     headers: HeaderMap,
 ) -> Result<Response> {
-    answer(&app, &headers, encoding(asked.reduce, asked.quality)?, "image/jpeg", Some(Instant::now())).await
+    let (reduce, quality) = coarseness(asked.reduce, asked.quality)?;
+    let encoding = |frame: &Frame| whole(&frame.image, reduce, quality).encoding();
+    answer(&app, &headers, encoding, "image/jpeg", Some(Instant::now())).await
 }
 
 async fn answer(
     app: &App,
     asked: &HeaderMap,
-    encoding: Encoding,
+    encoding: impl FnOnce(&Frame) -> Encoding,
     content_type: &'static str,
     not_before: Option<Instant>,
 ) -> Result<Response> {
@@ -146,7 +150,7 @@ async fn answer(
     if asked.get(header::IF_NONE_MATCH).is_some_and(|value| value.as_bytes() == etag.as_bytes()) {
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }
-    let picture = app.pictures.encode(&frame, encoding).await.map_err(|error| {
+    let picture = app.pictures.encode(&frame, encoding(&frame)).await.map_err(|error| {
         tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
         Problem::internal()
     })?;

@@ -13,6 +13,7 @@ use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
 use axum::response::Response;
 use prost::Message as _;
+use serde_json::Value;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior};
@@ -21,13 +22,14 @@ use uuid::Uuid;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::{Query, parse};
+use super::extract::{Query, parse, parse_member};
 use super::frame::milliseconds;
 use super::hub::{Begin, text};
 use super::picture::{QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
-use super::types::{ServerMessage, ViewerMessage};
-use super::viewed::{Wanted, map_message, picture_message, reading_message, shown};
+use super::types::{ServerMessage, Show, ViewerMessage};
+use super::viewed::{Wanted, map_message, picture_message, picture_of, reading_message};
+use super::viewport::{Part, Watched};
 use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
@@ -98,6 +100,8 @@ struct Watching {
     /// Has the spacing of what is seen measured.
     _spacing: Arc<()>,
     wanted: Wanted,
+    /// The viewport among those that are watched, where it is one.
+    watched: Option<Watched>,
     /// Why the newest frame could not be shown, where that was so and the viewer was told.
     told: Option<String>,
     /// At least so long between two pictures.
@@ -331,9 +335,8 @@ impl Viewer {
                     leases.disconnect(&before);
                 }
             }
-            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, quality, show, overlay, window } => {
-                let reduce = Reduce::from_number(reduce)
-                    .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {reduce} is not 1, 2 or 4")))?;
+            ViewerMessage::Pictures { on: true, max_rate_hz, reduce, viewport, quality, show, overlay, window } => {
+                let part = part(reduce, viewport, show)?;
                 let interval = interval(max_rate_hz, 60.0)?;
                 if !QUALITIES.contains(&quality) {
                     let detail = format!("quality: {quality} is not within 10 to 100");
@@ -343,6 +346,11 @@ impl Viewer {
                     return Err(Problem::invalid("window", format!("window: {window} is not within 0 to 16")));
                 }
                 let mut frames = self.app.service.bench().camera.live();
+                if let Some(frame) = &*frames.borrow() {
+                    part.shown(&frame.image, quality)?;
+                }
+                let before = self.watching.as_ref().and_then(|watching| watching.watched.as_ref());
+                let watched = self.app.viewports.watch(part, quality, before)?;
                 // The picture there is counts as new, so that a viewer sees something at once.
                 frames.mark_changed();
                 let map = overlay.then(|| {
@@ -357,7 +365,8 @@ impl Viewer {
                     map,
                     _viewing: telemetry::viewing(ViewerKind::WebSocket),
                     _spacing: self.app.service.look_on(),
-                    wanted: Wanted { show, reduce, quality },
+                    wanted: Wanted { show, part, quality },
+                    watched,
                     told: None,
                     interval,
                     next_at: Instant::now(),
@@ -377,8 +386,8 @@ impl Viewer {
 
     async fn send_picture(&mut self, frame: Arc<Frame>) -> std::result::Result<(), End> {
         let Some(watching) = &mut self.watching else { return Ok(()) };
-        let (frame, jpeg) = match shown(&self.app, frame, watching.wanted).await {
-            Ok(shown) => shown,
+        let picture = match picture_of(&self.app, frame, watching.wanted).await {
+            Ok(picture) => picture,
             Err(problem) => {
                 // A frame of another kind may come: it is not tried again at once, and said once.
                 watching.next_at = Instant::now() + watching.interval.max(RETRY);
@@ -390,6 +399,7 @@ impl Viewer {
             }
         };
         watching.told = None;
+        let frame = Arc::clone(&picture.frame);
         if watching.skipped.has(frame.seq) {
             return Ok(());
         }
@@ -399,7 +409,7 @@ impl Viewer {
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
-        let message = picture_message(&frame, jpeg, watching.wanted, watching.skipped.total);
+        let message = picture_message(picture, watching.wanted, watching.skipped.total);
         self.send_viewed(What::Frame(message)).await?;
         telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);
         Ok(())
@@ -413,6 +423,21 @@ impl Viewer {
         let message = proto::Viewed { what: Some(what) };
         self.send(Message::Binary(message.encode_to_vec().into())).await
     }
+}
+
+/// What of the raw frame is asked for.
+fn part(reduce: u32, viewport: Option<Value>, show: Show) -> Result<Part> {
+    let whole = Reduce::from_number(reduce)
+        .ok_or_else(|| Problem::invalid("reduce", format!("reduce: {reduce} is not 1, 2 or 4")))?;
+    let Some(viewport) = viewport else { return Ok(Part::Whole(whole)) };
+    let wrong = |why| Err(Problem::invalid("viewport", format!("viewport: {why}")));
+    if show != Show::Raw {
+        return wrong("is of the raw frame, and a view is as large as it is: leave it out, or ask to show raw");
+    }
+    if whole != Reduce::Not {
+        return wrong("says how many pixels the picture has: leave reduce out");
+    }
+    Part::of_viewport(parse_member("viewport", viewport)?)
 }
 
 /// The time between two messages of which so many a second are asked for, `most` at most.

@@ -48,6 +48,7 @@ mod tokens;
 pub mod types;
 pub mod view;
 mod viewed;
+mod viewport;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
@@ -73,6 +74,7 @@ use error::Problem;
 use hub::Hub;
 use picture::Pictures;
 pub use scopes::IN_RESERVE;
+use viewport::Viewports;
 
 use crate::access::Gate;
 use crate::config::ConfigOrigin;
@@ -86,6 +88,7 @@ struct App {
     service: Arc<Service>,
     hub: Arc<Hub>,
     pictures: Arc<Pictures>,
+    viewports: Arc<Viewports>,
     origin: Arc<ConfigOrigin>,
     /// Writes what is counted as text, where it is kept.
     metrics: Option<PrometheusHandle>,
@@ -123,11 +126,14 @@ impl Api {
         let (following, until) = (Arc::clone(&gate).follow(), shutdown.clone());
         tokio::spawn(async move { until.run_until_cancelled(following).await });
         let config = Arc::new(config::ConfigFile::of(&origin, service.config()));
+        let viewports = service.config().server.max_viewports as usize;
+        let pictures = Pictures::new(viewports, service.config().sensor.mosaic.is_some());
         let app = App {
             service,
             config,
             hub,
-            pictures: Arc::default(),
+            pictures: Arc::new(pictures),
+            viewports: Viewports::new(viewports),
             origin: Arc::new(origin),
             gate,
             cookie: format!("plenalign_session_{}", address.port()).into(),

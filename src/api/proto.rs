@@ -115,10 +115,35 @@ pub struct SpacingMap {
     #[prost(enumeration = "LensState", repeated, tag = "8")]
     pub state: ::prost::alloc::vec::Vec<i32>,
 }
+/// A rectangle of the raw frame, and the pixels of a picture of it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct Viewport {
+    /// First column, px of the raw frame.
+    #[prost(uint32, tag = "1")]
+    pub x_px: u32,
+    /// First row, px of the raw frame.
+    #[prost(uint32, tag = "2")]
+    pub y_px: u32,
+    /// Columns of the raw frame.
+    #[prost(uint32, tag = "3")]
+    pub width_px: u32,
+    /// Rows of the raw frame.
+    #[prost(uint32, tag = "4")]
+    pub height_px: u32,
+    /// Columns of the picture.
+    #[prost(uint32, tag = "5")]
+    pub picture_width_px: u32,
+    /// Rows of the picture.
+    #[prost(uint32, tag = "6")]
+    pub picture_height_px: u32,
+    /// Whether the picture has the samples as they are.
+    #[prost(bool, tag = "7")]
+    pub lossless: bool,
+}
 /// A picture of the live view, and when and where it was taken.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Frame {
-    /// The picture, a JPEG; greyscale where it shows the raw frame.
+    /// The picture, a JPEG; greyscale where it shows the raw frame. Empty where it comes without loss.
     #[prost(bytes = "bytes", tag = "1")]
     pub jpeg: ::prost::bytes::Bytes,
     /// Sequence number from the camera; gaps are frames lost or, for a picture, frames not sent.
@@ -161,7 +186,7 @@ pub struct Frame {
     /// Rows of the raw frame.
     #[prost(uint32, tag = "14")]
     pub height_px: u32,
-    /// Raw pixels to a picture pixel, each way: 1, 2 or 4.
+    /// Raw pixels to a picture pixel, each way: 1, 2 or 4; 0 where a viewport was asked for.
     #[prost(uint32, tag = "15")]
     pub reduce: u32,
     /// Whether the frame is of old, played from a file.
@@ -173,6 +198,16 @@ pub struct Frame {
     /// What the picture shows. All but the raw frame are in colour where the sensor or the depth is.
     #[prost(enumeration = "Picture", tag = "18")]
     pub picture: i32,
+    /// What of the raw frame it shows, and at how many pixels; absent where it shows something else.
+    #[prost(message, optional, tag = "19")]
+    pub viewport: ::core::option::Option<Viewport>,
+    /// The picture without loss, a greyscale PNG of 8 or 16 bits, where a viewport asked for that. Samples of 9 to 15 bits are
+    /// the high bits of 16: shifted down by 16 less `sample_bits` they are the camera's.
+    #[prost(bytes = "bytes", tag = "20")]
+    pub png: ::prost::bytes::Bytes,
+    /// Significant bits of the raw frame's samples.
+    #[prost(uint32, tag = "21")]
+    pub sample_bits: u32,
 }
 /// What became of a frame at the meter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

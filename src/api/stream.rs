@@ -20,8 +20,9 @@ use super::App;
 use super::error::{Problem, Result};
 use super::extract::Query;
 use super::frame::{PictureAsked, frame_headers};
-use super::picture::{Encoding, Skipped, age, next};
+use super::picture::{Reduce, Skipped, age, next};
 use super::placeholder;
+use super::viewport::whole;
 use crate::access::Principal;
 use crate::device::Frame;
 use crate::telemetry::{self, ViewerKind, Viewing};
@@ -45,7 +46,7 @@ pub(super) async fn mjpeg(
     Extension(principal): Extension<Principal>,
     Query(asked): Query<PictureAsked>,
 ) -> Result<Response> {
-    let (encoding, interval) = (asked.encoding()?, asked.interval()?);
+    let ((reduce, quality), interval) = (asked.coarseness()?, asked.interval()?);
     let mut frames = app.service.bench().camera.live();
     // The picture there is counts as new.
     frames.mark_changed();
@@ -53,7 +54,8 @@ pub(super) async fn mjpeg(
         app,
         principal,
         frames,
-        encoding,
+        reduce,
+        quality,
         interval,
         next_at: Instant::now(),
         skipped: Skipped::default(),
@@ -72,7 +74,8 @@ struct Viewer {
     app: App,
     principal: Principal,
     frames: watch::Receiver<Option<Arc<Frame>>>,
-    encoding: Encoding,
+    reduce: Reduce,
+    quality: u8,
     interval: Duration,
     next_at: Instant,
     skipped: Skipped,
@@ -99,7 +102,7 @@ impl Viewer {
         let newest = tokio::time::timeout(patience, self.newest(max_age)).await;
         self.live = matches!(newest, Ok(Some(_)));
         match newest {
-            Ok(Some(frame)) => match self.app.pictures.encode(&frame, self.encoding).await {
+            Ok(Some(frame)) => match self.encoded(&frame).await {
                 Ok(jpeg) => {
                     self.next_at = (self.next_at + self.interval).max(Instant::now());
                     let dropped = self.skipped.until(frame.seq);
@@ -127,6 +130,11 @@ impl Viewer {
                 self.placeholder(fault.as_deref().unwrap_or("No frame comes from the camera."))
             }
         }
+    }
+
+    async fn encoded(&self, frame: &Arc<Frame>) -> std::result::Result<Bytes, String> {
+        let shown = whole(&frame.image, self.reduce, self.quality);
+        self.app.pictures.encode(frame, shown.encoding()).await
     }
 
     /// The newest frame that this viewer has not been sent and that is no older than `max_age`.

@@ -1,6 +1,7 @@
 //! Wire shapes that the layers below do not have: requests, links, and the messages of the WebSocket.
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -273,11 +274,16 @@ pub enum ViewerMessage {
         #[serde(default = "default_reduce", deserialize_with = "whole")]
         #[schema(default = 1)]
         reduce: u32,
+        /// What part of the raw frame to show, and at how many pixels, in place of `reduce`.
+        // Read by itself, so that a problem can name what of it does not fit.
+        #[serde(default)]
+        #[schema(value_type = Option<Viewport>)]
+        viewport: Option<Value>,
         /// Quality of the JPEG, 10 to 100.
         #[serde(default = "default_quality", deserialize_with = "whole")]
         #[schema(minimum = 10, maximum = 100, default = 80)]
         quality: u8,
-        /// What the pictures show. All but the raw frame are as large as a view is: `reduce` is not for them.
+        /// What the pictures show. All but the raw frame are as large as a view is: `reduce` and `viewport` are not for them.
         #[serde(default)]
         show: Show,
         /// Whether to send the spacing over the field, too, at each new measurement.
@@ -308,6 +314,38 @@ pub enum ViewerMessage {
         #[serde(deserialize_with = "whole")]
         seq: u64,
     },
+}
+
+/// A rectangle of the raw frame, and as how many pixels it is looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Viewport {
+    /// First column, px of the raw frame.
+    #[serde(deserialize_with = "whole")]
+    pub x_px: u32,
+    /// First row, px of the raw frame.
+    #[serde(deserialize_with = "whole")]
+    pub y_px: u32,
+    /// Columns of the raw frame.
+    #[serde(deserialize_with = "whole")]
+    #[schema(minimum = 1)]
+    pub width_px: u32,
+    /// Rows of the raw frame.
+    #[serde(deserialize_with = "whole")]
+    #[schema(minimum = 1)]
+    pub height_px: u32,
+    /// Columns of the picture: what there is room for on a screen. It is never sent more than `width_px`.
+    #[serde(deserialize_with = "whole")]
+    #[schema(minimum = 1, maximum = 16384)]
+    pub picture_width_px: u32,
+    /// Rows of the picture, likewise.
+    #[serde(deserialize_with = "whole")]
+    #[schema(minimum = 1, maximum = 16384)]
+    pub picture_height_px: u32,
+    /// Whether to send the samples as they are, as a PNG: only where there is room for every pixel of the rectangle.
+    #[serde(default)]
+    #[schema(default = false)]
+    pub lossless: bool,
 }
 
 /// What the pictures of a viewer show.

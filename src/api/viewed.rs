@@ -7,11 +7,12 @@ use axum::body::Bytes;
 use super::App;
 use super::error::{Problem, Result};
 use super::frame::{milliseconds, monotonic};
-use super::picture::{Encoding, Reduce, age};
+use super::picture::{Reduce, age};
 use super::proto;
 use super::scene::{Format, Scene};
 use super::types::Show;
 use super::view::picture;
+use super::viewport::{Part, Shown};
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
 use crate::control::meter::{NoReading, Reading};
@@ -22,7 +23,7 @@ use crate::imaging::spacing::{LensSpacing, LensState};
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wanted {
     pub(super) show: Show,
-    pub(super) reduce: Reduce,
+    pub(super) part: Part,
     pub(super) quality: u8,
 }
 
@@ -89,34 +90,51 @@ fn lens_state(state: LensState) -> proto::LensState {
     }
 }
 
+/// A picture for a viewer, and what it is of.
+pub(super) struct Picture {
+    pub(super) frame: Arc<Frame>,
+    bytes: Bytes,
+    /// What of the raw frame it shows, where it shows that.
+    shown: Option<Shown>,
+}
+
 /// What a viewer is to see of a frame, or of a newer one that was made ready for another viewer meanwhile.
-pub(super) async fn shown(app: &App, frame: Arc<Frame>, wanted: Wanted) -> Result<(Arc<Frame>, Bytes)> {
+pub(super) async fn picture_of(app: &App, frame: Arc<Frame>, wanted: Wanted) -> Result<Picture> {
     let scene = match wanted.show {
         Show::Raw => {
-            let encoding = Encoding::Jpeg { reduce: wanted.reduce, quality: wanted.quality };
-            let jpeg = app.pictures.encode(&frame, encoding).await.map_err(|error| {
+            let shown = wanted.part.shown(&frame.image, wanted.quality)?;
+            let bytes = app.pictures.encode(&frame, shown.encoding()).await.map_err(|error| {
                 tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
                 Problem::internal()
             })?;
-            return Ok((frame, jpeg));
+            return Ok(Picture { frame, bytes, shown: Some(shown) });
         }
         Show::Central => Scene::central([0.0; 2]),
         Show::AllInFocus => Scene::AllInFocus,
         Show::Depth => Scene::Depth,
     };
     let look = app.service.look_at(&frame).await.map_err(ServiceError::from)?;
-    let jpeg = picture(app, &look, scene, Format::Jpeg { quality: wanted.quality }).await?;
-    Ok((Arc::clone(&look.frame), jpeg))
+    let bytes = picture(app, &look, scene, Format::Jpeg { quality: wanted.quality }).await?;
+    Ok(Picture { frame: Arc::clone(&look.frame), bytes, shown: None })
 }
 
 /// The message that a picture of a frame goes out as.
-pub(super) fn picture_message(frame: &Frame, jpeg: Bytes, wanted: Wanted, frames_skipped: u64) -> proto::Frame {
-    let (picture, reduce) = match wanted.show {
-        Show::Raw => (proto::Picture::Raw, wanted.reduce),
-        Show::Central => (proto::Picture::Central, Reduce::Not),
-        Show::AllInFocus => (proto::Picture::AllInFocus, Reduce::Not),
-        Show::Depth => (proto::Picture::Depth, Reduce::Not),
+pub(super) fn picture_message(picture: Picture, wanted: Wanted, frames_skipped: u64) -> proto::Frame {
+    let Picture { frame, bytes, shown } = picture;
+    let pictured = match wanted.show {
+        Show::Raw => proto::Picture::Raw,
+        Show::Central => proto::Picture::Central,
+        Show::AllInFocus => proto::Picture::AllInFocus,
+        Show::Depth => proto::Picture::Depth,
     };
+    let reduce = match wanted.part {
+        Part::Whole(reduce) if wanted.show == Show::Raw => reduce.number(),
+        Part::Whole(_) => Reduce::Not.number(),
+        Part::Viewport(_) => 0,
+    };
+    let viewport = shown.map(Shown::message);
+    let lossless = viewport.as_ref().is_some_and(|viewport| viewport.lossless);
+    let (jpeg, png) = if lossless { (Bytes::new(), bytes) } else { (bytes, Bytes::new()) };
     proto::Frame {
         jpeg,
         seq: frame.seq,
@@ -129,12 +147,15 @@ pub(super) fn picture_message(frame: &Frame, jpeg: Bytes, wanted: Wanted, frames
         settled: frame.focus.settled && frame.e.settled,
         preview: frame.preview,
         simulated: frame.simulated,
-        age_ms: milliseconds(age(frame)),
+        age_ms: milliseconds(age(&frame)),
         frames_skipped,
         width_px: frame.image.width() as u32,
         height_px: frame.image.height() as u32,
-        reduce: reduce.number(),
+        reduce,
         replayed: frame.replayed,
-        picture: picture.into(),
+        picture: pictured.into(),
+        viewport,
+        png,
+        sample_bits: u32::from(frame.image.bits()),
     }
 }

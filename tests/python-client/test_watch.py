@@ -22,6 +22,7 @@ from plenalign.models import (
     SnapshotMessage,
     SpacingWatchJob,
     TickMessage,
+    Viewport,
 )
 
 from bench import Daemon
@@ -77,6 +78,21 @@ def test_live_pictures(homed: plenalign.Client) -> None:
         assert reading.simulated
         assert (reading.spacing_px is None) == (reading.why is not None)
         assert reading.spacing_target_px > 0
+
+
+def test_a_part_of_the_frame_without_loss(homed: plenalign.Client) -> None:
+    part = Viewport(
+        x_px=100, y_px=40, width_px=64, height_px=32, picture_width_px=640, picture_height_px=320, lossless=True
+    )
+    with homed.watch(pictures=PicturesRequest(on=True, viewport=part)) as watch:
+        picture = until(watch, plenalign.Picture)
+    assert isinstance(picture, plenalign.Picture)
+    assert picture.viewport == Viewport(
+        x_px=100, y_px=40, width_px=64, height_px=32, picture_width_px=64, picture_height_px=32, lossless=True
+    )
+    assert (picture.reduce, picture.sample_bits, picture.jpeg) == (0, 8, b"")
+    # Columns, rows and depth stand behind the name of a PNG's first part.
+    assert picture.png[12:25] == b"IHDR" + bytes([0, 0, 0, 64, 0, 0, 0, 32, 8])
 
 
 def test_what_cannot_be_used_is_told(homed: plenalign.Client) -> None:

@@ -364,6 +364,7 @@ fn a_server_that_could_let_in_the_wrong_ones_or_nobody_is_refused() {
         ("max_connections_per_address = 1000", "server.max_connections_per_address", "1 to 512"),
         ("idle_timeout_s = 0.0", "server.idle_timeout_s", "1 to 3600"),
         ("requests_per_s = 0.0", "server.requests_per_s", "1 to 1000000"),
+        ("max_viewports = 0", "server.max_viewports", "1 to 256"),
         ("tls.certificate = \"a.pem\"", "server.tls.key", "is missing"),
         ("tls.key = \"a.key\"", "server.tls.certificate", "is missing"),
     ] {

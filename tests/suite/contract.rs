@@ -35,7 +35,11 @@ fn rust_messages(file: &str, package: &str, bytes: &[&str]) -> String {
 
 #[test]
 fn rust_messages_are_current() {
-    let viewed = rust_messages("plenalign/v1/frame.proto", "plenalign.v1", &[".plenalign.v1.Frame.jpeg"]);
+    let viewed = rust_messages(
+        "plenalign/v1/frame.proto",
+        "plenalign.v1",
+        &[".plenalign.v1.Frame.jpeg", ".plenalign.v1.Frame.png"],
+    );
     assert_current("src/api/proto.rs", &viewed);
     let recorded = rust_messages("plenalign/v1/recording.proto", "plenalign.v1", &[]);
     assert_current("crates/bench/src/record/messages.rs", &recorded);

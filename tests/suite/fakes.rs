@@ -160,10 +160,15 @@ impl FedCamera {
 
     /// Takes a grey frame of a size.
     pub(crate) fn take_sized(&self, seq: u64, width: usize, height: usize) {
+        self.take_image(seq, RawImage::from_u8(width, height, vec![seq as u8; width * height]));
+    }
+
+    /// Takes a frame.
+    pub(crate) fn take_image(&self, seq: u64, image: RawImage) {
         let pose = |mm| AxisPose { position: Some(Millimetres(mm)), settled: true };
         let now = Instant::now();
         let frame = Frame {
-            image: Arc::new(RawImage::from_u8(width, height, vec![seq as u8; width * height])),
+            image: Arc::new(image),
             seq,
             exposed_from: now - Duration::from_millis(10),
             exposed_to: now,

@@ -85,5 +85,6 @@ mod until;
 mod view;
 mod view_api;
 mod view_cli;
+mod viewport;
 mod vignetting;
 mod websocket;

@@ -16,13 +16,17 @@ use super::daemon::{Daemon, problem};
 use super::fakes::{FedCamera, fakes};
 use super::until::until;
 
-type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
+pub(super) type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
-async fn open(daemon: &Daemon) -> Socket {
-    connect_async(format!("ws://{}/api/v1/ws", daemon.address)).await.unwrap().0
+pub(super) async fn open(daemon: &Daemon) -> Socket {
+    open_at(&daemon.address.to_string()).await
 }
 
-async fn next(socket: &mut Socket) -> Message {
+pub(super) async fn open_at(address: &str) -> Socket {
+    connect_async(format!("ws://{address}/api/v1/ws")).await.unwrap().0
+}
+
+pub(super) async fn next(socket: &mut Socket) -> Message {
     let wait = async {
         loop {
             match socket.next().await.expect("the socket is open").unwrap() {
@@ -47,7 +51,7 @@ async fn next_text(socket: &mut Socket) -> Value {
 }
 
 /// The next answer to a message that could not be used; changes may come before it.
-async fn next_problem(socket: &mut Socket) -> Value {
+pub(super) async fn next_problem(socket: &mut Socket) -> Value {
     loop {
         let message = next_text(socket).await;
         if message["type"] == "problem" {
@@ -56,7 +60,7 @@ async fn next_problem(socket: &mut Socket) -> Value {
     }
 }
 
-async fn next_picture(socket: &mut Socket) -> proto::Frame {
+pub(super) async fn next_picture(socket: &mut Socket) -> proto::Frame {
     loop {
         if let Message::Binary(bytes) = next(socket).await
             && let Some(What::Frame(frame)) = proto::Viewed::decode(bytes).unwrap().what
@@ -66,7 +70,7 @@ async fn next_picture(socket: &mut Socket) -> proto::Frame {
     }
 }
 
-async fn say(socket: &mut Socket, value: Value) {
+pub(super) async fn say(socket: &mut Socket, value: Value) {
     socket.send(Message::text(value.to_string())).await.unwrap();
 }
 

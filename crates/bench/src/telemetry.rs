@@ -21,6 +21,7 @@ const READING_AGE: &str = "plenalign_reading_age_seconds";
 const FRAMES_LEFT_OUT: &str = "plenalign_frames_left_out_total";
 const READINGS_LEFT_OUT: &str = "plenalign_readings_left_out_total";
 const LOOK: &str = "plenalign_view_seconds";
+const PICTURE: &str = "plenalign_picture_seconds";
 const PICTURE_LATENCY: &str = "plenalign_picture_latency_seconds";
 const PICTURES_DROPPED: &str = "plenalign_pictures_dropped_total";
 const ROUND_TRIP: &str = "plenalign_serial_round_trip_seconds";
@@ -102,6 +103,7 @@ pub fn install() -> Result<PrometheusHandle, String> {
     describe_counter!(FRAMES_LEFT_OUT, "Frames that came while the meter was at another, and were not read");
     describe_counter!(READINGS_LEFT_OUT, "Readings that a recording or a viewer was too slow for, by reader");
     describe_histogram!(LOOK, "Making a frame ready for views and depth");
+    describe_histogram!(PICTURE, "Making a picture, once for all viewers of the same");
     describe_histogram!(PICTURE_LATENCY, "From the end of a frame's exposure to its picture handed to the socket");
     describe_counter!(PICTURES_DROPPED, "Frames that a viewer watching was not sent");
     describe_histogram!(ROUND_TRIP, "From a request on a serial line to its answer");
@@ -234,6 +236,11 @@ pub fn reading_left_out(reader: ReaderKind, count: u64) {
 /// A frame was made ready for views and depth.
 pub fn looked(took: Duration) {
     histogram!(LOOK).record(took);
+}
+
+/// A picture was made.
+pub fn picture_made(took: Duration) {
+    histogram!(PICTURE).record(took);
 }
 
 /// A picture of a frame of this age was handed to a viewer's socket, and so many frames before it were not.

@@ -95,7 +95,8 @@ impl Bridge {
         let shared = Shared {
             service,
             gate,
-            pictures: Arc::default(),
+            // Whole frames alone, pixel by pixel.
+            pictures: Arc::new(Pictures::new(0, false)),
             config: Arc::new(config),
             viewers: Arc::new(Semaphore::new(MOST_VIEWERS)),
             tasks: tasks.clone(),

@@ -19,7 +19,8 @@ use tokio::sync::mpsc::{Receiver, Sender, channel};
 use tokio::time::Instant;
 use uuid::Uuid;
 
-use super::super::picture::{DEFAULT_QUALITY, Encoding, Reduce, next};
+use super::super::picture::{DEFAULT_QUALITY, Reduce, next};
+use super::super::viewport::whole;
 use super::{Shared, TOPICS};
 use crate::control::events::{BenchView, Event, MeasurementView};
 use crate::control::job::JobSnapshot;
@@ -339,7 +340,7 @@ impl<'a> Viewer<'a> {
             self.left_out += 1;
             return;
         }
-        let encoding = Encoding::Jpeg { reduce: Reduce::Not, quality: DEFAULT_QUALITY };
+        let encoding = whole(&frame.image, Reduce::Not, DEFAULT_QUALITY).encoding();
         match self.shared.pictures.encode(frame, encoding).await {
             Ok(jpeg) => {
                 let picture = CompressedImage {

@@ -26,6 +26,7 @@ from .models import (
     SnapshotMessage,
     TickMessage,
     ViewerMessage,
+    Viewport,
 )
 
 if TYPE_CHECKING:
@@ -45,7 +46,12 @@ class Picture:
     """A live picture, and when and where it was taken."""
 
     jpeg: bytes
-    """The picture, a JPEG."""
+    """The picture, a JPEG; empty where it comes without loss."""
+    png: bytes
+    """The picture without loss, a greyscale PNG, where a viewport asked for that; else empty. Samples of 9 to 15 bits
+    are the high bits of 16: shifted down by `16 - sample_bits` they are the camera's."""
+    sample_bits: int
+    """Significant bits of the raw frame's samples."""
     show: Show | None
     """What it shows; none where this package does not know."""
     seq: int
@@ -77,7 +83,9 @@ class Picture:
     raw_size: tuple[int, int]
     """Columns and rows of the raw frame."""
     reduce: int
-    """Raw pixels to a picture pixel, each way."""
+    """Raw pixels to a picture pixel, each way; 0 where a viewport was asked for."""
+    viewport: Viewport | None
+    """What of the raw frame it shows, and at how many pixels; none where it shows something else."""
 
 
 @dataclass(frozen=True)
@@ -245,6 +253,8 @@ def _picture(frame: frame_pb2.Frame) -> Picture:
     shows = {0: Show.RAW, 1: Show.RAW, 2: Show.CENTRAL, 3: Show.ALL_IN_FOCUS, 4: Show.DEPTH}
     return Picture(
         jpeg=frame.jpeg,
+        png=frame.png,
+        sample_bits=frame.sample_bits,
         show=shows.get(int(frame.picture)),
         seq=frame.seq,
         captured_at=_EPOCH + timedelta(microseconds=frame.captured_unix_us),
@@ -261,6 +271,19 @@ def _picture(frame: frame_pb2.Frame) -> Picture:
         frames_skipped=frame.frames_skipped,
         raw_size=(frame.width_px, frame.height_px),
         reduce=frame.reduce,
+        viewport=_viewport(frame.viewport) if frame.HasField("viewport") else None,
+    )
+
+
+def _viewport(shown: frame_pb2.Viewport) -> Viewport:
+    return Viewport(
+        x_px=shown.x_px,
+        y_px=shown.y_px,
+        width_px=shown.width_px,
+        height_px=shown.height_px,
+        picture_width_px=shown.picture_width_px,
+        picture_height_px=shown.picture_height_px,
+        lossless=shown.lossless,
     )
 
 

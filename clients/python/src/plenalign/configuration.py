@@ -489,6 +489,8 @@ class ServerConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Connections served at once."""
     max_connections_per_address: int | UnsetType = UNSET
     """Of these, at most so many from one address."""
+    max_viewports: int | UnsetType = UNSET
+    """Different parts of the raw frame, or sizes or qualities of them, that are sent of each frame."""
     mdns: bool | UnsetType = UNSET
     """Whether the daemon is announced on the local network (mDNS, `_plenalign._tcp`); never on loopback."""
     names: list[str] | UnsetType = UNSET

@@ -1837,7 +1837,11 @@ class PicturesRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag
     reduce: int | UnsetType = UNSET
     """Raw pixels to a picture pixel, each way: 1, 2 or 4."""
     show: Show | UnsetType = UNSET
-    """What the pictures show. All but the raw frame are as large as a view is: `reduce` is not for them."""
+    """What the pictures show. All but the raw frame are as large as a view is: `reduce` and `viewport` are not for
+    them.
+    """
+    viewport: Viewport | None = None
+    """What part of the raw frame to show, and at how many pixels, in place of `reduce`."""
     window: int | UnsetType = UNSET
     """At most so many pictures on the way that the viewer has not said it has seen; 0 for no such bound."""
 
@@ -1863,6 +1867,25 @@ class SeenRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fie
 
     seq: int
     """The picture's sequence number."""
+
+
+class Viewport(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A rectangle of the raw frame, and as how many pixels it is looked at."""
+
+    height_px: int
+    """Rows of the raw frame."""
+    lossless: bool | UnsetType = UNSET
+    """Whether to send the samples as they are, as a PNG: only where there is room for every pixel of the rectangle."""
+    picture_height_px: int
+    """Rows of the picture, likewise."""
+    picture_width_px: int
+    """Columns of the picture: what there is room for on a screen. It is never sent more than `width_px`."""
+    width_px: int
+    """Columns of the raw frame."""
+    x_px: int
+    """First column, px of the raw frame."""
+    y_px: int
+    """First row, px of the raw frame."""
 
 
 class AskedStep(OperatorStep, frozen=True, kw_only=True, omit_defaults=True):

@@ -27,7 +27,8 @@ class Watch:
     missed, or was started anew, a `GapMessage` and a new snapshot come. After `reconnect_s` without a connection
     `ConnectionLostError` is raised.
 
-    With `pictures`, live pictures come, too, as `Picture`, and with its `overlay` the `SpacingMap` of each measurement;
+    With `pictures`, live pictures come, too, as `Picture`, of the part of the frame that its `viewport` says or else of
+    the whole of it, and with its `overlay` the `SpacingMap` of each measurement;
     with `readings` the spacing in each frame that the camera takes, as `Reading`.
     """
 

@@ -11,6 +11,8 @@ use crate::access::Networks;
 /// Most connections that can be asked for: the system gives a process a thousand files as a rule, and the stop needs
 /// some of them.
 const MOST_CONNECTIONS: u32 = 512;
+/// Most viewports that can be asked for: what each costs comes with every frame.
+const MOST_VIEWPORTS: u32 = 256;
 
 /// When a token is demanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -40,6 +42,8 @@ pub struct ServerConfig {
     pub idle_timeout_s: f64,
     /// Requests a second of one token or address, in the long run; four times as many at once.
     pub requests_per_s: f64,
+    /// Different parts of the raw frame, or sizes or qualities of them, that are sent of each frame.
+    pub max_viewports: u32,
     /// Whether the daemon is announced on the local network (mDNS, `_plenalign._tcp`); never on loopback.
     pub mdns: bool,
     /// Certificate and key.
@@ -74,6 +78,7 @@ impl Default for ServerConfig {
             max_connections_per_address: 64,
             idle_timeout_s: 30.0,
             requests_per_s: 100.0,
+            max_viewports: 16,
             mdns: false,
             tls: TlsConfig::default(),
         }
@@ -106,6 +111,9 @@ impl ServerConfig {
         });
         faults.require((1.0..=1e6).contains(&self.requests_per_s), "server.requests_per_s", || {
             format!("must be 1 to 1000000, not {}", self.requests_per_s)
+        });
+        faults.require((1..=MOST_VIEWPORTS).contains(&self.max_viewports), "server.max_viewports", || {
+            format!("must be 1 to {MOST_VIEWPORTS}, not {}", self.max_viewports)
         });
         let empty = |path: &PathBuf| path.as_os_str().is_empty();
         let (missing, given) = match (empty(&self.tls.certificate), empty(&self.tls.key)) {

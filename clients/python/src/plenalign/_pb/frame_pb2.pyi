@@ -118,8 +118,26 @@ class SpacingMap(_message.Message):
     state: _containers.RepeatedScalarFieldContainer[LensState]
     def __init__(self, frame_seq: _Optional[int] = ..., micro_image_pitch_px: _Optional[float] = ..., spacing_target_px: _Optional[float] = ..., x_px: _Optional[_Iterable[float]] = ..., y_px: _Optional[_Iterable[float]] = ..., spacing_px: _Optional[_Iterable[float]] = ..., sigma_px: _Optional[_Iterable[float]] = ..., state: _Optional[_Iterable[_Union[LensState, str]]] = ...) -> None: ...
 
+class Viewport(_message.Message):
+    __slots__ = ("x_px", "y_px", "width_px", "height_px", "picture_width_px", "picture_height_px", "lossless")
+    X_PX_FIELD_NUMBER: _ClassVar[int]
+    Y_PX_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    LOSSLESS_FIELD_NUMBER: _ClassVar[int]
+    x_px: int
+    y_px: int
+    width_px: int
+    height_px: int
+    picture_width_px: int
+    picture_height_px: int
+    lossless: bool
+    def __init__(self, x_px: _Optional[int] = ..., y_px: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., picture_width_px: _Optional[int] = ..., picture_height_px: _Optional[int] = ..., lossless: _Optional[bool] = ...) -> None: ...
+
 class Frame(_message.Message):
-    __slots__ = ("jpeg", "seq", "captured_unix_us", "exposure_us", "exposure_assumed", "focus_mm", "e_mm", "settled", "preview", "simulated", "age_ms", "frames_skipped", "width_px", "height_px", "reduce", "replayed", "captured_monotonic_us", "picture")
+    __slots__ = ("jpeg", "seq", "captured_unix_us", "exposure_us", "exposure_assumed", "focus_mm", "e_mm", "settled", "preview", "simulated", "age_ms", "frames_skipped", "width_px", "height_px", "reduce", "replayed", "captured_monotonic_us", "picture", "viewport", "png", "sample_bits")
     JPEG_FIELD_NUMBER: _ClassVar[int]
     SEQ_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_UNIX_US_FIELD_NUMBER: _ClassVar[int]
@@ -138,6 +156,9 @@ class Frame(_message.Message):
     REPLAYED_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_MONOTONIC_US_FIELD_NUMBER: _ClassVar[int]
     PICTURE_FIELD_NUMBER: _ClassVar[int]
+    VIEWPORT_FIELD_NUMBER: _ClassVar[int]
+    PNG_FIELD_NUMBER: _ClassVar[int]
+    SAMPLE_BITS_FIELD_NUMBER: _ClassVar[int]
     jpeg: bytes
     seq: int
     captured_unix_us: int
@@ -156,4 +177,7 @@ class Frame(_message.Message):
     replayed: bool
     captured_monotonic_us: int
     picture: Picture
-    def __init__(self, jpeg: _Optional[bytes] = ..., seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., exposure_us: _Optional[int] = ..., exposure_assumed: _Optional[bool] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., age_ms: _Optional[float] = ..., frames_skipped: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., reduce: _Optional[int] = ..., replayed: _Optional[bool] = ..., captured_monotonic_us: _Optional[int] = ..., picture: _Optional[_Union[Picture, str]] = ...) -> None: ...
+    viewport: Viewport
+    png: bytes
+    sample_bits: int
+    def __init__(self, jpeg: _Optional[bytes] = ..., seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., exposure_us: _Optional[int] = ..., exposure_assumed: _Optional[bool] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., age_ms: _Optional[float] = ..., frames_skipped: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., reduce: _Optional[int] = ..., replayed: _Optional[bool] = ..., captured_monotonic_us: _Optional[int] = ..., picture: _Optional[_Union[Picture, str]] = ..., viewport: _Optional[_Union[Viewport, _Mapping]] = ..., png: _Optional[bytes] = ..., sample_bits: _Optional[int] = ...) -> None: ...
