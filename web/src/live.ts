@@ -1,12 +1,14 @@
 // The WebSocket's one driver: keeps a connection, reads what comes, asks for pictures and for what the meter reads, and says
 // when pictures were drawn.
 
+import { COARSE, EVERY, instead, sameAim, type Aim } from "./aim";
 import {
   parseMessage,
   parseSeen,
   type FieldMap,
   type FrameReading,
   type Picture,
+  type Problem,
   type ServerMessage,
   type ViewerMessage,
 } from "./wire";
@@ -36,6 +38,8 @@ export interface Listener {
 }
 
 const QUALITY = 85;
+/** While one zooms and pans, what is seen is asked for so often at most, ms: the picture that there is moves at once. */
+const AIM_MS = 80;
 /** Readings a second at most: each, for any camera that there is. */
 const READINGS_HZ = 120;
 
@@ -57,9 +61,13 @@ export class Live {
     pictures: false,
     rateHz: 1,
     overlay: false,
-    reduce: 1,
     show: "raw",
   };
+  private aim: Aim = COARSE;
+  /** Whether the daemon does not send that. */
+  private refused = false;
+  private askedAt = -Infinity;
+  private asking: ReturnType<typeof setTimeout> | null = null;
   /** Whether this connection has been asked for readings. */
   private reads = false;
 
@@ -87,6 +95,15 @@ export class Live {
     this.ask();
   }
 
+  /** Has this sent of the raw frame from now on. */
+  lookAt(aim: Aim): void {
+    if (sameAim(aim, this.aim)) return;
+    this.aim = aim;
+    this.refused = false;
+    const wait = Math.max(0, this.askedAt + AIM_MS - performance.now());
+    this.asking ??= setTimeout(() => this.ask(), wait);
+  }
+
   /** Tries at once what would be tried later. */
   now(): void {
     if (!this.wanted || this.socket) return;
@@ -110,13 +127,14 @@ export class Live {
     this.reads = false;
     socket.onopen = () => {
       this.retryMs = FIRST_RETRY_MS;
+      this.refused = false;
       this.ask();
     };
     socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => {
       this.heardAt = Date.now();
       if (typeof event.data === "string") {
         const message = parseMessage(event.data);
-        if (message) this.listener.message(message, this.heardAt);
+        if (message && !this.isRefusal(message)) this.listener.message(message, this.heardAt);
       } else {
         void this.show(socket, new Uint8Array(event.data), this.heardAt);
       }
@@ -130,17 +148,28 @@ export class Live {
     };
   }
 
+  /** Whether a message says that the part asked for cannot be had: the whole frame is taken in its place. */
+  private isRefusal(message: ServerMessage): boolean {
+    if (message.type !== "problem" || "reduce" in this.aim) return false;
+    const { type, field } = message.problem as Problem & { field?: unknown };
+    const many = type === "urn:plenalign:problem:too-many-viewports";
+    if (!many && !(typeof field === "string" && field.startsWith("viewport"))) return false;
+    this.refused = true;
+    this.ask();
+    return true;
+  }
+
   private async show(socket: WebSocket, bytes: Uint8Array, cameAt: number): Promise<void> {
     const seen = parseSeen(bytes);
     if (seen?.is === "map") this.listener.map(seen.map);
     if (seen?.is === "reading") this.listener.reading(seen.reading, cameAt);
     if (seen?.is !== "picture") return;
-    const { facts, jpeg } = seen.picture;
+    const { facts, file } = seen.picture;
     const framesSkipped = this.count(facts.framesSkipped);
     const began = performance.now();
     const before = this.said;
     const drawn = this.listener
-      .picture({ jpeg, facts: { ...facts, framesSkipped } }, cameAt)
+      .picture({ file, facts: { ...facts, framesSkipped } }, cameAt)
       // One that could not be drawn is on the way no longer, either.
       .finally(() => this.learn(performance.now() - began));
     // In order: a later one that is drawn first would be taken for this one's sign, too.
@@ -171,8 +200,11 @@ export class Live {
   }
 
   private ask(): void {
+    if (this.asking !== null) clearTimeout(this.asking);
+    this.asking = null;
     if (this.socket?.readyState !== WebSocket.OPEN) return;
-    const { readings, pictures: on, rateHz, overlay, reduce, show } = this.wish;
+    this.askedAt = performance.now();
+    const { readings, pictures: on, rateHz, overlay, show } = this.wish;
     if (readings !== this.reads) {
       this.send(this.socket, { type: "readings", on: readings, max_rate_hz: READINGS_HZ });
       this.reads = readings;
@@ -181,7 +213,9 @@ export class Live {
       type: "pictures",
       on,
       max_rate_hz: rateHz,
-      reduce,
+      // A view is as large as it is.
+      ...EVERY,
+      ...(show === "raw" && (this.refused ? instead(this.aim) : this.aim)),
       show,
       quality: QUALITY,
       overlay,

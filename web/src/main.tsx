@@ -57,12 +57,9 @@ function heed(): void {
   );
   const overlays = overlaysOn(preferences.show, preferences.overlays);
   eyepiece.showOverlays(overlays);
-  const small = window.innerWidth * window.devicePixelRatio < 700;
   eyepiece.want(
     wishOf(lookedAt(route, document.visibilityState === "visible"), {
       overlay: overlays.some((overlay) => overlay !== "saturation"),
-      // Where one looks closely, every pixel is wanted.
-      reduce: small && eyepiece.whole ? 2 : 1,
       show: preferences.show,
     }),
   );

@@ -1,6 +1,7 @@
 // Draws the newest picture and what is laid over it, on canvases of a window or of a worker alike. What is seen of it is
 // decided elsewhere.
 
+import { COARSE, EVERY, partSeen, SINGLE, type Aim } from "./aim";
 import { pairs } from "./field-map";
 import { linesOf, surfaceOf, type Line } from "./field-surface";
 import { drawError, drawGrid, drawLines, drawPairs, type Context } from "./overlay";
@@ -9,7 +10,7 @@ import { SaturationWatch } from "./saturation-watch";
 import { onFrame } from "./screen-frame";
 import { extent } from "./show";
 import { fit, pan, type Size, type Viewport } from "./viewport";
-import type { FieldMap, Lens, Picture, PictureFacts, Show } from "./wire";
+import type { FieldMap, Lens, Part, Picture, PictureFacts, Show } from "./wire";
 
 export type Surface = HTMLCanvasElement | OffscreenCanvas;
 
@@ -30,6 +31,8 @@ export class Painter {
   private over: Surface | null = null;
   private bitmap: ImageBitmap | null = null;
   private facts: PictureFacts | null = null;
+  /** The whole frame as it was seen last: it stands where a part of it does not reach, until the next one does. */
+  private behind: ImageBitmap | null = null;
   private map: FieldMap | null = null;
   private links: [Lens, Lens][] = [];
   private lines: Line[] = [];
@@ -66,7 +69,7 @@ export class Painter {
     const { forgotten } = this;
     let bitmap: ImageBitmap;
     try {
-      bitmap = await createImageBitmap(new Blob([picture.jpeg], { type: "image/jpeg" }));
+      bitmap = await createImageBitmap(picture.file);
     } catch {
       return null;
     }
@@ -77,13 +80,14 @@ export class Painter {
       bitmap.close();
       return null;
     }
-    this.bitmap?.close();
+    this.putAway(picture.facts);
     this.bitmap = bitmap;
     this.facts = picture.facts;
     if (other) this.saturated.forget();
     // What is laid over is drawn anew when it is known anew, not with each picture.
-    if (this.overlays.includes("saturation") && picture.facts.show === "raw") {
-      this.saturated.look(picture.jpeg, performance.now());
+    const { part } = picture.facts;
+    if (this.overlays.includes("saturation") && part && hasEvery(part) && isWhole(picture.facts)) {
+      this.saturated.look(picture.file, performance.now());
     }
     this.drawPicture();
     if (other) this.soon(true);
@@ -93,7 +97,7 @@ export class Painter {
   /** Nothing of it is left for the next one who looks. */
   forget(): void {
     this.forgotten += 1;
-    this.bitmap?.close();
+    this.putAway(null);
     this.bitmap = this.facts = this.map = null;
     this.saturated.forget();
     this.links = [];
@@ -122,12 +126,32 @@ export class Painter {
     this.soon(true);
   }
 
-  /** The grey level of a raw pixel; null where the picture shown does not have every one. */
+  /** The grey level of a raw pixel; null where the picture shown does not have it. */
   grey(x: number, y: number): number | null {
-    if (!this.bitmap || this.facts?.show !== "raw" || this.facts.reduce !== 1) return null;
+    const part = this.facts?.part;
+    if (!this.bitmap || !part || !hasEvery(part)) return null;
+    const [column, row] = [x - part.x_px, y - part.y_px];
+    if (column < 0 || row < 0 || column >= part.width_px || row >= part.height_px) return null;
     const one = (this.probing ??= probe());
-    one?.drawImage(this.bitmap, x, y, 1, 1, 0, 0, 1, 1);
+    one?.drawImage(this.bitmap, column, row, 1, 1, 0, 0, 1, 1);
     return one?.getImageData(0, 0, 1, 1).data[0] ?? null;
+  }
+
+  /** What is to be sent of the raw frame. */
+  aim(): Aim {
+    const seen = this.canvas && this.seen();
+    if (!seen || this.facts?.show !== "raw") return COARSE;
+    // A mean over several pixels does not say whether one of them is saturated.
+    if (this.overlays.includes("saturation")) return EVERY;
+    return { viewport: partSeen(seen.viewport, seen.view, seen.frame) };
+  }
+
+  /** Puts the picture away: behind the next one, where that is a part of what it shows the whole of. */
+  private putAway(next: PictureFacts | null): void {
+    const { bitmap, behind } = this;
+    const covered = !next?.part || isWhole(next);
+    this.behind = covered ? null : this.facts && isWhole(this.facts) ? bitmap : behind;
+    for (const gone of [bitmap, behind]) if (gone !== this.behind) gone?.close();
   }
 
   private seen(): { viewport: Viewport; view: Size; frame: Size } | null {
@@ -159,9 +183,12 @@ export class Painter {
     const context = begin(this.canvas, seen?.view, { alpha: false });
     if (!seen || !context || !this.bitmap) return;
     const { scale, left, top } = seen.viewport;
-    // Single pixels are to be seen as such.
-    context.imageSmoothingEnabled = scale < 2;
-    context.drawImage(this.bitmap, left, top, seen.frame.width * scale, seen.frame.height * scale);
+    const { width, height } = seen.frame;
+    if (this.behind) context.drawImage(this.behind, left, top, width * scale, height * scale);
+    context.imageSmoothingEnabled = scale < SINGLE;
+    const part = this.facts?.part ?? { x_px: 0, y_px: 0, width_px: width, height_px: height };
+    const [x, y] = [left + part.x_px * scale, top + part.y_px * scale];
+    context.drawImage(this.bitmap, x, y, part.width_px * scale, part.height_px * scale);
   }
 
   private drawOver(): void {
@@ -189,6 +216,16 @@ export class Painter {
     context.imageSmoothingEnabled = false;
     context.drawImage(found.mask, -0.5, -0.5, frame.width, frame.height);
   }
+}
+
+/** Whether a picture shows all of the frame, but for what does not fill a pixel of a coarse one at its edge. */
+function isWhole({ part, widthPx, heightPx }: PictureFacts): boolean {
+  return part !== null && widthPx - part.width_px < 4 && heightPx - part.height_px < 4;
+}
+
+/** Whether a picture has every pixel of what it shows. */
+function hasEvery(part: Part): boolean {
+  return part.picture_width_px === part.width_px && part.picture_height_px === part.height_px;
 }
 
 /** A canvas with nothing on it, of the size given or else its own. */

@@ -26,12 +26,12 @@ export class SaturationWatch {
   }
 
   /** Looks at a picture, unless the last look is too recent or still under way. */
-  look(jpeg: Uint8Array<ArrayBuffer>, now: number): void {
+  look(picture: Blob, now: number): void {
     if (this.busy || now - this.askedAt < Math.max(REST_MS, REST * this.tookMs)) return;
     this.askedAt = now;
     this.busy = true;
     this.worker ??= this.start();
-    this.worker.postMessage(jpeg);
+    this.worker.postMessage(picture);
   }
 
   /** Nothing of it is left. */

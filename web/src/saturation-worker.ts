@@ -5,7 +5,7 @@ import type { Saturation } from "./saturation-watch";
 
 /** The worker's own scope, as far as it is used here. */
 interface Scope {
-  onmessage: ((event: MessageEvent<Uint8Array<ArrayBuffer>>) => void) | null;
+  onmessage: ((event: MessageEvent<Blob>) => void) | null;
   postMessage(message: Saturation | null, transfer: Transferable[]): void;
 }
 
@@ -16,8 +16,8 @@ scope.onmessage = (event) => {
   look(event.data).catch(() => scope.postMessage(null, []));
 };
 
-async function look(jpeg: Uint8Array<ArrayBuffer>): Promise<void> {
-  const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
+async function look(picture: Blob): Promise<void> {
+  const bitmap = await createImageBitmap(picture);
   const { width, height } = bitmap;
   const canvas = new OffscreenCanvas(width, height);
   const context = canvas.getContext("2d", { willReadFrequently: true });

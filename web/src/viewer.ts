@@ -62,9 +62,11 @@ export class Viewer {
         if (message.type === "tick") this.clock = heard(this.clock, cameAt, message.now);
         report({ is: "message", message, cameAt });
       },
-      picture: async ({ facts, jpeg }, cameAt) => {
-        const size = await this.painter.show({ facts, jpeg });
+      picture: async (picture, cameAt) => {
+        const { facts } = picture;
+        const size = await this.painter.show(picture);
         if (size === null) return;
+        this.aim();
         report({ is: "picture", facts, size, sentAt: sentAt(this.clock, facts, cameAt) });
         // A browser that draws its frames more slowly than pictures come is not sent more of them.
         await new Promise<void>((resolve) => onFrame(resolve));
@@ -80,6 +82,16 @@ export class Viewer {
   }
 
   obey(command: Command): void {
+    this.carryOut(command);
+    this.aim();
+  }
+
+  /** Has sent what is seen. */
+  private aim(): void {
+    this.live.lookAt(this.painter.aim());
+  }
+
+  private carryOut(command: Command): void {
     switch (command.do) {
       case "open":
         return this.live.open();

@@ -11,6 +11,7 @@ import {
   type Reading as FrameRead,
   type SpacingMap,
   type Viewed,
+  type Viewport,
 } from "./gen/plenalign/v1/frame_pb";
 
 type Schemas = components["schemas"];
@@ -32,6 +33,8 @@ export type Lease = Schemas["LeaseView"];
 export type Side = Schemas["Side"];
 export type Scope = Schemas["Scope"];
 export type Show = Schemas["Show"];
+/** A part of the raw frame, and the pixels of a picture of it. */
+export type Part = Required<Schemas["Viewport"]>;
 export type Design = Schemas["DesignView"];
 export type Draft = Schemas["DraftView"];
 export type DraftBase = Schemas["DraftBase"];
@@ -104,13 +107,14 @@ export interface PictureFacts {
   framesSkipped: number;
   widthPx: number;
   heightPx: number;
-  /** Raw pixels to a picture pixel, each way. */
-  reduce: number;
+  /** What of the raw frame it shows; null where it shows something else. */
+  part: Part | null;
   show: Show;
 }
 
 export interface Picture {
-  jpeg: Uint8Array<ArrayBuffer>;
+  /** A JPEG, or a PNG where it is without loss. */
+  file: Blob;
   facts: PictureFacts;
 }
 
@@ -177,7 +181,7 @@ export function parseSeen(bytes: Uint8Array): Seen | null {
   }
   switch (viewed.what.case) {
     case "frame":
-      return viewed.what.value.jpeg.length > 0
+      return viewed.what.value.jpeg.length + viewed.what.value.png.length > 0
         ? { is: "picture", picture: pictureOf(viewed.what.value) }
         : null;
     case "spacingMap":
@@ -258,9 +262,26 @@ function foundIn(read: FrameRead): Found | null {
   }
 }
 
-function pictureOf(frame: Frame): Picture {
+/** A daemon that says nothing of it sends the whole frame. */
+function partOf(viewport: Viewport | undefined, frame: Frame): Part {
+  const { widthPx, heightPx, reduce } = frame;
   return {
-    jpeg: new Uint8Array(frame.jpeg),
+    x_px: viewport?.xPx ?? 0,
+    y_px: viewport?.yPx ?? 0,
+    width_px: viewport?.widthPx ?? widthPx,
+    height_px: viewport?.heightPx ?? heightPx,
+    picture_width_px: viewport?.pictureWidthPx ?? Math.floor(widthPx / Math.max(1, reduce)),
+    picture_height_px: viewport?.pictureHeightPx ?? Math.floor(heightPx / Math.max(1, reduce)),
+    lossless: viewport?.lossless ?? false,
+  };
+}
+
+function pictureOf(frame: Frame): Picture {
+  const show = SHOWN[frame.picture] ?? "raw";
+  const lossless = frame.png.length > 0;
+  const bytes = new Uint8Array(lossless ? frame.png : frame.jpeg);
+  return {
+    file: new Blob([bytes], { type: lossless ? "image/png" : "image/jpeg" }),
     facts: {
       seq: Number(frame.seq),
       capturedAt: new Date(Number(frame.capturedUnixUs) / 1000),
@@ -274,8 +295,8 @@ function pictureOf(frame: Frame): Picture {
       framesSkipped: Number(frame.framesSkipped),
       widthPx: frame.widthPx,
       heightPx: frame.heightPx,
-      reduce: frame.reduce,
-      show: SHOWN[frame.picture] ?? "raw",
+      part: show === "raw" ? partOf(frame.viewport, frame) : null,
+      show,
     },
   };
 }

@@ -18,8 +18,6 @@ export interface Wish {
   rateHz: number;
   /** The spacing over the field, too. */
   overlay: boolean;
-  /** Raw pixels to a picture pixel, each way. */
-  reduce: 1 | 2 | 4;
   /** What the pictures show. */
   show: Show;
 }
@@ -30,7 +28,6 @@ export function sameWish(one: Wish, other: Wish): boolean {
     one.pictures === other.pictures &&
     one.rateHz === other.rateHz &&
     one.overlay === other.overlay &&
-    one.reduce === other.reduce &&
     one.show === other.show
   );
 }
@@ -43,11 +40,8 @@ export function lookedAt(route: Route, visible: boolean): "picture" | "meter" | 
 }
 
 /** What is wished for by who looks at a picture, or at the meter alone. */
-export function wishOf(
-  looking: ReturnType<typeof lookedAt>,
-  picture: Pick<Wish, "overlay" | "reduce" | "show">,
-): Wish {
+export function wishOf(looking: ReturnType<typeof lookedAt>, picture: Pick<Wish, "overlay" | "show">): Wish {
   const looks = looking !== null;
   if (looking === "picture") return { ...picture, readings: looks, pictures: looks, rateHz: LIVE_HZ };
-  return { readings: looks, pictures: looks, rateHz: METER_HZ, overlay: false, reduce: 4, show: "raw" };
+  return { readings: looks, pictures: looks, rateHz: METER_HZ, overlay: false, show: "raw" };
 }

@@ -125,7 +125,7 @@ export const picture: PictureFacts = {
   framesSkipped: 0,
   widthPx: 1160,
   heightPx: 1160,
-  reduce: 1,
+  part: null,
   show: "raw",
 };
 

@@ -2,7 +2,7 @@ import { create, toBinary } from "@bufbuild/protobuf";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { FrameSchema, ReadingSchema, ReadingState, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
 import { Live } from "../src/live";
-import type { FrameReading, PictureFacts } from "../src/wire";
+import type { FrameReading, Part, PictureFacts } from "../src/wire";
 import type { Wish } from "../src/wish";
 
 class Socket {
@@ -10,11 +10,11 @@ class Socket {
   static newest: Socket;
   readyState = Socket.OPEN;
   binaryType = "";
-  sent: { type: string; seq?: number; window?: number }[] = [];
+  sent: { type: string; seq?: number; window?: number; reduce?: number; viewport?: Part }[] = [];
   onopen: (() => void) | null = null;
   onclose: (() => void) | null = null;
   static made = 0;
-  onmessage: ((event: { data: ArrayBuffer }) => void) | null = null;
+  onmessage: ((event: { data: ArrayBuffer | string }) => void) | null = null;
   constructor() {
     Socket.newest = this;
     Socket.made += 1;
@@ -46,8 +46,17 @@ const wish: Wish = {
   pictures: true,
   rateHz: 30,
   overlay: false,
-  reduce: 1,
   show: "raw",
+};
+
+const part: Part = {
+  x_px: 0,
+  y_px: 0,
+  width_px: 1000,
+  height_px: 800,
+  picture_width_px: 400,
+  picture_height_px: 320,
+  lossless: false,
 };
 
 describe("the live connection", () => {
@@ -56,6 +65,7 @@ describe("the live connection", () => {
   let draw: () => Promise<void>;
   let live: Live;
   let links: [string, number | null][] = [];
+  let heard: string[] = [];
   const socket = () => Socket.newest;
   const sent = (type: string) => socket().sent.filter((message) => message.type === type);
 
@@ -66,9 +76,10 @@ describe("the live connection", () => {
     read = [];
     draw = () => Promise.resolve();
     links = [];
+    heard = [];
     live = new Live("ws://bench", {
       link: (link, nextAt) => void links.push([link, nextAt === null ? null : nextAt - Date.now()]),
-      message: () => undefined,
+      message: (message) => void heard.push(message.type),
       map: () => undefined,
       reading: (reading) => void read.push(reading),
       picture: ({ facts }) => {
@@ -142,6 +153,38 @@ describe("the live connection", () => {
     // Between the two it stays as it is.
     expect(await after(50)).toEqual([2, 1]);
     expect(await after(10)).toEqual([2, 1, 2]);
+  });
+
+  it("asks for what is seen, and not for everything that is passed on the way there", () => {
+    const at = (x_px: number): Part => ({ ...part, x_px });
+    for (let x = 0; x < 10; x += 1) live.lookAt({ viewport: at(x) });
+    vi.advanceTimersByTime(79);
+    expect(sent("pictures").map(({ reduce }) => reduce)).toEqual([4]);
+    vi.advanceTimersByTime(1);
+    live.lookAt({ viewport: at(9) });
+    vi.advanceTimersByTime(1000);
+    expect(sent("pictures").map(({ viewport }) => viewport?.x_px)).toEqual([undefined, 9]);
+    // A view has a size of its own.
+    live.want({ ...wish, show: "depth" });
+    const last = sent("pictures").at(-1);
+    expect([last?.reduce, last?.viewport]).toEqual([1, undefined]);
+  });
+
+  it("takes the whole frame, as fine, where it is refused a part, and tries the next part", () => {
+    const problem = (type: string, field?: string) =>
+      socket().onmessage?.({
+        data: JSON.stringify({ type: "problem", seq: 1, boot_id: "b", problem: { type, field } }),
+      });
+    live.lookAt({ viewport: part });
+    vi.advanceTimersByTime(100);
+    problem("urn:plenalign:problem:too-many-viewports");
+    live.lookAt({ viewport: { ...part, x_px: 1 } });
+    vi.advanceTimersByTime(100);
+    problem("urn:plenalign:problem:invalid", "viewport");
+    expect(sent("pictures").map(({ reduce, viewport }) => viewport?.x_px ?? reduce)).toEqual([4, 0, 2, 1, 2]);
+    expect(heard).toEqual([]);
+    problem("urn:plenalign:problem:invalid", "quality");
+    expect(heard).toEqual(["problem"]);
   });
 
   it("says when it tries again, ever later, and tries at once when it is asked to", () => {

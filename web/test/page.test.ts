@@ -72,7 +72,7 @@ describe("the picture shown", () => {
 });
 
 describe("what the page wishes for", () => {
-  const picture = { overlay: true, reduce: 1, show: "depth" } as const;
+  const picture = { overlay: true, show: "depth" } as const;
   const wish = (hash: string, visible = true) => wishOf(lookedAt(routeOf(hash), visible), picture);
   it("is every picture on the live page, and nothing where nobody looks", () => {
     expect(wish("#/live")).toEqual({ ...picture, readings: true, pictures: true, rateHz: 30 });
@@ -86,7 +86,6 @@ describe("what the page wishes for", () => {
       pictures: true,
       rateHz: 1,
       overlay: false,
-      reduce: 4,
       show: "raw",
     });
   });

@@ -65,9 +65,9 @@ describe("parseSeen", () => {
     });
   });
 
-  it("reads a picture and keeps unknown positions unknown", () => {
+  it("reads a picture and keeps unknown positions unknown", async () => {
     const frame = create(FrameSchema, {
-      jpeg: new Uint8Array([0xff, 0xd8]),
+      png: new Uint8Array([0x89, 0x50]),
       seq: 12n,
       capturedUnixUs: 1_700_000_000_123_456n,
       focusMm: -0.25,
@@ -77,7 +77,15 @@ describe("parseSeen", () => {
       framesSkipped: 3n,
       widthPx: 1160,
       heightPx: 1160,
-      reduce: 2,
+      viewport: {
+        xPx: 3,
+        yPx: 4,
+        widthPx: 50,
+        heightPx: 40,
+        pictureWidthPx: 50,
+        pictureHeightPx: 40,
+        lossless: true,
+      },
     });
     const message = create(ViewedSchema, { what: { case: "frame", value: frame } });
     const seen = parseSeen(toBinary(ViewedSchema, message));
@@ -90,7 +98,31 @@ describe("parseSeen", () => {
       framesSkipped: 3,
     });
     expect(picture?.facts.capturedAt.getTime()).toBeCloseTo(1_700_000_000_123.456, 0);
-    expect([...(picture?.jpeg ?? [])]).toEqual([0xff, 0xd8]);
+    expect(picture?.facts.part).toEqual({
+      x_px: 3,
+      y_px: 4,
+      width_px: 50,
+      height_px: 40,
+      picture_width_px: 50,
+      picture_height_px: 40,
+      lossless: true,
+    });
+    expect(picture?.file.type).toBe("image/png");
+    expect([...new Uint8Array((await picture?.file.arrayBuffer()) ?? [])]).toEqual([0x89, 0x50]);
+  });
+
+  it("takes a picture for the whole frame where the daemon says nothing else", () => {
+    const frame = create(FrameSchema, { jpeg: new Uint8Array([1]), widthPx: 101, heightPx: 80, reduce: 2 });
+    const message = create(ViewedSchema, { what: { case: "frame", value: frame } });
+    const seen = parseSeen(toBinary(ViewedSchema, message));
+    const picture = seen?.is === "picture" ? seen.picture : null;
+    expect(picture?.file.type).toBe("image/jpeg");
+    expect(picture?.facts.part).toMatchObject({
+      x_px: 0,
+      width_px: 101,
+      picture_width_px: 50,
+      lossless: false,
+    });
   });
 
   it("says what a picture shows: the raw frame where nothing is said", () => {

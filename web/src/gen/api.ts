@@ -1440,6 +1440,7 @@ export interface components {
        *       "idle_timeout_s": 30,
        *       "max_connections": 256,
        *       "max_connections_per_address": 64,
+       *       "max_viewports": 16,
        *       "mdns": false,
        *       "names": [],
        *       "requests_per_s": 100,
@@ -2331,6 +2332,12 @@ export interface components {
        * @default 64
        */
       max_connections_per_address: number;
+      /**
+       * Format: uint32
+       * @description Different parts of the raw frame, or sizes or qualities of them, that are sent of each frame.
+       * @default 16
+       */
+      max_viewports: number;
       /**
        * @description Whether the daemon is announced on the local network (mDNS, `_plenalign._tcp`); never on loopback.
        * @default false
@@ -4945,10 +4952,11 @@ export interface components {
            * @default 1
            */
           reduce: number;
-          /** @description What the pictures show. All but the raw frame are as large as a view is: `reduce` is not for them. */
+          /** @description What the pictures show. All but the raw frame are as large as a view is: `reduce` and `viewport` are not for them. */
           show?: components["schemas"]["Show"];
           /** @enum {string} */
           type: "pictures";
+          viewport?: components["schemas"]["Viewport"] | null;
           /**
            * Format: int32
            * @description At most so many pictures on the way that the viewer has not said it has seen; 0 for no such bound.
@@ -4983,6 +4991,44 @@ export interface components {
           /** @enum {string} */
           type: "seen";
         };
+    /** @description A rectangle of the raw frame, and as how many pixels it is looked at. */
+    Viewport: {
+      /**
+       * Format: int32
+       * @description Rows of the raw frame.
+       */
+      height_px: number;
+      /**
+       * @description Whether to send the samples as they are, as a PNG: only where there is room for every pixel of the rectangle.
+       * @default false
+       */
+      lossless: boolean;
+      /**
+       * Format: int32
+       * @description Rows of the picture, likewise.
+       */
+      picture_height_px: number;
+      /**
+       * Format: int32
+       * @description Columns of the picture: what there is room for on a screen. It is never sent more than `width_px`.
+       */
+      picture_width_px: number;
+      /**
+       * Format: int32
+       * @description Columns of the raw frame.
+       */
+      width_px: number;
+      /**
+       * Format: int32
+       * @description First column, px of the raw frame.
+       */
+      x_px: number;
+      /**
+       * Format: int32
+       * @description First row, px of the raw frame.
+       */
+      y_px: number;
+    };
   };
   responses: never;
   parameters: never;

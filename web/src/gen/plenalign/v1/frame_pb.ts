@@ -14,7 +14,7 @@ import type { Message } from "@bufbuild/protobuf";
 export const file_plenalign_v1_frame: GenFile =
   /*@__PURE__*/
   fileDesc(
-    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSKRAQoGVmlld2VkEiQKBWZyYW1lGAEgASgLMhMucGxlbmFsaWduLnYxLkZyYW1lSAASLwoLc3BhY2luZ19tYXAYAiABKAsyGC5wbGVuYWxpZ24udjEuU3BhY2luZ01hcEgAEigKB3JlYWRpbmcYAyABKAsyFS5wbGVuYWxpZ24udjEuUmVhZGluZ0gAQgYKBHdoYXQi7wMKB1JlYWRpbmcSCwoDc2VxGAEgASgEEhgKEGNhcHR1cmVkX3VuaXhfdXMYAiABKAMSHQoVY2FwdHVyZWRfbW9ub3RvbmljX3VzGAMgASgEEg4KBmFnZV9tcxgEIAEoARIVCghmb2N1c19tbRgFIAEoAUgAiAEBEhEKBGVfbW0YBiABKAFIAYgBARIPCgdzZXR0bGVkGAcgASgIEg8KB3ByZXZpZXcYCCABKAgSEQoJc2ltdWxhdGVkGAkgASgIEhAKCHJlcGxheWVkGAogASgIEikKBXN0YXRlGAsgASgOMhoucGxlbmFsaWduLnYxLlJlYWRpbmdTdGF0ZRILCgN3aHkYDCABKAkSEgoKc3BhY2luZ19weBgNIAEoARIYChBzcGFjaW5nX3NpZ21hX3B4GA4gASgBEh8KF3NwYWNpbmdfc2lnbWFfcmFuZG9tX3B4GA8gASgBEhEKCXRpbHRfeF9weBgQIAEoARIRCgl0aWx0X3lfcHgYESABKAESFAoMY3VydmF0dXJlX3B4GBIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GBMgASgBEhAKCGluX2ZvY3VzGBQgASgIEhcKD2ZyYW1lc19sZWZ0X291dBgVIAEoBEILCglfZm9jdXNfbW1CBwoFX2VfbW0iwgEKClNwYWNpbmdNYXASEQoJZnJhbWVfc2VxGAEgASgEEhwKFG1pY3JvX2ltYWdlX3BpdGNoX3B4GAIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GAMgASgBEgwKBHhfcHgYBCADKAISDAoEeV9weBgFIAMoAhISCgpzcGFjaW5nX3B4GAYgAygCEhAKCHNpZ21hX3B4GAcgAygCEiYKBXN0YXRlGAggAygOMhcucGxlbmFsaWduLnYxLkxlbnNTdGF0ZSKWAwoFRnJhbWUSDAoEanBlZxgBIAEoDBILCgNzZXEYAiABKAQSGAoQY2FwdHVyZWRfdW5peF91cxgDIAEoAxITCgtleHBvc3VyZV91cxgEIAEoBBIYChBleHBvc3VyZV9hc3N1bWVkGAUgASgIEhUKCGZvY3VzX21tGAYgASgBSACIAQESEQoEZV9tbRgHIAEoAUgBiAEBEg8KB3NldHRsZWQYCCABKAgSDwoHcHJldmlldxgJIAEoCBIRCglzaW11bGF0ZWQYCiABKAgSDgoGYWdlX21zGAsgASgBEhYKDmZyYW1lc19za2lwcGVkGAwgASgEEhAKCHdpZHRoX3B4GA0gASgNEhEKCWhlaWdodF9weBgOIAEoDRIOCgZyZWR1Y2UYDyABKA0SEAoIcmVwbGF5ZWQYECABKAgSHQoVY2FwdHVyZWRfbW9ub3RvbmljX3VzGBEgASgEEiYKB3BpY3R1cmUYEiABKA4yFS5wbGVuYWxpZ24udjEuUGljdHVyZUILCglfZm9jdXNfbW1CBwoFX2VfbW0qfAoMUmVhZGluZ1N0YXRlEh0KGVJFQURJTkdfU1RBVEVfVU5TUEVDSUZJRUQQABIaChZSRUFESU5HX1NUQVRFX01FQVNVUkVEEAESFgoSUkVBRElOR19TVEFURV9MT1NUEAISGQoVUkVBRElOR19TVEFURV9SRUZVU0VEEAMqcAoJTGVuc1N0YXRlEhoKFkxFTlNfU1RBVEVfVU5TUEVDSUZJRUQQABIWChJMRU5TX1NUQVRFX01BVENIRUQQARIZChVMRU5TX1NUQVRFX01JU01BVENIRUQQAhIUChBMRU5TX1NUQVRFX0JMQU5LEAMqdQoHUGljdHVyZRIXChNQSUNUVVJFX1VOU1BFQ0lGSUVEEAASDwoLUElDVFVSRV9SQVcQARITCg9QSUNUVVJFX0NFTlRSQUwQAhIYChRQSUNUVVJFX0FMTF9JTl9GT0NVUxADEhEKDVBJQ1RVUkVfREVQVEgQBGIGcHJvdG8z",
+    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSKRAQoGVmlld2VkEiQKBWZyYW1lGAEgASgLMhMucGxlbmFsaWduLnYxLkZyYW1lSAASLwoLc3BhY2luZ19tYXAYAiABKAsyGC5wbGVuYWxpZ24udjEuU3BhY2luZ01hcEgAEigKB3JlYWRpbmcYAyABKAsyFS5wbGVuYWxpZ24udjEuUmVhZGluZ0gAQgYKBHdoYXQi7wMKB1JlYWRpbmcSCwoDc2VxGAEgASgEEhgKEGNhcHR1cmVkX3VuaXhfdXMYAiABKAMSHQoVY2FwdHVyZWRfbW9ub3RvbmljX3VzGAMgASgEEg4KBmFnZV9tcxgEIAEoARIVCghmb2N1c19tbRgFIAEoAUgAiAEBEhEKBGVfbW0YBiABKAFIAYgBARIPCgdzZXR0bGVkGAcgASgIEg8KB3ByZXZpZXcYCCABKAgSEQoJc2ltdWxhdGVkGAkgASgIEhAKCHJlcGxheWVkGAogASgIEikKBXN0YXRlGAsgASgOMhoucGxlbmFsaWduLnYxLlJlYWRpbmdTdGF0ZRILCgN3aHkYDCABKAkSEgoKc3BhY2luZ19weBgNIAEoARIYChBzcGFjaW5nX3NpZ21hX3B4GA4gASgBEh8KF3NwYWNpbmdfc2lnbWFfcmFuZG9tX3B4GA8gASgBEhEKCXRpbHRfeF9weBgQIAEoARIRCgl0aWx0X3lfcHgYESABKAESFAoMY3VydmF0dXJlX3B4GBIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GBMgASgBEhAKCGluX2ZvY3VzGBQgASgIEhcKD2ZyYW1lc19sZWZ0X291dBgVIAEoBEILCglfZm9jdXNfbW1CBwoFX2VfbW0iwgEKClNwYWNpbmdNYXASEQoJZnJhbWVfc2VxGAEgASgEEhwKFG1pY3JvX2ltYWdlX3BpdGNoX3B4GAIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GAMgASgBEgwKBHhfcHgYBCADKAISDAoEeV9weBgFIAMoAhISCgpzcGFjaW5nX3B4GAYgAygCEhAKCHNpZ21hX3B4GAcgAygCEiYKBXN0YXRlGAggAygOMhcucGxlbmFsaWduLnYxLkxlbnNTdGF0ZSKSAQoIVmlld3BvcnQSDAoEeF9weBgBIAEoDRIMCgR5X3B4GAIgASgNEhAKCHdpZHRoX3B4GAMgASgNEhEKCWhlaWdodF9weBgEIAEoDRIYChBwaWN0dXJlX3dpZHRoX3B4GAUgASgNEhkKEXBpY3R1cmVfaGVpZ2h0X3B4GAYgASgNEhAKCGxvc3NsZXNzGAcgASgIIuIDCgVGcmFtZRIMCgRqcGVnGAEgASgMEgsKA3NlcRgCIAEoBBIYChBjYXB0dXJlZF91bml4X3VzGAMgASgDEhMKC2V4cG9zdXJlX3VzGAQgASgEEhgKEGV4cG9zdXJlX2Fzc3VtZWQYBSABKAgSFQoIZm9jdXNfbW0YBiABKAFIAIgBARIRCgRlX21tGAcgASgBSAGIAQESDwoHc2V0dGxlZBgIIAEoCBIPCgdwcmV2aWV3GAkgASgIEhEKCXNpbXVsYXRlZBgKIAEoCBIOCgZhZ2VfbXMYCyABKAESFgoOZnJhbWVzX3NraXBwZWQYDCABKAQSEAoId2lkdGhfcHgYDSABKA0SEQoJaGVpZ2h0X3B4GA4gASgNEg4KBnJlZHVjZRgPIAEoDRIQCghyZXBsYXllZBgQIAEoCBIdChVjYXB0dXJlZF9tb25vdG9uaWNfdXMYESABKAQSJgoHcGljdHVyZRgSIAEoDjIVLnBsZW5hbGlnbi52MS5QaWN0dXJlEigKCHZpZXdwb3J0GBMgASgLMhYucGxlbmFsaWduLnYxLlZpZXdwb3J0EgsKA3BuZxgUIAEoDBITCgtzYW1wbGVfYml0cxgVIAEoDUILCglfZm9jdXNfbW1CBwoFX2VfbW0qfAoMUmVhZGluZ1N0YXRlEh0KGVJFQURJTkdfU1RBVEVfVU5TUEVDSUZJRUQQABIaChZSRUFESU5HX1NUQVRFX01FQVNVUkVEEAESFgoSUkVBRElOR19TVEFURV9MT1NUEAISGQoVUkVBRElOR19TVEFURV9SRUZVU0VEEAMqcAoJTGVuc1N0YXRlEhoKFkxFTlNfU1RBVEVfVU5TUEVDSUZJRUQQABIWChJMRU5TX1NUQVRFX01BVENIRUQQARIZChVMRU5TX1NUQVRFX01JU01BVENIRUQQAhIUChBMRU5TX1NUQVRFX0JMQU5LEAMqdQoHUGljdHVyZRIXChNQSUNUVVJFX1VOU1BFQ0lGSUVEEAASDwoLUElDVFVSRV9SQVcQARITCg9QSUNUVVJFX0NFTlRSQUwQAhIYChRQSUNUVVJFX0FMTF9JTl9GT0NVUxADEhEKDVBJQ1RVUkVfREVQVEgQBGIGcHJvdG8z",
   );
 
 /**
@@ -293,13 +293,75 @@ export type SpacingMap = Message<"plenalign.v1.SpacingMap"> & {
 export const SpacingMapSchema: GenMessage<SpacingMap> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 2);
 
 /**
+ * A rectangle of the raw frame, and the pixels of a picture of it.
+ *
+ * @generated from message plenalign.v1.Viewport
+ */
+export type Viewport = Message<"plenalign.v1.Viewport"> & {
+  /**
+   * First column, px of the raw frame.
+   *
+   * @generated from field: uint32 x_px = 1;
+   */
+  xPx: number;
+
+  /**
+   * First row, px of the raw frame.
+   *
+   * @generated from field: uint32 y_px = 2;
+   */
+  yPx: number;
+
+  /**
+   * Columns of the raw frame.
+   *
+   * @generated from field: uint32 width_px = 3;
+   */
+  widthPx: number;
+
+  /**
+   * Rows of the raw frame.
+   *
+   * @generated from field: uint32 height_px = 4;
+   */
+  heightPx: number;
+
+  /**
+   * Columns of the picture.
+   *
+   * @generated from field: uint32 picture_width_px = 5;
+   */
+  pictureWidthPx: number;
+
+  /**
+   * Rows of the picture.
+   *
+   * @generated from field: uint32 picture_height_px = 6;
+   */
+  pictureHeightPx: number;
+
+  /**
+   * Whether the picture has the samples as they are.
+   *
+   * @generated from field: bool lossless = 7;
+   */
+  lossless: boolean;
+};
+
+/**
+ * Describes the message plenalign.v1.Viewport.
+ * Use `create(ViewportSchema)` to create a new message.
+ */
+export const ViewportSchema: GenMessage<Viewport> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 3);
+
+/**
  * A picture of the live view, and when and where it was taken.
  *
  * @generated from message plenalign.v1.Frame
  */
 export type Frame = Message<"plenalign.v1.Frame"> & {
   /**
-   * The picture, a JPEG; greyscale where it shows the raw frame.
+   * The picture, a JPEG; greyscale where it shows the raw frame. Empty where it comes without loss.
    *
    * @generated from field: bytes jpeg = 1;
    */
@@ -398,7 +460,7 @@ export type Frame = Message<"plenalign.v1.Frame"> & {
   heightPx: number;
 
   /**
-   * Raw pixels to a picture pixel, each way: 1, 2 or 4.
+   * Raw pixels to a picture pixel, each way: 1, 2 or 4; 0 where a viewport was asked for.
    *
    * @generated from field: uint32 reduce = 15;
    */
@@ -424,13 +486,35 @@ export type Frame = Message<"plenalign.v1.Frame"> & {
    * @generated from field: plenalign.v1.Picture picture = 18;
    */
   picture: Picture;
+
+  /**
+   * What of the raw frame it shows, and at how many pixels; absent where it shows something else.
+   *
+   * @generated from field: plenalign.v1.Viewport viewport = 19;
+   */
+  viewport?: Viewport | undefined;
+
+  /**
+   * The picture without loss, a greyscale PNG of 8 or 16 bits, where a viewport asked for that. Samples of 9 to 15 bits are
+   * the high bits of 16: shifted down by 16 less `sample_bits` they are the camera's.
+   *
+   * @generated from field: bytes png = 20;
+   */
+  png: Uint8Array;
+
+  /**
+   * Significant bits of the raw frame's samples.
+   *
+   * @generated from field: uint32 sample_bits = 21;
+   */
+  sampleBits: number;
 };
 
 /**
  * Describes the message plenalign.v1.Frame.
  * Use `create(FrameSchema)` to create a new message.
  */
-export const FrameSchema: GenMessage<Frame> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 3);
+export const FrameSchema: GenMessage<Frame> = /*@__PURE__*/ messageDesc(file_plenalign_v1_frame, 4);
 
 /**
  * What became of a frame at the meter.
