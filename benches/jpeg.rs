@@ -1,9 +1,11 @@
-//! How long a picture for viewers takes to encode, by libjpeg-turbo and without it, of 1160² and of 12 megapixels.
+//! How long a picture for viewers takes to encode, by libjpeg-turbo and without it, of 1160² and of 12 megapixels; and what
+//! the larger one costs on a smaller screen, beside a part of it that fills that screen.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use plenalign::api::jpeg::{Encoder, TurboJpeg};
+use plenalign::raw::{RawImage, Window};
 
 /// Micro-images with noise over them: what a plenoptic camera's pictures cost to encode.
 fn samples(width: usize, height: usize) -> Vec<u8> {
@@ -38,6 +40,16 @@ fn jpeg(criterion: &mut Criterion) {
                 b.iter(|| encoder.grey(black_box(&raw), width, height, 80).expect("a picture"));
             });
         }
+    }
+    let frame = RawImage::from_u8(4096, 3072, samples(4096, 3072));
+    let (encoder, size) = (Encoder::here(), [1440, 1080]);
+    let middle = Window { x: 1328, y: 996, width: 1440, height: 1080 };
+    for (label, window) in [("4096x3072 at 1440x1080", frame.window()), ("1440x1080 of 4096x3072", middle)] {
+        let part = |frame: &RawImage| frame.to_view_of(window, size, false).expect("a part of the frame");
+        group.bench_function(format!("part {label}"), |b| b.iter(|| part(black_box(&frame))));
+        group.bench_function(format!("part {label}, encoded"), |b| {
+            b.iter(|| encoder.grey(&part(black_box(&frame)), size[0], size[1], 80).expect("a picture"));
+        });
     }
     group.finish();
 }

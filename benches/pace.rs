@@ -34,7 +34,6 @@ struct Camera {
     height: u32,
     rate_hz: f64,
     /// Raw pixels to a picture pixel, each way, for a screen of 1920 × 1080.
-    reduce: u32,
     wanted: Wanted,
 }
 
@@ -47,13 +46,28 @@ struct Wanted {
     picture_age_ms: f64,
 }
 
+/// Columns and rows of the screen that pictures are for.
+const SCREEN_PX: [u32; 2] = [1920, 1080];
+
+impl Camera {
+    /// The whole frame on the screen.
+    fn on_screen(&self) -> Value {
+        let [columns, rows] = SCREEN_PX.map(f64::from);
+        let scale = (columns / f64::from(self.width)).min(rows / f64::from(self.height)).min(1.0);
+        let room = |pixels: u32| (f64::from(pixels) * scale).round() as u32;
+        json!({
+            "x_px": 0, "y_px": 0, "width_px": self.width, "height_px": self.height,
+            "picture_width_px": room(self.width), "picture_height_px": room(self.height),
+        })
+    }
+}
+
 const CAMERAS: [Camera; 2] = [
     Camera {
         label: "1160x1160",
         width: 1160,
         height: 1160,
         rate_hz: 60.0,
-        reduce: 1,
         wanted: Wanted {
             readings_hz: 55.0,
             age_ms: 30.0,
@@ -68,7 +82,6 @@ const CAMERAS: [Camera; 2] = [
         width: 4096,
         height: 3072,
         rate_hz: 30.0,
-        reduce: 2,
         wanted: Wanted {
             readings_hz: 25.0,
             age_ms: 80.0,
@@ -219,9 +232,12 @@ async fn look(daemon: &Daemon, camera: &Camera, pictures: bool, lasting: Duratio
     let (mut socket, _) = tokio_tungstenite::connect_async(format!("ws://{}/api/v1/ws", daemon.address)).await?;
     ask(&mut socket, json!({ "type": "readings", "on": true })).await?;
     if pictures {
-        let reduce = camera.reduce;
-        ask(&mut socket, json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "reduce": reduce, "window": 2 }))
-            .await?;
+        let viewport = camera.on_screen();
+        ask(
+            &mut socket,
+            json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "viewport": viewport, "window": 2 }),
+        )
+        .await?;
     }
     let (mut seen, mut all, mut begin) = (Seen::default(), 0u64, None);
     let mut measuring = 0.0;
