@@ -7,10 +7,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use plenalign::config::{Config, Texture};
+use plenalign::imaging::combined::{Combined, Combining, Single};
 use plenalign::imaging::grid::Grid;
 use plenalign::imaging::live::{LiveError, LiveMeter, LiveOptions, LivePart, LiveSpacing};
 use plenalign::imaging::measurement::{FrameOptions, WhiteModel, prepare_frame};
 use plenalign::imaging::spacing::{Spacing, SpacingError, SpacingOptions, measure_spacing};
+use plenalign::imaging::stillness::Stillness;
 use plenalign::imaging::vignetting::Vignetting;
 use plenalign::optics::ArrayKind;
 use plenalign::raw::{self, CfaPattern, RawImage, Samples};
@@ -18,6 +20,9 @@ use plenalign::sim::exposure::{Noise, expose};
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
 use plenalign::sim::scene::{Board, Scene, texel_for};
 use plenalign::sim::texture::TextureMap;
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
 
 const PIXEL_MM: f64 = 0.00345;
 const MLA_PITCH_PX: f64 = 0.1 / PIXEL_MM;
@@ -259,6 +264,63 @@ fn the_grid_is_followed_while_the_image_distance_changes() {
         );
         assert!(off < 0.1, "frame {frame}: {off:.3} px off");
         assert!(sigmas.abs() < 3.0, "frame {frame}: {sigmas:+.2} sigmas, {live:?}");
+    }
+}
+
+/// Offsets of a sensor's pixels, as a share of white: the same in every frame.
+fn fixed_pattern(pixels: usize, sigma: f32, seed: u64) -> Vec<f32> {
+    let mut random = Pcg64::seed_from_u64(seed);
+    (0..pixels).map(|_| sigma * random.sample::<f32, _>(StandardNormal)).collect()
+}
+
+#[test]
+fn frames_of_a_sensor_with_a_fixed_pattern_are_combined_to_what_it_leaves() {
+    const SIDE: usize = 420;
+    const FRAMES: u64 = 25;
+    const SENSORS: u64 = 16;
+    let config = Config::default();
+    let design = config.design();
+    let joint = design.joint(0.0);
+    let distance = joint.equivalent_distance;
+    let camera = CameraTruth::from_design(&design, joint.delta_v + 0.02, Medium::Air, PIXEL_MM, SIDE, SIDE);
+    let rays = RenderOptions { rays: 16, seed: 8 };
+    let texel = texel_for(&design, Medium::Air, distance, PIXEL_MM);
+    let scene = Scene::Board(Board::new(distance, Arc::new(TextureMap::generate(Texture::Natural, texel, 8))));
+    let [diffuse, light] = [&Scene::Diffuser, &scene].map(|scene| render(&camera, scene, rays));
+    let quiet = Noise { read_noise_levels: 0.0, ..Noise::default() };
+    let noisy = Noise { read_noise_levels: 2.0, ..Noise::default() };
+    let truth = known(expose(&light, SIDE, SIDE, &quiet, 1), &expose(&diffuse, SIDE, SIDE, &quiet, 1));
+    let truth_px = truth.meter().measure(&truth.raw).unwrap().on_axis_px;
+    // What all frames share of the model's part is in the truth as well.
+    let single = |live: &LiveSpacing, k: u64| Single { sigma_model: 0.0, ..live.single(k as f64 / 30.0) };
+    for (levels, least_ratio) in [(0.0, 0.0), (2.0, 0.4)] {
+        let (mut within, mut squares, mut averaged, mut ratios) = (0, 0.0, 0.0, 0.0);
+        for sensor in 0..SENSORS {
+            let pattern = fixed_pattern(SIDE * SIDE, levels / 220.0, sensor);
+            let seen: Vec<f32> = light.iter().zip(&pattern).map(|(light, offset)| light + offset).collect();
+            let (mut meter, mut combining) = (truth.meter(), Combining::over(5.0));
+            let mut stillness = Stillness::default();
+            let combined: Vec<Combined> = (0..FRAMES)
+                .map(|k| {
+                    let raw = expose(&seen, SIDE, SIDE, &noisy, 1000 * sensor + k);
+                    assert!(!stillness.has_moved(&raw), "frame {k}");
+                    combining.take(single(&meter.measure(&raw).unwrap(), k))
+                })
+                .collect();
+            let [first, .., last] = combined[..] else { panic!("no frames") };
+            assert_eq!((first.frames, last.frames), (1, FRAMES as u32));
+            let off = last.value - truth_px;
+            println!("sensor {sensor}: {off:+.5} px ± {:.5}, one frame's ± {:.5}", last.sigma, first.sigma);
+            within += u32::from(off.abs() <= 2.0 * last.sigma);
+            squares += (off / last.sigma).powi(2) / SENSORS as f64;
+            averaged += off.powi(2) / (first.sigma.powi(2) / FRAMES as f64) / SENSORS as f64;
+            ratios += last.sigma / first.sigma / SENSORS as f64;
+        }
+        println!("{levels} levels: {squares:.2} σ², {averaged:.2} if all were averaged away, σ × {ratios:.2}");
+        assert!(within >= 14 && squares < 1.6, "{within} of {SENSORS} within 2 σ, {squares} σ²");
+        assert!((least_ratio..0.75).contains(&ratios), "σ × {ratios}");
+        // Averaged away with the noise, a pattern would leave far more than was promised.
+        assert!(levels == 0.0 || averaged > 2.0, "{averaged}");
     }
 }
 

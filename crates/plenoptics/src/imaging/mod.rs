@@ -7,6 +7,7 @@
 
 pub mod calibration;
 pub mod clarity;
+pub mod combined;
 pub mod depth;
 pub mod grid;
 pub mod interpolation;
@@ -18,5 +19,6 @@ pub mod mosaic;
 pub mod overlay;
 pub mod pictures;
 pub mod spacing;
+pub mod stillness;
 pub mod view;
 pub mod vignetting;

@@ -40,6 +40,8 @@ const SETTLED_PX: f64 = 0.03;
 const UNSURE_PX: f64 = 0.3;
 /// Step (px) of all pairs after which another would change nothing.
 const FINAL_STEP_PX: f64 = 0.02;
+/// Blocks beyond the unknowns below which their scatter says too little by itself.
+const LEAST_SPARE: usize = 12;
 /// Most rounds of the clusters, and most passes over all pairs.
 const ROUNDS: usize = 12;
 const PASSES: usize = 6;
@@ -294,6 +296,8 @@ impl Engine {
                 |row: usize, column: usize| Some(scatter[(before.unknown(0, row)?, before.unknown(0, column)?)]);
             let mut covariance: [[f64; 1 + USUAL_TERMS]; 1 + USUAL_TERMS] =
                 std::array::from_fn(|row| std::array::from_fn(|column| covariance_of(row, column).unwrap_or_default()));
+            let least = if normal.spare(before.unknowns()) < LEAST_SPARE { sigma_random_px } else { 0.0 };
+            let sigma_scatter_px = covariance[0][0].sqrt().max(least);
             covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
             ended(LivePart::Equations);
             let residual_ratio = normal.residual;
@@ -302,6 +306,7 @@ impl Engine {
             return Ok(LiveSpacing {
                 on_axis_px: model.spacings[0],
                 sigma_px: covariance[0][0].sqrt(),
+                sigma_scatter_px,
                 sigma_random_px,
                 tilt_x_px,
                 tilt_y_px,

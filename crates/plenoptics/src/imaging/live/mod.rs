@@ -25,12 +25,13 @@ mod places;
 use serde::Serialize;
 
 use self::engine::{Engine, State};
+use super::combined::Single;
 use super::grid::{Grid, GridError, refine_grid};
 use super::matching::model::USUAL_TERMS;
 use super::matching::samples::Frame;
 use super::measurement::evened;
 use super::mosaic::green;
-use super::spacing::{Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
+use super::spacing::{MODEL_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
 use super::vignetting::Vignetting;
 use crate::optics::MlaMode;
 use crate::raw::{CfaPattern, RawImage, Samples};
@@ -126,6 +127,8 @@ pub struct LiveSpacing {
     /// Its standard uncertainty, px: noise and what the model cannot explain, from the scatter between field blocks and
     /// from what is known of the model's own limits.
     pub sigma_px: f64,
+    /// What the scatter between field blocks makes of it, px; where they are few, no less than pixel noise does.
+    pub sigma_scatter_px: f64,
     /// Its standard uncertainty from pixel noise alone, px.
     pub sigma_random_px: f64,
     /// t_x: rise of the spacing along x, px per half frame width.
@@ -181,6 +184,20 @@ impl LivePart {
     /// Every part.
     pub const ALL: [Self; 7] =
         [Self::Search, Self::Exposure, Self::Grid, Self::Clusters, Self::Pairs, Self::Equations, Self::Noise];
+}
+
+impl LiveSpacing {
+    /// The spacing on the axis as one of several that are combined, seen at a time, s.
+    #[must_use]
+    pub const fn single(&self, at_s: f64) -> Single {
+        Single {
+            at_s,
+            value: self.on_axis_px,
+            sigma_scatter: self.sigma_scatter_px,
+            sigma_random: self.sigma_random_px,
+            sigma_model: MODEL_SIGMA_PX,
+        }
+    }
 }
 
 /// How the micro-images have moved from where a grid has them: a similarity about the frame's middle.

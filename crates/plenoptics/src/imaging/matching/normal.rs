@@ -197,7 +197,7 @@ impl Normal {
         step: &DVector<f64>,
     ) -> DMatrix<f64> {
         let n = model.unknowns();
-        let (mut middle, mut blocks) = (DMatrix::zeros(n, n), 0usize);
+        let mut middle = DMatrix::zeros(n, n);
         for frame in self.cells.chunks_exact(self.regions * FRAME_BLOCKS) {
             for block in 0..FRAME_BLOCKS {
                 let mut left = DVector::zeros(n);
@@ -207,14 +207,24 @@ impl Normal {
                         left[at] += rest[i];
                     }
                 }
-                if left.iter().any(|v| *v != 0.0) {
-                    middle.ger(1.0, &left, &left, 1.0);
-                    blocks += 1;
-                }
+                middle.ger(1.0, &left, &left, 1.0);
             }
         }
-        let spare = blocks.saturating_sub(n).max(1) as f64;
-        inverse * middle * inverse * (blocks as f64 / spare)
+        inverse * middle * inverse * (self.filled() as f64 / self.spare(n).max(1) as f64)
+    }
+
+    /// Field blocks that pairs are in, over all frames.
+    fn filled(&self) -> usize {
+        let filled = |frame: &[Cell], block: usize| {
+            frame.iter().skip(block).step_by(FRAME_BLOCKS).any(|cell| cell.gradient.iter().any(|v| *v != 0.0))
+        };
+        let frames = self.cells.chunks_exact(self.regions * FRAME_BLOCKS);
+        frames.map(|frame| (0..FRAME_BLOCKS).filter(|&block| filled(frame, block)).count()).sum()
+    }
+
+    /// How many more of them there are than unknowns.
+    pub(in crate::imaging) fn spare(&self, unknowns: usize) -> usize {
+        self.filled().saturating_sub(unknowns)
     }
 
     /// About what the noise of one grey level makes of the variance of a combination of the unknowns of a region in a
