@@ -80,12 +80,28 @@ pub struct Reading {
     /// The spacing wanted, px; there without a spacing, too.
     #[prost(double, tag = "19")]
     pub spacing_target_px: f64,
-    /// Whether the spacing is within the blur limit of that.
+    /// Whether the combined spacing is within the blur limit of that.
     #[prost(bool, tag = "20")]
     pub in_focus: bool,
     /// Frames that the camera took since somebody began to read, and that were not measured.
     #[prost(uint64, tag = "21")]
     pub frames_left_out: u64,
+    /// The spacing combined from the frames up to this one while nothing moved, over 5 s at most, px: their mean. This is
+    /// what to go by.
+    #[prost(double, tag = "22")]
+    pub combined_spacing_px: f64,
+    /// Its standard uncertainty, px: what differs from frame to frame is averaged away, and nothing else.
+    #[prost(double, tag = "23")]
+    pub combined_sigma_px: f64,
+    /// How many frames that is.
+    #[prost(uint32, tag = "24")]
+    pub combined_frames: u32,
+    /// From the first of them to this one, s.
+    #[prost(double, tag = "25")]
+    pub combined_span_s: f64,
+    /// What ended the combination before.
+    #[prost(enumeration = "CombinedSince", tag = "26")]
+    pub combined_since: i32,
 }
 /// The spacing micro-image by micro-image. The lists run together: one entry for each micro-image.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -242,6 +258,51 @@ impl ReadingState {
             "READING_STATE_MEASURED" => Some(Self::Measured),
             "READING_STATE_LOST" => Some(Self::Lost),
             "READING_STATE_REFUSED" => Some(Self::Refused),
+            _ => None,
+        }
+    }
+}
+/// What a combination of frames began with, where the one before ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum CombinedSince {
+    /// Not said.
+    Unspecified = 0,
+    /// The first frame that was read.
+    Start = 1,
+    /// An axis moved.
+    Axis = 2,
+    /// The picture moved, or was taken otherwise.
+    Picture = 3,
+    /// The spacing leapt, or showed a trend.
+    Trend = 4,
+    /// The spacing was lost.
+    Lost = 5,
+}
+impl CombinedSince {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Unspecified => "COMBINED_SINCE_UNSPECIFIED",
+            Self::Start => "COMBINED_SINCE_START",
+            Self::Axis => "COMBINED_SINCE_AXIS",
+            Self::Picture => "COMBINED_SINCE_PICTURE",
+            Self::Trend => "COMBINED_SINCE_TREND",
+            Self::Lost => "COMBINED_SINCE_LOST",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "COMBINED_SINCE_UNSPECIFIED" => Some(Self::Unspecified),
+            "COMBINED_SINCE_START" => Some(Self::Start),
+            "COMBINED_SINCE_AXIS" => Some(Self::Axis),
+            "COMBINED_SINCE_PICTURE" => Some(Self::Picture),
+            "COMBINED_SINCE_TREND" => Some(Self::Trend),
+            "COMBINED_SINCE_LOST" => Some(Self::Lost),
             _ => None,
         }
     }

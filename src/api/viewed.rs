@@ -17,6 +17,7 @@ use crate::control::ServiceError;
 use crate::control::events::FieldMap;
 use crate::control::meter::{NoReading, Reading};
 use crate::device::Frame;
+use crate::imaging::combined::{Combined, Since};
 use crate::imaging::spacing::{LensSpacing, LensState};
 
 /// What pictures a viewer wants.
@@ -62,6 +63,10 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
         frames_left_out: reading.frames_left_out,
         ..proto::Reading::default()
     };
+    let message = match &reading.combined {
+        Some(combined) => with_combined(message, combined),
+        None => message,
+    };
     match &reading.spacing {
         Ok(spacing) => proto::Reading {
             state: proto::ReadingState::Measured.into(),
@@ -79,6 +84,24 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
         Err(NoReading::Refused(why)) => {
             proto::Reading { state: proto::ReadingState::Refused.into(), why: why.clone(), ..message }
         }
+    }
+}
+
+fn with_combined(message: proto::Reading, combined: &Combined) -> proto::Reading {
+    let since = match combined.since {
+        Since::Start => proto::CombinedSince::Start,
+        Since::Axis => proto::CombinedSince::Axis,
+        Since::Picture => proto::CombinedSince::Picture,
+        Since::Trend => proto::CombinedSince::Trend,
+        Since::Lost => proto::CombinedSince::Lost,
+    };
+    proto::Reading {
+        combined_spacing_px: combined.value,
+        combined_sigma_px: combined.sigma,
+        combined_frames: combined.frames,
+        combined_span_s: combined.span_s,
+        combined_since: since.into(),
+        ..message
     }
 }
 

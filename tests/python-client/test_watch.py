@@ -78,6 +78,10 @@ def test_live_pictures(homed: plenalign.Client) -> None:
         assert reading.simulated
         assert (reading.spacing_px is None) == (reading.why is not None)
         assert reading.spacing_target_px > 0
+        assert (reading.combined_spacing_px is None) == (reading.spacing_px is None)
+        if reading.combined_frames is not None:
+            assert reading.combined_frames >= 1
+            assert isinstance(reading.combined_since, plenalign.CombinedSince)
 
 
 def test_a_part_of_the_frame_without_loss(homed: plenalign.Client) -> None:

@@ -7,16 +7,21 @@ use plenalign::control::events::ShellState;
 use plenalign::control::job::{JobKind, JobRequest, JobState};
 use plenalign::control::measurement::MeasurementRequest;
 use plenalign::control::meter::{NoReading, Reading};
+use plenalign::device::AxisName;
 use plenalign::device::faults::{Faults, PictureFault};
+use plenalign::imaging::combined::{Combined, Since};
+use plenalign::units::Millimetres;
 use tokio::sync::watch;
 
-use super::bench::{permit, run, service, small_config};
+use super::bench::{permit, quick_axes, run, service, small_config};
+use super::until::until;
 
 type Readings = watch::Receiver<Option<Arc<Reading>>>;
 
 /// A bench with a white frame taken and a flat board before the camera, nearly in focus.
 async fn ready() -> Arc<Service> {
     let mut config = small_config(3);
+    quick_axes(&mut config.bench);
     let simulation = &mut config.bench.simulation;
     (simulation.preview_rate_hz, simulation.preview_rays) = (100.0, simulation.rays);
     let service = service(config).await;
@@ -58,9 +63,55 @@ async fn frames_are_read_as_whole_measurements_have_them() {
         let read = reading.spacing.as_ref().unwrap();
         let sigma = sigma_px.hypot(read.sigma_px);
         assert!((read.on_axis_px - spacing_px).abs() < 4.0 * sigma, "{} for {spacing_px} ± {sigma}", read.on_axis_px);
-        let off = (read.on_axis_px - reading.spacing_target_px).abs();
+        let combined = reading.combined.unwrap();
+        let off = (combined.value - reading.spacing_target_px).abs();
         assert_eq!(reading.in_focus, off <= service.config().assembly.blur_limit_px);
+        let sigma = sigma_px.hypot(combined.sigma);
+        assert!((combined.value - spacing_px).abs() < 4.0 * sigma, "{combined:?} for {spacing_px} ± {sigma_px}");
     }
+}
+
+/// Readings up to the first whose combined frames are as wanted.
+async fn up_to(readings: &mut Readings, wanted: impl Fn(&Combined) -> bool) -> Vec<Arc<Reading>> {
+    let mut read = Vec::new();
+    loop {
+        read.push(next(readings).await);
+        if read.last().and_then(|reading| reading.combined).is_some_and(|combined| wanted(&combined)) {
+            return read;
+        }
+    }
+}
+
+#[tokio::test]
+async fn frames_are_combined_until_an_axis_or_the_picture_moves() {
+    let service = ready().await;
+    let permit = permit(&service);
+    service.home_axis(&permit, AxisName::Focus).await.unwrap();
+    let at_mm = until("the focus axis is homed", async || {
+        let view = service.axis_view(AxisName::Focus);
+        view.position_mm.filter(|_| view.homed && !view.moving)
+    })
+    .await;
+    let mut readings = service.readings();
+    let single = up_to(&mut readings, |combined| combined.frames >= 8).await;
+    let (first, last) = (single[0].combined.unwrap(), single.last().unwrap().combined.unwrap());
+    assert_eq!((first.frames, first.span_s, first.since), (1, 0.0, Since::Start));
+    assert!(last.sigma < first.sigma && last.span_s > 0.0, "{first:?}, {last:?}");
+
+    let to_mm = at_mm + 0.03;
+    service.move_axis(&permit, AxisName::Focus, Millimetres(to_mm)).await.unwrap();
+    let there = |reading: &Reading| reading.frame.focus.position.is_some_and(|at| (at.value() - to_mm).abs() < 0.002);
+    let moved = up_to(&mut readings, |combined| combined.since == Since::Axis && combined.frames >= 5).await;
+    let spans_motion = |reading: &&Arc<Reading>| !reading.frame.focus.settled;
+    assert!(moved.iter().filter(spans_motion).all(|reading| reading.combined.is_none_or(|c| c.frames == 1)));
+    // Nothing of where the axis stood before is in it.
+    assert!(moved.iter().rev().take(5).all(|reading| there(reading)), "{:?}", moved.last().unwrap().combined);
+
+    let mut faults = Faults::default();
+    faults.scene.board_displaced_mm = 2.0;
+    set(&service, faults);
+    let displaced = up_to(&mut readings, |combined| combined.since == Since::Picture).await;
+    assert!(displaced.last().unwrap().combined.unwrap().frames == 1);
 }
 
 #[tokio::test]
@@ -84,6 +135,10 @@ async fn another_board_is_lost_at_once_and_found_again() {
                 let sigma = sigma_px.hypot(read.sigma_px);
                 let off = read.on_axis_px - after_px;
                 assert!(off.abs() < 4.0 * sigma, "{} for {after_px} ± {sigma}", read.on_axis_px);
+                // Nothing of the old board is in it.
+                let combined = reading.combined.unwrap();
+                let sigma = sigma_px.hypot(combined.sigma);
+                assert!((combined.value - after_px).abs() < 4.0 * sigma, "{combined:?} for {after_px} ± {sigma_px}");
                 found = true;
             }
             Err(NoReading::Lost(_)) => lost = true,

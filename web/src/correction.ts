@@ -87,7 +87,7 @@ export function tilt(design: Design | null, reading: Reading | null, widthPx: nu
   const halfWidthMm = (widthPx / 2) * array.pixelMm;
   const degrees = (px: number) => (Math.atan(px / slopePxPerMm / halfWidthMm) * 180) / Math.PI;
   // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
-  const sigmaPx = Math.sqrt(3) * reading.sigmaPx;
+  const sigmaPx = Math.sqrt(3) * reading.single.sigmaPx;
   return { degrees: degrees(Math.hypot(x, y)), sigmaDegrees: degrees(sigmaPx), towards: Math.atan2(y, x) };
 }
 

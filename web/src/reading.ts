@@ -1,4 +1,5 @@
-// What the meter shows: the newest spacing against what it is to be, whether it was read in one frame or measured in whole.
+// What the meter shows: the newest spacing against what it is to be, whether it was read frame by frame or measured in
+// whole.
 
 import type { FrameReading, Measurement } from "./wire";
 
@@ -8,8 +9,13 @@ export type Direction = "larger" | "smaller" | "there";
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
   of: "frame" | "measurement";
+  /** Of the frames up to the newest while nothing moved: their mean. */
   spacingPx: number;
   sigmaPx: number;
+  /** How many they are. */
+  frames: number;
+  /** The newest frame's own. */
+  single: { spacingPx: number; sigmaPx: number };
   targetPx: number;
   differencePx: number;
   direction: Direction;
@@ -41,6 +47,8 @@ export function reading(measurement: Measurement): Reading {
   return {
     of: "measurement",
     ...against(spacing.spacing_px, spacing.spacing_sigma_px, measurement.spacing_target_px),
+    frames: spacing.frames,
+    single: { spacingPx: spacing.spacing_px, sigmaPx: spacing.spacing_sigma_px },
     inFocus: measurement.in_focus,
     tiltXPx: spacing.tilt_x_px,
     tiltYPx: spacing.tilt_y_px,
@@ -56,11 +64,13 @@ export function reading(measurement: Measurement): Reading {
 export function frameReading(read: FrameReading, measurement: Measurement | null): Reading | null {
   const { found, targetPx, focusMm, eMm, settled, capturedAt } = read;
   if (found.is !== "measured") return null;
-  const { spacingPx, sigmaPx, inFocus, tiltXPx, tiltYPx } = found;
+  const { spacingPx, sigmaPx, combined, inFocus, tiltXPx, tiltYPx } = found;
   const pitchPx = measurement?.micro_image_pitch_px ?? null;
   return {
     of: "frame",
-    ...against(spacingPx, sigmaPx, targetPx),
+    ...against(combined.spacingPx, combined.sigmaPx, targetPx),
+    frames: combined.frames,
+    single: { spacingPx, sigmaPx },
     ...{ inFocus, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
   };
 }
@@ -82,12 +92,14 @@ function against(spacingPx: number, sigmaPx: number, targetPx: number) {
   return { spacingPx, sigmaPx, targetPx, differencePx, direction };
 }
 
-/** The reading that came closest to its target, and where the axes stood. */
+/** The reading that is closest to its target as far as can be told, and where the axes stood. */
 export type Best = Pick<Reading, "differencePx" | "sigmaPx" | "targetPx" | "focusMm" | "eMm">;
 
 /** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */
 export function best(held: Best | null, now: Reading): Best {
   const { differencePx, sigmaPx, targetPx, focusMm, eMm } = now;
-  const better = held?.targetPx !== targetPx || Math.abs(differencePx) < Math.abs(held.differencePx);
+  // A single frame's spacing is often nearer by chance than the mean of many: what it may be off by counts.
+  const off = (one: Pick<Reading, "differencePx" | "sigmaPx">) => Math.hypot(one.differencePx, one.sigmaPx);
+  const better = held?.targetPx !== targetPx || off(now) < off(held);
   return held && !better ? held : { differencePx, sigmaPx, targetPx, focusMm, eMm };
 }

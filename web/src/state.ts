@@ -186,14 +186,14 @@ function withMeasurement(state: State, measurement: Measurement, now: number): P
 
 /** `sentAt` and `now` are this page's clock, ms. */
 function withReading(state: State, newest: Reading, sentAt: number, now: number) {
-  const { spacingPx, sigmaPx, targetPx } = newest;
+  const { single, targetPx } = newest;
   return {
     reading: newest,
     readingAt: sentAt,
     missing: null,
     missingAt: null,
     best: best(state.best, newest),
-    spacings: follow(state.spacings, now / 1000, { spacingPx, sigmaPx, targetPx }),
+    spacings: follow(state.spacings, now / 1000, { ...single, targetPx }),
   };
 }
 

@@ -161,6 +161,9 @@ export type Found =
       sigmaPx: number;
       tiltXPx: number;
       tiltYPx: number;
+      /** Of the frames up to this one while nothing moved: their mean, and how many they are. */
+      combined: { spacingPx: number; sigmaPx: number; frames: number };
+      /** Whether that is within the blur limit. */
       inFocus: boolean;
     }
   | { is: "lost" | "refused"; why: string };
@@ -251,6 +254,11 @@ function foundIn(read: FrameRead): Found | null {
         sigmaPx: read.spacingSigmaPx,
         tiltXPx: read.tiltXPx,
         tiltYPx: read.tiltYPx,
+        combined: {
+          spacingPx: read.combinedSpacingPx,
+          sigmaPx: read.combinedSigmaPx,
+          frames: read.combinedFrames,
+        },
         inFocus: read.inFocus,
       };
     case ReadingState.LOST:

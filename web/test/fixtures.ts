@@ -103,9 +103,14 @@ function read(found: Found, capturedAt: number): FrameReading {
   return { ...axes, capturedAt, ageMs: 50, framesLeftOut: 2, targetPx: 19.725, found };
 }
 
-/** What the meter says of a frame, 50 ms after it was taken at `capturedAt`, ms. */
-export function frameReading(spacingPx: number, capturedAt: number): FrameReading {
-  const level = { sigmaPx: 0.002, tiltXPx: 0, tiltYPx: 0, inFocus: true };
+/** What the meter says of a frame, 50 ms after it was taken at `capturedAt`, ms, and of frames combined: of itself alone
+ *  where they are not given. */
+export function frameReading(
+  spacingPx: number,
+  capturedAt: number,
+  combined = { spacingPx, sigmaPx: 0.002, frames: 1 },
+): FrameReading {
+  const level = { sigmaPx: 0.002, tiltXPx: 0, tiltYPx: 0, inFocus: true, combined };
   return read({ is: "measured", spacingPx, ...level }, capturedAt);
 }
 

@@ -51,6 +51,8 @@ describe("peak hold", () => {
     const better = best(first, reading(measurement(19.71, 0.002)));
     expect(better.differencePx).toBeCloseTo(-0.015, 9);
     expect(best(better, reading(measurement(19.75, 0.002)))).toBe(better);
+    const surer = best(better, reading(measurement(19.7115, 0.0005)));
+    expect(best(surer, reading(measurement(19.7249, 0.05)))).toBe(surer);
   });
 
   it("begins anew with another target", () => {

@@ -148,6 +148,17 @@ describe("what the meter reads, frame by frame", () => {
     expect(state).toMatchObject({ heardAt: 3050, framesLeftOut: 2, measurement: before.measurement });
   });
 
+  it("is shown and held as the mean of the frames at rest, and charted by itself", () => {
+    const combined = { spacingPx: 19.727, sigmaPx: 0.0008, frames: 40 };
+    const state = receiveReading(open(), frameReading(19.73, 3000, combined), 3050);
+    // The mean is off its target where the single frame's spacing could not be told from it.
+    expect(state.reading).toMatchObject({ ...combined, direction: "larger" });
+    expect(state.reading?.single).toEqual({ spacingPx: 19.73, sigmaPx: 0.002 });
+    expect(state.best?.differencePx).toBeCloseTo(0.002, 9);
+    expect(state.best?.sigmaPx).toBe(0.0008);
+    expect(state.spacings.points).toEqual([{ spacingPx: 19.73, sigmaPx: 0.002, targetPx: 19.725 }]);
+  });
+
   it("gives way to a whole measurement where frames are read no more, and to one of a newer frame only", () => {
     const read = receiveReading(open(), frameReading(19.73, 3000), 3050);
     const late = measured(read, second(2), 3100);

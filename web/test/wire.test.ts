@@ -158,6 +158,9 @@ describe("parseSeen", () => {
       spacingTargetPx: 19.72,
       inFocus: true,
       framesLeftOut: 4n,
+      combinedSpacingPx: 19.71,
+      combinedSigmaPx: 0.0012,
+      combinedFrames: 12,
     });
     expect(measured).toEqual({
       capturedAt: 1_700_000_000_123.456,
@@ -173,6 +176,7 @@ describe("parseSeen", () => {
         sigmaPx: 0.002,
         tiltXPx: 0.1,
         tiltYPx: -0.2,
+        combined: { spacingPx: 19.71, sigmaPx: 0.0012, frames: 12 },
         inFocus: true,
       },
     });

@@ -2,6 +2,7 @@
 //! axis. Pure: measurement in, decision out.
 
 use super::axis_model::{AxisModel, MoveFault, check_move};
+use super::combining::AtPose;
 
 /// What the loop is to reach, and what it may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +70,7 @@ pub enum AirDecision {
 pub const PROBE_MM: f64 = 0.5;
 /// Free travel on both sides of the axis before its first move, mm.
 pub const FREE_TRAVEL_MM: f64 = 1.0;
-/// Frames combined at one pose before the uncertainty is called too large.
+/// Measurements combined at one pose before the uncertainty is called too large.
 const MAX_MEASUREMENTS_AT_A_POSE: u32 = 5;
 /// Moves before the loop gives up, the probe not counted.
 const MAX_MOVES: u32 = 6;
@@ -87,24 +88,10 @@ pub struct AirLoop {
 }
 
 /// The measurements at the present pose, combined.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Pose {
-    reading_mm: f64,
-    weight: f64,
-    weighted_sum: f64,
-    count: u32,
-    repeatability_mm: Option<f64>,
-}
-
-impl Pose {
-    fn combined(&self) -> AirObservation {
-        AirObservation {
-            reading_mm: self.reading_mm,
-            delta_v_mm: self.weighted_sum / self.weight,
-            sigma_mm: self.weight.sqrt().recip(),
-            repeatability_mm: self.repeatability_mm,
-        }
-    }
+    combined: AirObservation,
+    measurements: AtPose,
 }
 
 impl AirLoop {
@@ -130,33 +117,26 @@ impl AirLoop {
     /// The measurements at the present pose, combined.
     #[must_use]
     pub fn here(&self) -> Option<AirObservation> {
-        self.pose.map(|pose| pose.combined())
+        self.pose.as_ref().map(|pose| pose.combined)
     }
 
     /// Takes in a measurement and decides.
     pub fn next(&mut self, observation: AirObservation) -> AirDecision {
-        let weight = observation.sigma_mm.powi(-2);
-        let moved = self.pose.is_none_or(|pose| (pose.reading_mm - observation.reading_mm).abs() > 1e-6);
+        let away = |here: AirObservation| (here.reading_mm - observation.reading_mm).abs() > 1e-6;
+        let moved = self.here().is_none_or(away);
         if moved {
             self.previous = self.here();
-            self.pose = Some(Pose {
-                reading_mm: observation.reading_mm,
-                weight: 0.0,
-                weighted_sum: 0.0,
-                count: 0,
-                repeatability_mm: observation.repeatability_mm,
-            });
         }
-        let here = match &mut self.pose {
-            Some(pose) => {
-                pose.weight += weight;
-                pose.weighted_sum += weight * observation.delta_v_mm;
-                pose.count += 1;
-                pose.combined()
-            }
-            None => observation,
-        };
-        let measurements = self.pose.map_or(1, |pose| pose.count);
+        let mut pose = self
+            .pose
+            .take()
+            .filter(|_| !moved)
+            .unwrap_or_else(|| Pose { combined: observation, measurements: AtPose::new() });
+        let random_mm = observation.repeatability_mm.unwrap_or(observation.sigma_mm);
+        let combined = pose.measurements.take(observation.delta_v_mm, observation.sigma_mm, random_mm);
+        (pose.combined.delta_v_mm, pose.combined.sigma_mm) = (combined.value, combined.sigma);
+        let (here, measurements) = (pose.combined, pose.measurements.count());
+        self.pose = Some(pose);
         if moved
             && let Some(previous) = self.previous
             && let Some(fault) = self.contradiction(previous, here)

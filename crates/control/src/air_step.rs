@@ -103,7 +103,7 @@ impl Alignment<'_> {
                         .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to_mm)))
                         .await?;
                 }
-                AirDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
+                AirDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
                 AirDecision::Done => {
                     self.findings.truth_air = self.context.truth();

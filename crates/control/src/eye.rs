@@ -46,6 +46,8 @@ pub(super) struct Seen {
     pub(super) e_mm: Option<f64>,
     /// Energy of gradient of the central view, mean per pixel, of a single board.
     pub(super) eog: Option<f64>,
+    /// The part of the spacing's standard uncertainty that is from pixel noise, px.
+    pub(super) sigma_random_px: f64,
     /// Radius of the masks that pairs were compared with, px.
     pub(super) window_px: f64,
     /// The central view, a JPEG, of a single board.
@@ -346,7 +348,8 @@ impl Eye {
         }
         let eog = seen.eog.map(|eog| eog.mean_per_pixel);
         let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
-        Seen { taken, spacing: seen.spacing, focus_mm, e_mm, eog, window_px: seen.window_px, picture: seen.picture }
+        let sight::Measured { spacing, sigma_random_px, window_px, picture, .. } = seen;
+        Seen { taken, spacing, focus_mm, e_mm, eog, sigma_random_px, window_px, picture }
     }
 
     fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {

@@ -3,6 +3,9 @@
 //! The newest frame is measured, never a queue of them: what comes meanwhile is left out and counted. From one frame to
 //! the next the spacing is followed. Where it cannot be, the reading says at once that it is lost, and the next frame is
 //! searched for it as if nothing were known.
+//!
+//! While nothing moves, frames are combined ([`plenoptics::imaging::combined`]): beside its own spacing a reading has the mean
+//! up to it, which is what is judged.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
@@ -10,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{Notify, broadcast, watch};
 
+use super::at_rest::AtRest;
 use super::eye::OLD_PICTURE;
 use super::recording::{Happening, words};
 use super::service::Service;
@@ -17,6 +21,7 @@ use super::sight::Sight;
 use bench::device::Frame;
 use bench::record::messages::MeterReading;
 use bench::telemetry::{self, ReadingOutcome};
+use plenoptics::imaging::combined::Combined;
 use plenoptics::imaging::grid::GridError;
 use plenoptics::imaging::live::{LiveError, LiveMeter, LivePart, LiveSpacing};
 use plenoptics::imaging::spacing::SpacingError;
@@ -39,9 +44,11 @@ pub struct Reading {
     pub frame: Arc<Frame>,
     /// Its spacing, or why there is none.
     pub spacing: Result<LiveSpacing, NoReading>,
+    /// What it comes to with those before it while nothing has moved, px: there where the frame has a spacing.
+    pub combined: Option<Combined>,
     /// The spacing wanted, px.
     pub spacing_target_px: f64,
-    /// Whether there is a spacing, and within the blur limit of that.
+    /// Whether there is a spacing, and what is combined within the blur limit of that.
     pub in_focus: bool,
     /// Frames that the camera took since somebody began to read, and that were not measured.
     pub frames_left_out: u64,
@@ -256,7 +263,7 @@ impl Service {
     async fn read_frames(&self) {
         let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
-        let mut kept = VecDeque::with_capacity(KEPT);
+        let (mut kept, mut at_rest) = (VecDeque::with_capacity(KEPT), AtRest::new());
         while self.readings.are_read() {
             match tokio::time::timeout(PATIENCE, live.changed()).await {
                 Ok(Ok(())) => {}
@@ -271,6 +278,7 @@ impl Service {
                 if kept.iter().any(other) {
                     tracing::warn!(frame = seq, spacing_px, "the meter has followed another match: it searches anew");
                     followed = None;
+                    at_rest.lost();
                 }
             }
             let missed = before.as_ref().map_or(0, |before| frame.seq.saturating_sub(before.seq + 1));
@@ -285,9 +293,13 @@ impl Service {
                 kept.push_front((frame.seq, spacing.on_axis_px));
             }
             telemetry::reading_published(outcome(&spacing), frame.exposed_to.elapsed(), missed);
+            if matches!(spacing, Err(NoReading::Lost(_))) {
+                at_rest.lost();
+            }
+            let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
             let spacing_target_px = self.eye.target_px();
-            let in_focus = spacing.as_ref().is_ok_and(|spacing| self.eye.is_in_focus(spacing.on_axis_px));
-            self.publish_reading(Reading { frame, spacing, spacing_target_px, in_focus, frames_left_out });
+            let in_focus = combined.is_some_and(|combined| self.eye.is_in_focus(combined.value));
+            self.publish_reading(Reading { frame, spacing, combined, spacing_target_px, in_focus, frames_left_out });
         }
     }
 

@@ -7,6 +7,7 @@
 use super::air::{FREE_TRAVEL_MM, PROBE_MM};
 use super::axis_model::{AxisModel, MoveFault, check_move};
 use super::calibrated::CalibratedCamera;
+use super::combining::AtPose;
 use bench::config::ShellStep;
 
 /// Share of the estimated distance to the optimum that a move may cover before scale and zero are confirmed.
@@ -56,6 +57,8 @@ pub struct ShellObservation {
     pub spacing_px: f64,
     /// Its standard uncertainty, px.
     pub sigma_px: f64,
+    /// The part of it that is from pixel noise, px.
+    pub sigma_random_px: f64,
 }
 
 /// What to do next.
@@ -111,24 +114,10 @@ pub struct ShellLoop {
 }
 
 /// The measurements at the present pose, combined.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Pose {
-    e_reading_mm: f64,
-    trim_mm: f64,
-    weight: f64,
-    weighted_sum: f64,
-    count: u32,
-}
-
-impl Pose {
-    fn combined(&self) -> ShellObservation {
-        ShellObservation {
-            e_reading_mm: self.e_reading_mm,
-            trim_mm: self.trim_mm,
-            spacing_px: self.weighted_sum / self.weight,
-            sigma_px: self.weight.sqrt().recip(),
-        }
-    }
+    combined: ShellObservation,
+    measurements: AtPose,
 }
 
 impl ShellLoop {
@@ -166,7 +155,7 @@ impl ShellLoop {
     /// The measurements at the present pose, combined.
     #[must_use]
     pub fn here(&self) -> Option<ShellObservation> {
-        self.pose.map(|pose| pose.combined())
+        self.pose.as_ref().map(|pose| pose.combined)
     }
 
     /// Whether Δv was trimmed.
@@ -183,30 +172,23 @@ impl ShellLoop {
 
     /// Takes in a measurement and decides.
     pub fn next(&mut self, observation: ShellObservation) -> ShellDecision {
-        let same_place = self.pose.is_some_and(|pose| {
-            (pose.e_reading_mm - observation.e_reading_mm).abs() < 1e-6
-                && (pose.trim_mm - observation.trim_mm).abs() < 1e-9
+        let same_place = self.here().is_some_and(|here| {
+            (here.e_reading_mm - observation.e_reading_mm).abs() < 1e-6
+                && (here.trim_mm - observation.trim_mm).abs() < 1e-9
         });
         if !same_place {
             self.previous = self.here();
-            self.pose = Some(Pose {
-                e_reading_mm: observation.e_reading_mm,
-                trim_mm: observation.trim_mm,
-                weight: 0.0,
-                weighted_sum: 0.0,
-                count: 0,
-            });
         }
-        let weight = observation.sigma_px.powi(-2);
-        let (here, measurements) = match &mut self.pose {
-            Some(pose) => {
-                pose.weight += weight;
-                pose.weighted_sum += weight * observation.spacing_px;
-                pose.count += 1;
-                (pose.combined(), pose.count)
-            }
-            None => (observation, 1),
-        };
+        let mut pose = self
+            .pose
+            .take()
+            .filter(|_| same_place)
+            .unwrap_or_else(|| Pose { combined: observation, measurements: AtPose::new() });
+        let combined =
+            pose.measurements.take(observation.spacing_px, observation.sigma_px, observation.sigma_random_px);
+        (pose.combined.spacing_px, pose.combined.sigma_px) = (combined.value, combined.sigma);
+        let (here, measurements) = (pose.combined, pose.measurements.count());
+        self.pose = Some(pose);
         if !same_place
             && let Some(previous) = self.previous
             && let Some(fault) = self.contradiction(previous, here)
@@ -368,7 +350,7 @@ impl ShellLoop {
     }
 
     fn decide_again(&mut self, here: ShellObservation) -> ShellDecision {
-        let measurements = self.pose.map_or(1, |pose| pose.count);
+        let measurements = self.pose.as_ref().map_or(1, |pose| pose.measurements.count());
         self.decide(here, measurements)
     }
 
@@ -435,6 +417,7 @@ mod tests {
                 trim_mm: trim,
                 spacing_px: spacing + noise,
                 sigma_px: sigma,
+                sigma_random_px: sigma,
             });
             decisions.push(decision.clone());
             match decision {

@@ -81,6 +81,7 @@ impl Alignment<'_> {
                 trim_mm,
                 spacing_px: seen.spacing.spacing_px,
                 sigma_px: seen.spacing.spacing_sigma_px,
+                sigma_random_px: seen.sigma_random_px,
             });
             self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
@@ -103,7 +104,7 @@ impl Alignment<'_> {
                         .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to)))
                         .await?;
                 }
-                ShellDecision::MoreFrames => (kind, predicted, frames) = (IterationKind::Verify, None, 2),
+                ShellDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
                 ShellDecision::Done => {
                     self.note_turned_board(&look, in_air.as_ref(), &seen);

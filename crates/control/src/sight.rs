@@ -56,6 +56,8 @@ pub(super) struct Measured {
     pub(super) spacing: SpacingReading,
     /// Pitch of the micro-images, px.
     pub(super) micro_image_pitch_px: f64,
+    /// The part of the spacing's standard uncertainty that is from pixel noise, px.
+    pub(super) sigma_random_px: f64,
     /// Radius of the masks that pairs were compared with, px.
     pub(super) window_px: f64,
     /// Energy of gradient of the central view of the last frame, of a single board.
@@ -185,10 +187,18 @@ impl Sight {
             frames: images.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (seen.grid.pitch_px(), seen.spacing.window_px);
-        Ok((
-            seen,
-            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None },
-        ))
+        let sigma_random_px = seen.spacing.sigma_random_px;
+        let measured = Measured {
+            spacing,
+            micro_image_pitch_px,
+            sigma_random_px,
+            window_px,
+            eog: None,
+            ssim: None,
+            picture: None,
+            map: None,
+        };
+        Ok((seen, measured))
     }
 
     /// Calibrates the camera from several frames of a triple-level board, far from focus with b held. The reading is
@@ -259,10 +269,19 @@ impl Sight {
             frames: seen.len() as u32,
         };
         let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
-        Ok((
-            camera,
-            Measured { spacing, micro_image_pitch_px, window_px, eog: None, ssim: None, picture: None, map: None },
-        ))
+        // How much of that is noise the boards do not tell.
+        let sigma_random_px = spacing.spacing_sigma_px;
+        let measured = Measured {
+            spacing,
+            micro_image_pitch_px,
+            sigma_random_px,
+            window_px,
+            eog: None,
+            ssim: None,
+            picture: None,
+            map: None,
+        };
+        Ok((camera, measured))
     }
 
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is

@@ -250,7 +250,9 @@ impl<'a> Bench<'a> {
         while shell.moves < MOST_MOVES {
             let (spacing_px, sigma_px) = self.in_water(focus + trim / scale, e)?;
             shell.seconds += MEASUREMENT_S;
-            match shell_loop.next(ShellObservation { e_reading_mm: e, trim_mm: trim, spacing_px, sigma_px }) {
+            let seen =
+                ShellObservation { e_reading_mm: e, trim_mm: trim, spacing_px, sigma_px, sigma_random_px: sigma_px };
+            match shell_loop.next(seen) {
                 ShellDecision::ProbeE { to_mm } | ShellDecision::MoveE { to_mm, .. } => {
                     shell.moves += 1;
                     shell.travel_mm += (to_mm - e).abs();

@@ -70,7 +70,9 @@ export const meter = {
   inFocus: "IN FOCUS",
   moving: "an axis moves",
   rate: (perSecond: string) => `${perSecond} /s`,
-  leftOut: (count: number) => `Readings a second; ${count} frames left out`,
+  mean: (frames: number) => `mean of ${frames}`,
+  leftOut: (count: number) =>
+    `Readings a second, and of how many the spacing is the mean; ${count} frames left out`,
   lost: "LOST",
   missing: {
     lost: "The spacing is lost, and searched for",

@@ -10,7 +10,7 @@ Lengths carry their unit in the name; what is not known is none.
 """
 
 from . import aio, configuration, errors, models
-from ._following import Message, Picture, Reading, SpacingMap
+from ._following import CombinedSince, Message, Picture, Reading, SpacingMap
 from .access import Access
 from .address import Address
 from .client import Client
@@ -29,6 +29,7 @@ __all__ = [
     "Access",
     "Address",
     "Client",
+    "CombinedSince",
     "Configuration",
     "Image",
     "Images",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 from uuid import UUID
 
@@ -88,6 +89,21 @@ class Picture:
     """What of the raw frame it shows, and at how many pixels; none where it shows something else."""
 
 
+class CombinedSince(Enum):
+    """What a combination of frames began with, where the one before ended."""
+
+    START = 1
+    """The first frame that was read."""
+    AXIS = 2
+    """An axis moved."""
+    PICTURE = 3
+    """The picture moved, or was taken otherwise."""
+    TREND = 4
+    """The spacing leapt, or showed a trend."""
+    LOST = 5
+    """The spacing was lost."""
+
+
 @dataclass(frozen=True)
 class Reading:
     """The spacing in one frame, as the meter reads it."""
@@ -131,9 +147,19 @@ class Reading:
     spacing_target_px: float
     """The spacing wanted, px."""
     in_focus: bool
-    """Whether there is a spacing, and within the blur limit of that."""
+    """Whether there is a spacing, and the combined one within the blur limit of that."""
     frames_left_out: int
     """Frames that the camera took since somebody began to read, and that were not measured."""
+    combined_spacing_px: float | None
+    """Mean over the frames up to this one while nothing moved, px: what to go by; none where this one has no spacing."""
+    combined_sigma_px: float | None
+    """Its standard uncertainty, px."""
+    combined_frames: int | None
+    """How many frames that is."""
+    combined_span_s: float | None
+    """From the first of them to this one, s."""
+    combined_since: CombinedSince | None
+    """What ended the combination before; none where the daemon says what this client does not know."""
 
 
 @dataclass(frozen=True)
@@ -289,6 +315,7 @@ def _viewport(shown: frame_pb2.Viewport) -> Viewport:
 
 def _reading(reading: frame_pb2.Reading, pb: Any) -> Reading:
     measured = reading.state == pb.READING_STATE_MEASURED
+    since = {since.value: since for since in CombinedSince}
 
     def value(number: float) -> float | None:
         return number if measured else None
@@ -315,6 +342,11 @@ def _reading(reading: frame_pb2.Reading, pb: Any) -> Reading:
         spacing_target_px=reading.spacing_target_px,
         in_focus=reading.in_focus,
         frames_left_out=reading.frames_left_out,
+        combined_spacing_px=value(reading.combined_spacing_px),
+        combined_sigma_px=value(reading.combined_sigma_px),
+        combined_frames=reading.combined_frames if measured else None,
+        combined_span_s=value(reading.combined_span_s),
+        combined_since=since.get(reading.combined_since),
     )
 
 

@@ -70,7 +70,7 @@ export function Meter(given: Scene) {
         </span>
       </h2>
       <p class="meter-tags">
-        <Pace framesLeftOut={state.framesLeftOut} />
+        <Pace framesLeftOut={state.framesLeftOut} combined={now?.frames ?? 0} />
         {now && !now.settled && !old && <span class="tag">{strings.meter.moving}</span>}
         {old && age !== null && <span class="tag old">{strings.meter.ago(span(age))}</span>}
         {now?.inFocus && !old && <span class="tag good">✓ {strings.meter.inFocus}</span>}
@@ -130,12 +130,13 @@ function Nothing({ state }: Scene) {
   );
 }
 
-/** How many readings come a second; nothing where none do. */
-function Pace({ framesLeftOut }: { framesLeftOut: number }) {
+/** How many readings come a second, and of how many the figure is the mean; nothing where none come. */
+function Pace({ framesLeftOut, combined }: { framesLeftOut: number; combined: number }) {
   const { rate } = needle;
   return (
     <span class="quiet pace" title={strings.meter.leftOut(framesLeftOut)}>
       {rate > 0 && strings.meter.rate(fixed(rate, 0))}
+      {rate > 0 && combined > 1 && ` · ${strings.meter.mean(combined)}`}
     </span>
   );
 }

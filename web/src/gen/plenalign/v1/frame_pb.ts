@@ -14,7 +14,7 @@ import type { Message } from "@bufbuild/protobuf";
 export const file_plenalign_v1_frame: GenFile =
   /*@__PURE__*/
   fileDesc(
-    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSKRAQoGVmlld2VkEiQKBWZyYW1lGAEgASgLMhMucGxlbmFsaWduLnYxLkZyYW1lSAASLwoLc3BhY2luZ19tYXAYAiABKAsyGC5wbGVuYWxpZ24udjEuU3BhY2luZ01hcEgAEigKB3JlYWRpbmcYAyABKAsyFS5wbGVuYWxpZ24udjEuUmVhZGluZ0gAQgYKBHdoYXQi7wMKB1JlYWRpbmcSCwoDc2VxGAEgASgEEhgKEGNhcHR1cmVkX3VuaXhfdXMYAiABKAMSHQoVY2FwdHVyZWRfbW9ub3RvbmljX3VzGAMgASgEEg4KBmFnZV9tcxgEIAEoARIVCghmb2N1c19tbRgFIAEoAUgAiAEBEhEKBGVfbW0YBiABKAFIAYgBARIPCgdzZXR0bGVkGAcgASgIEg8KB3ByZXZpZXcYCCABKAgSEQoJc2ltdWxhdGVkGAkgASgIEhAKCHJlcGxheWVkGAogASgIEikKBXN0YXRlGAsgASgOMhoucGxlbmFsaWduLnYxLlJlYWRpbmdTdGF0ZRILCgN3aHkYDCABKAkSEgoKc3BhY2luZ19weBgNIAEoARIYChBzcGFjaW5nX3NpZ21hX3B4GA4gASgBEh8KF3NwYWNpbmdfc2lnbWFfcmFuZG9tX3B4GA8gASgBEhEKCXRpbHRfeF9weBgQIAEoARIRCgl0aWx0X3lfcHgYESABKAESFAoMY3VydmF0dXJlX3B4GBIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GBMgASgBEhAKCGluX2ZvY3VzGBQgASgIEhcKD2ZyYW1lc19sZWZ0X291dBgVIAEoBEILCglfZm9jdXNfbW1CBwoFX2VfbW0iwgEKClNwYWNpbmdNYXASEQoJZnJhbWVfc2VxGAEgASgEEhwKFG1pY3JvX2ltYWdlX3BpdGNoX3B4GAIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GAMgASgBEgwKBHhfcHgYBCADKAISDAoEeV9weBgFIAMoAhISCgpzcGFjaW5nX3B4GAYgAygCEhAKCHNpZ21hX3B4GAcgAygCEiYKBXN0YXRlGAggAygOMhcucGxlbmFsaWduLnYxLkxlbnNTdGF0ZSKSAQoIVmlld3BvcnQSDAoEeF9weBgBIAEoDRIMCgR5X3B4GAIgASgNEhAKCHdpZHRoX3B4GAMgASgNEhEKCWhlaWdodF9weBgEIAEoDRIYChBwaWN0dXJlX3dpZHRoX3B4GAUgASgNEhkKEXBpY3R1cmVfaGVpZ2h0X3B4GAYgASgNEhAKCGxvc3NsZXNzGAcgASgIIuIDCgVGcmFtZRIMCgRqcGVnGAEgASgMEgsKA3NlcRgCIAEoBBIYChBjYXB0dXJlZF91bml4X3VzGAMgASgDEhMKC2V4cG9zdXJlX3VzGAQgASgEEhgKEGV4cG9zdXJlX2Fzc3VtZWQYBSABKAgSFQoIZm9jdXNfbW0YBiABKAFIAIgBARIRCgRlX21tGAcgASgBSAGIAQESDwoHc2V0dGxlZBgIIAEoCBIPCgdwcmV2aWV3GAkgASgIEhEKCXNpbXVsYXRlZBgKIAEoCBIOCgZhZ2VfbXMYCyABKAESFgoOZnJhbWVzX3NraXBwZWQYDCABKAQSEAoId2lkdGhfcHgYDSABKA0SEQoJaGVpZ2h0X3B4GA4gASgNEg4KBnJlZHVjZRgPIAEoDRIQCghyZXBsYXllZBgQIAEoCBIdChVjYXB0dXJlZF9tb25vdG9uaWNfdXMYESABKAQSJgoHcGljdHVyZRgSIAEoDjIVLnBsZW5hbGlnbi52MS5QaWN0dXJlEigKCHZpZXdwb3J0GBMgASgLMhYucGxlbmFsaWduLnYxLlZpZXdwb3J0EgsKA3BuZxgUIAEoDBITCgtzYW1wbGVfYml0cxgVIAEoDUILCglfZm9jdXNfbW1CBwoFX2VfbW0qfAoMUmVhZGluZ1N0YXRlEh0KGVJFQURJTkdfU1RBVEVfVU5TUEVDSUZJRUQQABIaChZSRUFESU5HX1NUQVRFX01FQVNVUkVEEAESFgoSUkVBRElOR19TVEFURV9MT1NUEAISGQoVUkVBRElOR19TVEFURV9SRUZVU0VEEAMqcAoJTGVuc1N0YXRlEhoKFkxFTlNfU1RBVEVfVU5TUEVDSUZJRUQQABIWChJMRU5TX1NUQVRFX01BVENIRUQQARIZChVMRU5TX1NUQVRFX01JU01BVENIRUQQAhIUChBMRU5TX1NUQVRFX0JMQU5LEAMqdQoHUGljdHVyZRIXChNQSUNUVVJFX1VOU1BFQ0lGSUVEEAASDwoLUElDVFVSRV9SQVcQARITCg9QSUNUVVJFX0NFTlRSQUwQAhIYChRQSUNUVVJFX0FMTF9JTl9GT0NVUxADEhEKDVBJQ1RVUkVfREVQVEgQBGIGcHJvdG8z",
+    "ChhwbGVuYWxpZ24vdjEvZnJhbWUucHJvdG8SDHBsZW5hbGlnbi52MSKRAQoGVmlld2VkEiQKBWZyYW1lGAEgASgLMhMucGxlbmFsaWduLnYxLkZyYW1lSAASLwoLc3BhY2luZ19tYXAYAiABKAsyGC5wbGVuYWxpZ24udjEuU3BhY2luZ01hcEgAEigKB3JlYWRpbmcYAyABKAsyFS5wbGVuYWxpZ24udjEuUmVhZGluZ0gAQgYKBHdoYXQijgUKB1JlYWRpbmcSCwoDc2VxGAEgASgEEhgKEGNhcHR1cmVkX3VuaXhfdXMYAiABKAMSHQoVY2FwdHVyZWRfbW9ub3RvbmljX3VzGAMgASgEEg4KBmFnZV9tcxgEIAEoARIVCghmb2N1c19tbRgFIAEoAUgAiAEBEhEKBGVfbW0YBiABKAFIAYgBARIPCgdzZXR0bGVkGAcgASgIEg8KB3ByZXZpZXcYCCABKAgSEQoJc2ltdWxhdGVkGAkgASgIEhAKCHJlcGxheWVkGAogASgIEikKBXN0YXRlGAsgASgOMhoucGxlbmFsaWduLnYxLlJlYWRpbmdTdGF0ZRILCgN3aHkYDCABKAkSEgoKc3BhY2luZ19weBgNIAEoARIYChBzcGFjaW5nX3NpZ21hX3B4GA4gASgBEh8KF3NwYWNpbmdfc2lnbWFfcmFuZG9tX3B4GA8gASgBEhEKCXRpbHRfeF9weBgQIAEoARIRCgl0aWx0X3lfcHgYESABKAESFAoMY3VydmF0dXJlX3B4GBIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GBMgASgBEhAKCGluX2ZvY3VzGBQgASgIEhcKD2ZyYW1lc19sZWZ0X291dBgVIAEoBBIbChNjb21iaW5lZF9zcGFjaW5nX3B4GBYgASgBEhkKEWNvbWJpbmVkX3NpZ21hX3B4GBcgASgBEhcKD2NvbWJpbmVkX2ZyYW1lcxgYIAEoDRIXCg9jb21iaW5lZF9zcGFuX3MYGSABKAESMwoOY29tYmluZWRfc2luY2UYGiABKA4yGy5wbGVuYWxpZ24udjEuQ29tYmluZWRTaW5jZUILCglfZm9jdXNfbW1CBwoFX2VfbW0iwgEKClNwYWNpbmdNYXASEQoJZnJhbWVfc2VxGAEgASgEEhwKFG1pY3JvX2ltYWdlX3BpdGNoX3B4GAIgASgBEhkKEXNwYWNpbmdfdGFyZ2V0X3B4GAMgASgBEgwKBHhfcHgYBCADKAISDAoEeV9weBgFIAMoAhISCgpzcGFjaW5nX3B4GAYgAygCEhAKCHNpZ21hX3B4GAcgAygCEiYKBXN0YXRlGAggAygOMhcucGxlbmFsaWduLnYxLkxlbnNTdGF0ZSKSAQoIVmlld3BvcnQSDAoEeF9weBgBIAEoDRIMCgR5X3B4GAIgASgNEhAKCHdpZHRoX3B4GAMgASgNEhEKCWhlaWdodF9weBgEIAEoDRIYChBwaWN0dXJlX3dpZHRoX3B4GAUgASgNEhkKEXBpY3R1cmVfaGVpZ2h0X3B4GAYgASgNEhAKCGxvc3NsZXNzGAcgASgIIuIDCgVGcmFtZRIMCgRqcGVnGAEgASgMEgsKA3NlcRgCIAEoBBIYChBjYXB0dXJlZF91bml4X3VzGAMgASgDEhMKC2V4cG9zdXJlX3VzGAQgASgEEhgKEGV4cG9zdXJlX2Fzc3VtZWQYBSABKAgSFQoIZm9jdXNfbW0YBiABKAFIAIgBARIRCgRlX21tGAcgASgBSAGIAQESDwoHc2V0dGxlZBgIIAEoCBIPCgdwcmV2aWV3GAkgASgIEhEKCXNpbXVsYXRlZBgKIAEoCBIOCgZhZ2VfbXMYCyABKAESFgoOZnJhbWVzX3NraXBwZWQYDCABKAQSEAoId2lkdGhfcHgYDSABKA0SEQoJaGVpZ2h0X3B4GA4gASgNEg4KBnJlZHVjZRgPIAEoDRIQCghyZXBsYXllZBgQIAEoCBIdChVjYXB0dXJlZF9tb25vdG9uaWNfdXMYESABKAQSJgoHcGljdHVyZRgSIAEoDjIVLnBsZW5hbGlnbi52MS5QaWN0dXJlEigKCHZpZXdwb3J0GBMgASgLMhYucGxlbmFsaWduLnYxLlZpZXdwb3J0EgsKA3BuZxgUIAEoDBITCgtzYW1wbGVfYml0cxgVIAEoDUILCglfZm9jdXNfbW1CBwoFX2VfbW0qfAoMUmVhZGluZ1N0YXRlEh0KGVJFQURJTkdfU1RBVEVfVU5TUEVDSUZJRUQQABIaChZSRUFESU5HX1NUQVRFX01FQVNVUkVEEAESFgoSUkVBRElOR19TVEFURV9MT1NUEAISGQoVUkVBRElOR19TVEFURV9SRUZVU0VEEAMqsQEKDUNvbWJpbmVkU2luY2USHgoaQ09NQklORURfU0lOQ0VfVU5TUEVDSUZJRUQQABIYChRDT01CSU5FRF9TSU5DRV9TVEFSVBABEhcKE0NPTUJJTkVEX1NJTkNFX0FYSVMQAhIaChZDT01CSU5FRF9TSU5DRV9QSUNUVVJFEAMSGAoUQ09NQklORURfU0lOQ0VfVFJFTkQQBBIXChNDT01CSU5FRF9TSU5DRV9MT1NUEAUqcAoJTGVuc1N0YXRlEhoKFkxFTlNfU1RBVEVfVU5TUEVDSUZJRUQQABIWChJMRU5TX1NUQVRFX01BVENIRUQQARIZChVMRU5TX1NUQVRFX01JU01BVENIRUQQAhIUChBMRU5TX1NUQVRFX0JMQU5LEAMqdQoHUGljdHVyZRIXChNQSUNUVVJFX1VOU1BFQ0lGSUVEEAASDwoLUElDVFVSRV9SQVcQARITCg9QSUNUVVJFX0NFTlRSQUwQAhIYChRQSUNUVVJFX0FMTF9JTl9GT0NVUxADEhEKDVBJQ1RVUkVfREVQVEgQBGIGcHJvdG8z",
   );
 
 /**
@@ -203,7 +203,7 @@ export type Reading = Message<"plenalign.v1.Reading"> & {
   spacingTargetPx: number;
 
   /**
-   * Whether the spacing is within the blur limit of that.
+   * Whether the combined spacing is within the blur limit of that.
    *
    * @generated from field: bool in_focus = 20;
    */
@@ -215,6 +215,42 @@ export type Reading = Message<"plenalign.v1.Reading"> & {
    * @generated from field: uint64 frames_left_out = 21;
    */
   framesLeftOut: bigint;
+
+  /**
+   * The spacing combined from the frames up to this one while nothing moved, over 5 s at most, px: their mean. This is
+   * what to go by.
+   *
+   * @generated from field: double combined_spacing_px = 22;
+   */
+  combinedSpacingPx: number;
+
+  /**
+   * Its standard uncertainty, px: what differs from frame to frame is averaged away, and nothing else.
+   *
+   * @generated from field: double combined_sigma_px = 23;
+   */
+  combinedSigmaPx: number;
+
+  /**
+   * How many frames that is.
+   *
+   * @generated from field: uint32 combined_frames = 24;
+   */
+  combinedFrames: number;
+
+  /**
+   * From the first of them to this one, s.
+   *
+   * @generated from field: double combined_span_s = 25;
+   */
+  combinedSpanS: number;
+
+  /**
+   * What ended the combination before.
+   *
+   * @generated from field: plenalign.v1.CombinedSince combined_since = 26;
+   */
+  combinedSince: CombinedSince;
 };
 
 /**
@@ -557,6 +593,60 @@ export enum ReadingState {
 export const ReadingStateSchema: GenEnum<ReadingState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 0);
 
 /**
+ * What a combination of frames began with, where the one before ended.
+ *
+ * @generated from enum plenalign.v1.CombinedSince
+ */
+export enum CombinedSince {
+  /**
+   * Not said.
+   *
+   * @generated from enum value: COMBINED_SINCE_UNSPECIFIED = 0;
+   */
+  UNSPECIFIED = 0,
+
+  /**
+   * The first frame that was read.
+   *
+   * @generated from enum value: COMBINED_SINCE_START = 1;
+   */
+  START = 1,
+
+  /**
+   * An axis moved.
+   *
+   * @generated from enum value: COMBINED_SINCE_AXIS = 2;
+   */
+  AXIS = 2,
+
+  /**
+   * The picture moved, or was taken otherwise.
+   *
+   * @generated from enum value: COMBINED_SINCE_PICTURE = 3;
+   */
+  PICTURE = 3,
+
+  /**
+   * The spacing leapt, or showed a trend.
+   *
+   * @generated from enum value: COMBINED_SINCE_TREND = 4;
+   */
+  TREND = 4,
+
+  /**
+   * The spacing was lost.
+   *
+   * @generated from enum value: COMBINED_SINCE_LOST = 5;
+   */
+  LOST = 5,
+}
+
+/**
+ * Describes the enum plenalign.v1.CombinedSince.
+ */
+export const CombinedSinceSchema: GenEnum<CombinedSince> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 1);
+
+/**
  * What became of a micro-image in the newest measurement.
  *
  * @generated from enum plenalign.v1.LensState
@@ -594,7 +684,7 @@ export enum LensState {
 /**
  * Describes the enum plenalign.v1.LensState.
  */
-export const LensStateSchema: GenEnum<LensState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 1);
+export const LensStateSchema: GenEnum<LensState> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 2);
 
 /**
  * What a picture shows.
@@ -641,4 +731,4 @@ export enum Picture {
 /**
  * Describes the enum plenalign.v1.Picture.
  */
-export const PictureSchema: GenEnum<Picture> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 2);
+export const PictureSchema: GenEnum<Picture> = /*@__PURE__*/ enumDesc(file_plenalign_v1_frame, 3);
