@@ -151,7 +151,7 @@ class Reading:
     frames_left_out: int
     """Frames that the camera took since somebody began to read, and that were not measured."""
     combined_spacing_px: float | None
-    """Mean over the frames up to this one while nothing moved, px: what to go by; none where this one has no spacing."""
+    """Mean over the frames up to this one while nothing moved, px: what to go by; none where there is no spacing."""
     combined_sigma_px: float | None
     """Its standard uncertainty, px."""
     combined_frames: int | None
