@@ -4,7 +4,7 @@
 //! noise alone. Neither noise nor texture has to be known for that; what the frame differs from its predecessor by is the
 //! measure of the other.
 
-use super::spacing::QUANTISATION;
+use super::matching::model::QUANTISATION;
 use crate::raw::{RawImage, Samples};
 
 /// Runs of pixels that are looked at, and pixels of a run.
