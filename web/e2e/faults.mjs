@@ -78,7 +78,7 @@ try {
   const meter = other.locator(".meter");
   const live = other.locator(".meter[data-state=measured][data-old=false]");
   await live.waitFor({ timeout: 20_000 });
-  await other.locator(".meter .pace", { hasText: /^\d+ \/s$/ }).waitFor();
+  await other.locator(".meter .pace", { hasText: /^\d+ \/s · mean of \d+$/ }).waitFor();
   await other.evaluate(watchFigure);
   const rate = await until(async () => {
     const times = await other.evaluate((last) => globalThis.figures.slice(-last), FIGURES);
@@ -129,14 +129,14 @@ try {
   bench.remove();
 }
 
-/** In the page: when another spacing was painted, ms. */
+/** In the page: when the spacing of another frame was painted, ms. At rest its digits seldom change. */
 function watchFigure() {
   globalThis.figures = [];
   let shown = null;
   const look = (now) => {
-    const text = document.querySelector("#spacing")?.textContent ?? null;
-    if (text !== null && text !== shown) globalThis.figures.push(now);
-    shown = text;
+    const frame = document.querySelector("#spacing")?.dataset.capturedAt ?? null;
+    if (frame !== null && frame !== shown) globalThis.figures.push(now);
+    shown = frame;
     requestAnimationFrame(look);
   };
   requestAnimationFrame(look);

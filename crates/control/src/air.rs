@@ -71,7 +71,7 @@ pub const PROBE_MM: f64 = 0.5;
 /// Free travel on both sides of the axis before its first move, mm.
 pub const FREE_TRAVEL_MM: f64 = 1.0;
 /// Measurements combined at one pose before the uncertainty is called too large.
-const MAX_MEASUREMENTS_AT_A_POSE: u32 = 5;
+const MAX_MEASUREMENTS_AT_A_POSE: u32 = 9;
 /// Moves before the loop gives up, the probe not counted.
 const MAX_MOVES: u32 = 6;
 

@@ -15,7 +15,7 @@ const UNCONFIRMED_SHARE: f64 = 0.85;
 /// The picture's e must be known this well (mm) where a move is to end before scale and zero count as confirmed.
 const CONFIRMED_SIGMA_MM: f64 = 0.4;
 /// Measurements at one pose before the uncertainty is called too large.
-const MAX_MEASUREMENTS_AT_A_POSE: u32 = 6;
+const MAX_MEASUREMENTS_AT_A_POSE: u32 = 11;
 /// Moves of either axis before the loop gives up, the probe not counted.
 const MAX_MOVES: u32 = 7;
 /// Longest trim of Δv, mm: more than the air step can have left and e's zero can ask for.

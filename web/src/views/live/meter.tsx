@@ -62,8 +62,10 @@ export function Meter(given: Scene) {
         <span class="quiet sigma">
           {now && (
             <>
-              <b id="spacing">{fixed(now.spacingPx, 4)}</b> {strings.meter.sigma(fixed(now.sigmaPx, 4))}{" "}
-              ·{" "}
+              <b id="spacing" data-captured-at={now.capturedAt}>
+                {fixed(now.spacingPx, 4)}
+              </b>{" "}
+              {strings.meter.sigma(fixed(now.sigmaPx, 4))} ·{" "}
             </>
           )}
           {strings.meter.target(fixed(target.targetPx, 4))}
