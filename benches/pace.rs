@@ -49,15 +49,20 @@ struct Wanted {
 /// Columns and rows of the screen that pictures are for.
 const SCREEN_PX: [u32; 2] = [1920, 1080];
 
+/// Viewers of parts of their own, as many as the daemon allows where nothing else is configured; one of them is the client
+/// whose readings count.
+const VIEWERS: u32 = 16;
+
 impl Camera {
-    /// The whole frame on the screen.
-    fn on_screen(&self) -> Value {
+    /// The frame on the screen, but for its first columns.
+    fn on_screen(&self, without: u32) -> Value {
         let [columns, rows] = SCREEN_PX.map(f64::from);
         let scale = (columns / f64::from(self.width)).min(rows / f64::from(self.height)).min(1.0);
         let room = |pixels: u32| (f64::from(pixels) * scale).round() as u32;
+        let width = self.width - without;
         json!({
-            "x_px": 0, "y_px": 0, "width_px": self.width, "height_px": self.height,
-            "picture_width_px": room(self.width), "picture_height_px": room(self.height),
+            "x_px": without, "y_px": 0, "width_px": width, "height_px": self.height,
+            "picture_width_px": room(width), "picture_height_px": room(self.height),
         })
     }
 }
@@ -232,7 +237,7 @@ async fn look(daemon: &Daemon, camera: &Camera, pictures: bool, lasting: Duratio
     let (mut socket, _) = tokio_tungstenite::connect_async(format!("ws://{}/api/v1/ws", daemon.address)).await?;
     ask(&mut socket, json!({ "type": "readings", "on": true })).await?;
     if pictures {
-        let viewport = camera.on_screen();
+        let viewport = camera.on_screen(0);
         ask(
             &mut socket,
             json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "viewport": viewport, "window": 2 }),
@@ -295,6 +300,30 @@ async fn look(daemon: &Daemon, camera: &Camera, pictures: bool, lasting: Duratio
     Ok(seen)
 }
 
+/// Viewers of a part each of their own, beside the client; they look as long as this is held.
+async fn crowd(daemon: &Daemon, camera: &Camera) -> Result<tokio::task::JoinSet<()>, Failure> {
+    let mut viewers = tokio::task::JoinSet::new();
+    for nth in 1..VIEWERS {
+        let (mut socket, _) = tokio_tungstenite::connect_async(format!("ws://{}/api/v1/ws", daemon.address)).await?;
+        let viewport = camera.on_screen(nth);
+        ask(
+            &mut socket,
+            json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "viewport": viewport, "window": 2 }),
+        )
+        .await?;
+        viewers.spawn(async move {
+            while let Some(Ok(message)) = socket.next().await {
+                let Message::Binary(bytes) = message else { continue };
+                let Ok(Viewed { what: Some(What::Frame(picture)) }) = Viewed::decode(bytes) else { continue };
+                if ask(&mut socket, json!({ "type": "seen", "seq": picture.seq })).await.is_err() {
+                    return;
+                }
+            }
+        });
+    }
+    Ok(viewers)
+}
+
 /// The value that so many of a hundred do not exceed.
 fn percentile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
@@ -341,6 +370,17 @@ async fn measure(camera: &'static Camera, lasting: Duration) -> Result<Vec<Line>
     line("readings, with pictures besides", "/s", rate(measured(&beside), &beside), wanted.readings_beside_hz, true);
     line("pictures decoded", "/s", rate(beside.pictures.len(), &beside), wanted.pictures_hz, true);
     line("age of the picture, p95", "ms", percentile(&mut beside.pictures, 0.95), wanted.picture_age_ms, false);
+    let viewers = crowd(&daemon, camera).await?;
+    let crowded = look(&daemon, camera, true, lasting).await?;
+    drop(viewers);
+    line(
+        "readings, with 16 viewports besides",
+        "/s",
+        rate(measured(&crowded), &crowded),
+        wanted.readings_beside_hz,
+        true,
+    );
+    line("age of the reading then, p95", "ms", percentile(&mut ages(&crowded), 0.95), wanted.age_ms, false);
     Ok(lines)
 }
 

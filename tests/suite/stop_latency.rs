@@ -1,5 +1,5 @@
 //! The stop's latency, from the request to the last byte on the serial line: a safety property, under the worst load that
-//! is promised. Sixteen viewers stream, a job is stuck in a camera that gives nothing, and half of the stops come upon a
+//! is promised. Sixteen viewers stream a part of the frame each of their own, a job is stuck in a camera that gives nothing, and half of the stops come upon a
 //! motion. What control takes under the same load is told beside it.
 
 use std::sync::Arc;
@@ -31,9 +31,11 @@ async fn bench_with_fed_camera() -> (Bench, Arc<super::fakes::FedCamera>) {
     (Bench { camera: fakes.camera.clone(), ..simulated }, fakes.camera)
 }
 
-async fn watch(address: std::net::SocketAddr, seen: Arc<AtomicU64>) {
+async fn watch(address: std::net::SocketAddr, nth: usize, seen: Arc<AtomicU64>) {
     let (mut socket, _) = connect_async(format!("ws://{address}/api/v1/ws")).await.unwrap();
-    let asked = json!({ "type": "pictures", "on": true, "max_rate_hz": 30 });
+    let viewport = json!({ "x_px": nth, "y_px": 0, "width_px": 540, "height_px": 560,
+                           "picture_width_px": 500, "picture_height_px": 510 });
+    let asked = json!({ "type": "pictures", "on": true, "max_rate_hz": 30, "viewport": viewport });
     socket.send(Message::text(asked.to_string())).await.unwrap();
     while let Some(Ok(message)) = socket.next().await {
         if message.is_binary() {
@@ -61,8 +63,8 @@ async fn stops_under_load(stops: usize) {
     let (bench, camera) = bench_with_fed_camera().await;
     let daemon = Daemon::start_with(small_config(1), bench).await;
     let seen = Arc::new(AtomicU64::new(0));
-    for _ in 0..VIEWERS {
-        tokio::spawn(watch(daemon.address, Arc::clone(&seen)));
+    for nth in 0..VIEWERS {
+        tokio::spawn(watch(daemon.address, nth, Arc::clone(&seen)));
     }
     let feeder = tokio::spawn(async move { camera.film(0.., [560, 560], Duration::from_millis(33)).await });
     let (mut latencies, mut answers) = (Vec::new(), Vec::new());

@@ -204,4 +204,24 @@ async fn equal_viewports_are_made_once_a_frame_and_none_for_nobody() {
     let metrics = client().get(format!("http://{address}/metrics")).send().await.unwrap().text().await.unwrap();
     let count = metrics.lines().find_map(|line| line.strip_prefix("plenalign_picture_seconds_count ")).unwrap();
     assert_eq!(count.parse::<usize>().unwrap(), different.len());
+
+    // What makes them gives way, to as much as there is room for below the daemon itself.
+    let threads = priorities(program.id());
+    let own = threads.iter().find(|(name, _)| name == "plenalign").unwrap().1;
+    let making: Vec<i32> =
+        threads.iter().filter(|(name, _)| name.starts_with("picture-")).map(|(_, nice)| *nice).collect();
+    assert!(!making.is_empty() && making.iter().all(|nice| *nice == (own + 10).min(19)), "{own} and {threads:?}");
+}
+
+/// Name and nice value of each thread of a process.
+fn priorities(pid: u32) -> Vec<(String, i32)> {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap();
+    let stats = threads.filter_map(|thread| std::fs::read_to_string(thread.unwrap().path().join("stat")).ok());
+    stats
+        .map(|stat| {
+            let (begin, rest) = stat.rsplit_once(") ").unwrap();
+            // The 19th of proc(5), of which two stand before.
+            (begin.split_once('(').unwrap().1.to_owned(), rest.split(' ').nth(16).unwrap().parse().unwrap())
+        })
+        .collect()
 }

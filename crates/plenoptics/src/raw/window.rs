@@ -26,7 +26,7 @@ pub struct Window {
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Cover {
     first: usize,
-    weights: Vec<u32>,
+    weights: Vec<u16>,
 }
 
 impl RawImage {
@@ -127,7 +127,7 @@ fn cover(stretches: [[i64; 2]; 2], pixel: i64, from: usize, all: usize) -> Cover
     let (mut covered, mut given) = (0, 0);
     let weights = lengths.into_iter().map(|length| {
         covered += length;
-        let by_now = ((covered * i64::from(WHOLE) + total / 2) / total) as u32;
+        let by_now = ((covered * i64::from(WHOLE) + total / 2) / total) as u16;
         by_now - std::mem::replace(&mut given, by_now)
     });
     Cover { first, weights: weights.collect() }
@@ -157,13 +157,14 @@ fn scaled<T: Copy>(
         sums.fill(0);
         for (y, &weight) in (cover.first..).zip(&cover.weights) {
             for (sum, &sample) in sums.iter_mut().zip(row(y)) {
-                *sum += weight * u32::from(level(sample));
+                // Of 16 bits each: of them processors multiply several at once.
+                *sum += u32::from(weight) * u32::from(u16::from(level(sample)));
             }
         }
         out.extend(columns.iter().map(|cover| {
             let covered = sums[cover.first - begin..].iter().zip(&cover.weights);
             // 255 times WHOLE squared and a half of that is less than 2^32.
-            let sum = covered.map(|(sum, weight)| sum * weight).sum::<u32>() + WHOLE * WHOLE / 2;
+            let sum = covered.map(|(sum, &weight)| sum * u32::from(weight)).sum::<u32>() + WHOLE * WHOLE / 2;
             (sum / (WHOLE * WHOLE)) as u8
         }));
     }
