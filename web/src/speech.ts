@@ -25,8 +25,9 @@ export function isNews(
   now: number,
 ): boolean {
   if (said === null) return true;
-  if (now - said.at < SPEAK_MS) return false;
+  // What was said last would be an order to move by a spacing that is not known any more.
   if (reading === null) return said.direction !== null;
+  if (now - said.at < SPEAK_MS) return false;
   if (reading.direction !== said.direction) return true;
   // On the target it stays on the target.
   if (reading.direction === "there") return false;
