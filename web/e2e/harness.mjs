@@ -91,6 +91,27 @@ export function render({ file, env }, into, count) {
   }
 }
 
+/** Starts the daemon with a camera that plays so many rendered frames, so many a second; `end()` kills it and takes away what
+ *  it leaves. */
+export function play(count, rateHz) {
+  const place = folder("[bench.simulation]\nrays = 1\n");
+  const frames = join(place.state, "frames");
+  const bench = folder(`
+[bench.camera]
+driver = "files"
+files = "${frames}"
+frame_rate_hz = ${rateHz.toFixed(1)}
+`);
+  render(place, frames, count);
+  const daemon = start(bench);
+  daemon.end = () => {
+    daemon.process.kill("SIGKILL");
+    place.remove();
+    bench.remove();
+  };
+  return daemon;
+}
+
 /** What goes wrong in the page itself; what it cannot reach while a daemon is gone is no fault of its. */
 export function faults(page) {
   const errors = [];

@@ -4,8 +4,7 @@
 
 import assert from "node:assert/strict";
 import { cpus } from "node:os";
-import { join } from "node:path";
-import { browse, faults, folder, render, start, step } from "./harness.mjs";
+import { browse, faults, play, step } from "./harness.mjs";
 
 const SECONDS = 10;
 /** How much slower the main thread of a slow browser is. */
@@ -18,17 +17,7 @@ const WINDOW = 2;
 const LEAST = 5;
 const MOST_BYTES = 200_000;
 const PITCH = 29;
-const place = folder("[bench.simulation]\nrays = 1\n");
-const frames = join(place.state, "frames");
-const bench = folder(`
-[bench.camera]
-driver = "files"
-files = "${frames}"
-frame_rate_hz = 30.0
-`);
-
-render(place, frames, 6);
-const daemon = start(bench);
+const daemon = play(6, 30);
 const browser = await browse();
 
 try {
@@ -125,9 +114,7 @@ try {
   assert.deepEqual(own(), []);
 } finally {
   await browser.close();
-  daemon.process.kill("SIGKILL");
-  place.remove();
-  bench.remove();
+  daemon.end();
 }
 
 /** What the page shows and how its threads fare, for a while. */

@@ -2,20 +2,10 @@
 // seen pixel by pixel it is the camera's own.
 
 import assert from "node:assert/strict";
-import { join } from "node:path";
-import { browse, faults, folder, render, shots, start, step } from "./harness.mjs";
+import { browse, faults, play, shots, step } from "./harness.mjs";
 import { until } from "./until.mjs";
 
-const place = folder("[bench.simulation]\nrays = 1\n");
-const frames = join(place.state, "frames");
-const bench = folder(`
-[bench.camera]
-driver = "files"
-files = "${frames}"
-frame_rate_hz = 15.0
-`);
-render(place, frames, 1);
-const daemon = start(bench);
+const daemon = play(1, 15);
 const browser = await browse();
 
 try {
@@ -86,9 +76,7 @@ try {
   assert.deepEqual(own(), []);
 } finally {
   await browser.close();
-  daemon.process.kill("SIGKILL");
-  place.remove();
-  bench.remove();
+  daemon.end();
 }
 
 /** The pixel under a place of the canvas, which shows the level that the camera has there, and says so. */
