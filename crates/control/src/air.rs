@@ -1,8 +1,8 @@
 //! The in-air loop (Eq. 15): from Δv_1 = v_ADJ − v, as the triple-level board gives it, to the next move of the focus
 //! axis. Pure: measurement in, decision out.
 
+use super::at_pose::AtPose;
 use super::axis_model::{AxisModel, MoveFault, check_move};
-use super::combining::AtPose;
 
 /// What the loop is to reach, and what it may use.
 #[derive(Debug, Clone, Copy, PartialEq)]

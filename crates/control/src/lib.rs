@@ -7,13 +7,13 @@
 pub mod air;
 mod air_step;
 mod alignment;
+mod at_pose;
 mod at_rest;
 pub mod axis_model;
 mod bench_name;
 mod by_hand;
 pub mod calibrated;
 mod clock;
-mod combining;
 mod confirm_key;
 mod context;
 pub mod design;

@@ -5,9 +5,9 @@
 //! axis are confirmed by the picture, a move towards the shell covers at most 85 % of the estimated distance.
 
 use super::air::{FREE_TRAVEL_MM, PROBE_MM};
+use super::at_pose::AtPose;
 use super::axis_model::{AxisModel, MoveFault, check_move};
 use super::calibrated::CalibratedCamera;
-use super::combining::AtPose;
 use bench::config::ShellStep;
 
 /// Share of the estimated distance to the optimum that a move may cover before scale and zero are confirmed.

@@ -70,6 +70,23 @@ pub(super) struct Measured {
     pub(super) map: Option<Arc<SpacingMap>>,
 }
 
+impl Measured {
+    /// A spacing with the part of its standard uncertainty that is from pixel noise (px), and without a picture.
+    fn new(spacing: SpacingReading, sigma_random_px: f64, grid: &Grid, window_px: f64) -> Self {
+        let micro_image_pitch_px = grid.pitch_px();
+        Self {
+            spacing,
+            micro_image_pitch_px,
+            sigma_random_px,
+            window_px,
+            eog: None,
+            ssim: None,
+            picture: None,
+            map: None,
+        }
+    }
+}
+
 /// Grid and vignetting learnt from a white frame, and what is known of the camera.
 pub(super) struct Sight {
     white: WhiteModel,
@@ -186,18 +203,7 @@ impl Sight {
             pairs: seen.spacing.pairs as u32,
             frames: images.len() as u32,
         };
-        let (micro_image_pitch_px, window_px) = (seen.grid.pitch_px(), seen.spacing.window_px);
-        let sigma_random_px = seen.spacing.sigma_random_px;
-        let measured = Measured {
-            spacing,
-            micro_image_pitch_px,
-            sigma_random_px,
-            window_px,
-            eog: None,
-            ssim: None,
-            picture: None,
-            map: None,
-        };
+        let measured = Measured::new(spacing, seen.spacing.sigma_random_px, &seen.grid, seen.spacing.window_px);
         Ok((seen, measured))
     }
 
@@ -268,19 +274,9 @@ impl Sight {
             pairs: 0,
             frames: seen.len() as u32,
         };
-        let (micro_image_pitch_px, window_px) = (first.grid.pitch_px(), first.window_px);
         // How much of that is noise the boards do not tell.
         let sigma_random_px = spacing.spacing_sigma_px;
-        let measured = Measured {
-            spacing,
-            micro_image_pitch_px,
-            sigma_random_px,
-            window_px,
-            eog: None,
-            ssim: None,
-            picture: None,
-            map: None,
-        };
+        let measured = Measured::new(spacing, sigma_random_px, &first.grid, first.window_px);
         Ok((camera, measured))
     }
 

@@ -292,10 +292,7 @@ impl Engine {
             let sigma_random_px = random.variance::<_, ALONG>(&setting, &along, known_scale.is_none()).sqrt();
             ended(LivePart::Noise);
             let scatter = normal.scatter(&before, &inverse, &step);
-            let covariance_of =
-                |row: usize, column: usize| Some(scatter[(before.unknown(0, row)?, before.unknown(0, column)?)]);
-            let mut covariance: [[f64; 1 + USUAL_TERMS]; 1 + USUAL_TERMS] =
-                std::array::from_fn(|row| std::array::from_fn(|column| covariance_of(row, column).unwrap_or_default()));
+            let mut covariance = before.usual(&scatter);
             let least = if normal.spare(before.unknowns()) < LEAST_SPARE { sigma_random_px } else { 0.0 };
             let sigma_scatter_px = covariance[0][0].sqrt().max(least);
             covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);

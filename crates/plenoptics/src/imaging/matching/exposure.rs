@@ -116,7 +116,7 @@ impl<T: Sample> pulp::WithSimd for Look<'_, T> {
                 continue;
             }
             for k in 0..count {
-                if frame.mosaic.is_some() && !frame.is_reference((x - half) as usize + k, (y + dy) as usize) {
+                if !frame.is_reference((x - half) as usize + k, (y + dy) as usize) {
                     continue;
                 }
                 let line = |v: &[T]| v[k].grey() - 2.0 * v[k + step].grey() + v[k + 2 * step].grey();

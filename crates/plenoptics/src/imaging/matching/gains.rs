@@ -162,6 +162,12 @@ impl Gains {
         self.units = units;
     }
 
+    /// By how many pixels tiles of a shape begin within the largest.
+    #[inline(always)]
+    const fn inset(&self, shape: &Shape) -> usize {
+        self.largest.disc - shape.disc
+    }
+
     /// The patch of a micro-image.
     #[inline(always)]
     pub(in crate::imaging) fn patch(&self, lens: &Lens) -> Patch<'_> {
@@ -177,7 +183,7 @@ impl<'a> Patch<'a> {
     pub(in crate::imaging) fn gains(&self, shape: &Shape) -> Option<Rows<'a>> {
         match *self {
             Self::Drawn { of, row, .. } if !of.gains.is_empty() => {
-                let inset = of.largest.disc - shape.disc;
+                let inset = of.inset(shape);
                 Some(Rows { gains: &of.gains[(row + inset) * of.columns + inset..], columns: of.columns })
             }
             _ => None,
@@ -197,7 +203,7 @@ impl<'a> Patch<'a> {
         let least = simd.splat_f32s(LEAST_VIGNETTING);
         match *self {
             Self::Drawn { of, row, field: [fx, fy, r] } => {
-                let inset = of.largest.disc - shape.disc;
+                let inset = of.inset(shape);
                 let wide = of.columns;
                 let rows = &of.terms[(row + y + inset) * TERMS * wide + inset..][..(TERMS - 1) * wide + columns];
                 let [unit, along_x, along_y, square] = of.units;
@@ -230,7 +236,7 @@ impl<'a> Patch<'a> {
                 if let Some(rows) = self.gains(shape) {
                     return f32::from(rows.row(y, x + 1)[x]) * GAIN_UNIT;
                 }
-                let inset = of.largest.disc - shape.disc;
+                let inset = of.inset(shape);
                 let (wide, from) = (of.columns, (row + y + inset) * TERMS * of.columns + inset + x);
                 let term = |k: usize| f32::from(of.terms[from + k * wide]) * of.units[k];
                 PLATEAU + term(0) + fx * term(1) + fy * term(2) + r * term(3)

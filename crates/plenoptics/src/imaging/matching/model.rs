@@ -1,7 +1,7 @@
 //! The unknowns: a spacing for each region, and the terms by which it departs from that over the field and between
 //! lattice directions.
 
-use nalgebra::{DVector, SVector};
+use nalgebra::{DMatrix, DVector, SVector};
 
 use crate::imaging::grid::Grid;
 
@@ -12,6 +12,8 @@ pub(in crate::imaging) type Local = SVector<f64, LOCAL>;
 pub(in crate::imaging) const TERMS: usize = 9;
 /// Terms that every field has.
 pub(in crate::imaging) const USUAL_TERMS: usize = 6;
+/// The numbers of a region's spacing and the usual terms, each with each.
+pub(in crate::imaging) type UsualMatrix = [[f64; 1 + USUAL_TERMS]; 1 + USUAL_TERMS];
 /// Terms of wide fields, in the order in which they are asked for: with r⁴ and the astigmatism's with r⁴, then with r⁶.
 pub(in crate::imaging) const WIDE_TERMS: [&[usize]; 2] = [&[6, 7], &[8]];
 /// Tilt along x and y, and curvature, come first.
@@ -168,6 +170,12 @@ impl Model {
     /// What of a vector over the unknowns belongs to a region's spacing and to the terms.
     pub(in crate::imaging) fn local(&self, unknowns: &DVector<f64>, region: usize) -> Local {
         Local::from_fn(|k, _| self.unknown(region, k).map_or(0.0, |unknown| unknowns[unknown]))
+    }
+
+    /// Of a covariance of the unknowns that of the first region's spacing and the usual terms; zero for terms held.
+    pub(in crate::imaging) fn usual(&self, covariance: &DMatrix<f64>) -> UsualMatrix {
+        let of = |row: usize, column: usize| Some(covariance[(self.unknown(0, row)?, self.unknown(0, column)?)]);
+        std::array::from_fn(|row| std::array::from_fn(|column| of(row, column).unwrap_or_default()))
     }
 
     /// Information (1/px²) that comes from what arrays are like: rows and columns of no real one differ by more.

@@ -140,11 +140,11 @@ impl<T: Sample, const WHAT: usize> pulp::WithSimd for Gather<'_, T, WHAT> {
                 for row in 0..overlap.rows {
                     let from = overlap.own + row * shape.stride;
                     let near = overlap.nearest + row * shape.stride;
-                    for k in 0..overlap.columns {
-                        let weight = own.counted()[from + k] * other.amplitudes[near + k];
-                        let slope = wx * own.slopes[0][from + k] + wy * own.slopes[1][from + k] - slope_mean;
-                        let slope = slope - projection * (own.values[from + k] - mean);
-                        weights[from + k] += strength * weight * slope;
+                    for x in 0..overlap.columns {
+                        let weight = own.counted()[from + x] * other.amplitudes[near + x];
+                        let slope = wx * own.slopes[0][from + x] + wy * own.slopes[1][from + x] - slope_mean;
+                        let slope = slope - projection * (own.values[from + x] - mean);
+                        weights[from + x] += strength * weight * slope;
                     }
                 }
             }

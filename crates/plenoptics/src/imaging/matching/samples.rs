@@ -13,7 +13,10 @@ pub(in crate::imaging) trait Sample: Copy + Default + PartialOrd + Send + Sync +
     fn level(self) -> u32;
 
     /// The same to calculate with.
-    fn grey(self) -> f32;
+    #[inline(always)]
+    fn grey(self) -> f32 {
+        self.into()
+    }
 
     /// The line of its own kind.
     fn line(lines: &mut EdgeLines) -> &mut Vec<Self>;
@@ -33,11 +36,6 @@ impl Sample for u8 {
         u32::from(self)
     }
 
-    #[inline(always)]
-    fn grey(self) -> f32 {
-        f32::from(self)
-    }
-
     fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {
         &mut lines.bytes
     }
@@ -49,11 +47,6 @@ impl Sample for u16 {
         u32::from(self)
     }
 
-    #[inline(always)]
-    fn grey(self) -> f32 {
-        f32::from(self)
-    }
-
     fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {
         &mut lines.words
     }
@@ -63,11 +56,6 @@ impl Sample for f32 {
     #[inline(always)]
     fn level(self) -> u32 {
         self as u32
-    }
-
-    #[inline(always)]
-    fn grey(self) -> f32 {
-        self
     }
 
     fn line(lines: &mut EdgeLines) -> &mut Vec<Self> {

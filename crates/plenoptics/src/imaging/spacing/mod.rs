@@ -184,14 +184,7 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
         fitted => fitted?,
     };
     let Fitted { regions, model, solver } = &fitted;
-    let mut covariance = [[0.0; 1 + USUAL_TERMS]; 1 + USUAL_TERMS];
-    let usual = model.free.iter().filter(|&&term| term < USUAL_TERMS);
-    let places: Vec<usize> = std::iter::once(0).chain(usual.map(|term| 1 + term)).collect();
-    for (i, &row) in places.iter().enumerate() {
-        for (j, &column) in places.iter().enumerate() {
-            covariance[row][column] = regions.covariance[(i, j)];
-        }
-    }
+    let mut covariance = model.usual(&regions.covariance);
     let sigma_random_px = regions.sigmas_random_px[0];
     covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
     for smear in frames.iter().zip(&solver.radii).filter_map(|(frame, &radius)| smear::smear(frame, model, radius)) {
