@@ -272,7 +272,7 @@ pub struct MeterReading {
     /// The spacing wanted, px.
     #[prost(double, tag = "15")]
     pub spacing_target_px: f64,
-    /// Whether the spacing is within the blur limit of that.
+    /// Whether what is combined while nothing moves, up to this frame, is within the blur limit of that.
     #[prost(bool, tag = "16")]
     pub in_focus: bool,
     /// Frames that the camera took since the meter began to read, and that were not measured.
