@@ -109,13 +109,14 @@ pub(super) fn offer_key(gate: &Gate, url: &str, may_print: bool) -> anyhow::Resu
         return Ok(());
     }
     let file = state_folder()?.join(KEY_FILE);
+    // The key is good before its link can be read: whoever reads the file at once gets in.
+    gate.once().set(&key, KEY_LASTS, Some(file.clone()));
     write_private(&file, format!("{link}\n").as_bytes()).with_context(|| format!("cannot write {}", file.display()))?;
     tracing::info!(file = %file.display(), "there is no token yet; the file holds a link that opens the page once");
     eprintln!(
         "plenalign: there is no token yet: {} holds a link that opens the page once, within an hour",
         file.display()
     );
-    gate.once().set(&key, KEY_LASTS, Some(file));
     Ok(())
 }
 
