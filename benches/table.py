@@ -7,7 +7,7 @@ NumPy beside this program, by time and by error.
     table.py [--criterion DIR] [--since FILE] [--comparison FILE] [--pace FILE] [--page FILE] [--partial] OUT
 
 Reads criterion's results below DIR (target/criterion), only those newer than FILE where one is given, so that a benchmark
-that is no longer there does not linger; the figures that benches/compare/opencv.py left; and those of benches/pace.rs.
+that is no longer there does not linger; the figures that benches/compare/opencv.py left; and those of benches/pace/main.rs.
 Writes the table to OUT, prints it, and puts it between the two marks of the page. Needs nothing but Python: criterion's
 results are JSON, and there is nothing to build.
 """
@@ -257,7 +257,7 @@ def main(arguments):
     parser.add_argument("--criterion", type=Path, default=Path("target/criterion"), metavar="DIR")
     parser.add_argument("--since", type=Path, metavar="FILE", help="made when the run began; may hold the load then")
     parser.add_argument("--comparison", type=Path, metavar="FILE", help="the figures of benches/compare/opencv.py")
-    parser.add_argument("--pace", type=Path, metavar="FILE", help="the figures of benches/pace.rs")
+    parser.add_argument("--pace", type=Path, metavar="FILE", help="the figures of benches/pace/main.rs")
     parser.add_argument("--page", type=Path, metavar="FILE", help="the page to put the table into")
     parser.add_argument("--partial", action="store_true", help="not every benchmark was run: a target may have none")
     parser.add_argument("out", type=Path, metavar="OUT")

@@ -14,6 +14,7 @@ use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 const STOP_LATENCY: &str = "plenalign_stop_latency_seconds";
 const REQUEST: &str = "plenalign_http_request_seconds";
 const MEASUREMENT: &str = "plenalign_measurement_seconds";
+const WHITE: &str = "plenalign_white_frame_seconds";
 const READINGS: &str = "plenalign_readings_total";
 const READING: &str = "plenalign_reading_seconds";
 const READING_PART: &str = "plenalign_reading_part_seconds";
@@ -96,6 +97,7 @@ pub fn install() -> Result<PrometheusHandle, String> {
     );
     describe_histogram!(REQUEST, "From a request to its answer, by method, route and status");
     describe_histogram!(MEASUREMENT, "Measuring the spacing of a frame or of several");
+    describe_histogram!(WHITE, "Learning grid and vignetting from a white frame");
     describe_counter!(READINGS, "Frames that the meter has tried to read the spacing in, by outcome");
     describe_histogram!(READING, "The meter's reading of a frame, by what it took to find the spacing");
     describe_histogram!(READING_PART, "Parts of the meter's reading of a frame");
@@ -170,6 +172,11 @@ pub fn answered(method: &str, route: &'static str, status: u16, took: Duration) 
 /// Frames were measured.
 pub fn measured(took: Duration) {
     histogram!(MEASUREMENT).record(took);
+}
+
+/// Grid and vignetting were learnt from a white frame.
+pub fn learnt(took: Duration) {
+    histogram!(WHITE).record(took);
 }
 
 /// What became of a frame at the meter.

@@ -180,8 +180,9 @@ impl Eye {
     /// # Errors
     /// Why it is none, in words.
     pub(super) async fn learn(&self, frame: Arc<Frame>) -> Result<Arc<Sight>, JobEnd> {
-        let (white, config) = (Arc::clone(&frame), Arc::clone(&self.config));
+        let (white, config, from) = (Arc::clone(&frame), Arc::clone(&self.config), Instant::now());
         let sight = Arc::new(blocking(move || Sight::from_white(&white.image, &config)).await?);
+        telemetry::learnt(from.elapsed());
         *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&sight));
         *self.white.lock().unwrap_or_else(PoisonError::into_inner) = Some(frame);
         Ok(sight)

@@ -1344,6 +1344,10 @@ export interface components {
        *         "preview_rays": 4,
        *         "rays": 64,
        *         "read_noise_levels": 2,
+       *         "reel": {
+       *           "poses": 64,
+       *           "step_um": 0
+       *         },
        *         "seed": 1,
        *         "shell_decentre_mm": [
        *           0,
@@ -1817,6 +1821,10 @@ export interface components {
        *       "preview_rays": 4,
        *       "rays": 64,
        *       "read_noise_levels": 2,
+       *       "reel": {
+       *         "poses": 64,
+       *         "step_um": 0
+       *       },
        *       "seed": 1,
        *       "shell_decentre_mm": [
        *         0,
@@ -2284,6 +2292,21 @@ export interface components {
     };
     /** @description Which jobs are recorded. */
     "Config.RecordJobs": "asked" | "all";
+    /** @description `[bench.simulation.reel]`: previews from light that was traced before, so that they keep pace with an axis in motion. */
+    "Config.ReelConfig": {
+      /**
+       * Format: uint32
+       * @description Poses whose light is kept; each takes four bytes a pixel.
+       * @default 64
+       */
+      poses: number;
+      /**
+       * Format: double
+       * @description The true Δv that a preview shows is the nearest multiple of this, µm, and nothing blurs; 0: every pose is traced.
+       * @default 0
+       */
+      step_um: number;
+    };
     /** @description `[sensor]` */
     "Config.SensorConfig": {
       /**
@@ -2629,6 +2652,14 @@ export interface components {
        * @default 2
        */
       read_noise_levels: number;
+      /**
+       * @description How previews keep pace with an axis in motion.
+       * @default {
+       *       "poses": 64,
+       *       "step_um": 0
+       *     }
+       */
+      reel: components["schemas"]["Config.ReelConfig"];
       /**
        * Format: uint64
        * @description Seed of noise, texture, and the array's rotation and offset.

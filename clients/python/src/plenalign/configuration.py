@@ -465,6 +465,19 @@ class RecordJobs(str, Enum):
     """All but those whose request says no."""
 
 
+class ReelConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[bench.simulation.reel]`: previews from light that was traced before, so that they keep pace with an axis in
+    motion.
+    """
+
+    poses: int | UnsetType = UNSET
+    """Poses whose light is kept; each takes four bytes a pixel."""
+    step_um: float | UnsetType = UNSET
+    """The true Δv that a preview shows is the nearest multiple of this, µm, and nothing blurs; 0: every pose is
+    traced.
+    """
+
+
 class SensorConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """`[sensor]`"""
 
@@ -607,6 +620,8 @@ class SimulationConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Rays a pixel of a measured frame."""
     read_noise_levels: float | UnsetType = UNSET
     """Read noise, grey levels of an 8-bit frame, standard deviation."""
+    reel: ReelConfig | UnsetType = UNSET
+    """How previews keep pace with an axis in motion."""
     seed: int | UnsetType = UNSET
     """Seed of noise, texture, and the array's rotation and offset."""
     shell_decentre_mm: list[float] | UnsetType = UNSET

@@ -1,7 +1,9 @@
 //! Physical sense of `[bench.simulation]`.
 
 use super::check::Faults;
-use super::{BubblesConfig, Config, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig, SimulationConfig};
+use super::{
+    BubblesConfig, Config, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig, ReelConfig, SimulationConfig,
+};
 use plenoptics::optics::{ArrayKind, CameraDesign};
 
 /// Travel of an axis in one exposure beyond which a wrong unit is likelier than a wish, µm.
@@ -42,6 +44,7 @@ impl SimulationConfig {
         self.dust.check(faults);
         self.bubbles.check(faults);
         self.motion.check(faults);
+        self.reel.check(faults);
         self.mosaic.check(faults);
     }
 }
@@ -120,6 +123,13 @@ impl MotionConfig {
         faults.require(self.steps != 1 || !moves, key("steps"), || {
             "1 is a single moment, in which nothing moves: give 2 or more, or no movement".to_owned()
         });
+    }
+}
+
+impl ReelConfig {
+    fn check(&self, faults: &mut Faults) {
+        faults.not_negative("bench.simulation.reel.step_um".to_owned(), self.step_um);
+        faults.require(self.poses > 0, "bench.simulation.reel.poses".to_owned(), || "must be at least 1".to_owned());
     }
 }
 

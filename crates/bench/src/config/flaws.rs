@@ -91,6 +91,22 @@ impl Default for MotionConfig {
     }
 }
 
+/// `[bench.simulation.reel]`: previews from light that was traced before, so that they keep pace with an axis in motion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReelConfig {
+    /// The true Δv that a preview shows is the nearest multiple of this, µm, and nothing blurs; 0: every pose is traced.
+    pub step_um: f64,
+    /// Poses whose light is kept; each takes four bytes a pixel.
+    pub poses: u32,
+}
+
+impl Default for ReelConfig {
+    fn default() -> Self {
+        Self { step_um: 0.0, poses: 64 }
+    }
+}
+
 /// `[bench.simulation.mosaic]`: what the colour filters of a sensor with `sensor.mosaic` let through, and the boards'
 /// colours, which a monochrome sensor sees grey.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -37,7 +37,7 @@ pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellCon
 pub use capture::{CameraConfig, CameraDriver, ControlValue};
 pub use edit::{Change, EditError, Forbidden, LOCKED};
 pub use error::{ConfigError, Position, Violation};
-pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
+pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig, ReelConfig};
 pub use history::HistoryConfig;
 pub use mqtt::{Broker, MqttConfig, MqttTlsConfig};
 pub use origin::ConfigOrigin;

@@ -4,7 +4,7 @@ pub use plenoptics::sim::texture::Texture;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig};
+use super::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig, ReelConfig};
 
 /// `[bench.simulation]`: how the simulated bench differs from what is configured, and how it looks. The daemon's
 /// control loops never read this section.
@@ -82,6 +82,8 @@ pub struct SimulationConfig {
     pub bubbles: BubblesConfig,
     /// What moves while the shutter is open.
     pub motion: MotionConfig,
+    /// How previews keep pace with an axis in motion.
+    pub reel: ReelConfig,
     /// The sensor's colour filters and the board's colours.
     pub mosaic: MosaicConfig,
 }
@@ -122,6 +124,7 @@ impl Default for SimulationConfig {
             dust: DustConfig::default(),
             bubbles: BubblesConfig::default(),
             motion: MotionConfig::default(),
+            reel: ReelConfig::default(),
             mosaic: MosaicConfig::default(),
         }
     }

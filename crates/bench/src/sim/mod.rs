@@ -7,6 +7,7 @@ pub mod camera;
 pub mod configured;
 mod picture;
 pub mod plant;
+mod reel;
 pub mod stage;
 pub mod truth;
 

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::configured;
 use super::exposure::{Bank, Noise, expose};
+use super::reel::Reel;
 use super::renderer::{CameraTruth, Medium, RenderOptions, Renderer};
 use super::scene::{Board, Scene, TripleBoard, texel_for};
 use super::shutter::Displacement;
@@ -27,11 +28,13 @@ pub(super) struct Picture {
     light: Mutex<HashMap<u32, Light>>,
     /// Noise for previews.
     bank: OnceLock<Bank>,
+    /// Light for previews of an axis in motion, where it is configured.
+    reel: Option<Reel>,
 }
 
 /// What light depends on, beside its rays a pixel and the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Moment {
+pub(super) struct Moment {
     from: Pose,
     to: Pose,
     scene: SceneFaults,
@@ -39,15 +42,15 @@ struct Moment {
 }
 
 impl Moment {
-    fn of(from: &Pose, to: &Pose, faults: &Faults) -> Self {
+    pub(super) fn of(from: &Pose, to: &Pose, faults: &Faults) -> Self {
         Self { from: *from, to: *to, scene: faults.scene, picture: faults.camera.picture }
     }
 }
 
 /// Noise-free irradiance, kept for the frames of a bench at rest, which differ in their noise alone.
-struct Light {
-    moment: Moment,
-    irradiance: Arc<Vec<f32>>,
+pub(super) struct Light {
+    pub(super) moment: Moment,
+    pub(super) irradiance: Arc<Vec<f32>>,
 }
 
 impl Picture {
@@ -62,6 +65,7 @@ impl Picture {
             textures: Mutex::new(HashMap::new()),
             light: Mutex::new(HashMap::new()),
             bank: OnceLock::new(),
+            reel: Reel::new(&simulation.reel),
         }
     }
 
@@ -75,11 +79,17 @@ impl Picture {
     }
 
     /// The same for viewers, whose pictures have to keep pace: noise comes from a bank, and the light is that of a measured
-    /// frame where one was taken of the moment.
+    /// frame where one was taken of the moment, or of the nearest pose on the reel.
     pub(super) fn preview(&self, from: &Pose, to: &Pose, rays: u32, seq: u64, faults: &Faults) -> RawImage {
-        let moment = Moment::of(from, to, faults);
-        let measured = self.kept(&moment, self.config.bench.simulation.rays);
-        let light = measured.unwrap_or_else(|| self.light(&moment, rays));
+        let light = if let Some(reel) = &self.reel {
+            let pose = reel.nearest(from);
+            let moment = Moment::of(&pose, &pose, faults);
+            reel.light(&moment, || self.trace(&moment, rays))
+        } else {
+            let moment = Moment::of(from, to, faults);
+            let measured = self.kept(&moment, self.config.bench.simulation.rays);
+            measured.unwrap_or_else(|| self.light(&moment, rays))
+        };
         let [width, height] = self.size();
         let bank = self.bank.get_or_init(|| Bank::new(self.config.bench.simulation.seed));
         bank.expose(&light, width, height, &self.noise, self.seed(seq))
