@@ -7,6 +7,7 @@ mod cfa;
 mod depth;
 mod file;
 mod format;
+mod scaled;
 mod window;
 
 pub use cfa::{CfaPattern, Channel};

@@ -1,13 +1,7 @@
 //! A part of a raw frame, at as many pixels as it is looked at with.
-//!
-//! A pixel of a smaller picture is the mean of what it covers, pixels that it covers in part counted by that part: every
-//! pixel of the part counts alike, and none is stepped over. Where a mosaic's colours would beat with the picture's
-//! pixels, the mean goes half a pixel farther on either side, which leaves the colours' own alternation out of it whole.
 
+use super::scaled::{covers, scaled};
 use super::{RawImage, Samples};
-
-/// Parts that a mean's weights are counted in.
-const WHOLE: u32 = 1 << 12;
 
 /// A rectangle of a frame's pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -20,13 +14,6 @@ pub struct Window {
     pub width: usize,
     /// Rows.
     pub height: usize,
-}
-
-/// The pixels along a line that one of the picture covers, and how much of its mean each is; together [`WHOLE`].
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct Cover {
-    first: usize,
-    weights: Vec<u16>,
 }
 
 impl RawImage {
@@ -68,11 +55,8 @@ impl RawImage {
         let columns = covers(window.x, window.width, width, self.width, mosaic);
         let rows = covers(window.y, window.height, height, self.height, mosaic);
         Some(match &self.samples {
-            Samples::U8(samples) => scaled(samples, self.width, &columns, &rows, |sample| sample),
-            Samples::U16(samples) => {
-                let shift = self.bits - 8;
-                scaled(samples, self.width, &columns, &rows, |sample| (sample >> shift) as u8)
-            }
+            Samples::U8(samples) => scaled(samples, self.width, 0, &columns, &rows),
+            Samples::U16(samples) => scaled(samples, self.width, self.bits - 8, &columns, &rows),
         })
     }
 }
@@ -81,94 +65,6 @@ impl RawImage {
 fn rows<T>(samples: &[T], width: usize, window: Window) -> impl Iterator<Item = &[T]> {
     let within = window.x..window.x + window.width;
     samples.chunks_exact(width).skip(window.y).take(window.height).map(move |row| &row[within.clone()])
-}
-
-/// What each of `count` pixels covers of `length` ones from `from` on, in a line of `all`.
-fn covers(from: usize, length: usize, count: usize, all: usize, mosaic: bool) -> Vec<Cover> {
-    // An even number of whole pixels has as much of one colour as of the other.
-    let even = length.is_multiple_of(count) && (length / count).is_multiple_of(2);
-    let blurred = mosaic && length > count && !even;
-    (0..count)
-        .map(|k| {
-            // In 1 / (2 count) of a pixel, from `from` on: all ends are whole numbers.
-            let [begin, end] = [k, k + 1].map(|k| (2 * k * length) as i64);
-            let half = count as i64;
-            let shares = if blurred { [begin - half, begin + half] } else { [begin, begin] };
-            cover(shares.map(|share| [share, share + end - begin]), 2 * half, from, all)
-        })
-        .collect()
-}
-
-/// The pixels that two stretches cover together, `pixel` being how long one is, counted from the pixel `from` on. What
-/// leaves the line comes back into it, where the colours alternate the same way.
-fn cover(stretches: [[i64; 2]; 2], pixel: i64, from: usize, all: usize) -> Cover {
-    let [low, high] = [stretches[0][0].div_euclid(pixel), (stretches[1][1] - 1).div_euclid(pixel)];
-    let last = all as i64 - 1;
-    let place = |k: i64| {
-        let at = from as i64 + k;
-        let back = if at < 0 {
-            -at
-        } else if at > last {
-            2 * last - at
-        } else {
-            at
-        };
-        back.clamp(0, last) as usize
-    };
-    let first = (low..=high).map(place).min().unwrap_or(from);
-    let end = (low..=high).map(place).max().unwrap_or(from);
-    let mut lengths = vec![0i64; end - first + 1];
-    for k in low..=high {
-        let overlap = |[begin, end]: [i64; 2]| (end.min((k + 1) * pixel) - begin.max(k * pixel)).max(0);
-        lengths[place(k) - first] += stretches.map(overlap).iter().sum::<i64>();
-    }
-    // What the rounding of one leaves goes to the next: together they are whole.
-    let total: i64 = lengths.iter().sum();
-    let (mut covered, mut given) = (0, 0);
-    let weights = lengths.into_iter().map(|length| {
-        covered += length;
-        let by_now = ((covered * i64::from(WHOLE) + total / 2) / total) as u16;
-        by_now - std::mem::replace(&mut given, by_now)
-    });
-    Cover { first, weights: weights.collect() }
-}
-
-/// Means over what columns and rows cover.
-fn scaled<T: Copy>(
-    samples: &[T],
-    width: usize,
-    columns: &[Cover],
-    rows: &[Cover],
-    level: impl Fn(T) -> u8 + Copy,
-) -> Vec<u8> {
-    let begin = columns.iter().map(|cover| cover.first).min().unwrap_or(0);
-    let end = columns.iter().map(|cover| cover.first + cover.weights.len()).max().unwrap_or(begin);
-    let row = |y: usize| &samples[y * width + begin..y * width + end];
-    let as_it_is = |covers: &[Cover]| covers.iter().all(|cover| cover.weights.len() == 1);
-    let mut out = Vec::with_capacity(columns.len() * rows.len());
-    if as_it_is(columns) && as_it_is(rows) {
-        for cover in rows {
-            out.extend(row(cover.first).iter().map(|&sample| level(sample)));
-        }
-        return out;
-    }
-    let mut sums = vec![0u32; end - begin];
-    for cover in rows {
-        sums.fill(0);
-        for (y, &weight) in (cover.first..).zip(&cover.weights) {
-            for (sum, &sample) in sums.iter_mut().zip(row(y)) {
-                // Of 16 bits each: of them processors multiply several at once.
-                *sum += u32::from(weight) * u32::from(u16::from(level(sample)));
-            }
-        }
-        out.extend(columns.iter().map(|cover| {
-            let covered = sums[cover.first - begin..].iter().zip(&cover.weights);
-            // 255 times WHOLE squared and a half of that is less than 2^32.
-            let sum = covered.map(|(sum, &weight)| sum * u32::from(weight)).sum::<u32>() + WHOLE * WHOLE / 2;
-            (sum / (WHOLE * WHOLE)) as u8
-        }));
-    }
-    out
 }
 
 #[cfg(test)]
@@ -224,12 +120,23 @@ mod tests {
         for (window, size) in
             [(image.window(), [13, 9]), (part, [25, 17]), (part, [24, 5]), (part, [1, 1]), (part, [7, 17])]
         {
-            let view = image.to_view_of(window, size, false).unwrap();
-            assert_eq!(view.len(), size[0] * size[1]);
-            for (found, wanted) in view.iter().zip(by_integrals(&image, window, size)) {
-                // Half a level by its own rounding; the rest by that of the weights.
-                assert!((f64::from(*found) - wanted).abs() <= 0.6, "{found} for {wanted}, {size:?}");
-            }
+            check_means(&image, window, size);
+        }
+        // More columns and rows than are added up at once, and no multiple of these.
+        let large = noise(141, 49);
+        check_means(&large, Window { x: 2, y: 1, width: 137, height: 47 }, [70, 43]);
+        // The levels of deeper samples are their highest bits.
+        let deep = samples(&large).iter().zip(0..).map(|(&level, k)| (u16::from(level) << 4) | (k % 16)).collect();
+        let deep = RawImage::from_u16(141, 49, 12, deep);
+        assert_eq!(deep.to_view_of(deep.window(), [50, 20], true), large.to_view_of(large.window(), [50, 20], true));
+    }
+
+    fn check_means(image: &RawImage, window: Window, size: [usize; 2]) {
+        let view = image.to_view_of(window, size, false).unwrap();
+        assert_eq!(view.len(), size[0] * size[1]);
+        for (found, wanted) in view.iter().zip(by_integrals(image, window, size)) {
+            // Half a level by its own rounding; the rest by that of the weights.
+            assert!((f64::from(*found) - wanted).abs() <= 0.6, "{found} for {wanted}, {size:?}");
         }
     }
 
