@@ -313,3 +313,6 @@ impl Service {
         self.readings.newest.send_replace(Some(Arc::new(reading)));
     }
 }
+
+#[cfg(test)]
+mod tests;

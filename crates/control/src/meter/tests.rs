@@ -1,0 +1,66 @@
+//! The meter beside whole measurements.
+
+use bench::config::Config;
+use bench::store::Store;
+use plenoptics::imaging::combined::Since;
+
+use super::*;
+use crate::events::{Event, ShellState};
+use crate::job::{JobKind, JobRequest};
+use crate::lease::LeaseRequest;
+use crate::open_bench;
+
+/// A small simulated bench whose white frame is known.
+async fn ready() -> Arc<Service> {
+    let mut config = Config::default();
+    (config.sensor.width_px, config.sensor.height_px) = (420, 420);
+    let simulation = &mut config.bench.simulation;
+    (simulation.rays, simulation.preview_rays, simulation.preview_rate_hz) = (16, 16, 100.0);
+    let config = Arc::new(config);
+    let bench = open_bench(&config).await.unwrap();
+    let service = Service::start(config, "a test's configuration".to_owned(), bench, Store::in_memory());
+    let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
+    let grant = service.leases().acquire(request).unwrap();
+    let permit = service.leases().permit(Some(&grant.key)).unwrap();
+    service.set_shell(&permit, ShellState::Off).unwrap();
+    let mut events = service.subscribe();
+    let watch = JobRequest { duration_s: Some(1.0), ..JobRequest::of(JobKind::SpacingWatch) };
+    let id = service.create_job(&permit, watch).await.unwrap().id;
+    while !matches!(events.recv().await.unwrap(), Event::Job { job } if job.id == id && job.state.is_final()) {}
+    service
+}
+
+/// The next reading's spacing (px), its frame, and since when it is combined.
+async fn next(readings: &mut watch::Receiver<Option<Arc<Reading>>>) -> (f64, u64, Since) {
+    loop {
+        readings.changed().await.unwrap();
+        if let Some(reading) = readings.borrow_and_update().clone() {
+            let spacing_px = reading.spacing.as_ref().unwrap().on_axis_px;
+            return (spacing_px, reading.frame.seq, reading.combined.unwrap().since);
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_match_that_a_whole_measurement_contradicts_is_followed_no_further() {
+    let service = ready().await;
+    let mut readings = service.readings();
+    for (off_px, searched) in [(0.9 * SAME_PX, false), (-0.9 * SAME_PX, false), (1.1 * SAME_PX, true)] {
+        let (spacing_px, seq, since) = next(&mut readings).await;
+        assert_eq!(since, Since::Start);
+        service.readings.compare(seq, spacing_px + off_px);
+        // A frame may be under way already.
+        let mut then = [Since::Start; 3];
+        for since in &mut then {
+            *since = next(&mut readings).await.2;
+        }
+        assert_eq!(then.contains(&Since::Lost), searched, "{off_px} px off: {then:?}");
+    }
+    // Who looks on has frames measured in whole, and each of these is compared.
+    let mut compared = service.readings.whole.subscribe();
+    let _looking = service.look_on();
+    compared.changed().await.unwrap();
+    let (_, whole_px) = *compared.borrow();
+    let (spacing_px, ..) = next(&mut readings).await;
+    assert!((spacing_px - whole_px).abs() < 0.1, "{spacing_px} px read, {whole_px} px in whole");
+}
