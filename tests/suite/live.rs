@@ -16,7 +16,7 @@ use plenalign::imaging::stillness::Stillness;
 use plenalign::imaging::vignetting::Vignetting;
 use plenalign::optics::ArrayKind;
 use plenalign::raw::{self, CfaPattern, RawImage, Samples};
-use plenalign::sim::exposure::{Noise, expose};
+use plenalign::sim::exposure::{Bank, Noise, expose};
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
 use plenalign::sim::scene::{Board, Scene, texel_for};
 use plenalign::sim::texture::TextureMap;
@@ -321,6 +321,44 @@ fn frames_of_a_sensor_with_a_fixed_pattern_are_combined_to_what_it_leaves() {
         // Averaged away with the noise, a pattern would leave far more than was promised.
         assert!(levels == 0.0 || averaged > 2.0, "{averaged}");
     }
+}
+
+/// Mean and standard deviation of a sample.
+fn statistics(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    (mean, (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt())
+}
+
+#[test]
+fn spacings_in_noise_from_a_bank_scatter_as_in_noise_drawn_anew() {
+    const SIDE: usize = 300;
+    const FRAMES: usize = 500;
+    let design = Config::default().design();
+    let joint = design.joint(0.0);
+    let distance = joint.equivalent_distance;
+    let camera = CameraTruth::from_design(&design, joint.delta_v + 0.02, Medium::Air, PIXEL_MM, SIDE, SIDE);
+    let rays = RenderOptions { rays: 16, seed: 9 };
+    let texel = texel_for(&design, Medium::Air, distance, PIXEL_MM);
+    let scene = Scene::Board(Board::new(distance, Arc::new(TextureMap::generate(Texture::Natural, texel, 9))));
+    let [diffuse, light] = [&Scene::Diffuser, &scene].map(|scene| render(&camera, scene, rays));
+    let quiet = Noise { read_noise_levels: 0.0, ..Noise::default() };
+    let known = known(expose(&light, SIDE, SIDE, &quiet, 1), &expose(&diffuse, SIDE, SIDE, &quiet, 1));
+    // Photon noise as well, of few enough electrons for it to be half of all.
+    let noise = Noise { electrons_per_level: 25.0, ..Noise::default() };
+    let bank = Bank::new(1);
+    let spacings = |exposed: &dyn Fn(u64) -> RawImage| -> Vec<f64> {
+        let mut meter = known.meter();
+        (0..FRAMES as u64).map(|seed| meter.measure(&exposed(seed)).unwrap().on_axis_px).collect()
+    };
+    let (mean, sigma) = statistics(&spacings(&|seed| bank.expose(&light, SIDE, SIDE, &noise, seed)));
+    let (drawn_mean, drawn_sigma) = statistics(&spacings(&|seed| expose(&light, SIDE, SIDE, &noise, seed)));
+    let error = sigma.hypot(drawn_sigma) / (FRAMES as f64).sqrt();
+    println!("{mean:.5} ± {sigma:.5} px, {drawn_mean:.5} ± {drawn_sigma:.5} px drawn anew, means to {error:.5} px");
+    assert!((mean - drawn_mean).abs() < 3.0 * error, "{mean} px for {drawn_mean} ± {error}");
+    // The standard error of a standard deviation's logarithm is 1/√(2 (n − 1)).
+    let ratio_log = (sigma / drawn_sigma).ln();
+    assert!(ratio_log.abs() < 3.0 / ((FRAMES - 1) as f64).sqrt(), "σ {sigma} px for {drawn_sigma}");
 }
 
 #[test]
