@@ -152,6 +152,19 @@ impl Api {
         self
     }
 
+    /// Starts the configured bridge for Foxglove; `None` where none is configured. A picture that other viewers have, too,
+    /// is made once for all.
+    ///
+    /// # Errors
+    /// Why it cannot listen, in words.
+    pub async fn bridge(
+        &self,
+        connections: &server::Connections,
+    ) -> std::result::Result<Option<foxglove::Bridge>, String> {
+        let App { service, gate, pictures, .. } = &self.app;
+        foxglove::Bridge::start(Arc::clone(service), Arc::clone(gate), Arc::clone(pictures), connections).await
+    }
+
     /// The router, for a server or a test.
     pub fn router(&self) -> axum::Router {
         let (router, _) = routes().split_for_parts();

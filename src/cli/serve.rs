@@ -177,8 +177,7 @@ impl Server {
             None => None,
         };
         let fleet = fleet.map(|fleet| fleet.start(&service, api.boot_id()));
-        let bridge =
-            Bridge::start(Arc::clone(&service), Arc::clone(&gate), &connections).await.map_err(|why| anyhow!(why))?;
+        let bridge = api.bridge(&connections).await.map_err(|why| anyhow!(why))?;
         let announcement =
             if config.server.mdns { announce(address, exposure.server.tls.is_some(), simulated) } else { None };
         Ok(Self {

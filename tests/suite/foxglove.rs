@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
 use plenalign::api::foxglove::TOPICS;
+use plenalign::api::proto::{self, viewed::What};
 use plenalign::record::foxglove::{CompressedImage, ImageAnnotations};
 use plenalign::record::messages::{Measurement, MeterReading};
 use plenalign::record::{DESCRIPTIONS, Topic};
@@ -38,6 +39,19 @@ fn request(url: &str, protocol: Option<&str>, origin: Option<&str>) -> Request<(
         }
     }
     request
+}
+
+/// The daemon's metrics, as it writes them.
+async fn metrics(program: &Program) -> String {
+    let asked = "GET /metrics HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n\r\n";
+    exchange(program.address().parse().unwrap(), asked).await
+}
+
+/// How many pictures the daemon has made.
+async fn pictures_made(program: &Program) -> usize {
+    let metrics = metrics(program).await;
+    let count = metrics.lines().find_map(|line| line.strip_prefix("plenalign_picture_seconds_count "));
+    count.map_or(0, |count| count.trim().parse().unwrap())
 }
 
 /// A recorded message's fields by name: the message that each is of, where it is of one.
@@ -155,8 +169,7 @@ async fn a_viewer_sees_pictures_and_spacing_and_commands_nothing() {
         }
     }
     // What the meter read for them is counted, part by part.
-    let asked = "GET /metrics HTTP/1.1\r\nhost: 127.0.0.1\r\nconnection: close\r\n\r\n";
-    let metrics = exchange(program.address().parse().unwrap(), asked).await;
+    let metrics = metrics(&program).await;
     for part in ["thread", "search", "exposure", "grid", "clusters", "pairs", "equations", "noise"] {
         let count = format!("plenalign_reading_part_seconds_count{{part=\"{part}\"}}");
         assert!(metrics.contains(&count), "{part} is not in {metrics}");
@@ -168,6 +181,50 @@ async fn a_viewer_sees_pictures_and_spacing_and_commands_nothing() {
     program.terminate();
     let (status, _, log) = program.end(Duration::from_secs(6));
     assert!(status.success(), "{log}");
+}
+
+#[tokio::test]
+async fn a_picture_that_a_page_has_too_is_made_once() {
+    const PICTURES: usize = 12;
+    let state = tempfile::tempdir().unwrap();
+    let program = daemon(state.path(), "listen = \"127.0.0.1:0\"");
+    let bridge = program.said["foxglove"].as_str().expect("the bridge says where it listens");
+    let (mut bridged, _) = connect_async(request(bridge, Some("foxglove.sdk.v1"), None)).await.unwrap();
+    let (mut page, _) = connect_async(format!("ws://{}/api/v1/ws", program.address())).await.unwrap();
+    let channel = 1 + TOPICS.iter().position(|&topic| topic == Topic::PICTURE).unwrap();
+    let subscribe = json!({ "op": "subscribe", "subscriptions": [{ "id": 1, "channelId": channel }] });
+    bridged.send(Message::text(subscribe.to_string())).await.unwrap();
+    page.send(Message::text(json!({ "type": "pictures", "on": true }).to_string())).await.unwrap();
+    // When each frame was taken, µs.
+    let to_bridge = async {
+        let mut taken = BTreeSet::new();
+        while taken.len() < PICTURES {
+            if let Message::Binary(data) = bridged.next().await.unwrap().unwrap() {
+                let at = CompressedImage::decode(&data[13..]).unwrap().timestamp.unwrap();
+                taken.insert(at.seconds * 1_000_000 + i64::from(at.nanos) / 1000);
+            }
+        }
+        taken
+    };
+    let to_page = async {
+        let mut taken = BTreeSet::new();
+        while taken.len() < PICTURES {
+            if let Message::Binary(data) = page.next().await.unwrap().unwrap()
+                && let Some(What::Frame(frame)) = proto::Viewed::decode(data).unwrap().what
+            {
+                taken.insert(frame.captured_unix_us);
+            }
+        }
+        taken
+    };
+    let (to_bridge, to_page) =
+        tokio::time::timeout(PATIENCE, async { tokio::join!(to_bridge, to_page) }).await.expect("pictures in time");
+    drop((bridged, page));
+    let (frames, both) = (to_bridge.union(&to_page).count(), to_bridge.intersection(&to_page).count());
+    assert!(both >= PICTURES / 2, "{both} frames went to both");
+    // Those that were on their way at the end are made, too; and one after which the other's next was made is made twice.
+    let made = pictures_made(&program).await;
+    assert!(made <= frames + PICTURES / 3, "{made} pictures of {frames} frames");
 }
 
 #[test]

@@ -37,7 +37,8 @@ export interface Listener {
   reading(reading: FrameReading, cameAt: number): void;
 }
 
-const QUALITY = 85;
+/** The daemon's usual one: a picture of the same that another viewer has, too, is made once for both. */
+const QUALITY = 80;
 /** While one zooms and pans, what is seen is asked for so often at most, ms: the picture that there is moves at once. */
 const AIM_MS = 80;
 /** Readings a second at most: each, for any camera that there is. */

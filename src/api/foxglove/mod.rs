@@ -76,14 +76,16 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// Starts the configured bridge; `None` where none is configured. `gate` says how often one may ask, `connections`
-    /// serves them beside those of other listeners. Must be called within a tokio runtime.
+    /// Starts the configured bridge; `None` where none is configured. `gate` says how often one may ask, `pictures` are
+    /// those of other viewers, `connections` serves the bridge's beside those of other listeners. Must be called within a
+    /// tokio runtime.
     ///
     /// # Errors
     /// Why it cannot listen, in words.
-    pub async fn start(
+    pub(super) async fn start(
         service: Arc<Service>,
         gate: Arc<Gate>,
+        pictures: Arc<Pictures>,
         connections: &Connections,
     ) -> Result<Option<Self>, String> {
         let config = service.config().foxglove.clone();
@@ -95,8 +97,7 @@ impl Bridge {
         let shared = Shared {
             service,
             gate,
-            // Whole frames alone, pixel by pixel.
-            pictures: Arc::new(Pictures::new(0, false)),
+            pictures,
             config: Arc::new(config),
             viewers: Arc::new(Semaphore::new(MOST_VIEWERS)),
             tasks: tasks.clone(),
