@@ -13,7 +13,7 @@ use crate::daemon::Daemon;
 use crate::{Camera, Failure};
 
 /// Δv goes to and fro between these, mm.
-const WAY_MM: [f64; 2] = [1.4, 2.4];
+const WAY_MM: [f64; 2] = [1.2, 2.2];
 /// From a pose that is shown to the next, mm.
 const STEP_MM: f64 = 0.02;
 /// Steps by which a frame's readback may lag behind what it shows: the controller is asked at its own times.

@@ -11,9 +11,9 @@ use crate::daemon::Daemon;
 use crate::{Failure, moving};
 
 /// How far the board is put away, mm.
-const AWAY_MM: f64 = 300.0;
+const AWAY_MM: f64 = 60.0;
 /// Where the focus axis is put meanwhile, mm.
-const ELSEWHERE_MM: [f64; 2] = [2.4, 1.4];
+const ELSEWHERE_MM: [f64; 2] = [2.2, 1.2];
 /// How often each is tried.
 const TIMES: usize = 6;
 /// A spacing that differs by more is of another place of the board, px.
