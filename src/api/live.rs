@@ -123,6 +123,8 @@ impl Watching {
 /// What a viewer wants to read.
 struct Metering {
     readings: Readings,
+    /// Has frames measured in whole, too, where that was asked for.
+    _whole: Option<Arc<()>>,
     /// At least so long between two readings.
     interval: Duration,
     next_at: Instant,
@@ -321,12 +323,13 @@ impl Viewer {
         match parse(message.as_bytes())? {
             ViewerMessage::Pictures { on: false, .. } => self.watching = None,
             ViewerMessage::Readings { on: false, .. } => self.metering = None,
-            ViewerMessage::Readings { on: true, max_rate_hz } => {
+            ViewerMessage::Readings { on: true, max_rate_hz, whole } => {
                 let interval = interval(max_rate_hz, 120.0)?;
                 let mut readings = self.app.service.readings();
                 // One that there is already counts as new.
                 readings.mark_changed();
-                self.metering = Some(Metering { readings, interval, next_at: Instant::now() });
+                let _whole = whole.then(|| self.app.service.look_on());
+                self.metering = Some(Metering { readings, _whole, interval, next_at: Instant::now() });
             }
             ViewerMessage::Hold { lease } => {
                 let leases = self.app.service.leases();
@@ -469,7 +472,7 @@ async fn next_seen(watching: &mut Option<Watching>) -> See {
 
 /// The newest reading once there is a new one and the viewer's rate allows it; never for one who wants none.
 async fn next_reading(metering: &mut Option<Metering>) -> Arc<Reading> {
-    let Some(Metering { readings, interval, next_at }) = metering else { return std::future::pending().await };
+    let Some(Metering { readings, interval, next_at, .. }) = metering else { return std::future::pending().await };
     tokio::time::sleep_until(*next_at).await;
     let reading = next_or_never(readings).await;
     *next_at = (*next_at + *interval).max(Instant::now());

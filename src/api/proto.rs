@@ -102,6 +102,9 @@ pub struct Reading {
     /// What ended the combination before.
     #[prost(enumeration = "CombinedSince", tag = "26")]
     pub combined_since: i32,
+    /// Columns of the raw frame: half of them are a half frame width.
+    #[prost(uint32, tag = "27")]
+    pub width_px: u32,
 }
 /// The spacing micro-image by micro-image. The lists run together: one entry for each micro-image.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -302,6 +302,10 @@ pub enum ViewerMessage {
         #[serde(default = "default_reading_rate")]
         #[schema(minimum = 0.1, maximum = 120, default = 120)]
         max_rate_hz: f64,
+        /// Whether to have a frame measured in whole, too, now and then while no job measures, as for who watches pictures:
+        /// it comes as `measurement`, and what is followed from frame to frame is checked by it.
+        #[serde(default)]
+        whole: bool,
     },
     /// Holds the control lease for as long as this connection lives, and 10 s longer.
     Hold {

@@ -61,6 +61,7 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
         spacing_target_px: reading.spacing_target_px,
         in_focus: reading.in_focus,
         frames_left_out: reading.frames_left_out,
+        width_px: frame.image.width() as u32,
         ..proto::Reading::default()
     };
     let message = match &reading.combined {

@@ -178,6 +178,20 @@ async fn a_viewer_sees_pictures_and_spacing_and_commands_nothing() {
     let _idle = connect_async(request(&url, Some("foxglove.sdk.v1"), None)).await.unwrap();
     let aligned = aligning.await.unwrap();
     assert!(aligned.status.success(), "{}", String::from_utf8_lossy(&aligned.stderr));
+    // Whoever reads the meter has whole measurements besides, and no picture is made for that.
+    let before = pictures_made(&program).await;
+    let (mut meter, _) = connect_async(format!("ws://{}/api/v1/ws", program.address())).await.unwrap();
+    let ask = json!({ "type": "readings", "on": true, "whole": true }).to_string();
+    meter.send(Message::text(ask)).await.unwrap();
+    let (mut measured, mut read) = (false, false);
+    while !(measured && read) {
+        match tokio::time::timeout(PATIENCE, meter.next()).await.expect("news in time").unwrap().unwrap() {
+            Message::Text(text) => measured |= text.contains("\"type\":\"measurement\""),
+            Message::Binary(_) => read = true,
+            _ => {}
+        }
+    }
+    assert_eq!(pictures_made(&program).await, before);
     program.terminate();
     let (status, _, log) = program.end(Duration::from_secs(6));
     assert!(status.success(), "{log}");

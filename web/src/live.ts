@@ -43,6 +43,8 @@ const QUALITY = 80;
 const AIM_MS = 80;
 /** Readings a second at most: each, for any camera that there is. */
 const READINGS_HZ = 120;
+/** Pictures a second at most: as quickly as a screen is worth. */
+const PICTURES_HZ = 30;
 
 export class Live {
   private socket: WebSocket | null = null;
@@ -60,7 +62,6 @@ export class Live {
   private wish: Wish = {
     readings: false,
     pictures: false,
-    rateHz: 1,
     overlay: false,
     show: "raw",
   };
@@ -205,15 +206,15 @@ export class Live {
     this.asking = null;
     if (this.socket?.readyState !== WebSocket.OPEN) return;
     this.askedAt = performance.now();
-    const { readings, pictures: on, rateHz, overlay, show } = this.wish;
+    const { readings, pictures: on, overlay, show } = this.wish;
     if (readings !== this.reads) {
-      this.send(this.socket, { type: "readings", on: readings, max_rate_hz: READINGS_HZ });
+      this.send(this.socket, { type: "readings", on: readings, max_rate_hz: READINGS_HZ, whole: true });
       this.reads = readings;
     }
     this.send(this.socket, {
       type: "pictures",
       on,
-      max_rate_hz: rateHz,
+      max_rate_hz: PICTURES_HZ,
       // A view is as large as it is.
       ...EVERY,
       ...(show === "raw" && (this.refused ? instead(this.aim) : this.aim)),

@@ -47,6 +47,8 @@ export interface State {
   missingAt: number | null;
   /** Frames that were not read. */
   framesLeftOut: number;
+  /** Columns of the raw frame read last; 0 before there was one. */
+  widthPx: number;
   picture: PictureFacts | null;
   /** This page's clock when the picture was sent, ms. */
   pictureAt: number | null;
@@ -87,6 +89,7 @@ export const initial: State = {
   missing: null,
   missingAt: null,
   framesLeftOut: 0,
+  widthPx: 0,
   picture: null,
   pictureAt: null,
   heardAt: null,
@@ -199,7 +202,7 @@ function withReading(state: State, newest: Reading, sentAt: number, now: number)
 
 /** The state with what the meter says of a frame, which came at `now` of this page's clock. */
 export function receiveReading(state: State, read: FrameReading, now: number): State {
-  const heard = { ...state, heardAt: now, framesLeftOut: read.framesLeftOut };
+  const heard = { ...state, heardAt: now, framesLeftOut: read.framesLeftOut, widthPx: read.widthPx };
   const newest = frameReading(read, state.measurement);
   const takenAt = now - read.ageMs;
   return newest

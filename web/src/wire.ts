@@ -149,6 +149,8 @@ export interface FrameReading {
   settled: boolean;
   /** Frames that were not measured. */
   framesLeftOut: number;
+  /** Columns of the raw frame. */
+  widthPx: number;
   targetPx: number;
   found: Found;
 }
@@ -239,6 +241,7 @@ function readingOf(read: FrameRead): FrameReading | null {
       eMm: read.eMm ?? null,
       settled: read.settled,
       framesLeftOut: Number(read.framesLeftOut),
+      widthPx: read.widthPx,
       targetPx: read.spacingTargetPx,
       found,
     }

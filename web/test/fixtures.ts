@@ -100,7 +100,7 @@ export function measurement(spacing_px: number, spacing_sigma_px: number): Measu
 
 function read(found: Found, capturedAt: number): FrameReading {
   const axes = { focusMm: 1.5, eMm: 30, settled: true };
-  return { ...axes, capturedAt, ageMs: 50, framesLeftOut: 2, targetPx: 19.725, found };
+  return { ...axes, capturedAt, ageMs: 50, framesLeftOut: 2, widthPx: 1160, targetPx: 19.725, found };
 }
 
 /** What the meter says of a frame, 50 ms after it was taken at `capturedAt`, ms, and of frames combined: of itself alone

@@ -44,7 +44,6 @@ class Socket {
 const wish: Wish = {
   readings: true,
   pictures: true,
-  rateHz: 30,
   overlay: false,
   show: "raw",
 };
@@ -108,7 +107,7 @@ describe("the live connection", () => {
   });
 
   it("asks for readings once, and for no more of them where nobody looks; a new connection is asked anew", () => {
-    const on = { type: "readings", on: true, max_rate_hz: 120 };
+    const on = { type: "readings", on: true, max_rate_hz: 120, whole: true };
     expect(sent("readings")).toEqual([on]);
     live.want({ ...wish, overlay: true });
     expect(sent("readings")).toEqual([on]);

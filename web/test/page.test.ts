@@ -75,19 +75,13 @@ describe("what the page wishes for", () => {
   const picture = { overlay: true, show: "depth" } as const;
   const wish = (hash: string, visible = true) => wishOf(lookedAt(routeOf(hash), visible), picture);
   it("is every picture on the live page, and nothing where nobody looks", () => {
-    expect(wish("#/live")).toEqual({ ...picture, readings: true, pictures: true, rateHz: 30 });
+    expect(wish("#/live")).toEqual({ ...picture, readings: true, pictures: true });
     for (const wished of [wish("#/live", false), wish("#/design"), wish("#/alignment/" + id)])
       expect([wished.pictures, wished.readings]).toEqual([false, false]);
   });
 
-  it("is enough for the meter to be measured where it stands alone", () => {
-    expect(wish("#/alignment")).toEqual({
-      readings: true,
-      pictures: true,
-      rateHz: 1,
-      overlay: false,
-      show: "raw",
-    });
+  it("is no picture where the meter stands alone", () => {
+    expect(wish("#/alignment")).toEqual({ readings: true, pictures: false, overlay: false, show: "raw" });
   });
 });
 

@@ -145,7 +145,12 @@ describe("what the meter reads, frame by frame", () => {
     expect(state.reading).toMatchObject({ of: "frame", spacingPx: 19.73, pitchPx: 29.4, settled: true });
     expect(state.best?.differencePx).toBeCloseTo(0.005, 9);
     expect(state.spacings.points.map(({ spacingPx }) => spacingPx)).toEqual([19.8, 19.73]);
-    expect(state).toMatchObject({ heardAt: 3050, framesLeftOut: 2, measurement: before.measurement });
+    expect(state).toMatchObject({
+      heardAt: 3050,
+      framesLeftOut: 2,
+      widthPx: 1160,
+      measurement: before.measurement,
+    });
   });
 
   it("is shown and held as the mean of the frames at rest, and charted by itself", () => {

@@ -158,6 +158,7 @@ describe("parseSeen", () => {
       spacingTargetPx: 19.72,
       inFocus: true,
       framesLeftOut: 4n,
+      widthPx: 1160,
       combinedSpacingPx: 19.71,
       combinedSigmaPx: 0.0012,
       combinedFrames: 12,
@@ -169,6 +170,7 @@ describe("parseSeen", () => {
       eMm: 0,
       settled: true,
       framesLeftOut: 4,
+      widthPx: 1160,
       targetPx: 19.72,
       found: {
         is: "measured",

@@ -5006,6 +5006,11 @@ export interface components {
           on: boolean;
           /** @enum {string} */
           type: "readings";
+          /**
+           * @description Whether to have a frame measured in whole, too, now and then while no job measures, as for who watches pictures:
+           *     it comes as `measurement`, and what is followed from frame to frame is checked by it.
+           */
+          whole?: boolean;
         }
       | {
           /** @description The lease's key. */

@@ -1853,6 +1853,10 @@ class ReadingsRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag
     """At most so many a second, 0.1 to 120."""
     on: bool
     """Whether to send readings."""
+    whole: bool | UnsetType = UNSET
+    """Whether to have a frame measured in whole, too, now and then while no job measures, as for who watches
+    pictures: it comes as `measurement`, and what is followed from frame to frame is checked by it.
+    """
 
 
 class HoldRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="hold"):

@@ -47,7 +47,7 @@ export function Meter(given: Scene) {
   if (now) held.places = steadyDigits(now.sigmaPx, held.places);
   const difference = now ? signed(now.differencePx, held.places ?? 0) : NO_FIGURE;
   const wanted = now && advice(now, correction(state.design, now), moved(state), state.preferences.unit);
-  const leaning = tilt(state.design, state.reading, state.picture?.widthPx ?? 0);
+  const leaning = tilt(state.design, state.reading, state.widthPx);
   const words = now && (now.inFocus ? strings.meter.sharp : strings.meter.words)[now.direction];
   return (
     <section
