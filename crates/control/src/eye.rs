@@ -13,7 +13,7 @@ use super::job::SpacingReading;
 use super::journal::Journal;
 use super::motion::Motion;
 use super::recording::{Answer, Happening};
-use super::sight::{self, HoldB, Sight, Triple};
+use super::sight::{self, HoldB, Sight, Triple, Unseen};
 use super::tasks::AirStep;
 use bench::config::Config;
 use bench::device::{AxisPose, Bench, DeviceError, Frame};
@@ -26,6 +26,9 @@ use plenoptics::units::Millimetres;
 const SETTLING_ALLOWED: Duration = Duration::from_secs(10);
 /// A frame that spans motion is taken again this often.
 const FRAME_TRIES: u32 = 5;
+/// Frames that look as if the spacing had changed while the shutter was open are taken again this often: one alone may be
+/// wrong about it, or have caught the last of a movement.
+const SMEARED_TRIES: u32 = 3;
 /// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
 const LIT: [f32; 2] = [0.1, 0.9];
 const LEAST_LIT: f64 = 0.01;
@@ -302,16 +305,14 @@ impl Eye {
 
     /// Measures the spacing of the flat board over so many frames.
     pub(super) async fn spacing(&self, count: u32) -> Result<Seen, JobEnd> {
-        let sight = self.need_sight()?;
-        let frames = self.frames(count).await?;
-        let measured = frames.clone();
-        let from = Instant::now();
-        let seen = blocking(move || {
-            let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
-            sight.spacing(&images)
-        })
-        .await?;
-        telemetry::measured(from.elapsed());
+        let (frames, seen) = self
+            .unsmeared(count, |sight, images| {
+                let from = Instant::now();
+                let seen = sight.spacing(images);
+                telemetry::measured(from.elapsed());
+                seen
+            })
+            .await?;
         Ok(self.seen(&frames, seen))
     }
 
@@ -322,15 +323,36 @@ impl Eye {
         hold_b: Option<HoldB>,
         count: u32,
     ) -> Result<SeenTriple, JobEnd> {
-        let sight = self.need_sight()?;
-        let frames = self.frames(count).await?;
-        let (measured, levels_mm) = (frames.clone(), *levels_mm);
-        let (camera, middle) = blocking(move || {
-            let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
-            sight.triple(&images, &levels_mm, hold_b)
-        })
-        .await?;
+        let levels_mm = *levels_mm;
+        let look = move |sight: &Sight, images: &[&RawImage]| sight.triple(images, &levels_mm, hold_b);
+        let (frames, (camera, middle)) = self.unsmeared(count, look).await?;
         Ok(SeenTriple { camera, middle: self.seen(&frames, middle) })
+    }
+
+    /// So many frames and what is seen in them; others where they look smeared.
+    async fn unsmeared<T: Send + 'static>(
+        &self,
+        count: u32,
+        look: impl Fn(&Sight, &[&RawImage]) -> Result<T, Unseen> + Copy + Send + 'static,
+    ) -> Result<(Vec<Arc<Frame>>, T), JobEnd> {
+        let sight = self.need_sight()?;
+        let mut tries = 1;
+        loop {
+            let frames = self.frames(count).await?;
+            let (measured, sight) = (frames.clone(), Arc::clone(&sight));
+            let last = tries == SMEARED_TRIES;
+            let seen = blocking(move || {
+                let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
+                match look(&sight, &images) {
+                    Err(Unseen::Smeared(_)) if !last => Ok(None),
+                    seen => Ok(Some(seen?)),
+                }
+            });
+            if let Some(seen) = seen.await? {
+                return Ok((frames, seen));
+            }
+            tries += 1;
+        }
     }
 
     fn seen(&self, frames: &[Arc<Frame>], seen: sight::Measured) -> Seen {

@@ -13,7 +13,7 @@ use plenoptics::imaging::live::{LiveMeter, LiveOptions};
 use plenoptics::imaging::measurement::{
     FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame,
 };
-use plenoptics::imaging::spacing::{SpacingMap, SpacingOptions};
+use plenoptics::imaging::spacing::{SpacingError, SpacingMap, SpacingOptions};
 use plenoptics::imaging::view::{View, ViewFrame, ViewOptions};
 use plenoptics::imaging::{clarity, view};
 use plenoptics::optics::CameraDesign;
@@ -97,6 +97,38 @@ pub(super) struct Sight {
     disagreement: Option<String>,
 }
 
+/// Why frames say nothing, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Unseen {
+    /// They are smeared as by a change of the spacing: others may not be.
+    Smeared(String),
+    /// Whatever else.
+    Other(String),
+}
+
+impl From<MeasurementError> for Unseen {
+    fn from(error: MeasurementError) -> Self {
+        match error {
+            MeasurementError::Spacing(SpacingError::Moved { .. }) => Self::Smeared(error.to_string()),
+            _ => Self::Other(error.to_string()),
+        }
+    }
+}
+
+impl From<String> for Unseen {
+    fn from(why: String) -> Self {
+        Self::Other(why)
+    }
+}
+
+impl From<Unseen> for String {
+    fn from(unseen: Unseen) -> Self {
+        match unseen {
+            Unseen::Smeared(why) | Unseen::Other(why) => why,
+        }
+    }
+}
+
 impl Sight {
     /// Learns from a white frame.
     ///
@@ -175,7 +207,7 @@ impl Sight {
     ///
     /// # Errors
     /// Why there is no number to be had, in words.
-    pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, String> {
+    pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, Unseen> {
         let (seen, measured) = self.measured(images, true)?;
         let seen_last = images.last().and_then(|image| {
             let frame = ViewFrame::new(image, self.mosaic, &seen.grid, Some(&seen.light)).ok()?;
@@ -190,10 +222,9 @@ impl Sight {
     }
 
     /// The same, with what every micro-image makes of it where that is asked for, and without a picture.
-    fn measured(&self, images: &[&RawImage], map: bool) -> Result<(FrameMeasurement, Measured), String> {
+    fn measured(&self, images: &[&RawImage], map: bool) -> Result<(FrameMeasurement, Measured), Unseen> {
         let options = FrameOptions { map, ..self.options() };
-        let seen =
-            measure_frames(images.iter().copied(), Some(&self.white), &options).map_err(|error| error.to_string())?;
+        let seen = measure_frames(images.iter().copied(), Some(&self.white), &options)?;
         let spacing = SpacingReading {
             spacing_px: seen.spacing.on_axis_px,
             spacing_sigma_px: seen.spacing.sigma_px,
@@ -217,7 +248,7 @@ impl Sight {
         images: &[&RawImage],
         levels_mm: &[f64; 3],
         hold_b: Option<HoldB>,
-    ) -> Result<(Triple, Measured), String> {
+    ) -> Result<(Triple, Measured), Unseen> {
         // What the distances share is the caller's business: no frame can mend it.
         let options = CalibrationOptions::new(self.options(), self.pixel_mm, self.design.main_lens);
         let boards: Result<Vec<Boards>, CalibrationError> =
@@ -228,7 +259,7 @@ impl Sight {
             boards.iter().map(|boards| boards.calibrate(levels_mm, &options)).collect()
         };
         let Some(hold) = hold_b else {
-            return self.camera(&calibrated(None).map_err(|error| error.to_string())?);
+            return Ok(self.camera(&calibrated(None).map_err(|error| error.to_string())?)?);
         };
         let (triple, measured) = match calibrated(Some((self.design.mla.b(), hold.sigma_mm))) {
             Ok(seen) => match self.camera(&seen)? {
@@ -245,10 +276,14 @@ impl Sight {
                 | CalibrationError::NoSolution { .. }
                 | CalibrationError::Measurement(MeasurementError::Spacing(_)),
             ) => self.blurred_triple(images, levels_mm)?,
-            Err(error) => return Err(error.to_string()),
+            Err(error) => return Err(error.to_string().into()),
         };
         let near = (triple.image_distance_mm - hold.image_distance_mm).abs() <= hold.beyond_mm;
-        if near { self.camera(&calibrated(None).map_err(|error| error.to_string())?) } else { Ok((triple, measured)) }
+        if near {
+            Ok(self.camera(&calibrated(None).map_err(|error| error.to_string())?)?)
+        } else {
+            Ok((triple, measured))
+        }
     }
 
     /// The camera as several frames of one pose have it.
@@ -282,7 +317,7 @@ impl Sight {
 
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
     /// enough to come nearer.
-    fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), String> {
+    fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), Unseen> {
         let (_, measured) = self.measured(images, false)?;
         let (pitch, b) = (self.design.mla.pitch, self.design.mla.b());
         let a = a_from_spacing(pitch, measured.spacing.spacing_px * self.pixel_mm, b);
