@@ -65,6 +65,7 @@ mod reset;
 mod retention;
 mod second_renderer;
 mod shutdown;
+mod smear;
 mod soak;
 mod spacing;
 mod spans;

@@ -17,11 +17,7 @@ const NOT_YET: &[(&str, &str)] = &[
     ("pitch_75_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
     ("pitch_90_hex_gal", "refused: a higher order of the lattice is taken for its pitch"),
     ("pitch_90_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
-    ("small_hex_12_n2.2_2", "refused: smeared, though nothing has moved"),
-    ("small_squ_12_n2.2_1", "refused: smeared, though nothing has moved"),
-    ("small_squ_12_n2.2_2", "refused: smeared, though nothing has moved"),
     ("contrast_2", "refused: two per cent of contrast"),
-    ("wide_2048", "wrong by 11 sigma, 0.05 px: far out of focus masks reach to where blur is lopsided"),
 ];
 
 /// Frames of which no number may come, each for its own reason.

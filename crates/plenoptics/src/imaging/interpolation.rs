@@ -41,6 +41,11 @@ pub fn slope_weights(t: f32) -> [f32; 4] {
     [-0.5 * s * s, -2.0 * t + 1.5 * t * t, 2.0 * s - 1.5 * s * s, 0.5 * t * t]
 }
 
+/// The second derivative of [`weights`], per square pixel.
+pub(super) const fn bend_weights(t: f32) -> [f32; 4] {
+    [1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t]
+}
+
 /// Value at (x, y), px, of the spline with these coefficients; `None` within two pixels of the edge or beyond it.
 #[must_use]
 pub fn sample(coefficients: &[f32], width: usize, x: f64, y: f64) -> Option<f32> {

@@ -6,11 +6,12 @@ use crate::imaging::grid::Grid;
 use crate::imaging::matching::compare::ALONG;
 use crate::imaging::matching::exposure::Exposure;
 use crate::imaging::matching::gains::{Gains, Light};
-use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius, whole_fraction};
+use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius};
 use crate::imaging::matching::model::{FIELD_TERMS, Model, QUANTISATION, USUAL_TERMS};
 use crate::imaging::matching::motion::Motion;
 use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal, noise_scale};
 use crate::imaging::matching::plan::Plan;
+use crate::imaging::matching::pupil::Pupil;
 use crate::imaging::matching::random::{Random, Setting};
 use crate::imaging::matching::run::{Clusters, Pass, Pool, run};
 use crate::imaging::matching::samples::{Frame, Sample};
@@ -76,11 +77,10 @@ pub(super) struct Engine {
     options: LiveOptions,
     /// The model's terms that are fitted.
     free: Vec<usize>,
-    pitch: f64,
     /// Radius of the largest masks, px.
     radius: f64,
-    /// Part of the micro-image's radius within which pixels see through their whole microlens.
-    whole: f64,
+    /// Through how much of their microlens pixels see.
+    pupil: Pupil,
     pub(super) state: Option<State>,
 }
 
@@ -125,9 +125,8 @@ impl Engine {
             normals: [Normal::default(), Normal::default()],
             options: *options,
             free: free_terms(plan, options),
-            pitch,
             radius,
-            whole: whole_fraction(&centres, pitch, |centre, pixel| gains.share(centre, pixel)),
+            pupil: Pupil::new(&centres, pitch, |centre, pixel| gains.share(centre, pixel)),
             state: options.start_px.map(|start| State::new(start, options.field_held.unwrap_or_default())),
             gains,
             work,
@@ -292,16 +291,20 @@ impl Engine {
             let sigma_random_px = random.variance::<_, ALONG>(&setting, &along, known_scale.is_none()).sqrt();
             ended(LivePart::Noise);
             let scatter = normal.scatter(&before, &inverse, &step);
-            let mut covariance = before.usual(&scatter);
+            let window_px = f64::from(shape.edge) - 0.5;
+            let free = self.pupil.corrected(model.spacings[0], window_px);
+            let mut covariance = before.usual(&scatter).map(|row| row.map(|value| value * free.slope * free.slope));
+            let sigma_random_px = sigma_random_px * free.slope;
             let least = if normal.spare(before.unknowns()) < LEAST_SPARE { sigma_random_px } else { 0.0 };
             let sigma_scatter_px = covariance[0][0].sqrt().max(least);
-            covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
+            covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, free.sigma);
             ended(LivePart::Equations);
             let residual_ratio = normal.residual;
             self.state = Some(State { model: model.clone(), noise_scale: Some(noise_scale(scale, residual_ratio)) });
-            let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px, ..] = model.terms;
+            let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px, ..] =
+                model.terms.map(|term| term * free.slope);
             return Ok(LiveSpacing {
-                on_axis_px: model.spacings[0],
+                on_axis_px: free.spacing,
                 sigma_px: covariance[0][0].sqrt(),
                 sigma_scatter_px,
                 sigma_random_px,
@@ -312,7 +315,7 @@ impl Engine {
                 row_column_px,
                 diagonal_px,
                 covariance,
-                window_px: f64::from(shape.edge) - 0.5,
+                window_px,
                 pairs,
                 correlation,
                 residual_ratio,
@@ -326,7 +329,7 @@ impl Engine {
 
     /// Tiles for spacings near this one.
     fn shape(&self, spacing: f64) -> Shape {
-        Shape::new(mask_radius(self.whole, self.pitch, spacing))
+        Shape::new(mask_radius(&self.pupil, spacing))
     }
 
     /// What it means that the clusters (0) or all pairs (1) do not match.

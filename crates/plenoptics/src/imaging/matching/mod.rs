@@ -3,6 +3,8 @@
 //! ```text
 //!   samples.rs, gains.rs      a frame, and what takes its vignetting out
 //!            |
+//!   pupil.rs                  through how much of their microlenses pixels see, and what that does to a spacing
+//!            |
 //!   plan.rs                   its micro-images and pairs, and the order in which they are worked through
 //!            |
 //!   run.rs                    tile.rs -> compare.rs -> score.rs, in the cache
@@ -25,10 +27,12 @@ pub(super) mod model;
 pub(super) mod motion;
 pub(super) mod normal;
 pub(super) mod plan;
+pub(super) mod pupil;
 pub(super) mod random;
 pub(super) mod run;
 pub(super) mod samples;
 pub(super) mod score;
 pub(super) mod shape;
+pub(super) mod smeared;
 pub(super) mod tile;
 pub(super) mod vector;

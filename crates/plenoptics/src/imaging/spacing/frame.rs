@@ -4,11 +4,12 @@ use super::SpacingError;
 use crate::imaging::grid::Grid;
 use crate::imaging::matching::exposure::Exposure;
 use crate::imaging::matching::gains::Light;
-use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius, whole_fraction};
+use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius};
 use crate::imaging::matching::model::{Model, QUANTISATION};
 use crate::imaging::matching::motion::Motion;
 use crate::imaging::matching::normal::LEAST_PAIRS;
 use crate::imaging::matching::plan::{Job, Pair, Plan};
+use crate::imaging::matching::pupil::Pupil;
 use crate::imaging::matching::run::Pass;
 use crate::imaging::matching::samples::Frame;
 use crate::imaging::matching::shape::Shape;
@@ -40,8 +41,8 @@ pub struct SpacingFrame {
     pub(super) plan: Plan,
     /// Micro-images wholly within the frame, in the plan's order.
     pub(super) micro_images: Vec<MicroImage>,
-    /// Part of the micro-image's radius within which pixels see through their whole microlens.
-    whole: f64,
+    /// Through how much of their microlens pixels see.
+    pub(super) pupil: Pupil,
     /// Distance of nearest neighbours in the grid, px.
     pub(super) pitch: f64,
     /// Standard deviation of the raw frame's noise as estimated from itself, grey levels.
@@ -84,7 +85,7 @@ impl SpacingFrame {
         });
         let micro_images: Vec<MicroImage> = micro_images.collect();
         let centres: Vec<[f64; 2]> = micro_images.iter().map(|m| m.centre).collect();
-        let whole = whole_fraction(&centres, pitch, |_, [x, y]| vignetting[y * width + x]);
+        let pupil = Pupil::new(&centres, pitch, |_, [x, y]| vignetting[y * width + x]);
         Ok(Self {
             width,
             height,
@@ -94,7 +95,7 @@ impl SpacingFrame {
             shares: vignetting.to_vec(),
             plan,
             micro_images,
-            whole,
+            pupil,
             pitch,
             noise,
             basis: grid.basis,
@@ -147,7 +148,12 @@ impl SpacingFrame {
 
     /// Radius of the masks for spacings near these, px.
     pub(super) fn radius_for(&self, spacings: &[f64]) -> f64 {
-        spacings.iter().map(|&spacing| mask_radius(self.whole, self.pitch, spacing)).fold(0.0, f64::max)
+        spacings.iter().map(|&spacing| mask_radius(&self.pupil, spacing)).fold(0.0, f64::max)
+    }
+
+    /// Radius (px) about the centres within which pixels see through their whole microlens.
+    pub(super) fn whole_radius(&self) -> f64 {
+        0.5 * self.pupil.whole * self.pitch
     }
 
     /// Radius of the largest masks, px.

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::frame::SpacingFrame;
 use super::solve::Solver;
 use crate::imaging::matching::model::{Model, Place};
+use crate::imaging::matching::pupil::Corrected;
 use crate::imaging::matching::score::PairScore;
 
 /// A micro-image whose pairs count less than this on the whole does not show what its neighbours show.
@@ -84,7 +85,7 @@ impl Sums {
 }
 
 /// The map at a fitted model, from what the pairs said there last. Frames of one pose add up.
-pub(super) fn map(solver: &Solver<'_>, model: &Model) -> SpacingMap {
+pub(super) fn map(solver: &Solver<'_>, model: &Model, free: &Corrected) -> SpacingMap {
     let mut sums: BTreeMap<[i32; 2], Sums> = BTreeMap::new();
     let mut pairs = Vec::new();
     for (k, (frame, jobs)) in solver.frames.iter().zip(&solver.jobs).enumerate() {
@@ -102,7 +103,9 @@ pub(super) fn map(solver: &Solver<'_>, model: &Model) -> SpacingMap {
     }
     let lens = |frame: &SpacingFrame, index: [i32; 2], centre: [f64; 2]| {
         let at = frame.plan.field.coordinates(centre);
-        let expected = model.spacing(0, &Place { at, ..Place::default() })[0];
+        // What frees the spacing on the axis frees all of them.
+        let apparent = model.spacing(0, &Place { at, ..Place::default() })[0] - model.spacings[0];
+        let expected = free.spacing + free.slope * apparent;
         let blank = LensSpacing {
             index,
             centre_px: centre,
@@ -119,7 +122,7 @@ pub(super) fn map(solver: &Solver<'_>, model: &Model) -> SpacingMap {
             return blank;
         }
         // The scores are linear over about a pixel: a longer step is only a direction.
-        let departure = (sums.score / sums.information).clamp(-1.0, 1.0);
+        let departure = free.slope * (sums.score / sums.information).clamp(-1.0, 1.0);
         LensSpacing { spacing_px: expected + departure, sigma_px, state: LensState::Matched, ..blank }
     };
     let lenses = solver

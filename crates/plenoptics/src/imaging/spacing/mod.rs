@@ -42,6 +42,7 @@ pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map
 
 use super::matching::model::{FIELD_TERMS, Model, USUAL_TERMS};
 use super::matching::normal::{LEAST_CORRELATION, noise_scale};
+use super::matching::pupil::Corrected;
 pub use super::matching::{masks::MASK_FRACTION, normal::LEAST_PAIRS};
 use crate::optics::MlaMode;
 use solve::{Outcome, Solver};
@@ -58,10 +59,12 @@ pub(crate) const MODEL_SIGMA_PX: f64 = 0.002;
 /// Relative distance from the micro-images' own within which a spacing is theirs and no board's. Capture ranges end
 /// outside it.
 const FIXED_PATTERN: f64 = 0.03;
-/// A change of the spacing during the exposure that is refused, px, and how many standard errors it must stand above
-/// none.
-const SMEAR_PX: f64 = 1.0;
-const SMEAR_SIGNIFICANCE: f64 = 5.0;
+/// What the squared change of the spacing during an exposure comes out by at most, px² (standard uncertainty), where
+/// nothing moves and neither noise nor scatter between parts of the field shows it: texture as sharp as pixels and their
+/// own area. It is larger than all that frames at rest of five textures showed, in focus and out of it.
+const SMEAR_SIGMA: f64 = 0.1;
+/// How many standard uncertainties it must stand above none to be refused: from a change of two thirds of a pixel on.
+const SMEAR_SIGNIFICANCE: f64 = 4.0;
 
 /// What the caller knows before measuring.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -162,13 +165,16 @@ pub fn measure_spacing_map(
     frames: &[SpacingFrame],
     options: &SpacingOptions,
 ) -> Result<(Spacing, SpacingMap), SpacingError> {
-    measure(frames, options).map(|(spacing, Fitted { model, solver, .. })| (spacing, map::map(&solver, &model)))
+    measure(frames, options)
+        .map(|(spacing, Fitted { model, free, solver, .. })| (spacing, map::map(&solver, &model, &free[0])))
 }
 
 /// Spacings of regions, and what led to them.
 struct Fitted<'a> {
     regions: RegionSpacings,
     model: Model,
+    /// The model's spacings freed of what the aperture's edge does to them.
+    free: Vec<Corrected>,
     /// The frames with what their pairs said at the model.
     solver: Solver<'a>,
 }
@@ -183,13 +189,14 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
         }
         fitted => fitted?,
     };
-    let Fitted { regions, model, solver } = &fitted;
+    let Fitted { regions, model, solver, free } = &fitted;
+    let slope = free[0].slope;
     let mut covariance = model.usual(&regions.covariance);
     let sigma_random_px = regions.sigmas_random_px[0];
-    covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px);
+    covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, fitted.free[0].sigma);
     for smear in frames.iter().zip(&solver.radii).filter_map(|(frame, &radius)| smear::smear(frame, model, radius)) {
-        if smear.change_px > SMEAR_PX && smear.significance > SMEAR_SIGNIFICANCE {
-            return Err(SpacingError::Moved { change_px: smear.change_px });
+        if smear.square > SMEAR_SIGNIFICANCE * smear.sigma.hypot(SMEAR_SIGMA) {
+            return Err(SpacingError::Moved { change_px: smear.square.sqrt() });
         }
     }
     let sigma_bound_px = bound::bound(solver, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
@@ -197,13 +204,13 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
         on_axis_px: regions.spacings_px[0],
         sigma_px: covariance[0][0].sqrt(),
         sigma_random_px,
-        sigma_bound_px,
+        sigma_bound_px: slope * sigma_bound_px,
         tilt_x_px: regions.field_px[0],
         tilt_y_px: regions.field_px[1],
         curvature_px: regions.field_px[2],
-        astigmatism_px: model.terms[FIELD_TERMS],
-        row_column_px: model.terms[FIELD_TERMS + 1],
-        diagonal_px: model.terms[FIELD_TERMS + 2],
+        astigmatism_px: slope * model.terms[FIELD_TERMS],
+        row_column_px: slope * model.terms[FIELD_TERMS + 1],
+        diagonal_px: slope * model.terms[FIELD_TERMS + 2],
         covariance,
         window_px: regions.window_px,
         pairs: regions.pairs[0],
@@ -216,9 +223,9 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
 
 /// Variance of a spacing, px², from the scatter between field blocks, the standard uncertainty by noise alone (px), and
 /// what is known of the model's own limits.
-pub(super) fn whole_variance(scatter: f64, sigma_random_px: f64) -> f64 {
+pub(super) fn whole_variance(scatter: f64, sigma_random_px: f64, sigma_correction_px: f64) -> f64 {
     // Noise alone is never less than all there is: with few blocks the scatter can come out low by chance.
-    scatter.max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2)
+    scatter.max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2) + sigma_correction_px.powi(2)
 }
 
 /// Measures the spacings of regions (see [`SpacingFrame::assign_regions`]) that share tilt and curvature; `starts` are
@@ -280,18 +287,31 @@ fn fit<'a>(
     }
     normal.check_texture(noise, directions)?;
     check_scene(&model, frames)?;
-    let [tilt_x, tilt_y, curvature, ..] = model.terms;
+    // Frames of one pose are of one camera, and masked alike.
+    let window_px = solver.radii.first().copied().unwrap_or_default();
+    let free: Vec<Corrected> =
+        model.spacings.iter().filter_map(|&l| Some(frames.first()?.pupil.corrected(l, window_px))).collect();
+    let slope_of = |unknown: usize| free[if unknown < free.len() { unknown } else { 0 }].slope;
+    let [tilt_x, tilt_y, curvature, ..] = model.terms.map(|term| slope_of(0) * term);
+    let mut covariance = normal.scatter(&model, &inverse, &normal.step(&inverse));
+    for row in 0..covariance.nrows() {
+        for column in 0..covariance.ncols() {
+            covariance[(row, column)] *= slope_of(row) * slope_of(column);
+        }
+    }
     let regions = RegionSpacings {
-        spacings_px: model.spacings.clone(),
-        sigmas_random_px: (0..starts.len()).map(|r| solver.noise_variance(&model, &inverse, r).sqrt()).collect(),
+        spacings_px: free.iter().map(|free| free.spacing).collect(),
+        sigmas_random_px: (0..starts.len())
+            .map(|r| slope_of(r) * solver.noise_variance(&model, &inverse, r).sqrt())
+            .collect(),
         field_px: [tilt_x, tilt_y, curvature],
-        covariance: normal.scatter(&model, &inverse, &normal.step(&inverse)),
-        window_px: solver.radii.first().copied().unwrap_or_default(),
+        covariance,
+        window_px,
         pairs: normal.region_pairs.clone(),
         correlation,
         residual_ratio: normal.residual,
     };
-    Ok(Fitted { regions, model, solver })
+    Ok(Fitted { regions, model, free, solver })
 }
 
 /// Where to start iterating: the caller's value where neighbours match there, else what a search finds.
