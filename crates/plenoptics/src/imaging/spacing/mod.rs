@@ -61,7 +61,7 @@ pub(crate) const MODEL_SIGMA_PX: f64 = 0.002;
 const FIXED_PATTERN: f64 = 0.03;
 /// What the squared change of the spacing during an exposure comes out by at most, px² (standard uncertainty), where
 /// nothing moves and neither noise nor scatter between parts of the field shows it: texture as sharp as pixels and their
-/// own area. It is larger than all that frames at rest of five textures showed, in focus and out of it.
+/// own area. Frames of printed text at rest showed −0.09 ± 0.09; with it none of some thousand at rest is refused.
 const SMEAR_SIGMA: f64 = 0.1;
 /// How many standard uncertainties it must stand above none to be refused: from a change of two thirds of a pixel on.
 const SMEAR_SIGNIFICANCE: f64 = 4.0;
