@@ -105,8 +105,8 @@ fn measured(case: &Case, seed: u64) -> Result<(Spacing, f64, f64), String> {
     };
     let white = frame(&Scene::Diffuser, 2 * seed);
     let raw = frame(&Scene::Board(Board::new(distance, map)), 2 * seed + 1);
-    let white = WhiteModel::of(&white, config.sensor.mosaic).map_err(|error| error.to_string())?;
     let options = FrameOptions { mosaic: config.sensor.mosaic, ..FrameOptions::new(design.mla.pitch / PIXEL_MM) };
+    let white = WhiteModel::of(&white, &options).map_err(|error| error.to_string())?;
     let start = Instant::now();
     let spacing = measure_frame(&raw, Some(&white), &options).map_err(|error| error.to_string())?.spacing;
     let time = 1e3 * start.elapsed().as_secs_f64();

@@ -155,9 +155,9 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let config = &context.config;
     let design = config.design();
     let raw = raw::read(&args.raw)?;
-    let white = read_white(config, args.white.as_deref())?.map(|(_, model)| model);
+    let white = read_white(&frame_options(&context), args.white.as_deref())?.map(|(_, model)| model);
     let pitch = pitch(config, &args, white.as_ref())?;
-    let options = options(config, &args, pitch);
+    let options = options(&context, &args, pitch);
     let calibration =
         calibrate(&raw, white.as_ref(), &args.levels, &options).with_context(|| args.raw.display().to_string())?;
     let line = &calibration.line;
@@ -186,9 +186,10 @@ fn pitch(config: &Config, args: &Args, white: Option<&WhiteModel>) -> anyhow::Re
     }
 }
 
-fn options(config: &Config, args: &Args, micro_image_pitch: Option<PitchSource>) -> CalibrationOptions {
+fn options(context: &Context, args: &Args, micro_image_pitch: Option<PitchSource>) -> CalibrationOptions {
+    let config = &context.config;
     let design = config.design();
-    let mut frame = frame_options(config);
+    let mut frame = frame_options(context);
     // A white frame that gives the pitch was taken at this very setting.
     frame.white_at_this_setting = args.micro_image_pitch == Some(PitchName::White);
     let shared = args.sigma_distance.or(config.main_lens.principal_from_mount_sigma_mm);

@@ -14,6 +14,7 @@ mod design;
 mod doctor;
 mod faults;
 mod fleet;
+mod grid;
 mod jobs;
 mod listen;
 mod lock;
@@ -76,6 +77,8 @@ enum Command {
     Design(design::Args),
     /// Measure the spacing of a raw frame.
     Measure(measure::Args),
+    /// Find the micro-images of raw frames alone.
+    Grid(grid::Args),
     /// Pictures and distances from a raw frame.
     View(view::Args),
     /// Find d and b from a raw frame of a triple-level board.
@@ -151,6 +154,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Tls(args) => tls::run(&args),
         Command::Design(args) => design::run(settings.open()?, args),
         Command::Measure(args) => measure::run(settings.open()?, args),
+        Command::Grid(args) => grid::run(settings.open()?, args),
         Command::View(args) => view::run(settings.open()?, args),
         Command::Calibrate(args) => calibrate::run(settings.open()?, args),
         Command::Render(args) => render::run(settings.open()?, args),

@@ -98,9 +98,9 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
         bail!("--depth and --refocus need to know where the camera was: --delta-v, and --e or --air");
     }
     let frame = raw::read(&args.raw)?;
-    let white = read_white(config, args.white.as_deref())?.map(|(_, model)| model);
+    let white = read_white(&frame_options(&context), args.white.as_deref())?.map(|(_, model)| model);
     let mode = config.design().mla.mode;
-    let pictures = Pictures::new(&frame, white.as_ref(), &frame_options(config), mode, pose.as_ref())
+    let pictures = Pictures::new(&frame, white.as_ref(), &frame_options(&context), mode, pose.as_ref())
         .with_context(|| args.raw.display().to_string())?;
 
     let view = args.out.as_deref().map(|path| {

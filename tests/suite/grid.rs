@@ -218,6 +218,39 @@ fn what_is_no_plenoptic_frame_is_refused() {
     assert!(matches!(find_grid(&bright, &GridOptions::default()), Err(GridError::Saturated { .. })));
 }
 
+/// Narrow gaps have harmonics as strong as their fundamental, which a scene of large details drowns.
+#[test]
+fn no_harmonic_is_taken_for_the_pitch() {
+    for pitch in [74.68, 41.3] {
+        let mut state = 11;
+        let waves: Vec<[f64; 4]> = (0..40)
+            .map(|k| {
+                let length = pitch * (0.5 + 0.06 * f64::from(k));
+                let angle = std::f64::consts::TAU * random(&mut state);
+                let wave = std::f64::consts::TAU / length;
+                [wave * angle.cos(), wave * angle.sin(), std::f64::consts::TAU * random(&mut state), 0.06]
+            })
+            .collect();
+        // Micro-images with square edges, each of which shows a part of the scene from beside its own place.
+        let frame = picture(
+            600,
+            |x, y| {
+                let cell = [x, y].map(|u| (u / pitch - 0.3).floor());
+                let within = [0, 1].map(|k| [x, y][k] / pitch - 0.3 - cell[k]);
+                if within.iter().any(|u| (u - 0.5).abs() > 0.475) {
+                    return 3.0;
+                }
+                let at = [0, 1].map(|k| pitch * (0.3 + 0.7 * cell[k] + within[k]));
+                110.0 * waves.iter().fold(1.0, |s, w| s + w[3] * (w[0] * at[0] + w[1] * at[1] + w[2]).sin() * 1.6)
+            },
+            5.0,
+        );
+        let grid = find_grid(&frame, &GridOptions::default()).unwrap();
+        println!("{pitch} px: {:.3} px, coherence {:.3}", grid.pitch_px(), grid.coherence);
+        assert!((grid.pitch_px() - pitch).abs() < 0.3, "{} for {pitch} px", grid.pitch_px());
+    }
+}
+
 #[test]
 fn frames_of_any_size_are_answered() {
     let white = frame("referee/air_square_white.png");

@@ -100,8 +100,8 @@ fn a_mosaic_measures_live_as_it_does_in_full() {
         raw::read(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/second/{name}.png"))).unwrap()
     };
     let (raw, mosaic) = (read("bayer"), Some(CfaPattern::Rggb));
-    let white = WhiteModel::of(&read("bayer_white"), mosaic).unwrap();
     let options = FrameOptions { mosaic, ..FrameOptions::new(MLA_PITCH_PX) };
+    let white = WhiteModel::of(&read("bayer_white"), &options).unwrap();
     let full =
         measure_spacing(&[prepare_frame(&raw, Some(&white), &options).unwrap().frame], &options.spacing).unwrap();
     let options = LiveOptions { mosaic, ..LiveOptions::new(MLA_PITCH_PX) };

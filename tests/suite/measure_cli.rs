@@ -80,6 +80,47 @@ fn measure_draws_what_it_found() {
 }
 
 #[test]
+fn measure_refuses_a_mode_that_is_configured_otherwise() {
+    let frame = ["measure", "air_charuco.png", "--white", "air_charuco_white.png"];
+    let output = plenalign(&[&frame[..], &["--set", "mla.mode=keplerian"]].concat());
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "{error}");
+    assert!(
+        error.contains("match at 19.6") && error.contains("no spacing of the configured Keplerian mode"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_refused_frame_has_its_grid_printed() {
+    let frame = ["measure", "air_square_white.png", "--white", "air_square_white.png"];
+    let refused = plenalign(&frame);
+    let (text, error) = [&refused.stdout, &refused.stderr].map(|b| String::from_utf8_lossy(b).into_owned()).into();
+    assert!(!refused.status.success() && text.contains("pitch            29.49") && text.contains("noise"), "{text}");
+    assert!(error.trim_end().lines().count() == 1 && error.contains("air_square_white.png: spacing: "), "{error}");
+    let refused = plenalign(&[&frame[..], &["--json"]].concat());
+    let known: Value = serde_json::from_slice(&refused.stdout).unwrap();
+    assert!((known["grid"]["pitch_px"].as_f64().unwrap() - 29.4926).abs() < 0.002, "{known}");
+    assert!((known["noise_grey_levels"].as_f64().unwrap() / 2.0 - 1.0).abs() < 0.15, "{known}");
+    assert!(!refused.status.success() && known["refused"].as_str().unwrap().starts_with("spacing: "), "{known}");
+}
+
+#[test]
+fn grid_finds_micro_images_alone() {
+    let report = json(&["grid", "air_square_white.png", "water_hexagonal.png", "--json"]);
+    for (frame, (array, pitch)) in [("square", 29.4926), ("hexagonal", 29.441)].iter().enumerate() {
+        let grid = &report["frames"][frame]["grid"];
+        assert_eq!(grid["array"], *array, "{report}");
+        assert!((grid["pitch_px"].as_f64().unwrap() - pitch).abs() < 0.01, "{report}");
+    }
+    let nothing = plenalign(&["grid", "air_square_white.png", "--pitch", "20"]);
+    let text = String::from_utf8_lossy(&nothing.stdout).into_owned();
+    assert!(!nothing.status.success() && text.contains("between 18 and 22 px pitch"), "{text}");
+    let text = plenalign(&["grid", "air_charuco.png"]);
+    assert!(text.status.success() && String::from_utf8_lossy(&text.stdout).contains("square, 8"), "{text:?}");
+}
+
+#[test]
 fn measure_gives_the_distance_in_water() {
     let report = json(&[
         "measure",
@@ -182,7 +223,6 @@ fn mistakes_get_one_line_on_standard_error() {
     for (arguments, part) in [
         (&["measure", "missing.png"][..], "missing.png"),
         (&["measure", "truth.json"], "truth.json"),
-        (&["measure", "air_square_white.png", "--white", "air_square_white.png"], "air_square_white.png"),
         (&["measure", "air_square.png", "--delta-v", "NaN"], "--delta-v"),
         (&["calibrate", "triple_air.png", "--levels", "700"], "at least 2"),
         (&["calibrate", "triple_air.png", "--levels", "700,700,800"], "700"),

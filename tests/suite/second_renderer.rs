@@ -4,7 +4,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use plenalign::imaging::measurement::{FrameMeasurement, FrameOptions, WhiteModel, measure_frame};
+use plenalign::imaging::measurement::{FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frame};
+use plenalign::imaging::spacing::{SpacingError, SpacingOptions};
+use plenalign::optics::MlaMode;
 use plenalign::raw::{self, CfaPattern, RawImage};
 use serde_json::Value;
 
@@ -12,12 +14,6 @@ use serde_json::Value;
 /// to leave the list.
 const NOT_YET: &[(&str, &str)] = &[
     ("blur_far_12", "refused: the grid is said to have changed"),
-    ("pitch_55_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
-    ("pitch_75_hex_gal", "refused: a higher order of the lattice is taken for its pitch"),
-    ("pitch_75_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
-    ("pitch_90_hex_gal", "refused: a higher order of the lattice is taken for its pitch"),
-    ("pitch_90_hex_kep", "refused: a higher order of the lattice is taken for its pitch"),
-    ("contrast_2", "refused: two per cent of contrast"),
 ];
 
 /// Frames of which no number may come, each for its own reason.
@@ -43,23 +39,29 @@ fn exact(board: &Value, window_px: f64) -> f64 {
     s0 + (s1 - s0) * ((window_px - r0) / (r1 - r0)).min(1.0)
 }
 
-fn measured(truth: &Value) -> Result<FrameMeasurement, String> {
+/// The measurement of a camera of which the mode is known, or of any.
+fn measured(truth: &Value, mode: Option<MlaMode>) -> Result<FrameMeasurement, MeasurementError> {
     let pitch = truth["mla_pitch_mm"].as_f64().unwrap() / (truth["pixel_um"].as_f64().unwrap() / 1000.0);
     let mosaic = (truth["sensor"]["bayer"] == "RGGB").then_some(CfaPattern::Rggb);
-    let white = WhiteModel::of(&picture(&truth["white"]), mosaic).map_err(|error| error.to_string())?;
-    let options = FrameOptions { mosaic, ..FrameOptions::new(pitch) };
-    measure_frame(&picture(&truth["frame"]), Some(&white), &options).map_err(|error| error.to_string())
+    let spacing = SpacingOptions { mode, ..SpacingOptions::new(pitch) };
+    let options = FrameOptions { spacing, mosaic, ..FrameOptions::new(pitch) };
+    let white = WhiteModel::of(&picture(&truth["white"]), &options)?;
+    measure_frame(&picture(&truth["frame"]), Some(&white), &options)
+}
+
+fn frames() -> BTreeMap<String, Value> {
+    let text = std::fs::read_to_string(folder().join("truth.json")).unwrap();
+    let all: Value = serde_json::from_str(&text).unwrap();
+    serde_json::from_value(all["frames"].clone()).unwrap()
 }
 
 #[test]
 fn frames_of_another_renderer_measure_within_three_sigma_or_are_known() {
-    let text = std::fs::read_to_string(folder().join("truth.json")).unwrap();
-    let all: Value = serde_json::from_str(&text).unwrap();
-    let frames: BTreeMap<String, Value> = serde_json::from_value(all["frames"].clone()).unwrap();
+    let frames = frames();
     let (mut right, mut squares, mut wrong) = (0, 0.0, Vec::new());
     // A board in the whole field: what several come to has a spacing each.
     for (name, truth) in frames.iter().filter(|(_, truth)| truth["boards"].as_array().unwrap().len() == 1) {
-        let outcome = measured(truth).map(|measured| {
+        let outcome = measured(truth, None).map(|measured| {
             let spacing = measured.spacing;
             (spacing.on_axis_px - exact(&truth["boards"][0], spacing.window_px)) / spacing.sigma_px
         });
@@ -86,4 +88,32 @@ fn frames_of_another_renderer_measure_within_three_sigma_or_are_known() {
     // Neither too sure nor too modest.
     let rms = (squares / f64::from(right)).sqrt();
     assert!((0.6..1.3).contains(&rms), "rms error over sigma: {rms:.2} of {right}");
+}
+
+/// What repeats within a micro-image matches at several spacings, of which a mode may have one only.
+#[test]
+fn a_known_mode_tells_the_spacing_from_rivals_of_the_other() {
+    let frames = frames();
+    let galilean = |name: &str| measured(&frames[name], Some(MlaMode::Galilean));
+    let ambiguous = measured(&frames["texture_sine"], None);
+    assert!(
+        matches!(ambiguous, Err(MeasurementError::Spacing(SpacingError::Ambiguous { second_px, .. })) if second_px > 29.0),
+        "{ambiguous:?}"
+    );
+    for name in ["texture_sine", "texture_checkerboard"] {
+        let spacing = galilean(name).unwrap().spacing;
+        let error = spacing.on_axis_px - exact(&frames[name]["boards"][0], spacing.window_px);
+        assert!(error.abs() < 3.0 * spacing.sigma_px && spacing.sigma_px < 0.01, "{name}: {error:+.4} px, {spacing:?}");
+    }
+    let bars = galilean("texture_bars");
+    assert!(
+        matches!(bars, Err(MeasurementError::Spacing(SpacingError::OneDirection { along_rows: true }))),
+        "{bars:?}"
+    );
+    let other = measured(&frames["texture_charuco"], Some(MlaMode::Keplerian));
+    let Err(MeasurementError::Spacing(SpacingError::OtherMode { spacing_px, mode: MlaMode::Keplerian, .. })) = other
+    else {
+        panic!("{other:?}")
+    };
+    assert!((spacing_px - 19.6).abs() < 0.1, "{spacing_px} px");
 }

@@ -208,6 +208,25 @@ fn frames_without_an_answer_are_refused() {
 }
 
 #[test]
+fn a_spacing_beyond_the_range_is_said_to_be() {
+    let design = Config::default().design();
+    let least = plenalign::imaging::spacing::GALILEAN_RANGE[0] * 0.1 / PIXEL_MM;
+    // The image so near the array that neighbours share hardly anything: 5.2 px at 2.855 mm.
+    let (raw, white, expected) = rendered(2.855, None, Texture::Charuco, 400, 2.0);
+    assert!(expected < 0.6 * least, "{expected} px");
+    let white_model = WhiteModel::new(&white).unwrap();
+    let mut known = options();
+    known.spacing.mode = Some(design.mla.mode);
+    let refused = measure_frame(&raw, Some(&white_model), &known).unwrap_err();
+    let MeasurementError::Spacing(SpacingError::BeyondRange { from_px, above: false, .. }) = refused else {
+        panic!("{refused}")
+    };
+    assert!((from_px - least).abs() < 1e-9);
+    let words = refused.to_string();
+    assert!(words.contains("lies below the range; lower Δv or bring the board nearer"), "{words}");
+}
+
+#[test]
 fn frames_of_changing_texture_share_the_grid_of_their_mean() {
     let frames: Vec<RawImage> =
         (1..=6).map(|seed| Rendered { seed, rays: 16, ..Rendered::default() }.textured(Texture::Natural)).collect();

@@ -68,7 +68,13 @@ impl From<LiveError> for NoReading {
         let why = error.to_string();
         match error {
             // It shows something, and there is no telling at which spacing: the next may.
-            LiveError::Spacing(SpacingError::NoMatch { .. } | SpacingError::Ambiguous { .. })
+            LiveError::Spacing(
+                SpacingError::NoMatch { .. }
+                | SpacingError::BeyondRange { .. }
+                | SpacingError::OtherMode { .. }
+                | SpacingError::Unsettled { .. }
+                | SpacingError::Ambiguous { .. },
+            )
             | LiveError::Grid(GridError::DoesNotFit { .. } | GridError::NoLattice { .. })
             | LiveError::GridMoved { .. }
             | LiveError::GridNotSeen { .. }

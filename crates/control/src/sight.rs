@@ -135,10 +135,9 @@ impl Sight {
     /// # Errors
     /// Why the frame is no white frame of a microlens array, in words.
     pub(super) fn from_white(white: &RawImage, config: &Config) -> Result<Self, String> {
-        let white = WhiteModel::of(white, config.sensor.mosaic)
+        let (design, pixel_mm) = (config.design(), config.pixel_pitch().millimetres());
+        let white = WhiteModel::of(white, &frame_options(&design, pixel_mm, config.sensor.mosaic))
             .map_err(|error| format!("the white frame cannot be used: {error}"))?;
-        let design = config.design();
-        let pixel_mm = config.pixel_pitch().millimetres();
         let disagreement = disagreement(&white.grid, &design, pixel_mm);
         Ok(Self { white, design, pixel_mm, mosaic: config.sensor.mosaic, disagreement })
     }
@@ -167,14 +166,7 @@ impl Sight {
 
     /// How its camera's frames are measured.
     pub(super) fn options(&self) -> FrameOptions {
-        let pitch_px = self.design.mla.pitch / self.pixel_mm;
-        FrameOptions {
-            spacing: SpacingOptions { mode: Some(self.design.mla.mode), ..SpacingOptions::new(pitch_px) },
-            array: Some(self.design.mla.array),
-            white_at_this_setting: false,
-            mosaic: self.mosaic,
-            map: false,
-        }
+        frame_options(&self.design, self.pixel_mm, self.mosaic)
     }
 
     /// What follows the spacing from frame to frame.
@@ -353,6 +345,17 @@ fn jpeg(view: &View) -> Option<Arc<Vec<u8>>> {
     };
     encoder.encode(&view.to_u8(), width, height, colours).ok()?;
     Some(Arc::new(bytes))
+}
+
+/// How the frames of a camera are measured.
+fn frame_options(design: &CameraDesign, pixel_mm: f64, mosaic: Option<CfaPattern>) -> FrameOptions {
+    let pitch_px = design.mla.pitch / pixel_mm;
+    FrameOptions {
+        spacing: SpacingOptions { mode: Some(design.mla.mode), ..SpacingOptions::new(pitch_px) },
+        array: Some(design.mla.array),
+        mosaic,
+        ..FrameOptions::new(pitch_px)
+    }
 }
 
 /// What a white frame's grid and the configuration disagree on.

@@ -9,15 +9,16 @@ use anyhow::Context as _;
 
 use super::Context;
 use super::pose::PoseArgs;
-use crate::config::Config;
+use crate::config::{Config, ConfigOrigin};
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameOptions, WhiteModel, evened, measure_frames};
+use crate::imaging::measurement::{FrameOptions, WhiteModel, evened, measure_frames, prepare_frame};
 use crate::imaging::microlenses::flagged_microlenses;
 use crate::imaging::overlay::{self, Tint};
+use crate::imaging::spacing::SpacingOptions;
 use crate::optics::MlaMode;
 use crate::raw::{self, RawImage};
 
-use report::Report;
+use report::{Known, Report};
 
 /// The overlay's tints are strongest this far from the wanted spacing, in units of the blur limit.
 const OVERLAY_RANGE: f64 = 0.25;
@@ -52,14 +53,27 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
         anyhow::ensure!(png, "--overlay {}: a name that ends in .png is needed", path.display());
     }
     let raws = args.raw.iter().map(|path| raw::read(path)).collect::<Result<Vec<_>, _>>()?;
-    let white = read_white(config, args.white.as_deref())?;
+    let options = FrameOptions { map: true, ..frame_options(&context) };
+    let white = read_white(&options, args.white.as_deref())?;
     let flagged = white
         .as_ref()
         .map(|(raw, model)| flagged_microlenses(&evened(raw, config.sensor.mosaic), &model.grid, &model.vignetting));
     let white = white.map(|(_, model)| model);
-    let options = FrameOptions { map: true, ..frame_options(config) };
     let names = || args.raw.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
-    let measured = measure_frames(&raws, white.as_ref(), &options).with_context(names)?;
+    let measured = match measure_frames(&raws, white.as_ref(), &options) {
+        Ok(measured) => measured,
+        Err(error) => {
+            // What is known without a spacing is worth having.
+            let prepared = raws.first().and_then(|raw| prepare_frame(raw, white.as_ref(), &options).ok());
+            let known = Known::new(prepared.as_ref(), error.to_string());
+            if args.json {
+                println!("{}", serde_json::to_string(&known)?);
+            } else {
+                known.print();
+            }
+            return Err(error).with_context(names);
+        }
+    };
     let white = white.as_ref().zip(flagged.as_deref());
     let report = Report::new(config, &args, &raws, white, &measured);
     if let (Some(path), Some(map)) = (&args.overlay, &measured.map) {
@@ -81,17 +95,28 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
 }
 
 /// A white frame's file and its model, where there is one.
-pub(super) fn read_white(config: &Config, path: Option<&Path>) -> anyhow::Result<Option<(RawImage, WhiteModel)>> {
+pub(super) fn read_white(
+    options: &FrameOptions,
+    path: Option<&Path>,
+) -> anyhow::Result<Option<(RawImage, WhiteModel)>> {
     let Some(path) = path else { return Ok(None) };
     let white = raw::read(path)?;
-    let model = WhiteModel::of(&white, config.sensor.mosaic).with_context(|| path.display().to_string())?;
+    let model = WhiteModel::of(&white, options).with_context(|| path.display().to_string())?;
     Ok(Some((white, model)))
 }
 
-/// What the configuration says about a frame: only the MLA pitch and the mosaic. Array and mode are found, and compared.
-pub(super) fn frame_options(config: &Config) -> FrameOptions {
-    let mla_pitch_px = config.design().mla.pitch / config.pixel_pitch().millimetres();
-    FrameOptions { mosaic: config.sensor.mosaic, ..FrameOptions::new(mla_pitch_px) }
+/// What the configuration says about a frame: the MLA pitch, the mosaic, and where a camera is configured, not the preset
+/// taken, its mode. The array is found, and compared.
+pub(super) fn frame_options(context: &Context) -> FrameOptions {
+    let config = &context.config;
+    let mla = config.design().mla;
+    let mla_pitch_px = mla.pitch / config.pixel_pitch().millimetres();
+    let mode = (context.origin != ConfigOrigin::Preset).then_some(mla.mode);
+    FrameOptions {
+        spacing: SpacingOptions { mode, ..SpacingOptions::new(mla_pitch_px) },
+        mosaic: config.sensor.mosaic,
+        ..FrameOptions::new(mla_pitch_px)
+    }
 }
 
 /// What in the frame is not as the configuration says.

@@ -3,37 +3,13 @@
 use serde::Serialize;
 
 use super::{Args, disagreements};
+use crate::cli::grid::GridReport;
 use crate::config::{Config, SpacingTarget};
-use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameMeasurement, WhiteModel};
+use crate::imaging::measurement::{FrameMeasurement, PreparedFrame, WhiteModel};
 use crate::imaging::microlenses::{FlaggedMicrolens, MicrolensFlag};
 use crate::imaging::spacing::{LensSpacing, LensState, Spacing, SpacingMap};
 use crate::optics::MlaMode;
 use crate::raw::RawImage;
-
-/// The grid on the wire.
-#[derive(Debug, Serialize)]
-struct GridReport {
-    array: &'static str,
-    pitch_px: f64,
-    rotation_deg: f64,
-    centre_px: [f64; 2],
-    micro_images: usize,
-    residual_px: f64,
-}
-
-impl GridReport {
-    fn new(grid: &Grid) -> Self {
-        Self {
-            array: grid.array.name(),
-            pitch_px: grid.pitch_px(),
-            rotation_deg: grid.rotation().to_degrees(),
-            centre_px: grid.centre,
-            micro_images: grid.micro_images(),
-            residual_px: grid.residual_px,
-        }
-    }
-}
 
 /// The spacing on the wire.
 #[derive(Debug, Serialize)]
@@ -169,6 +145,35 @@ impl WhiteReport {
     }
 }
 
+/// What is known of a frame whose spacing is refused.
+#[derive(Debug, Serialize)]
+pub(super) struct Known {
+    grid: Option<GridReport>,
+    noise_grey_levels: Option<f64>,
+    /// Why there is no spacing.
+    refused: String,
+}
+
+impl Known {
+    pub(super) fn new(prepared: Option<&PreparedFrame>, refused: String) -> Self {
+        Self {
+            grid: prepared.map(|prepared| GridReport::new(&prepared.grid)),
+            noise_grey_levels: prepared.map(|prepared| prepared.frame.noise_grey_levels()),
+            refused,
+        }
+    }
+
+    pub(super) fn print(&self) {
+        let row = |name: &str, value: String| println!("{name:<16} {value}");
+        for (name, value) in self.grid.iter().flat_map(GridReport::rows) {
+            row(name, value);
+        }
+        if let Some(noise) = self.noise_grey_levels {
+            row("noise", format!("{noise:.2} grey levels, as far as one frame shows it"));
+        }
+    }
+}
+
 /// What is printed, and the JSON object.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
@@ -238,12 +243,9 @@ impl Report {
         let row = |name: &str, value: String| println!("{name:<16} {value}");
         let several = if self.frames > 1 { format!(", {} frames together", self.frames) } else { String::new() };
         row("frame", format!("{} x {} px{several}", self.frame_size_px[0], self.frame_size_px[1]));
-        row("array", format!("{}, {} micro-images", grid.array, grid.micro_images));
-        row("pitch", format!("{:.4} px, rotation {:+.4}°", grid.pitch_px, grid.rotation_deg));
-        row(
-            "centre",
-            format!("{:.3}, {:.3} px, residual {:.3} px", grid.centre_px[0], grid.centre_px[1], grid.residual_px),
-        );
+        for (name, value) in grid.rows() {
+            row(name, value);
+        }
         if let Some(white) = &self.white {
             row("microlenses", white.words());
         }

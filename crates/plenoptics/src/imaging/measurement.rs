@@ -62,16 +62,20 @@ impl WhiteModel {
     /// # Errors
     /// [`MeasurementError`] where the frame has no grid or no light.
     pub fn new(white: &RawImage) -> Result<Self, MeasurementError> {
-        Self::of(white, None)
+        Self::with(white, find_grid(white, &GridOptions::default())?)
     }
 
-    /// Grid and profile of a white frame, of a sensor with a Bayer mosaic where one is given.
+    /// Grid and profile of a white frame of a camera whose frames are measured in this way: its mosaic and its pitch are
+    /// known. A frame of another pitch is taken as it is; it is for [`measure_frame`] to refuse it.
     ///
     /// # Errors
     /// As [`WhiteModel::new`].
-    pub fn of(white: &RawImage, mosaic: Option<CfaPattern>) -> Result<Self, MeasurementError> {
-        let white = &*evened(white, mosaic);
-        let grid = find_grid(white, &GridOptions::default())?;
+    pub fn of(white: &RawImage, options: &FrameOptions) -> Result<Self, MeasurementError> {
+        let white = &*evened(white, options.mosaic);
+        Self::with(white, expected_grid(white, options.spacing.mla_pitch_px)?)
+    }
+
+    fn with(white: &RawImage, grid: Grid) -> Result<Self, MeasurementError> {
         let vignetting = Vignetting::from_white(white, &grid)?;
         Ok(Self { grid, vignetting })
     }
@@ -135,10 +139,25 @@ pub struct PreparedFrame {
     pub light: Arc<Light>,
 }
 
-/// Whether micro-images of this pitch can be those of an MLA of that pitch (both px): they exceed it by b/d, a few per
-/// cent. Where they cannot, capture range and target mean nothing for the frame.
+/// Micro-image pitches, in MLA pitches, that can be those of an MLA: they exceed its own by b/d, a few per cent.
+const PITCHES: [f64; 2] = [0.98, 1.1];
+
+/// Whether micro-images of this pitch can be those of an MLA of that pitch (both px). Where they cannot, capture range and
+/// target mean nothing for the frame.
 fn pitches_belong(micro_image_pitch_px: f64, mla_pitch_px: f64) -> bool {
-    (0.98..1.1).contains(&(micro_image_pitch_px / mla_pitch_px))
+    (PITCHES[0]..PITCHES[1]).contains(&(micro_image_pitch_px / mla_pitch_px))
+}
+
+/// The grid of a frame of an MLA of this pitch, px: what is there at a pitch that it can have goes before anything else,
+/// and whatever else there is comes before nothing.
+///
+/// # Errors
+/// [`GridError`] where there is no lattice of any pitch.
+pub fn expected_grid(image: &RawImage, mla_pitch_px: f64) -> Result<Grid, GridError> {
+    let any = GridOptions::default();
+    let [least, most] = PITCHES.map(|share| (share * mla_pitch_px).clamp(any.pitch_px[0], any.pitch_px[1]));
+    let expected = (least < most).then(|| find_grid(image, &GridOptions { pitch_px: [least, most], ..any }));
+    expected.and_then(Result::ok).map_or_else(|| find_grid(image, &any), Ok)
 }
 
 /// That a grid is one of the array that is wanted.
@@ -187,7 +206,7 @@ impl Setting {
             several => Cow::Owned(mean(several)?),
         };
         let even = &*evened(&mean, options.mosaic);
-        let grid = find_grid(even, &GridOptions::default())?;
+        let grid = expected_grid(even, options.spacing.mla_pitch_px)?;
         let light = Arc::new(Vignetting::from_textured(even, &grid)?.over(&grid));
         Ok(Self { light, grid, fit: None })
     }

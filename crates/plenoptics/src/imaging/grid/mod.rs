@@ -21,6 +21,7 @@ mod demodulate;
 mod fit;
 mod frame;
 pub(super) mod harmonics;
+mod nodes;
 mod phases;
 mod profile;
 mod search;

@@ -4,6 +4,7 @@ use super::demodulate::{Demodulator, Lens};
 use super::fit::{DEGREE_MAX, Fit, Model, monomial_count};
 use super::frame::Frame;
 use super::harmonics::Harmonics;
+use super::nodes::suspects;
 use super::phases::Phases;
 use super::profile::{Effort, Known, matched_best};
 use super::spectrum::{Candidate, candidates, central_part};
@@ -47,50 +48,54 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
     if candidates.is_empty() {
         return Err(no_lattice("its spectrum has no peaks at right angles or at 60° to each other".to_owned()));
     }
+    let least = options.micro_images_min;
+    let too_few = |grid: &Grid| {
+        let (found, pitch) = (grid.micro_images(), grid.pitch_px());
+        (found < least).then_some(GridError::TooFewMicroImages { found, pitch, least })
+    };
     let mut best: Option<Grid> = None;
     let mut scarce = None;
     for candidate in &candidates {
         let start = start(candidate, [frame.width, frame.height]);
-        let found = start.micro_images();
-        if found < options.micro_images_min {
-            scarce.get_or_insert(GridError::TooFewMicroImages {
-                found,
-                pitch: start.pitch_px(),
-                least: options.micro_images_min,
-            });
+        if let Some(few) = too_few(&start) {
+            scarce.get_or_insert(few);
             continue;
         }
         // Where there is a lattice already, one that the frame's middle speaks against is not worth the work.
         let least = best.as_ref().filter(|best| best.coherence > COHERENCE_LEAST).map(|_| HOPELESS);
-        let Some(grid) = settle(&frame, start, part, least) else { continue };
-        let good_enough = grid.coherence > 0.9;
-        if best.as_ref().is_none_or(|b| grid.coherence > b.coherence) {
+        let Some(mut grid) = settle(&frame, start, part, least) else { continue };
+        while let Some(finer) = finer(&frame, &grid).and_then(|start| settle(&frame, start, part, None)) {
+            grid = finer;
+        }
+        if let Some(few) = too_few(&grid) {
+            scarce.get_or_insert(few);
+            continue;
+        }
+        if best.as_ref().is_none_or(|best| grid.coherence > best.coherence) {
             best = Some(grid);
         }
-        if good_enough {
+        if best.as_ref().is_some_and(|best| best.coherence > 0.9) {
             break;
         }
     }
-    let Some(mut grid) = best else {
+    let Some(best) = best else {
         return Err(scarce.unwrap_or_else(|| no_lattice("its phases determine no lattice".to_owned())));
     };
-    while let Some(finer) = finer(&frame, &grid).and_then(|start| settle(&frame, start, part, None)) {
-        grid = finer;
-    }
-    if grid.coherence < COHERENCE_LEAST {
+    if best.coherence < COHERENCE_LEAST {
         return Err(no_lattice(format!(
             "the best has a coherence of {:.2}, at least {COHERENCE_LEAST} is needed",
-            grid.coherence
+            best.coherence
         )));
     }
+    let Some(grid) = fundamental(&frame, &best, part, options) else {
+        return Err(no_lattice(format!(
+            "the pitch of {:.2} px is a harmonic of a larger one, of which too few micro-images are in the frame",
+            best.pitch_px()
+        )));
+    };
     let pitch = grid.pitch_px();
     if pitch < options.pitch_px[0] / PITCH_SLACK || pitch > options.pitch_px[1] * PITCH_SLACK {
         return Err(no_lattice(format!("the best has a pitch of {pitch:.2} px")));
-    }
-    if hides_fundamental(&frame, &grid) {
-        return Err(no_lattice(format!(
-            "the pitch of {pitch:.2} px is a harmonic of a larger one, of which too few micro-images are in the frame"
-        )));
     }
     let grid = match bend(&frame, &grid, options.degree_max.clamp(1, DEGREE_MAX)) {
         Some(bent) => bent,
@@ -165,41 +170,23 @@ pub fn lens_residuals(image: &RawImage, grid: &Grid) -> Result<Vec<LensResidual>
         .collect())
 }
 
-/// Whether a frame of few micro-images has more at half the lattice's frequencies than at the lattice's own: there the
-/// search cannot see a fundamental for the mean of the frame that is so near it.
-fn hides_fundamental(frame: &Frame, grid: &Grid) -> bool {
-    /// In wider frames the fundamental of a lattice of twice the pitch is a peak of its own.
-    const PITCHES_SEEN: f64 = 12.0;
-    let (w, h) = (frame.width, frame.height);
-    if w.min(h) as f64 > PITCHES_SEEN * grid.pitch_px() {
-        return false;
-    }
-    let mut values = vec![0.0f32; w * h];
-    values.chunks_exact_mut(w).enumerate().for_each(|(y, row)| frame.row(y, 0, row));
-    let window = |k: usize, n: usize| (std::f64::consts::PI * (k as f64 + 0.5) / n as f64).sin().powi(2);
-    let (mut sum, mut area) = (0.0, 0.0);
-    for (k, &v) in values.iter().enumerate() {
-        let weight = window(k % w, w) * window(k / w, h);
-        sum += weight * f64::from(v);
-        area += weight;
-    }
-    let mean = sum / area.max(1e-12);
-    let modulus = |g: [f64; 2]| {
-        let (mut re, mut im) = (0.0, 0.0);
-        for (y, row) in values.chunks_exact(w).enumerate() {
-            for (x, &v) in row.iter().enumerate() {
-                let value = window(x, w) * window(y, h) * (f64::from(v) - mean);
-                let (sine, cosine) = (std::f64::consts::TAU * (g[0] * x as f64 + g[1] * y as f64)).sin_cos();
-                re += value * cosine;
-                im += value * sine;
-            }
+/// The finest lattice that one is a harmonic of, or that one itself where it is none. `None` where the frame has too little
+/// of what it seems to be a harmonic of.
+fn fundamental(frame: &Frame, grid: &Grid, part: [usize; 4], options: &GridOptions) -> Option<Grid> {
+    let mut unseen = false;
+    for basis in suspects(frame, grid) {
+        let start = exact(grid.array, basis, grid.centre, grid.frame_size);
+        if start.micro_images() < options.micro_images_min {
+            unseen = true;
+            continue;
         }
-        f64::hypot(re, im)
-    };
-    let [a, b] = reciprocal(grid.basis);
-    let own = modulus(a).min(modulus(b));
-    let halves = [a, b, [a[0] + b[0], a[1] + b[1]], [a[0] - b[0], a[1] - b[1]]];
-    halves.iter().any(|g| modulus([g[0] / 2.0, g[1] / 2.0]) > own)
+        let Some(found) = settle(frame, start, part, None) else { continue };
+        let enough = found.coherence > COHERENCE_LEAST && found.micro_images() >= options.micro_images_min;
+        if enough && suspects(frame, &found).is_empty() {
+            return Some(found);
+        }
+    }
+    (!unseen).then(|| grid.clone())
 }
 
 /// A candidate's lattice, in canonical basis, with its centre still anywhere.

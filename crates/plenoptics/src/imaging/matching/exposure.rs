@@ -10,6 +10,18 @@ use crate::imaging::spacing::SpacingError;
 const SATURATED_SHARE: f64 = 0.4;
 /// Part of the masks' radius within which noise is looked for.
 const NOISE_RADIUS: f64 = 0.85;
+/// Side of the blocks that noise is told from, samples of one colour.
+const BLOCK: i32 = 5;
+/// Fewest blocks that it is told from: with fewer whole micro-images take their place.
+const BLOCKS_LEAST: usize = 64;
+/// Variance of a block's mean square over that mean's square, times its samples: what the filter leaves of neighbours is
+/// not independent. Twice the square of 1 + 2 (2/3)² + 2 (1/6)².
+const SPREAD: f64 = 7.56;
+/// Standard deviations above the mean beyond which a block has texture, and what the mean of those below comes to.
+const CLEAN_BELOW: f64 = 2.0;
+const CLEAN_MEAN: f64 = 0.955;
+/// Rounds of leaving out what is above; they settle within five.
+const ROUNDS: usize = 10;
 
 /// A sample of a frame's micro-images.
 #[derive(Debug, Clone)]
@@ -18,6 +30,8 @@ pub(in crate::imaging) struct Exposure {
     /// Half widths of a disc's rows, from its middle row on: for light and saturation, and for noise.
     discs: [Vec<i32>; 2],
     counts: Vec<Count>,
+    /// What the noise is told from within each of them, and the variances found.
+    pieces: Vec<Vec<Run>>,
     variances: Vec<f32>,
 }
 
@@ -26,7 +40,6 @@ struct Count {
     pixels: u32,
     saturated: u32,
     sum: f32,
-    variance: f32,
 }
 
 impl Exposure {
@@ -37,24 +50,46 @@ impl Exposure {
             (0..=radius as i32).map(|y| (radius * radius - f64::from(y * y)).max(0.0).sqrt() as i32).collect()
         };
         let counts = vec![Count::default(); lenses.len()];
-        let variances = Vec::with_capacity(lenses.len());
-        Self { lenses, discs: [disc(radius), disc(NOISE_RADIUS * radius)], counts, variances }
+        Self {
+            lenses,
+            discs: [disc(radius), disc(NOISE_RADIUS * radius)],
+            counts,
+            pieces: Vec::new(),
+            variances: vec![],
+        }
     }
 
-    /// Standard deviation of the frame's noise, grey levels: from the lower quartile over micro-images of what a filter
-    /// blind to planes and saddles leaves, which belongs to those without sharp texture.
+    /// Standard deviation of the frame's noise, grey levels, from what a filter blind to planes and saddles leaves: the
+    /// lesser of its lower quartile over micro-images, which belongs to those without sharp texture, and of the mean over
+    /// those small blocks of them that no texture lifts above what noise alone makes of a block.
     pub(in crate::imaging) fn check<T: Sample>(
         &mut self,
         frame: &Frame<'_, T>,
         plan: &Plan,
     ) -> Result<f64, SpacingError> {
-        let discs = &self.discs;
+        // In a mosaic the filter is spread, so that it meets pixels of one colour.
+        let apart = if frame.mosaic.is_some() { 2 } else { 1 };
+        self.pieces = squares(&self.discs[1], BLOCK * apart);
+        let by_blocks = self.pieces.len() * self.lenses.len() >= BLOCKS_LEAST;
+        if !by_blocks {
+            let reach = self.discs[1].len() as i32 - 1;
+            let row = |dy: i32| Run { x: -self.discs[1][dy.unsigned_abs() as usize], y: dy, count: 0 };
+            let rows = (-reach..=reach).map(row).map(|run| Run { count: 1 - 2 * run.x, ..run });
+            self.pieces = vec![rows.collect()];
+        }
+        let each = self.pieces.len();
+        self.variances.clear();
+        self.variances.resize(each * self.lenses.len(), 0.0);
+        let (whole, pieces) = (&self.discs[0], &self.pieces);
         let arch = pulp::Arch::new();
         self.counts
             .par_iter_mut()
+            .zip(self.variances.par_chunks_mut(each))
             .zip(&self.lenses)
             .with_min_len(16)
-            .for_each(|(count, &k)| *count = arch.dispatch(Look { frame, centre: plan.lenses[k].nearest, discs }));
+            .for_each(|((count, variances), &k)| {
+                *count = arch.dispatch(Look { frame, centre: plan.lenses[k].nearest, whole, pieces, apart, variances });
+            });
         let total = |f: fn(&Count) -> f64| self.counts.iter().map(f).sum::<f64>();
         let pixels = total(|c| f64::from(c.pixels)).max(1.0);
         let share = total(|c| f64::from(c.saturated)) / pixels;
@@ -67,18 +102,70 @@ impl Exposure {
         if mean < least {
             return Err(SpacingError::Dark { mean, least });
         }
-        self.variances.clear();
-        self.variances.extend(self.counts.iter().map(|c| c.variance));
-        let quartile = self.variances.len() / 4;
-        let (_, variance, _) = self.variances.select_nth_unstable_by(quartile, f32::total_cmp);
-        Ok(f64::from(*variance).sqrt())
+        let mean = |variances: &[f32]| variances.iter().sum::<f32>() / each as f32;
+        let mut means: Vec<f32> = self.variances.chunks_exact(each).map(mean).collect();
+        let quartile = means.len() / 4;
+        let (_, quartile, _) = means.select_nth_unstable_by(quartile, f32::total_cmp);
+        let mut variance = f64::from(*quartile);
+        if by_blocks {
+            let green = if apart > 1 { 2 } else { 1 };
+            // Texture makes either too large: where there is some everywhere, that of blocks; where edges are in all
+            // micro-images, that of micro-images.
+            variance = variance.min(clean(&mut self.variances, f64::from(BLOCK * BLOCK * green)));
+        }
+        Ok(variance.sqrt())
     }
+}
+
+/// The blocks of this side (px) within a disc, as rows, side by side from its middle on.
+fn squares(disc: &[i32], side: i32) -> Vec<Vec<Run>> {
+    let reach = disc.len() as i32 - 1;
+    let half = |dy: i32| disc.get(dy.unsigned_abs() as usize).copied().unwrap_or(-1);
+    let first = -(reach / side + 1) * side - side / 2;
+    let places = || (0..).map(|k| first + k * side).take_while(|&at| at <= reach);
+    let within = |x: i32, y: i32| [y, y + side - 1].iter().all(|&dy| x.abs().max((x + side - 1).abs()) <= half(dy));
+    places()
+        .flat_map(|y| places().map(move |x| (x, y)))
+        .filter(|&(x, y)| within(x, y))
+        .map(|(x, y)| (y..y + side).map(|y| Run { x, y, count: side }).collect())
+        .collect()
+}
+
+/// Variance of the noise from the variances of blocks of so many samples: the mean of those that it alone explains, brought
+/// together with what it explains.
+fn clean(variances: &mut [f32], samples: f64) -> f64 {
+    variances.sort_unstable_by(f32::total_cmp);
+    let relative = (SPREAD / samples).sqrt();
+    let cut_at = 1.0 + CLEAN_BELOW * relative;
+    // The least twentieth lie about as far below the mean.
+    let mut variance = f64::from(variances[variances.len() / 20]) / (1.0 - 1.3 * relative).max(0.3);
+    for _ in 0..ROUNDS {
+        let cut = (variance * cut_at) as f32;
+        let below = variances.partition_point(|&v| v <= cut).max(1);
+        let mean = variances[..below].iter().map(|&v| f64::from(v)).sum::<f64>() / below as f64;
+        variance = mean / CLEAN_MEAN;
+    }
+    variance
+}
+
+/// A piece of a row, from the middle of a micro-image: its first pixel and how many there are.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    x: i32,
+    y: i32,
+    count: i32,
 }
 
 struct Look<'a, T> {
     frame: &'a Frame<'a, T>,
     centre: [i32; 2],
-    discs: &'a [Vec<i32>; 2],
+    /// Half widths of the rows that light and saturation are counted in, from the middle one on.
+    whole: &'a [i32],
+    /// What the noise is told from, piece by piece.
+    pieces: &'a [Vec<Run>],
+    /// Pixels from one of the filter's to the next.
+    apart: i32,
+    variances: &'a mut [f32],
 }
 
 impl<T: Sample> pulp::WithSimd for Look<'_, T> {
@@ -86,46 +173,45 @@ impl<T: Sample> pulp::WithSimd for Look<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _simd: S) -> Count {
-        let Self { frame, centre: [x, y], discs: [whole, inner] } = self;
-        let row = |dy: i32, half: i32| -> &[T] {
+        let Self { frame, centre: [x, y], whole, pieces, apart, variances } = self;
+        let row = |from: i32, dy: i32, count: i32| -> &[T] {
             // Micro-images lie within the frame by more than their masks.
-            let start = ((y + dy).max(0) as usize) * frame.width + (x - half).max(0) as usize;
-            frame.samples.get(start..start + 2 * half as usize + 1).unwrap_or_default()
+            let start = ((y + dy).max(0) as usize) * frame.width + (x + from).max(0) as usize;
+            frame.samples.get(start..start + count as usize).unwrap_or_default()
         };
         let mut count = Count::default();
         let reach = whole.len() as i32 - 1;
         for dy in -reach..=reach {
-            for &sample in row(dy, whole[dy.unsigned_abs() as usize]) {
+            let half = whole[dy.unsigned_abs() as usize];
+            for &sample in row(-half, dy, 2 * half + 1) {
                 count.pixels += 1;
                 count.saturated += u32::from(sample >= frame.white);
                 count.sum += sample.grey();
             }
         }
-        // What a filter blind to planes and saddles leaves; 36 is the sum of squares of (1 −2 1) × (1 −2 1). In a mosaic it
-        // is spread, so that it meets pixels of one colour.
-        let apart = if frame.mosaic.is_some() { 2 } else { 1 };
-        let (mut squares, mut pixels) = (0.0f32, 0u32);
-        let reach = inner.len() as i32 - 1;
-        for dy in -reach..=reach {
-            let half = inner[dy.unsigned_abs() as usize];
-            let wide = half + apart;
-            let [above, here, below] = [row(dy - apart, wide), row(dy, wide), row(dy + apart, wide)];
-            let count = (2 * half + 1) as usize;
-            let step = apart as usize;
-            if [above, here, below].iter().any(|line| line.len() < count + 2 * step) {
-                continue;
-            }
-            for k in 0..count {
-                if !frame.is_reference((x - half) as usize + k, (y + dy) as usize) {
+        // What a filter blind to planes and saddles leaves; 36 is the sum of squares of (1 −2 1) × (1 −2 1).
+        let step = apart as usize;
+        for (variance, runs) in variances.iter_mut().zip(pieces) {
+            let (mut squares, mut pixels) = (0.0f32, 0u32);
+            for run in runs {
+                let wide = run.count + 2 * apart;
+                let lines = [-apart, 0, apart].map(|dy| row(run.x - apart, run.y + dy, wide));
+                if lines.iter().any(|line| line.len() < wide as usize) {
                     continue;
                 }
-                let line = |v: &[T]| v[k].grey() - 2.0 * v[k + step].grey() + v[k + 2 * step].grey();
-                let response = line(above) - 2.0 * line(here) + line(below);
-                squares += response * response;
-                pixels += 1;
+                let [above, here, below] = lines;
+                for k in 0..run.count as usize {
+                    if !frame.is_reference((x + run.x) as usize + k, (y + run.y) as usize) {
+                        continue;
+                    }
+                    let line = |v: &[T]| v[k].grey() - 2.0 * v[k + step].grey() + v[k + 2 * step].grey();
+                    let response = line(above) - 2.0 * line(here) + line(below);
+                    squares += response * response;
+                    pixels += 1;
+                }
             }
+            *variance = squares / 36.0 / pixels.max(1) as f32;
         }
-        count.variance = squares / 36.0 / pixels.max(1) as f32;
         count
     }
 }

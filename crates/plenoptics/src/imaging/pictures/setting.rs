@@ -1,7 +1,7 @@
 //! Where the micro-images of one setting are, and what is divided out of its frames.
 
-use crate::imaging::grid::{Grid, GridOptions, GridState, check_grid, find_grid, refine_grid};
-use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, check_array};
+use crate::imaging::grid::{Grid, GridState, check_grid, refine_grid};
+use crate::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, check_array, expected_grid};
 use crate::imaging::spacing::{MASK_FRACTION, SpacingError};
 use crate::imaging::vignetting::{Light, Vignetting};
 use crate::raw::{RawImage, Samples};
@@ -66,7 +66,7 @@ impl Setting {
             Some(white) if options.white_at_this_setting => (white.grid.clone(), white.vignetting.clone()),
             Some(white) => (refine_grid(even, &white.grid, Some(&white.vignetting))?, white.vignetting.clone()),
             None => {
-                let grid = find_grid(even, &GridOptions::default())?;
+                let grid = expected_grid(even, options.spacing.mla_pitch_px)?;
                 let profile = Vignetting::from_textured(even, &grid)?;
                 (grid, profile)
             }

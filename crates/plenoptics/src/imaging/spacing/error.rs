@@ -1,5 +1,7 @@
 //! Why a spacing could not be measured.
 
+use crate::optics::MlaMode;
+
 /// Why a spacing could not be measured.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SpacingError {
@@ -55,6 +57,47 @@ pub enum SpacingError {
         /// Largest spacing tried, px.
         to_px: f64,
         /// Best correlation found.
+        correlation: f64,
+    },
+    /// Neighbours match better and better towards an end of the capture range: the spacing is beyond it.
+    #[error(
+        "neighbouring micro-images match best at {} px, the {} spacing of those searched ({from_px:.1} to {to_px:.1} px, for an MLA pitch of {mla_pitch_px:.2} px): the spacing lies {} the range; {}, or correct mla.pitch_mm or sensor.pixel_um",
+        format_args!("{:.1}", if *above { to_px } else { from_px }),
+        if *above { "greatest" } else { "least" },
+        if *above { "above" } else { "below" },
+        if *above { "raise Δv or take the board further away" } else { "lower Δv or bring the board nearer" }
+    )]
+    BeyondRange {
+        /// Least spacing tried, px.
+        from_px: f64,
+        /// Largest spacing tried, px.
+        to_px: f64,
+        /// Whether the spacing lies above the range, not below it.
+        above: bool,
+        /// D_MLA that the range is of, px.
+        mla_pitch_px: f64,
+    },
+    /// Neighbours match at a spacing of the other mode only.
+    #[error(
+        "neighbouring micro-images match at {spacing_px:.2} px, {} the MLA pitch of {mla_pitch_px:.2} px, and at no spacing of the configured {mode:?} mode: the board's image lies on the other side of the array (move Δv or the board), or mla.mode, mla.pitch_mm or sensor.pixel_um is another",
+        if spacing_px < mla_pitch_px { "below" } else { "above" }
+    )]
+    OtherMode {
+        /// Where they match, px.
+        spacing_px: f64,
+        /// D_MLA, px.
+        mla_pitch_px: f64,
+        /// The mode that the caller says it is.
+        mode: MlaMode,
+    },
+    /// Neighbours match, but not at spacings of one field.
+    #[error(
+        "neighbouring micro-images match near {near_px:.2} px (correlation {correlation:.2}), but no one spacing with tilt and curvature fits all of the field: boards at several distances, an object in front, or a grid that is off"
+    )]
+    Unsettled {
+        /// Where they match, px.
+        near_px: f64,
+        /// How well.
         correlation: f64,
     },
     /// The only match is that of the micro-images as they lie.

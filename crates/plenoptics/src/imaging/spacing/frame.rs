@@ -108,6 +108,13 @@ impl SpacingFrame {
         self.pitch
     }
 
+    /// Standard deviation of the raw frame's noise as one frame by itself shows it, grey levels: sharp texture makes it too
+    /// large.
+    #[must_use]
+    pub const fn noise_grey_levels(&self) -> f64 {
+        self.noise
+    }
+
     /// Assigns each micro-image to a region, or leaves it out: pairs count only within one region.
     pub fn assign_regions(&mut self, region_of: impl Fn(&MicroImage) -> Option<usize>) {
         for k in 0..self.micro_images.len() {

@@ -45,10 +45,13 @@ use super::matching::normal::{LEAST_CORRELATION, noise_scale};
 use super::matching::pupil::Corrected;
 pub use super::matching::{masks::MASK_FRACTION, normal::LEAST_PAIRS};
 use crate::optics::MlaMode;
+use search::{Candidate, Found};
 use solve::{Outcome, Solver};
 
 /// Candidates of the search nearer than this are the same, px.
 const SAME_PX: f64 = 1.0;
+/// Correlation from which a match in the other mode is none by chance.
+const SURE_CORRELATION: f64 = 0.8;
 /// Correlation by which a match must be better than any other.
 const RIVAL_MARGIN: f64 = 0.02;
 
@@ -183,7 +186,12 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
     let from = start(frames, options)?;
     let fitted = match fit(frames, &[from], &[1.0], options) {
         // The expected value was too far off: look for the spacing as if nothing had been known.
-        Err(SpacingError::NoMatch { .. } | SpacingError::NoTexture { .. }) if options.start_px.is_some() => {
+        Err(
+            SpacingError::NoMatch { .. }
+            | SpacingError::BeyondRange { .. }
+            | SpacingError::Unsettled { .. }
+            | SpacingError::NoTexture { .. },
+        ) if options.start_px.is_some() => {
             let options = SpacingOptions { start_px: None, ..*options };
             fit(frames, &[start(frames, &options)?], &[1.0], &options)?
         }
@@ -283,7 +291,7 @@ fn fit<'a>(
     let inverse = normal.inverse().filter(|_| outcome != Outcome::Undetermined);
     let Some(inverse) = inverse else { return Err(SpacingError::NoTexture { noise }) };
     if outcome == Outcome::Lost || correlation < LEAST_CORRELATION {
-        return Err(no_match(options, correlation));
+        return Err(no_match(options, Candidate { spacing: model.spacings[0], correlation }));
     }
     normal.check_texture(noise, directions)?;
     check_scene(&model, frames)?;
@@ -326,27 +334,57 @@ fn start(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<f64, Spaci
     if let Some(start) = options.start_px {
         return Ok(start);
     }
-    let candidates = search::search(frames, pitch, options.mode);
-    let Some(best) = candidates.first() else { return Err(no_match(options, 0.0)) };
-    if best.correlation < LEAST_CORRELATION {
-        return Err(no_match(options, best.correlation));
-    }
+    let found = search::search(frames, pitch, options.mode);
+    let matching = found.candidates.first().filter(|best| best.correlation >= LEAST_CORRELATION);
+    let Some(best) = matching else { return Err(not_found(frames, options, &found)) };
     // What decorrelates the best match, noise apart, is interpolation and blur: another one hardly worse is as good.
     let rivals = 1.0 - 1.5 * (1.0 - best.correlation) - RIVAL_MARGIN;
-    match candidates.iter().find(|c| (c.spacing - best.spacing).abs() > SAME_PX && c.correlation > rivals) {
+    let mut others = found.candidates.iter();
+    match others.find(|c| (c.spacing - best.spacing).abs() > SAME_PX && c.correlation > rivals) {
         Some(rival) => Err(SpacingError::Ambiguous { first_px: best.spacing, second_px: rival.spacing }),
         None => Ok(best.spacing),
     }
 }
 
-fn no_match(options: &SpacingOptions, correlation: f64) -> SpacingError {
-    let range = |low: f64, high: f64| (low * options.mla_pitch_px, high * options.mla_pitch_px);
-    let (from_px, to_px) = match options.mode {
-        Some(MlaMode::Galilean) => range(GALILEAN_RANGE[0], GALILEAN_RANGE[1]),
-        Some(MlaMode::Keplerian) => range(KEPLERIAN_RANGE[0], KEPLERIAN_RANGE[1]),
-        None => range(GALILEAN_RANGE[0], KEPLERIAN_RANGE[1]),
-    };
-    SpacingError::NoMatch { from_px, to_px, correlation }
+/// Why a search found nothing.
+fn not_found(frames: &[SpacingFrame], options: &SpacingOptions, found: &Found) -> SpacingError {
+    let pitch = options.mla_pitch_px;
+    if let Some((best, last)) = found.end.filter(|(best, _)| best.correlation >= LEAST_CORRELATION) {
+        return beyond(options, best.spacing, last);
+    }
+    let other = options.mode.map(|mode| match mode {
+        MlaMode::Galilean => (mode, MlaMode::Keplerian),
+        MlaMode::Keplerian => (mode, MlaMode::Galilean),
+    });
+    if let Some((mode, other)) = other {
+        let there = search::search(frames, pitch, Some(other)).candidates;
+        if let Some(best) = there.first().filter(|best| best.correlation >= SURE_CORRELATION) {
+            return SpacingError::OtherMode { spacing_px: best.spacing, mla_pitch_px: pitch, mode };
+        }
+    }
+    let best = found.candidates.first().copied().or(found.end.map(|(best, _)| best));
+    no_match(options, best.unwrap_or(Candidate { spacing: f64::NAN, correlation: 0.0 }))
+}
+
+/// That the spacing is beyond an end (px) of a range that was searched.
+fn beyond(options: &SpacingOptions, end_px: f64, above: bool) -> SpacingError {
+    let mla_pitch_px = options.mla_pitch_px;
+    let [low, high] = if end_px < mla_pitch_px { GALILEAN_RANGE } else { KEPLERIAN_RANGE };
+    SpacingError::BeyondRange { from_px: low * mla_pitch_px, to_px: high * mla_pitch_px, above, mla_pitch_px }
+}
+
+/// That the best that there is does not do.
+fn no_match(options: &SpacingOptions, best: Candidate) -> SpacingError {
+    let Candidate { spacing, correlation } = best;
+    let ranges = options.mode.map_or([GALILEAN_RANGE[0], KEPLERIAN_RANGE[1]], capture_range);
+    let [from_px, to_px] = ranges.map(|end| end * options.mla_pitch_px);
+    if correlation < LEAST_CORRELATION {
+        return SpacingError::NoMatch { from_px, to_px, correlation };
+    }
+    if spacing < from_px || spacing > to_px {
+        return beyond(options, spacing, spacing > to_px);
+    }
+    SpacingError::Unsettled { near_px: spacing, correlation }
 }
 
 /// Refuses a spacing at which micro-images match as they lie: an image point there would have its image at infinity, so

@@ -36,6 +36,15 @@ pub(super) struct Candidate {
     pub(super) correlation: f64,
 }
 
+/// What a search comes to.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Found {
+    /// Spacings at which neighbours match, by falling correlation.
+    pub(super) candidates: Vec<Candidate>,
+    /// The best of the spacings tried where that is the first or last of a range, and whether it is the last.
+    pub(super) end: Option<(Candidate, bool)>,
+}
+
 /// The range in which a spacing is found without a starting value, in MLA pitches.
 #[must_use]
 pub const fn capture_range(mode: MlaMode) -> [f64; 2] {
@@ -106,8 +115,8 @@ fn contents_at(frame: &SpacingFrame, pairs: &[Pair], spacings: &[f64]) -> Vec<Ve
     frame.at(&Model::flat(Vec::new()), frame.largest_radius(), 1.0, |pass| contents(pass, pairs, spacings))
 }
 
-/// Candidates by falling correlation, refined on a part of the pairs.
-pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMode>) -> Vec<Candidate> {
+/// Looks for the spacing; the candidates are refined on a part of the pairs.
+pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMode>) -> Found {
     let subsets: Vec<Vec<Pair>> = frames.iter().map(|f| textured_pairs(f, PAIRS / frames.len().min(PAIRS))).collect();
     let ranges = trial_spacings(mla_pitch, mode);
     let few: Vec<Vec<Pair>> = subsets.iter().map(|pairs| pairs.iter().copied().step_by(SPARSE).collect()).collect();
@@ -117,8 +126,13 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
         found = peaks(frames, &subsets, &ranges);
     }
     found.truncate(CANDIDATES);
+    let end = found.first().and_then(|best| {
+        let is = |spacing: Option<&f64>| spacing == Some(&best.spacing);
+        let at_end = ranges.iter().find_map(|r| is(r.last()).then_some(true).or(is(r.first()).then_some(false)));
+        at_end.map(|last| (*best, last))
+    });
     if frames.iter().any(|frame| frame.regions() > 1) {
-        return found;
+        return Found { candidates: found, end };
     }
     // The best is looked at in any case: what it comes to is what a refusal names.
     let hopeful = found.iter().skip(1).take_while(|peak| peak.correlation >= HOPELESS_CORRELATION).count();
@@ -137,7 +151,7 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
         })
         .collect();
     refined.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
-    refined
+    Found { candidates: refined, end }
 }
 
 /// Where the correlation of these pairs is higher than at the trials beside it, by falling correlation.

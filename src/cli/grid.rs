@@ -1,0 +1,130 @@
+//! `plenalign grid`: the micro-images of raw frames alone, white or textured.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use serde::Serialize;
+
+use super::Context;
+use super::measure::frame_options;
+use crate::config::ConfigOrigin;
+use crate::imaging::grid::{Grid, GridOptions, find_grid};
+use crate::imaging::measurement::{evened, expected_grid};
+use crate::raw;
+
+/// Part by which the pitch may differ from one that is given.
+const PITCH_SLACK: f64 = 0.1;
+
+/// Arguments of `plenalign grid`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// The raw frames, white or textured: PNG, TIFF or PGM, 8 to 16 bits. Each is looked at by itself.
+    #[arg(value_name = "RAW", required = true)]
+    raw: Vec<PathBuf>,
+    /// About the micro-image pitch, px: only within a tenth of it is one looked for.
+    #[arg(long, value_name = "PX")]
+    pitch: Option<f64>,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A grid on the wire.
+#[derive(Debug, Serialize)]
+pub(super) struct GridReport {
+    array: &'static str,
+    pub(super) pitch_px: f64,
+    rotation_deg: f64,
+    centre_px: [f64; 2],
+    pub(super) micro_images: usize,
+    residual_px: f64,
+    scatter_px: f64,
+}
+
+impl GridReport {
+    pub(super) fn new(grid: &Grid) -> Self {
+        Self {
+            array: grid.array.name(),
+            pitch_px: grid.pitch_px(),
+            rotation_deg: grid.rotation().to_degrees(),
+            centre_px: grid.centre,
+            micro_images: grid.micro_images(),
+            residual_px: grid.residual_px,
+            scatter_px: grid.scatter_px,
+        }
+    }
+
+    /// What is printed of it, line by line: name and value.
+    pub(super) fn rows(&self) -> [(&'static str, String); 3] {
+        let [x, y] = self.centre_px;
+        [
+            ("array", format!("{}, {} micro-images", self.array, self.micro_images)),
+            ("pitch", format!("{:.4} px, rotation {:+.4}°", self.pitch_px, self.rotation_deg)),
+            ("centre", format!("{x:.3}, {y:.3} px, residual {:.3} px", self.residual_px)),
+        ]
+    }
+}
+
+/// What one frame comes to.
+#[derive(Debug, Serialize)]
+struct FrameReport {
+    file: String,
+    frame_size_px: [usize; 2],
+    grid: Option<GridReport>,
+    /// Why there is none.
+    refused: Option<String>,
+}
+
+/// All of them.
+#[derive(Debug, Serialize)]
+struct Report {
+    frames: Vec<FrameReport>,
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let any = GridOptions::default();
+    let given = args.pitch.map(|pitch| [1.0 - PITCH_SLACK, 1.0 + PITCH_SLACK].map(|share| share * pitch));
+    if let (Some(pitch), Some([least, most])) = (args.pitch, given) {
+        let [finest, widest] = any.pitch_px;
+        anyhow::ensure!(most >= finest && least <= widest, "--pitch {pitch}: {finest} to {widest} px are looked for");
+    }
+    let options = frame_options(&context);
+    let mut report = Report { frames: Vec::new() };
+    for path in &args.raw {
+        let raw = raw::read(path).with_context(|| path.display().to_string())?;
+        let even = evened(&raw, options.mosaic);
+        let found = match given {
+            Some(pitch_px) => find_grid(&even, &GridOptions { pitch_px, ..any }),
+            None if context.origin == ConfigOrigin::Preset => find_grid(&even, &any),
+            None => expected_grid(&even, options.spacing.mla_pitch_px),
+        };
+        report.frames.push(FrameReport {
+            file: path.display().to_string(),
+            frame_size_px: [raw.width(), raw.height()],
+            grid: found.as_ref().ok().map(GridReport::new),
+            refused: found.err().map(|error| error.to_string()),
+        });
+    }
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        report.frames.iter().for_each(FrameReport::print);
+    }
+    let whole = report.frames.iter().all(|frame| frame.grid.is_some());
+    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+impl FrameReport {
+    fn print(&self) {
+        let row = |name: &str, value: &str| println!("{name:<16} {value}");
+        let [width, height] = self.frame_size_px;
+        row("frame", &format!("{}, {width} x {height} px", self.file));
+        if let Some(grid) = &self.grid {
+            grid.rows().iter().for_each(|(name, value)| row(name, value));
+        }
+        if let Some(refused) = &self.refused {
+            row("refused", refused);
+        }
+    }
+}
