@@ -12,9 +12,7 @@ use serde_json::Value;
 
 /// Frames that ought to be measured or refused otherwise than they are, and how they fail. One that is measured right has
 /// to leave the list.
-const NOT_YET: &[(&str, &str)] = &[
-    ("blur_far_12", "refused: the grid is said to have changed"),
-];
+const NOT_YET: &[(&str, &str)] = &[("blur_far_12", "refused: the grid is said to have changed")];
 
 /// Frames of which no number may come, each for its own reason.
 const NO_NUMBER: &[&str] =

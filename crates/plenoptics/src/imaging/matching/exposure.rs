@@ -30,7 +30,7 @@ pub(in crate::imaging) struct Exposure {
     /// Half widths of a disc's rows, from its middle row on: for light and saturation, and for noise.
     discs: [Vec<i32>; 2],
     counts: Vec<Count>,
-    /// What the noise is told from within each of them, and the variances found.
+    /// What the noise is told from within each of them, and the variances found: infinite where nothing tells it.
     pieces: Vec<Vec<Run>>,
     variances: Vec<f32>,
 }
@@ -69,14 +69,52 @@ impl Exposure {
     ) -> Result<f64, SpacingError> {
         // In a mosaic the filter is spread, so that it meets pixels of one colour.
         let apart = if frame.mosaic.is_some() { 2 } else { 1 };
-        self.pieces = squares(&self.discs[1], BLOCK * apart);
-        let by_blocks = self.pieces.len() * self.lenses.len() >= BLOCKS_LEAST;
+        let blocks = squares(&self.discs[1], BLOCK * apart);
+        let mut by_blocks = blocks.len() * self.lenses.len() >= BLOCKS_LEAST;
+        if by_blocks {
+            self.look(frame, plan, apart, blocks);
+            by_blocks = self.variances.iter().filter(|variance| variance.is_finite()).count() >= BLOCKS_LEAST;
+        }
         if !by_blocks {
             let reach = self.discs[1].len() as i32 - 1;
             let row = |dy: i32| Run { x: -self.discs[1][dy.unsigned_abs() as usize], y: dy, count: 0 };
-            let rows = (-reach..=reach).map(row).map(|run| Run { count: 1 - 2 * run.x, ..run });
-            self.pieces = vec![rows.collect()];
+            let rows = (-reach..=reach).map(row).map(|run| Run { count: 1 - 2 * run.x, ..run }).collect();
+            self.look(frame, plan, apart, vec![rows]);
         }
+        let each = self.pieces.len();
+        let total = |f: fn(&Count) -> f64| self.counts.iter().map(f).sum::<f64>();
+        let pixels = total(|c| f64::from(c.pixels)).max(1.0);
+        let share = total(|c| f64::from(c.saturated)) / pixels;
+        if share > SATURATED_SHARE {
+            return Err(SpacingError::Saturated { share });
+        }
+        let mean = total(|c| f64::from(c.sum)) / pixels;
+        // An 8-bit frame whose micro-images average three grey levels holds no texture above its own quantisation.
+        let least = (f64::from(frame.white.grey()) * 0.012).min(3.0);
+        if mean < least {
+            return Err(SpacingError::Dark { mean, least });
+        }
+        let mean = |variances: &[f32]| {
+            let told = || variances.iter().filter(|variance| variance.is_finite());
+            if told().count() == 0 { f32::INFINITY } else { told().sum::<f32>() / told().count() as f32 }
+        };
+        let mut means: Vec<f32> = self.variances.chunks_exact(each).map(mean).collect();
+        let quartile = means.len() / 4;
+        let (_, quartile, _) = means.select_nth_unstable_by(quartile, f32::total_cmp);
+        let mut variance = f64::from(*quartile);
+        if by_blocks {
+            let green = if apart > 1 { 2 } else { 1 };
+            // Texture makes either too large: where there is some everywhere, that of blocks; where edges are in all
+            // micro-images, that of micro-images.
+            self.variances.retain(|variance| variance.is_finite());
+            variance = variance.min(clean(&mut self.variances, f64::from(BLOCK * BLOCK * green)));
+        }
+        Ok(variance.sqrt())
+    }
+
+    /// Counts light, and fills the variances of these pieces of each micro-image.
+    fn look<T: Sample>(&mut self, frame: &Frame<'_, T>, plan: &Plan, apart: i32, pieces: Vec<Vec<Run>>) {
+        self.pieces = pieces;
         let each = self.pieces.len();
         self.variances.clear();
         self.variances.resize(each * self.lenses.len(), 0.0);
@@ -90,30 +128,6 @@ impl Exposure {
             .for_each(|((count, variances), &k)| {
                 *count = arch.dispatch(Look { frame, centre: plan.lenses[k].nearest, whole, pieces, apart, variances });
             });
-        let total = |f: fn(&Count) -> f64| self.counts.iter().map(f).sum::<f64>();
-        let pixels = total(|c| f64::from(c.pixels)).max(1.0);
-        let share = total(|c| f64::from(c.saturated)) / pixels;
-        if share > SATURATED_SHARE {
-            return Err(SpacingError::Saturated { share });
-        }
-        let mean = total(|c| f64::from(c.sum)) / pixels;
-        // An 8-bit frame whose micro-images average three grey levels holds no texture above its own quantisation.
-        let least = (f64::from(frame.white.grey()) * 0.012).min(3.0);
-        if mean < least {
-            return Err(SpacingError::Dark { mean, least });
-        }
-        let mean = |variances: &[f32]| variances.iter().sum::<f32>() / each as f32;
-        let mut means: Vec<f32> = self.variances.chunks_exact(each).map(mean).collect();
-        let quartile = means.len() / 4;
-        let (_, quartile, _) = means.select_nth_unstable_by(quartile, f32::total_cmp);
-        let mut variance = f64::from(*quartile);
-        if by_blocks {
-            let green = if apart > 1 { 2 } else { 1 };
-            // Texture makes either too large: where there is some everywhere, that of blocks; where edges are in all
-            // micro-images, that of micro-images.
-            variance = variance.min(clean(&mut self.variances, f64::from(BLOCK * BLOCK * green)));
-        }
-        Ok(variance.sqrt())
     }
 }
 
@@ -190,9 +204,11 @@ impl<T: Sample> pulp::WithSimd for Look<'_, T> {
             }
         }
         // What a filter blind to planes and saddles leaves; 36 is the sum of squares of (1 −2 1) × (1 −2 1).
+        // Where a block is clipped its noise is, too: it tells nothing, as long as there are others.
         let step = apart as usize;
+        let in_blocks = pieces.len() > 1;
         for (variance, runs) in variances.iter_mut().zip(pieces) {
-            let (mut squares, mut pixels) = (0.0f32, 0u32);
+            let (mut squares, mut pixels, mut clipped) = (0.0f32, 0u32, false);
             for run in runs {
                 let wide = run.count + 2 * apart;
                 let lines = [-apart, 0, apart].map(|dy| row(run.x - apart, run.y + dy, wide));
@@ -200,6 +216,7 @@ impl<T: Sample> pulp::WithSimd for Look<'_, T> {
                     continue;
                 }
                 let [above, here, below] = lines;
+                clipped |= here.iter().any(|&sample| sample.level() == 0 || sample >= frame.white);
                 for k in 0..run.count as usize {
                     if !frame.is_reference((x + run.x) as usize + k, (y + run.y) as usize) {
                         continue;
@@ -210,7 +227,8 @@ impl<T: Sample> pulp::WithSimd for Look<'_, T> {
                     pixels += 1;
                 }
             }
-            *variance = squares / 36.0 / pixels.max(1) as f32;
+            let told = !(in_blocks && (clipped || pixels == 0));
+            *variance = if told { squares / 36.0 / pixels.max(1) as f32 } else { f32::INFINITY };
         }
         count
     }
