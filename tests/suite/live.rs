@@ -273,22 +273,27 @@ fn fixed_pattern(pixels: usize, sigma: f32, seed: u64) -> Vec<f32> {
     (0..pixels).map(|_| sigma * random.sample::<f32, _>(StandardNormal)).collect()
 }
 
+/// The light of a square frame of a board near focus in air, and its frame without noise.
+fn near_focus(side: usize, seed: u64) -> (Vec<f32>, Known) {
+    let design = Config::default().design();
+    let joint = design.joint(0.0);
+    let distance = joint.equivalent_distance;
+    let camera = CameraTruth::from_design(&design, joint.delta_v + 0.02, Medium::Air, PIXEL_MM, side, side);
+    let rays = RenderOptions { rays: 16, seed };
+    let texel = texel_for(&design, Medium::Air, distance, PIXEL_MM);
+    let scene = Scene::Board(Board::new(distance, Arc::new(TextureMap::generate(Texture::Natural, texel, seed))));
+    let [diffuse, light] = [&Scene::Diffuser, &scene].map(|scene| render(&camera, scene, rays));
+    let quiet = Noise { read_noise_levels: 0.0, ..Noise::default() };
+    let known = known(expose(&light, side, side, &quiet, 1), &expose(&diffuse, side, side, &quiet, 1));
+    (light, known)
+}
+
 #[test]
 fn frames_of_a_sensor_with_a_fixed_pattern_are_combined_to_what_it_leaves() {
     const SIDE: usize = 420;
     const FRAMES: u64 = 20;
-    let config = Config::default();
-    let design = config.design();
-    let joint = design.joint(0.0);
-    let distance = joint.equivalent_distance;
-    let camera = CameraTruth::from_design(&design, joint.delta_v + 0.02, Medium::Air, PIXEL_MM, SIDE, SIDE);
-    let rays = RenderOptions { rays: 16, seed: 8 };
-    let texel = texel_for(&design, Medium::Air, distance, PIXEL_MM);
-    let scene = Scene::Board(Board::new(distance, Arc::new(TextureMap::generate(Texture::Natural, texel, 8))));
-    let [diffuse, light] = [&Scene::Diffuser, &scene].map(|scene| render(&camera, scene, rays));
-    let quiet = Noise { read_noise_levels: 0.0, ..Noise::default() };
+    let (light, truth) = near_focus(SIDE, 8);
     let noisy = Noise { read_noise_levels: 2.0, ..Noise::default() };
-    let truth = known(expose(&light, SIDE, SIDE, &quiet, 1), &expose(&diffuse, SIDE, SIDE, &quiet, 1));
     let truth_px = truth.meter().measure(&truth.raw).unwrap().on_axis_px;
     // What all frames share of the model's part is in the truth as well.
     let single = |live: &LiveSpacing, k: u64| Single { sigma_model: 0.0, ..live.single(k as f64 / 30.0) };
@@ -334,16 +339,7 @@ fn statistics(values: &[f64]) -> (f64, f64) {
 fn spacings_in_noise_from_a_bank_scatter_as_in_noise_drawn_anew() {
     const SIDE: usize = 300;
     const FRAMES: usize = 500;
-    let design = Config::default().design();
-    let joint = design.joint(0.0);
-    let distance = joint.equivalent_distance;
-    let camera = CameraTruth::from_design(&design, joint.delta_v + 0.02, Medium::Air, PIXEL_MM, SIDE, SIDE);
-    let rays = RenderOptions { rays: 16, seed: 9 };
-    let texel = texel_for(&design, Medium::Air, distance, PIXEL_MM);
-    let scene = Scene::Board(Board::new(distance, Arc::new(TextureMap::generate(Texture::Natural, texel, 9))));
-    let [diffuse, light] = [&Scene::Diffuser, &scene].map(|scene| render(&camera, scene, rays));
-    let quiet = Noise { read_noise_levels: 0.0, ..Noise::default() };
-    let known = known(expose(&light, SIDE, SIDE, &quiet, 1), &expose(&diffuse, SIDE, SIDE, &quiet, 1));
+    let (light, known) = near_focus(SIDE, 9);
     // Photon noise as well, of few enough electrons for it to be half of all.
     let noise = Noise { electrons_per_level: 25.0, ..Noise::default() };
     let bank = Bank::new(1);

@@ -30,8 +30,7 @@ pub(in crate::imaging) struct Exposure {
     /// Half widths of a disc's rows, from its middle row on: for light and saturation, and for noise.
     discs: [Vec<i32>; 2],
     counts: Vec<Count>,
-    /// What the noise is told from within each of them, and the variances found: infinite where nothing tells it.
-    pieces: Vec<Vec<Run>>,
+    /// Variances of the pieces of each that the noise is told from: infinite where a piece tells nothing.
     variances: Vec<f32>,
 }
 
@@ -50,13 +49,7 @@ impl Exposure {
             (0..=radius as i32).map(|y| (radius * radius - f64::from(y * y)).max(0.0).sqrt() as i32).collect()
         };
         let counts = vec![Count::default(); lenses.len()];
-        Self {
-            lenses,
-            discs: [disc(radius), disc(NOISE_RADIUS * radius)],
-            counts,
-            pieces: Vec::new(),
-            variances: vec![],
-        }
+        Self { lenses, discs: [disc(radius), disc(NOISE_RADIUS * radius)], counts, variances: Vec::new() }
     }
 
     /// Standard deviation of the frame's noise, grey levels, from what a filter blind to planes and saddles leaves: the
@@ -69,19 +62,17 @@ impl Exposure {
     ) -> Result<f64, SpacingError> {
         // In a mosaic the filter is spread, so that it meets pixels of one colour.
         let apart = if frame.mosaic.is_some() { 2 } else { 1 };
-        let blocks = squares(&self.discs[1], BLOCK * apart);
-        let mut by_blocks = blocks.len() * self.lenses.len() >= BLOCKS_LEAST;
+        let mut pieces = squares(&self.discs[1], BLOCK * apart);
+        let mut by_blocks = pieces.len() * self.lenses.len() >= BLOCKS_LEAST;
         if by_blocks {
-            self.look(frame, plan, apart, blocks);
+            self.look(frame, plan, apart, &pieces);
             by_blocks = self.variances.iter().filter(|variance| variance.is_finite()).count() >= BLOCKS_LEAST;
         }
         if !by_blocks {
-            let reach = self.discs[1].len() as i32 - 1;
-            let row = |dy: i32| Run { x: -self.discs[1][dy.unsigned_abs() as usize], y: dy, count: 0 };
-            let rows = (-reach..=reach).map(row).map(|run| Run { count: 1 - 2 * run.x, ..run }).collect();
-            self.look(frame, plan, apart, vec![rows]);
+            pieces = vec![rows(&self.discs[1])];
+            self.look(frame, plan, apart, &pieces);
         }
-        let each = self.pieces.len();
+        let each = pieces.len();
         let total = |f: fn(&Count) -> f64| self.counts.iter().map(f).sum::<f64>();
         let pixels = total(|c| f64::from(c.pixels)).max(1.0);
         let share = total(|c| f64::from(c.saturated)) / pixels;
@@ -113,12 +104,11 @@ impl Exposure {
     }
 
     /// Counts light, and fills the variances of these pieces of each micro-image.
-    fn look<T: Sample>(&mut self, frame: &Frame<'_, T>, plan: &Plan, apart: i32, pieces: Vec<Vec<Run>>) {
-        self.pieces = pieces;
-        let each = self.pieces.len();
+    fn look<T: Sample>(&mut self, frame: &Frame<'_, T>, plan: &Plan, apart: i32, pieces: &[Vec<Run>]) {
+        let each = pieces.len();
         self.variances.clear();
         self.variances.resize(each * self.lenses.len(), 0.0);
-        let (whole, pieces) = (&self.discs[0], &self.pieces);
+        let whole = &self.discs[0];
         let arch = pulp::Arch::new();
         self.counts
             .par_iter_mut()
@@ -129,6 +119,16 @@ impl Exposure {
                 *count = arch.dispatch(Look { frame, centre: plan.lenses[k].nearest, whole, pieces, apart, variances });
             });
     }
+}
+
+/// The rows of a disc.
+fn rows(disc: &[i32]) -> Vec<Run> {
+    let reach = disc.len() as i32 - 1;
+    let row = |y: i32| {
+        let half = disc[y.unsigned_abs() as usize];
+        Run { x: -half, y, count: 2 * half + 1 }
+    };
+    (-reach..=reach).map(row).collect()
 }
 
 /// The blocks of this side (px) within a disc, as rows, side by side from its middle on.

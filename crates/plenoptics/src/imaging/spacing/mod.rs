@@ -207,11 +207,11 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
     let sigma_random_px = regions.sigmas_random_px[0];
     let several_boards = are_several(covariance[0][0], sigma_random_px);
     covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, fitted.free[0].sigma);
-    let smears = || frames.iter().zip(&solver.radii).filter_map(|(frame, &radius)| smear::smear(frame, model, radius));
-    if !several_boards
-        && let Some(smear) = smears().find(|s| s.square > SMEAR_SIGNIFICANCE * s.sigma.hypot(SMEAR_SIGMA))
-    {
-        return Err(SpacingError::Moved { change_px: smear.square.sqrt() });
+    if !several_boards {
+        let mut smears = frames.iter().zip(&solver.radii).filter_map(|(f, &radius)| smear::smear(f, model, radius));
+        if let Some(smear) = smears.find(|s| s.square > SMEAR_SIGNIFICANCE * s.sigma.hypot(SMEAR_SIGMA)) {
+            return Err(SpacingError::Moved { change_px: smear.square.sqrt() });
+        }
     }
     let sigma_bound_px = bound::bound(solver, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
     let spacing = Spacing {
