@@ -31,7 +31,7 @@ use super::matching::model::USUAL_TERMS;
 use super::matching::samples::Frame;
 use super::measurement::evened;
 use super::mosaic::green;
-use super::spacing::{MODEL_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, measure_spacing};
+use super::spacing::{MODEL_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, find_spacing};
 use super::vignetting::Vignetting;
 use crate::optics::MlaMode;
 use crate::raw::{CfaPattern, RawImage, Samples};
@@ -275,7 +275,8 @@ impl LiveMeter {
     }
 
     /// Fits the grid to the whole frame with [`refine_grid`], looks for the spacing as if nothing were known of it, and
-    /// measures and follows the frame from there. This takes as long as [`measure_spacing`] and is not live.
+    /// measures and follows the frame from there. This takes nearly as long as to measure a frame in whole, and is not live. As with
+    /// every reading, nobody asks whether the frame is smeared.
     ///
     /// # Errors
     /// [`LiveError`].
@@ -304,8 +305,8 @@ impl LiveMeter {
             start_px: None,
             field_held: self.options.field_held,
         };
-        let spacing = measure_spacing(&[frame], &options)?;
-        self.start_from(&spacing);
+        let found = find_spacing(&[frame], &options)?;
+        self.engine.state = Some(State::new(found.spacings_px[0], found.field_px));
         ended(LivePart::Search);
         self.measure_by_parts(raw, ended)
     }

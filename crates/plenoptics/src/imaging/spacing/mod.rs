@@ -250,6 +250,18 @@ pub(super) fn whole_variance(scatter: f64, sigma_random_px: f64, sigma_correctio
     scatter.max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2) + sigma_correction_px.powi(2)
 }
 
+/// Looks for the spacing of frames of one pose as if nothing were known of it, and fits it: what [`measure_spacing`] begins
+/// with, before it asks whether the frame is smeared and how good a number could be.
+///
+/// # Errors
+/// [`SpacingError`] says why nothing is found.
+pub(in crate::imaging) fn find_spacing(
+    frames: &[SpacingFrame],
+    options: &SpacingOptions,
+) -> Result<RegionSpacings, SpacingError> {
+    fit(frames, &[start(frames, options)?], &[1.0], options).map(|fitted| fitted.regions)
+}
+
 /// Measures the spacings of regions (see [`SpacingFrame::assign_regions`]) that share tilt and curvature; `starts` are
 /// approximate spacings (px, within a pixel or so), `scales` how strongly the field terms act in each region.
 ///
