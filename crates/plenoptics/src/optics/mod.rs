@@ -36,6 +36,7 @@
 //! With a signed a (Keplerian a < 0) one set of formulas serves both modes: 1/b − 1/a = 1/f_MLA and v = d + a.
 
 pub mod curves;
+pub mod decentred;
 pub mod design;
 pub mod distance;
 pub mod exact;
@@ -50,6 +51,7 @@ pub mod train;
 pub mod water;
 
 pub use curves::{AtE, distances_about};
+pub use decentred::Decentring;
 pub use design::{CameraDesign, Solution};
 pub use distance::DistanceTable;
 pub use exact::{ExactView, WindowPoint, disc_window, overlap_window, through_whole_lens};
