@@ -85,7 +85,7 @@ impl Daemon {
             let job = self.ask(Method::GET, &path, &Value::Null).await?;
             match job["state"].as_str() {
                 Some("pending" | "running" | "waiting_for_operator") => tokio::time::sleep(ASK_AGAIN).await,
-                Some("succeeded") => return Ok(job),
+                Some("succeeded" | "converged") => return Ok(job),
                 _ => return Err(format!("the job did not end well: {job}").into()),
             }
         }

@@ -21,7 +21,7 @@ const CHANGED_PX: f64 = 0.1;
 /// Readings for the meter to settle between two tries.
 const READINGS: usize = 10;
 
-/// From the first reading that tells of a loss to the next that has a spacing, the longest of several.
+/// The longest that a spacing was lost.
 struct Longest(Duration);
 
 impl Longest {
@@ -59,15 +59,17 @@ pub(crate) async fn board_moved(daemon: &Daemon) -> Result<Duration, Failure> {
     Ok(longest.0)
 }
 
-/// The axis goes elsewhere while nobody reads, so that the grid has moved, too.
+/// The axis goes elsewhere while nobody reads, so that the grid has moved, too: from when readings are asked for to the
+/// first, the wait for a frame included.
 pub(crate) async fn grid_moved(daemon: &Daemon) -> Result<Duration, Failure> {
     let mut client = Client::connect(daemon).await?;
     let mut longest = Longest(Duration::ZERO);
     for time in 0..TIMES {
         moving::go(daemon, ELSEWHERE_MM[time % 2]).await?;
+        let asked = Instant::now();
         client.readings(true).await?;
-        let first = client.reading().await?;
-        longest.until_found(&mut client, first).await?;
+        while client.reading().await?.state() != ReadingState::Measured {}
+        longest.0 = longest.0.max(asked.elapsed());
         client.rest().await?;
     }
     Ok(longest.0)
