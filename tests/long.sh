@@ -29,6 +29,7 @@ KILLS=$kills KILL_RESULTS=$PWD/$results \
   cargo test --release --quiet --test integration many_kills -- --ignored --nocapture
 cargo test --release --quiet --test integration many_stops_reach -- --ignored --nocapture
 SEEDS=$range cargo test --release --quiet --test integration many_frames_are_smeared -- --ignored --nocapture
+cargo test --release --quiet --test integration what_many_budgets_say -- --ignored --nocapture
 # Runs a test over a range of seeds, ten at a time; the parts that are there already are not run again.
 tens() {
   local what=$1 test=$2 first=$3 last=$4 from to result

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use serde_json::{Value, json};
 
-use crate::api::export::figures::{figures, value};
+use crate::api::export::figures::{BUDGET, budget, figures, value};
 use crate::control::job::{Iteration, IterationKind, JobSnapshot, JobState, OperatorStep, Stage};
 
 /// One iteration as a line: where the axes are, what was measured against what is wanted, what was decided.
@@ -51,6 +51,14 @@ pub(crate) fn report_text(job: &JobSnapshot) -> String {
         }
         for note in &report.notes {
             let _ = writeln!(text, "  note: {note}");
+        }
+        let rows = budget(report);
+        if !rows.is_empty() {
+            let heads = BUDGET.map(str::to_owned);
+            text.push('\n');
+            for [name, delta_v, e, blur] in std::iter::once(&heads).chain(&rows) {
+                let _ = writeln!(text, "  {name:<40} {delta_v:>12} {e:>12} {blur:>16}");
+            }
         }
     }
     text

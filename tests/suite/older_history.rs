@@ -117,6 +117,7 @@ async fn a_job_of_the_first_version_is_listed_shown_and_exported() {
     // What that version did not know is null.
     let (mut measured, unknown) = (measurement(), Value::Null);
     (measured["eog_sum"], measured["ssim"]) = (unknown.clone(), unknown);
+    measured["spacing_target_source"] = json!("paraxial");
     assert_eq!(read(&format!("{href}/measurements")).await["measurements"], json!([measured]));
     let export = read(&format!("{href}/export.json")).await;
     assert_eq!(export["operator_steps"][0]["name"], "white_frame");

@@ -24,6 +24,7 @@ export type Job = Schemas["JobResource"];
 export type JobState = Schemas["JobState"];
 export type Iteration = Schemas["Iteration"];
 export type Report = Schemas["Report"];
+export type Budget = Schemas["Budget"];
 export type TimeSpent = Schemas["TimeSpent"];
 export type Measurement = Schemas["MeasurementView"];
 export type ShellState = Schemas["ShellState"];

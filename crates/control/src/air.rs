@@ -21,8 +21,6 @@ pub struct AirGoal {
     pub zero_sigma_mm: f64,
     /// Lost motion on reversal, mm, at most.
     pub backlash_mm: f64,
-    /// What Δv is uncertain by that no further frame can mend (the boards' distances), mm.
-    pub systematic_sigma_mm: f64,
 }
 
 /// What was measured at one pose.
@@ -171,7 +169,7 @@ impl AirLoop {
     fn decide(&mut self, here: AirObservation, measurements: u32) -> AirDecision {
         let goal = self.goal;
         let error = here.delta_v_mm - goal.delta_v_mm;
-        let sigma_mm = here.sigma_mm.hypot(goal.systematic_sigma_mm);
+        let sigma_mm = here.sigma_mm;
         if error.abs() + 2.0 * sigma_mm < goal.tolerance_mm {
             if self.verifying {
                 return AirDecision::Done;
@@ -183,7 +181,7 @@ impl AirLoop {
         // Too uncertain to be judged even when exactly on target: better measurements come before further moves.
         let near = error.abs() < goal.tolerance_mm + 2.0 * sigma_mm;
         if near && 2.0 * sigma_mm > 0.6 * goal.tolerance_mm {
-            if here.sigma_mm > goal.systematic_sigma_mm && measurements < MAX_MEASUREMENTS_AT_A_POSE {
+            if measurements < MAX_MEASUREMENTS_AT_A_POSE {
                 return AirDecision::MoreFrames;
             }
             if 2.0 * sigma_mm >= goal.tolerance_mm {
@@ -250,7 +248,6 @@ mod tests {
         scale_sigma: 0.05,
         zero_sigma_mm: 0.2,
         backlash_mm: 0.05,
-        systematic_sigma_mm: 0.0,
     };
 
     /// Runs the loop against an axis and returns the decisions and the true Δv at the end.

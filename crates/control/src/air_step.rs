@@ -18,8 +18,6 @@ use plenoptics::units::Millimetres;
 const HOLD_B_BEYOND_MM: f64 = 0.2;
 /// Δv is this near to its target (mm, by the axis's reading) when the aperture is set for it.
 const APERTURE_WITHIN_MM: f64 = 0.5;
-/// Standard relative uncertainty of the configured b while it is held.
-const B_RELATIVE_SIGMA: f64 = 0.002;
 
 impl Alignment<'_> {
     /// Puts the triple-level board where it is measured at a reading (mm) of the focus axis: where the solution has it,
@@ -48,12 +46,6 @@ impl Alignment<'_> {
         }
     }
 
-    /// σ(v) that the boards' distance from the principal plane is uncertain by, mm.
-    fn board_sigma_mm(&self, distance_mm: f64) -> f64 {
-        let magnification = self.design.main_lens.focal_length / (distance_mm - self.design.main_lens.focal_length);
-        self.config.main_lens.principal_from_mount_sigma_mm.unwrap_or(0.0) * magnification * magnification
-    }
-
     pub(super) async fn air(&mut self, solution: &Solution) -> Result<[f64; 3], JobEnd> {
         let axis = &self.config.bench.focus;
         let mut air = AirLoop::new(AirGoal {
@@ -64,7 +56,6 @@ impl Alignment<'_> {
             scale_sigma: axis.scale_uncertainty,
             zero_sigma_mm: axis.zero_uncertainty_mm,
             backlash_mm: axis.backlash_mm,
-            systematic_sigma_mm: self.board_sigma_mm(solution.equivalent_distance),
         });
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
         let (mut aperture_set, moves_before) = (false, self.findings.moves_air);
@@ -109,7 +100,8 @@ impl Alignment<'_> {
                     self.findings.truth_air = self.context.truth();
                     if let Some(camera) = self.findings.camera {
                         let delta_v = (here.delta_v_mm, here.sigma_mm);
-                        self.eye.keep_air_step(AirStep { camera, delta_v, focus_mm: reading_mm });
+                        let boards = self.findings.boards;
+                        self.eye.keep_air_step(AirStep { camera, delta_v, boards, focus_mm: reading_mm });
                     }
                     self.context.log(format!(
                         "air step done: Δv = {:.4} ± {:.4} mm, wanted {:.4} mm",
@@ -128,7 +120,7 @@ impl Alignment<'_> {
     pub(super) fn hold_b(&self, delta_v_mm: f64, solution: &Solution) -> Option<HoldB> {
         let far = (delta_v_mm - solution.delta_v).abs() > HOLD_B_BEYOND_MM;
         far.then(|| HoldB {
-            sigma_mm: B_RELATIVE_SIGMA * self.design.mla.b(),
+            sigma_mm: self.config.uncertainty.mla_to_sensor * self.design.mla.b(),
             beyond_mm: HOLD_B_BEYOND_MM,
             image_distance_mm: solution.image_distance,
         })
@@ -155,6 +147,7 @@ impl Alignment<'_> {
             pixel_mm: self.eye.pixel_mm(),
             window_px: Some(triple.middle.window_px),
         });
+        self.findings.boards = triple.camera.boards;
         let seen = triple.middle;
         self.findings.seen = Some(seen.clone());
         let observation = AirObservation {

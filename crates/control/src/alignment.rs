@@ -3,12 +3,14 @@
 
 use std::sync::Arc;
 
+use super::budget::{BoardSeen, TiltChange};
 use super::calibrated::CalibratedCamera;
 use super::context::{JobContext, JobEnd};
 use super::events::ShellState;
 use super::eye::{Eye, Seen};
 use super::job::Stage;
 use super::motion::{Admission, Motion};
+use super::shell::ShellObservation;
 use bench::config::{Config, LBoundSource, Side};
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::{CameraDesign, Solution};
@@ -31,6 +33,8 @@ pub(super) struct Findings {
     pub(super) solution: Option<Solution>,
     /// Δv at the end of the air step and its standard uncertainty, mm.
     pub(super) delta_v_air: Option<(f64, f64)>,
+    /// The boards one by one in the newest frames of the air step, where they could be told apart.
+    pub(super) boards: Option<[BoardSeen; 3]>,
     /// Trim of Δv since, mm.
     pub(super) trim_mm: f64,
     /// Camera as calibrated.
@@ -39,6 +43,10 @@ pub(super) struct Findings {
     pub(super) e: Option<(f64, f64)>,
     /// The last measurement.
     pub(super) seen: Option<Seen>,
+    /// What was measured at each pose through the shell.
+    pub(super) through_shell: Vec<ShellObservation>,
+    /// How the spacing's tilt has changed since air.
+    pub(super) tilt_change: Option<TiltChange>,
     /// Moves in the air step.
     pub(super) moves_air: u32,
     /// Moves in the shell step.
@@ -84,7 +92,7 @@ impl Alignment<'_> {
         let solution = self.design.joint(self.motion.l_bound_mm());
         self.findings.solution = Some(solution);
         self.context.stage(Stage::Air);
-        self.eye.aim_at(self.eye.paraxial_target_px());
+        self.eye.aim_at(solution.e);
         let levels = self.air(&solution).await?;
         self.park_e(&levels, self.config.assembly.initial_e_mm).await?;
         self.context.stage(Stage::Shell);

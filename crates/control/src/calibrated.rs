@@ -114,6 +114,20 @@ impl CalibratedCamera {
         -self.slope_a(self.a_mm(e, trim))
     }
 
+    /// The tilt of the spacing (px per half frame width) that a board has whose distance changes by its own width, in water
+    /// and in air, with the board in air where the one in water appears. `half_width_mm` is half the sensor's width.
+    #[must_use]
+    pub fn tilt_of_turned_board_px(&self, e: f64, trim: f64, half_width_mm: f64) -> [f64; 2] {
+        let design = &self.design;
+        let equivalent = design.shell.equivalent_distance(design.object_distance, e);
+        let half_field_mm = half_width_mm * equivalent / design.main_lens.image_distance(equivalent);
+        let along = design.shell.longitudinal_magnification(design.object_distance);
+        // Across, the board is seen smaller or larger than along: m_along = m_across² / n.
+        let across = (along * design.shell.n_water).sqrt();
+        let slope = self.slope_e(e, trim);
+        [slope * along * half_field_mm / across, slope * half_field_mm]
+    }
+
     /// Standard uncertainty (mm) of the e that a spacing (px, with its sigma) gives: the spacing's and Δv's share.
     #[must_use]
     pub fn e_sigma_mm(&self, e: f64, trim: f64, spacing_sigma_px: f64) -> f64 {

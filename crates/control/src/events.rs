@@ -148,8 +148,11 @@ pub struct MeasurementView {
     pub settled: bool,
     /// The spacing.
     pub spacing: SpacingReading,
-    /// The spacing wanted (Eq. 16), px.
+    /// The spacing wanted, px.
     pub spacing_target_px: f64,
+    /// What says so; a measurement of a version that did not tell has Eq. 16's.
+    #[serde(default)]
+    pub spacing_target_source: TargetSource,
     /// |spacing − target| within the blur limit.
     pub in_focus: bool,
     /// Pitch of the micro-images found, px.
@@ -160,6 +163,19 @@ pub struct MeasurementView {
     pub eog_sum: Option<f64>,
     /// Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
     pub ssim: Option<f64>,
+}
+
+/// What says which spacing is in focus.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TargetSource {
+    /// Eq. 16, which holds for rays near the axis, and in air.
+    #[default]
+    Paraxial,
+    /// Exact rays through the shell in the camera as designed: an air step will say it better.
+    Design,
+    /// Exact rays through the shell in the camera as the air step calibrated it.
+    Calibration,
 }
 
 /// The spacing over the field in the newest measurement of a single board.

@@ -6,19 +6,22 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use super::calibrated::CalibratedCamera;
 use super::clock::{Part, enter};
 use super::context::JobEnd;
-use super::events::{FieldMap, MeasurementView};
+use super::events::{FieldMap, MeasurementView, ShellState, TargetSource};
 use super::job::SpacingReading;
 use super::journal::Journal;
 use super::motion::Motion;
 use super::recording::{Answer, Happening};
 use super::sight::{self, HoldB, Sight, Triple, Unseen};
 use super::tasks::AirStep;
-use bench::config::Config;
+use bench::config::{Config, SpacingTarget};
 use bench::device::{AxisPose, Bench, DeviceError, Frame};
 use bench::telemetry;
+use plenoptics::imaging::spacing::nominal_mask_radius;
 use plenoptics::optics::CameraDesign;
+use plenoptics::optics::mla::micro_image_pitch;
 use plenoptics::raw::RawImage;
 use plenoptics::units::Millimetres;
 
@@ -81,14 +84,16 @@ pub(super) struct Eye {
     looked_at: Mutex<Option<Arc<Frame>>>,
     measured: watch::Sender<Option<MeasurementView>>,
     map: watch::Sender<Option<Arc<FieldMap>>>,
-    /// The spacing wanted, px.
-    target_px: Mutex<f64>,
+    /// The e that is aimed at behind the shell, mm; `None` for the joint solution's.
+    aim_mm: Mutex<Option<f64>>,
+    /// The exact target that was worked out last, px: of which camera, at which e (mm).
+    exact: Mutex<Option<(CalibratedCamera, f64, f64)>>,
 }
 
 impl Eye {
     /// An eye that has seen no white frame yet.
     pub(super) fn new(config: Arc<Config>, bench: Bench, motion: Arc<Motion>, journal: Arc<Journal>) -> Self {
-        let eye = Self {
+        Self {
             design: config.design(),
             config,
             bench,
@@ -100,10 +105,9 @@ impl Eye {
             looked_at: Mutex::new(None),
             measured: watch::Sender::new(None),
             map: watch::Sender::new(None),
-            target_px: Mutex::new(0.0),
-        };
-        eye.aim_at(eye.paraxial_target_px());
-        eye
+            aim_mm: Mutex::new(None),
+            exact: Mutex::new(None),
+        }
     }
 
     /// What the jobs measured last.
@@ -139,12 +143,59 @@ impl Eye {
 
     /// The spacing wanted now, px: what every measurement is compared with.
     pub(super) fn target_px(&self) -> f64 {
-        *self.target_px.lock().unwrap_or_else(PoisonError::into_inner)
+        self.target().0
     }
 
-    /// Sets the spacing wanted, px.
-    pub(super) fn aim_at(&self, target_px: f64) {
-        *self.target_px.lock().unwrap_or_else(PoisonError::into_inner) = target_px;
+    /// The spacing wanted now, px, and what says so: through the shell what the estimator measures there by exact rays,
+    /// where that is configured.
+    pub(super) fn target(&self) -> (f64, TargetSource) {
+        let through_shell = self.motion.shell() == ShellState::On;
+        if self.config.assembly.spacing_target == SpacingTarget::Paraxial || !through_shell {
+            return (self.paraxial_target_px(), TargetSource::Paraxial);
+        }
+        let e = self.aim_mm().unwrap_or_else(|| self.design.joint(self.motion.l_bound_mm()).e);
+        match self.air_step() {
+            Some(air) => (self.exact_target_px(air.camera, e), TargetSource::Calibration),
+            None => (self.exact_target_px(self.as_designed(e), e), TargetSource::Design),
+        }
+    }
+
+    /// The camera as its design has it in focus at e (mm), with the masks that the estimator will then have.
+    fn as_designed(&self, e: f64) -> CalibratedCamera {
+        let (design, pixel_mm) = (self.design, self.pixel_mm());
+        let (d, b) = (design.lens_to_mla(design.clarity(e).delta_v), design.mla.b());
+        let pitch_px = micro_image_pitch(design.mla.pitch, d, b) / pixel_mm;
+        CalibratedCamera {
+            design,
+            lens_to_mla_mm: d,
+            mla_to_sensor_mm: b,
+            image_distance_sigma_mm: 0.0,
+            pixel_mm,
+            window_px: Some(nominal_mask_radius(pitch_px, self.paraxial_target_px())),
+        }
+    }
+
+    /// A camera's exact target at e (mm), px: worked out once and kept, as every frame is compared with it.
+    fn exact_target_px(&self, camera: CalibratedCamera, e: f64) -> f64 {
+        let mut kept = self.exact.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, at, target_px)) = *kept
+            && (of, at) == (camera, e)
+        {
+            return target_px;
+        }
+        let target_px = camera.exact_target_px(e);
+        *kept = Some((camera, e, target_px));
+        target_px
+    }
+
+    /// Sets the e (mm) that is aimed at behind the shell.
+    pub(super) fn aim_at(&self, e_mm: f64) {
+        *self.aim_mm.lock().unwrap_or_else(PoisonError::into_inner) = Some(e_mm);
+    }
+
+    /// The e (mm) that is aimed at behind the shell; `None` for the joint solution's.
+    pub(super) fn aim_mm(&self) -> Option<f64> {
+        *self.aim_mm.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether a white frame has been taken.
@@ -376,6 +427,7 @@ impl Eye {
     }
 
     fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {
+        let (spacing_target_px, spacing_target_source) = self.target();
         MeasurementView {
             frame_seq: frame.seq,
             captured_at: frame.captured_at,
@@ -383,7 +435,8 @@ impl Eye {
             e_mm: frame.e.position.map(Millimetres::value),
             settled: frame.focus.settled && frame.e.settled,
             spacing: seen.spacing.clone(),
-            spacing_target_px: self.target_px(),
+            spacing_target_px,
+            spacing_target_source,
             in_focus: self.is_in_focus(seen.spacing.spacing_px),
             micro_image_pitch_px: seen.micro_image_pitch_px,
             eog: seen.eog.map(|eog| eog.mean_per_pixel),

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::budget::Budget;
 use super::journal::word;
 use super::outcome::Outcome;
 use bench::device::AxisName;
@@ -415,6 +416,10 @@ pub struct Report {
     pub l_bound_mm: f64,
     /// Uncertainty of a measured l_bound, mm.
     pub l_bound_sigma_mm: Option<f64>,
+    /// What Δv, e and focus are good to; `null` where the camera was not looked at through the shell, and in a report of a
+    /// version that did not tell.
+    #[serde(default)]
+    pub budget: Option<Budget>,
     /// Where the time went; `null` in a report of a version that did not tell.
     #[serde(default)]
     pub time_spent: Option<TimeSpent>,

@@ -19,6 +19,8 @@ impl Alignment<'_> {
             return Err(JobEnd::failed("l_bound needs the calibration in air"));
         };
         self.context.unless_cancelled(self.motion.release(self.admission, AxisName::E)).await?;
+        // Its Δv is for the l_bound that was configured: nothing is to go on from it.
+        self.eye.forget_air_step();
         let distance_mm = self.config.object.distance_mm;
         let instruction = format!(
             "The e axis's motor is off. Mount the shell, fill the tank, put the flat board {distance_mm:.1} mm from the shell's outer vertex, and push the camera by hand as near to the shell as the lens's barrel allows."

@@ -11,6 +11,7 @@ mod at_pose;
 mod at_rest;
 pub mod axis_model;
 mod bench_name;
+pub mod budget;
 mod by_hand;
 pub mod calibrated;
 mod clock;

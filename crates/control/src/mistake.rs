@@ -1,6 +1,7 @@
 //! An assembler's mistakes, told by a look through the shell: from where the air step and the e axis say that
 //! the camera is, the picture follows; what it shows instead names what was set up otherwise.
 
+use super::budget::TiltChange;
 use super::calibrated::CalibratedCamera;
 use super::job::SpacingReading;
 use bench::config::AxisConfig;
@@ -144,20 +145,11 @@ impl ShellLook<'_> {
         seen: &SpacingReading,
         half_width_mm: f64,
     ) -> Option<String> {
-        let design = &self.camera.design;
-        let magnification = design.shell.longitudinal_magnification(design.object_distance);
-        let equivalent = design.shell.equivalent_distance(design.object_distance, self.e_mm);
-        let v = design.main_lens.image_distance(equivalent);
-        // Across, the board is seen smaller or larger than along: m_along = m_across² / n.
-        let across = (magnification * design.shell.n_water).sqrt();
-        let half_field_mm = half_width_mm * equivalent / v / across;
-        let px_per_mm = self.camera.slope_e(self.e_mm, self.trim_mm) * magnification;
-        let changes = [seen.tilt_x_px - in_air.tilt_x_px, seen.tilt_y_px - in_air.tilt_y_px];
-        // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
-        let sigma = 3.0_f64.sqrt() * seen.spacing_sigma_px.hypot(in_air.spacing_sigma_px);
-        let change = changes[0].hypot(changes[1]);
-        let turn_deg = (change / px_per_mm / half_field_mm).atan().to_degrees().abs();
-        (change > SIGMAS * sigma && turn_deg >= TURN_NAMED_DEG).then(|| {
+        let [in_water, _] = self.camera.tilt_of_turned_board_px(self.e_mm, self.trim_mm, half_width_mm);
+        let changed = TiltChange::between(in_air, seen);
+        let change = changed.px[0].hypot(changed.px[1]);
+        let turn_deg = (change / in_water).atan().to_degrees().abs();
+        (change > SIGMAS * changed.sigma_px && turn_deg >= TURN_NAMED_DEG).then(|| {
             format!(
                 "a board is turned, or the shell is off the axis: between air and water the spacing's tilt has changed by {change:.3} px, and lens and array have not; it would be {turn_deg:.1}° of the board in the water"
             )

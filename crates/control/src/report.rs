@@ -1,6 +1,7 @@
 //! The report of an alignment, from what it found.
 
 use super::alignment::Findings;
+use super::budget::{Budget, Evidence, PitchSeen};
 use super::context::JobContext;
 use super::eye::Eye;
 use super::job::{Interval, JobState, Report, SpacingTargets};
@@ -8,10 +9,36 @@ use super::motion::Motion;
 use bench::config::Config;
 use bench::device::AxisName;
 
+/// Standard uncertainty of a white frame's pitch, as a share of it.
+const PITCH_SIGMA: f64 = 2e-5;
+
 /// The tilt (degrees) between lens and MLA that a spacing's tilt (px per half frame width) would mean if nothing else
 /// were tilted: d changes by (dl/dΔv)⁻¹ over half the frame's width.
 fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {
     (tilt_px / slope_px_per_mm / half_width_mm).atan().to_degrees()
+}
+
+/// What was seen from the end of the air step on; `None` where that is not enough for a budget.
+fn evidence(eye: &Eye, findings: &Findings) -> Option<Evidence> {
+    let air = eye.air_step()?;
+    let seen = findings.seen.as_ref()?;
+    let pitch = eye.sight().zip(eye.white_frame()).and_then(|(sight, frame)| {
+        let moved_mm = frame.focus.position?.value() - air.focus_mm;
+        let pitch_px = sight.white().grid.pitch_px();
+        Some(PitchSeen {
+            pitch_px,
+            sigma_px: PITCH_SIGMA * pitch_px,
+            delta_v_mm: moved_mm * findings.focus_scale.unwrap_or(1.0),
+        })
+    });
+    Some(Evidence {
+        air: air.camera,
+        boards: air.boards?,
+        pitch,
+        shell: findings.through_shell.clone(),
+        tilt_change: findings.tilt_change,
+        window_px: seen.window_px,
+    })
 }
 
 #[allow(clippy::too_many_arguments)] // Every one is a different thing, named at the one call.
@@ -28,8 +55,13 @@ pub(super) fn report(
     let design = config.design();
     let l_bound_mm = motion.l_bound_mm();
     let solution = findings.solution.unwrap_or_else(|| design.joint(l_bound_mm));
-    let delta_v_mm = findings.delta_v_air.map(|(delta_v, _)| delta_v + findings.trim_mm);
-    let e_mm = findings.e.map(|(e, _)| e);
+    let budget = evidence(eye, findings).and_then(|seen| Budget::of(config, &seen, solution.e));
+    let (delta_v_mm, delta_v_sigma_mm) = budget
+        .as_ref()
+        .map(|budget| (budget.delta_v_mm, budget.delta_v_sigma_mm))
+        .or_else(|| findings.delta_v_air.map(|(delta_v, sigma)| (delta_v + findings.trim_mm, sigma)))
+        .unzip();
+    let (e_mm, e_sigma_mm) = budget.as_ref().map(|budget| (budget.e_mm, budget.e_sigma_mm)).or(findings.e).unzip();
     // What is aimed for at the e that was reached: "re-optimise Δv with e fixed".
     let delta_v_target_mm = e_mm.map_or(solution.delta_v, |e| design.clarity(e).delta_v);
     let half_width_mm = f64::from(config.sensor.width_px) / 2.0 * eye.pixel_mm();
@@ -47,6 +79,7 @@ pub(super) fn report(
     notes.push(
         "tilt is between lens and MLA only if the board is square to the axis and the shell centred: turn the board by 180° before naming the cause".to_owned(),
     );
+    notes.extend(budget.iter().flat_map(|budget| budget.contradictions.clone()));
     let truth = context.truth().map(|mut truth| {
         if let (Some(truth), Some(air)) = (truth.as_object_mut(), &findings.truth_air) {
             truth.insert("air".to_owned(), air.clone());
@@ -62,12 +95,12 @@ pub(super) fn report(
             .unwrap_or_else(|| "the shell step was not reached".to_owned()),
         design_origin: design_origin.to_owned(),
         delta_v_mm,
-        delta_v_sigma_mm: findings.delta_v_air.map(|(_, sigma)| sigma),
+        delta_v_sigma_mm,
         delta_v_target_mm,
         delta_v_air_mm: findings.delta_v_air.map(|(delta_v, _)| delta_v),
         delta_v_air_target_mm: solution.delta_v,
         e_mm,
-        e_sigma_mm: findings.e.map(|(_, sigma)| sigma),
+        e_sigma_mm,
         e_target_mm: solution.e,
         e_wall_mm: motion.e_wall_mm(),
         focus_readback_mm: motion.position_mm(AxisName::Focus).ok(),
@@ -99,6 +132,7 @@ pub(super) fn report(
         e_scale: findings.e_scale,
         l_bound_mm,
         l_bound_sigma_mm: findings.l_bound_sigma_mm,
+        budget,
         time_spent: Some(context.clock().time_spent()),
         notes,
         truth,

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use super::alignment::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
+use super::budget::TiltChange;
 use super::context::JobEnd;
 use super::events::ShellState;
 use super::eye::Seen;
 use super::job::IterationKind;
 use super::mistake::ShellLook;
 use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
-use bench::config::{ShellStep, SpacingTarget};
+use bench::config::ShellStep;
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::Solution;
 use plenoptics::units::Millimetres;
@@ -35,9 +36,7 @@ impl Alignment<'_> {
         // From here on the shell counts as on, whatever becomes of the confirmation.
         self.motion.set_shell(ShellState::On);
         self.context.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
-        if self.config.assembly.spacing_target == SpacingTarget::Exact {
-            self.eye.aim_at(camera.exact_target_px(solution.e));
-        }
+        self.eye.aim_at(solution.e);
         let axis = &self.config.bench.e;
         let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);
         let mut first_look = true;
@@ -83,6 +82,8 @@ impl Alignment<'_> {
                 sigma_px: seen.spacing.spacing_sigma_px,
                 sigma_random_px: seen.sigma_random_px,
             });
+            self.findings.tilt_change =
+                in_air.as_ref().map(|in_air| TiltChange::between(&in_air.spacing, &seen.spacing));
             self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;

@@ -3,9 +3,10 @@
 
 use std::sync::Arc;
 
+use super::budget::BoardSeen;
 use super::job::SpacingReading;
 use bench::config::Config;
-use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions};
+use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions, Level};
 use plenoptics::imaging::clarity::Eog;
 use plenoptics::imaging::depth::DepthOptions;
 use plenoptics::imaging::grid::Grid;
@@ -36,6 +37,8 @@ pub(super) struct Triple {
     pub(super) image_distance_sigma_mm: f64,
     /// Where most of that is an error shared by neighbouring poses, what they scatter by without it, mm.
     pub(super) repeatability_mm: Option<f64>,
+    /// The boards one by one, where they could be told apart.
+    pub(super) boards: Option<[BoardSeen; 3]>,
 }
 
 /// How b is held while Δv is far from where it is wanted: the boards then cannot tell it.
@@ -290,6 +293,7 @@ impl Sight {
             image_distance_mm: mean(&|c| c.line.image_distance(resolution).0),
             image_distance_sigma_mm: mean(&|c| c.line.image_distance(resolution).1),
             repeatability_mm: None,
+            boards: boards_seen(seen),
         };
         let middle = |c: &Calibration| c.line.levels[c.line.levels.len() / 2];
         let spacing = SpacingReading {
@@ -321,6 +325,7 @@ impl Sight {
             mla_to_sensor_mm: b,
             image_distance_mm: lens_to_mla_mm + self.design.mla.a(),
             image_distance_sigma_mm: spread,
+            boards: None,
             repeatability_mm: Some(spread.min(a * a / (b * pitch) * measured.spacing.spacing_sigma_px * self.pixel_mm)),
         };
         Ok((camera, measured))
@@ -332,6 +337,24 @@ impl Sight {
         let image = |distance: f64| self.design.main_lens.image_distance(distance);
         (image(levels_mm[0]) - image(levels_mm[2])).abs() / 4.0
     }
+}
+
+/// The three boards as several frames have them, with the uncertainty of one frame: most of it is what the frames share.
+fn boards_seen(seen: &[Calibration]) -> Option<[BoardSeen; 3]> {
+    let levels = seen.first()?.line.levels.len();
+    let boards: Option<Vec<BoardSeen>> = (0..levels)
+        .map(|level| {
+            let boards: Option<Vec<_>> = seen.iter().map(|seen| seen.line.levels.get(level)).collect();
+            let boards = boards?;
+            let mean = |value: fn(&&Level) -> f64| boards.iter().map(value).sum::<f64>() / boards.len() as f64;
+            Some(BoardSeen {
+                distance_mm: mean(|level| level.distance_mm),
+                spacing_px: mean(|level| level.spacing_px),
+                sigma_px: mean(|level| level.sigma_px),
+            })
+        })
+        .collect();
+    boards?.try_into().ok()
 }
 
 /// A view as a picture; `None` for one that no encoder takes.

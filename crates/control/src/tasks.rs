@@ -1,6 +1,7 @@
 //! The kinds of job that are parts of an alignment, each from its preparation to its end.
 
 use super::alignment::{Alignment, VERIFY_FRAMES};
+use super::budget::BoardSeen;
 use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
 use super::job::Stage;
@@ -20,6 +21,8 @@ pub(super) struct AirStep {
     pub(super) camera: CalibratedCamera,
     /// Δv at its end and its standard uncertainty, mm.
     pub(super) delta_v: (f64, f64),
+    /// The boards one by one, where they could be told apart.
+    pub(super) boards: Option<[BoardSeen; 3]>,
     /// Readback of the focus axis then, mm.
     pub(super) focus_mm: f64,
 }
@@ -58,7 +61,7 @@ impl Alignment<'_> {
         let solution = self.design.joint(self.motion.l_bound_mm());
         self.findings.solution = Some(solution);
         self.context.stage(Stage::Air);
-        self.eye.aim_at(self.eye.paraxial_target_px());
+        self.eye.aim_at(solution.e);
         self.air(&solution).await.map(drop)
     }
 
@@ -96,7 +99,7 @@ impl Alignment<'_> {
         let solution = self.design.clarity(e_mm);
         self.findings.solution = Some(solution);
         self.context.stage(Stage::Air);
-        self.eye.aim_at(self.eye.paraxial_target_px());
+        self.eye.aim_at(solution.e);
         let levels = self.air(&solution).await?;
         self.park_e(&levels, e_mm).await?;
         self.context.stage(Stage::Shell);

@@ -36,7 +36,7 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
                 _ => format!("not measured  target {:.4} px", report.spacing_target_px),
             },
         ),
-        ("in focus", {
+        ("in focus at", {
             let targets = report.spacing_targets;
             format!(
                 "{:.4} px near the axis (Eq. 16), {} for the chief rays, {} in the estimator's window",
@@ -60,6 +60,9 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         ("tolerance of e", interval(report.e_tolerance, 2)),
         ("l_bound", value(Some(report.l_bound_mm), report.l_bound_sigma_mm, 3)),
     ];
+    if let Some(budget) = &report.budget {
+        rows.push(("verdict", budget.conclusion.clone()));
+    }
     if let Some([x, y]) = report.tilt_px {
         let angle =
             report.tilt_deg.map_or_else(String::new, |[x, y]| format!(" ({x:+.3}°, {y:+.3}° if it is the MLA's)"));
@@ -79,6 +82,23 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
     }
     rows.push(("design", report.design_origin.clone()));
     rows
+}
+
+/// What the columns of [`budget`] are.
+pub(crate) const BUDGET: [&str; 4] = ["uncertainty from", "of Δv, µm", "of e, µm", "of the blur, px"];
+
+/// What Δv, e and the blur are uncertain by, part by part, the one that costs most first.
+pub(crate) fn budget(report: &Report) -> Vec<[String; 4]> {
+    let row = |name: &str, delta_v_mm: f64, e_mm: f64, off_focus_px: f64| {
+        let um = |mm: f64, digits: usize| format!("{:.digits$}", 1000.0 * mm);
+        [name.to_owned(), um(delta_v_mm, 2), um(e_mm, 1), format!("{off_focus_px:.4}")]
+    };
+    let rows = report.budget.iter().flat_map(|budget| {
+        let whole = row("all together", budget.delta_v_sigma_mm, budget.e_sigma_mm, budget.off_focus_sigma_px);
+        let parts = budget.parts.iter().map(|part| row(&part.name, part.delta_v_mm, part.e_mm, part.off_focus_px));
+        parts.chain([whole]).collect::<Vec<_>>()
+    });
+    rows.collect()
 }
 
 /// A length with its uncertainty, mm.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::figures::figures;
+use super::figures::{BUDGET, budget, figures};
 use super::plot::{Point, Series, by_iteration, field_map};
 use crate::config::Config;
 use crate::control::history::JobArchive;
@@ -54,6 +54,7 @@ pub fn html(archive: &JobArchive) -> String {
         for note in &report.notes {
             let _ = writeln!(page, "<p class=\"quiet\">{}</p>", escape(note));
         }
+        budget_table(&mut page, &budget(report));
     }
     plots(&mut page, &job.iterations);
     field(&mut page, archive);
@@ -68,6 +69,19 @@ pub fn html(archive: &JobArchive) -> String {
     banner(&mut page, archive);
     page.push_str("</body>\n</html>\n");
     page
+}
+
+fn budget_table(page: &mut String, rows: &[[String; 4]]) {
+    if rows.is_empty() {
+        return;
+    }
+    let heads = BUDGET.map(|head| format!("<th>{head}</th>")).concat();
+    let _ = writeln!(page, "<h2>Budget</h2>\n<table>\n<tr>{heads}</tr>");
+    for [name, numbers @ ..] in rows {
+        let numbers = numbers.each_ref().map(|number| format!("<td class=\"n\">{number}</td>")).concat();
+        let _ = writeln!(page, "<tr><th scope=\"row\">{}</th>{numbers}</tr>", escape(name));
+    }
+    page.push_str("</table>\n");
 }
 
 fn banner(page: &mut String, archive: &JobArchive) {

@@ -193,7 +193,6 @@ impl<'a> Bench<'a> {
             scale_sigma: axis.scale_uncertainty,
             zero_sigma_mm: axis.zero_uncertainty_mm,
             backlash_mm: axis.backlash_mm,
-            systematic_sigma_mm: 0.0,
         });
         let (mut focus, mut air) = (0.0, Taken::default());
         while air.moves < MOST_MOVES {

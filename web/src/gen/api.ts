@@ -1108,6 +1108,77 @@ export interface components {
       /** @description The stop's latch. */
       stop: components["schemas"]["StopView"];
     };
+    /** @description What an alignment is good to, with all that it takes for granted. */
+    Budget: {
+      /** @description Both verdicts in a sentence, with the part that most is lost by where one cannot be told. */
+      conclusion: string;
+      /** @description What was configured and what was measured that do not go together, a sentence each. */
+      contradictions: string[];
+      /** @description Correlation of Δv, e and the spacing's distance from focus. */
+      correlation: number[][];
+      /** @description Δv against `assembly.delta_v_tolerance_mm`. */
+      delta_v: components["schemas"]["Verdict"];
+      /**
+       * Format: double
+       * @description Δv, mm: d + N b less the air design's v.
+       */
+      delta_v_mm: number;
+      /**
+       * Format: double
+       * @description Its standard uncertainty, mm.
+       */
+      delta_v_sigma_mm: number;
+      /** @description e against `assembly.e_tolerance_mm`. */
+      e: components["schemas"]["Verdict"];
+      /**
+       * Format: double
+       * @description e, mm: from the shell's centre back to the lens's principal point.
+       */
+      e_mm: number;
+      /**
+       * Format: double
+       * @description Its standard uncertainty, mm.
+       */
+      e_sigma_mm: number;
+      /** @description Whether the object is in focus: its blur against `assembly.blur_limit_px`. */
+      in_focus: components["schemas"]["Verdict"];
+      /**
+       * Format: double
+       * @description The spacing near the axis less that at which the microlenses focus, px: its size is the blur's diameter.
+       */
+      off_focus_px: number;
+      /**
+       * Format: double
+       * @description Its standard uncertainty, px.
+       */
+      off_focus_sigma_px: number;
+      /** @description The parts, the one that costs most of its tolerance first. */
+      parts: components["schemas"]["BudgetPart"][];
+    };
+    /** @description What one part of the budget does. */
+    BudgetPart: {
+      /**
+       * Format: double
+       * @description What Δv is uncertain by because of it, mm.
+       */
+      delta_v_mm: number;
+      /**
+       * Format: double
+       * @description The same of e, mm.
+       */
+      e_mm: number;
+      /** @description The key that says how well it is known; `null` for a measurement. */
+      key?: string | null;
+      /** @description What it is. */
+      name: string;
+      /**
+       * Format: double
+       * @description The same of the spacing's distance from the one in focus, px.
+       */
+      off_focus_px: number;
+      /** @description What would make it smaller. */
+      remedy: string;
+    };
     /** @description What goes wrong with the camera. */
     CameraFaults: {
       /**
@@ -1199,7 +1270,7 @@ export interface components {
        *       "l_bound": "configured",
        *       "l_bound_mm": 0,
        *       "shell_step": "translate_e_then_trim",
-       *       "spacing_target": "paraxial"
+       *       "spacing_target": "exact"
        *     }
        */
       assembly: components["schemas"]["Config.AssemblyConfig"];
@@ -1466,6 +1537,25 @@ export interface components {
        */
       shell: components["schemas"]["Config.ShellConfig"];
       /**
+       * @description How well what is configured above is known.
+       * @default {
+       *       "board_in_water_mm": 1,
+       *       "board_steps_mm": 0.1,
+       *       "board_tilt_deg": 0.5,
+       *       "boards_in_air_mm": 0.1,
+       *       "exit_pupil_mm": 0.1,
+       *       "focal_length": 0.005,
+       *       "mla_focal_length": 0.002,
+       *       "mla_pitch": 0.00001,
+       *       "mla_to_sensor": 0.002,
+       *       "shell_decentre_mm": 0.2,
+       *       "shell_index": 0.001,
+       *       "shell_radii_mm": 0.05,
+       *       "water_index": 0.0008
+       *     }
+       */
+      uncertainty: components["schemas"]["Config.UncertaintyConfig"];
+      /**
        * @description The water.
        * @default {
        *       "refractive_index": 1.333
@@ -1545,7 +1635,7 @@ export interface components {
       shell_step: components["schemas"]["Config.ShellStep"];
       /**
        * @description Which spacing the shell step aims at.
-       * @default paraxial
+       * @default exact
        */
       spacing_target: components["schemas"]["Config.SpacingTarget"];
     };
@@ -2697,6 +2787,90 @@ export interface components {
        */
       key: string;
     };
+    /**
+     * @description `[uncertainty]`: standard uncertainties of configured values, 0 for one that is exact. What the axes' are uncertain by
+     *     is in their own sections.
+     */
+    "Config.UncertaintyConfig": {
+      /**
+       * Format: double
+       * @description Of the board's distance in water, mm.
+       * @default 1
+       */
+      board_in_water_mm: number;
+      /**
+       * Format: double
+       * @description Of each board's step from there, mm.
+       * @default 0.1
+       */
+      board_steps_mm: number;
+      /**
+       * Format: double
+       * @description Of the angle by which a board is not square to the axis, each way, degrees.
+       * @default 0.5
+       */
+      board_tilt_deg: number;
+      /**
+       * Format: double
+       * @description Of the distance that all boards in air share, mm, besides that of the principal plane.
+       * @default 0.1
+       */
+      boards_in_air_mm: number;
+      /**
+       * Format: double
+       * @description Of where the main lens's exit pupil is, mm: it makes the micro-images' pitch, and is taken to be at M.
+       * @default 0.1
+       */
+      exit_pupil_mm: number;
+      /**
+       * Format: double
+       * @description Of f, as a share of it.
+       * @default 0.005
+       */
+      focal_length: number;
+      /**
+       * Format: double
+       * @description Of f_MLA, as a share of it.
+       * @default 0.002
+       */
+      mla_focal_length: number;
+      /**
+       * Format: double
+       * @description Of D_MLA, as a share of it.
+       * @default 0.00001
+       */
+      mla_pitch: number;
+      /**
+       * Format: double
+       * @description Of b, as a share of it.
+       * @default 0.002
+       */
+      mla_to_sensor: number;
+      /**
+       * Format: double
+       * @description Of where the shell's centre is beside the lens's axis, each way, mm.
+       * @default 0.2
+       */
+      shell_decentre_mm: number;
+      /**
+       * Format: double
+       * @description Of the shell's index.
+       * @default 0.001
+       */
+      shell_index: number;
+      /**
+       * Format: double
+       * @description Of the shell's radii, each, mm.
+       * @default 0.05
+       */
+      shell_radii_mm: number;
+      /**
+       * Format: double
+       * @description Of the water's index, with the light's wavelength.
+       * @default 0.0008
+       */
+      water_index: number;
+    };
     /** @description `[water]`: either a refractive index, or what it follows from. */
     "Config.WaterConfig": {
       /**
@@ -3758,9 +3932,11 @@ export interface components {
       spacing: components["schemas"]["SpacingReading"];
       /**
        * Format: double
-       * @description The spacing wanted (Eq. 16), px.
+       * @description The spacing wanted, px.
        */
       spacing_target_px: number;
+      /** @description What says so; a measurement of a version that did not tell has Eq. 16's. */
+      spacing_target_source?: components["schemas"]["TargetSource"];
       /**
        * Format: double
        * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
@@ -4178,6 +4354,7 @@ export interface components {
        * @description The number on the lens's ring for it.
        */
       aperture_ring_f_number: number;
+      budget?: components["schemas"]["Budget"] | null;
       /**
        * Format: double
        * @description Δv at the end of the air step, mm.
@@ -4809,6 +4986,11 @@ export interface components {
       /** @description Why it is not known whether an earlier run left the stop latched: it counts as latched until it is read, or reset. */
       unread?: string | null;
     };
+    /**
+     * @description What says which spacing is in focus.
+     * @enum {string}
+     */
+    TargetSource: "paraxial" | "design" | "calibration";
     /** @description A ticket. */
     Ticket: {
       /** @description The path with the ticket in its query: opened once, within the time it lasts. */
@@ -4913,6 +5095,11 @@ export interface components {
       /** @description What it allows. */
       scope: components["schemas"]["Scope"];
     };
+    /**
+     * @description Whether a value is within its tolerance, as far as its uncertainty lets anybody tell.
+     * @enum {string}
+     */
+    Verdict: "within" | "outside" | "cannot_be_told";
     /** @description What is known about the newest frame's micro-images, its views and distances. */
     ViewReport: components["schemas"]["DepthFigures"] & {
       /**

@@ -230,6 +230,17 @@ export const report = {
   change: (before: string, after: string) => `${before} before, ${after} after`,
   fromTo: (low: string, high: string) => `${low} to ${high}`,
   infinity: "∞",
+  budget: {
+    title: "What the uncertainties are made of",
+    together: "all together",
+    heads: (unit: string) => [
+      "part",
+      `of Δv, ${unit}`,
+      `of e, ${unit}`,
+      "of the blur, px",
+      "what would lower it",
+    ],
+  },
 };
 
 export const outcome = {

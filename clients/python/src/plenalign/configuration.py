@@ -40,6 +40,8 @@ class Config(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Who may ask the daemon, and how many at once."""
     shell: ShellConfig | UnsetType = UNSET
     """The spherical shell."""
+    uncertainty: UncertaintyConfig | UnsetType = UNSET
+    """How well what is configured above is known."""
     water: WaterConfig | UnsetType = UNSET
     """The water."""
 
@@ -661,6 +663,39 @@ class TlsConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """PEM file with the certificate and those that lead to its root; empty for none."""
     key: str | UnsetType = UNSET
     """PEM file with its key; empty for none."""
+
+
+class UncertaintyConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[uncertainty]`: standard uncertainties of configured values, 0 for one that is exact. What the axes' are
+    uncertain by is in their own sections.
+    """
+
+    board_in_water_mm: float | UnsetType = UNSET
+    """Of the board's distance in water, mm."""
+    board_steps_mm: float | UnsetType = UNSET
+    """Of each board's step from there, mm."""
+    board_tilt_deg: float | UnsetType = UNSET
+    """Of the angle by which a board is not square to the axis, each way, degrees."""
+    boards_in_air_mm: float | UnsetType = UNSET
+    """Of the distance that all boards in air share, mm, besides that of the principal plane."""
+    exit_pupil_mm: float | UnsetType = UNSET
+    """Of where the main lens's exit pupil is, mm: it makes the micro-images' pitch, and is taken to be at M."""
+    focal_length: float | UnsetType = UNSET
+    """Of f, as a share of it."""
+    mla_focal_length: float | UnsetType = UNSET
+    """Of f_MLA, as a share of it."""
+    mla_pitch: float | UnsetType = UNSET
+    """Of D_MLA, as a share of it."""
+    mla_to_sensor: float | UnsetType = UNSET
+    """Of b, as a share of it."""
+    shell_decentre_mm: float | UnsetType = UNSET
+    """Of where the shell's centre is beside the lens's axis, each way, mm."""
+    shell_index: float | UnsetType = UNSET
+    """Of the shell's index."""
+    shell_radii_mm: float | UnsetType = UNSET
+    """Of the shell's radii, each, mm."""
+    water_index: float | UnsetType = UNSET
+    """Of the water's index, with the light's wavelength."""
 
 
 class WaterConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -140,6 +140,54 @@ class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The stop's latch."""
 
 
+class Budget(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What an alignment is good to, with all that it takes for granted."""
+
+    conclusion: str
+    """Both verdicts in a sentence, with the part that most is lost by where one cannot be told."""
+    contradictions: list[str]
+    """What was configured and what was measured that do not go together, a sentence each."""
+    correlation: list[list[float]]
+    """Correlation of Δv, e and the spacing's distance from focus."""
+    delta_v: Verdict
+    """Δv against `assembly.delta_v_tolerance_mm`."""
+    delta_v_mm: float
+    """Δv, mm: d + N b less the air design's v."""
+    delta_v_sigma_mm: float
+    """Its standard uncertainty, mm."""
+    e: Verdict
+    """e against `assembly.e_tolerance_mm`."""
+    e_mm: float
+    """e, mm: from the shell's centre back to the lens's principal point."""
+    e_sigma_mm: float
+    """Its standard uncertainty, mm."""
+    in_focus: Verdict
+    """Whether the object is in focus: its blur against `assembly.blur_limit_px`."""
+    off_focus_px: float
+    """The spacing near the axis less that at which the microlenses focus, px: its size is the blur's diameter."""
+    off_focus_sigma_px: float
+    """Its standard uncertainty, px."""
+    parts: list[BudgetPart]
+    """The parts, the one that costs most of its tolerance first."""
+
+
+class BudgetPart(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What one part of the budget does."""
+
+    delta_v_mm: float
+    """What Δv is uncertain by because of it, mm."""
+    e_mm: float
+    """The same of e, mm."""
+    key: str | None = None
+    """The key that says how well it is known; `null` for a measurement."""
+    name: str
+    """What it is."""
+    off_focus_px: float
+    """The same of the spacing's distance from the one in focus, px."""
+    remedy: str
+    """What would make it smaller."""
+
+
 class CameraFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What goes wrong with the camera."""
 
@@ -1016,7 +1064,9 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     spacing: SpacingReading
     """The spacing."""
     spacing_target_px: float
-    """The spacing wanted (Eq. 16), px."""
+    """The spacing wanted, px."""
+    spacing_target_source: TargetSource | UnsetType = UNSET
+    """What says so; a measurement of a version that did not tell has Eq. 16's."""
     ssim: float | None = None
     """Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to
     1.
@@ -1333,6 +1383,10 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Aperture diameter to set, mm."""
     aperture_ring_f_number: float
     """The number on the lens's ring for it."""
+    budget: Budget | None = None
+    """What Δv, e and focus are good to; `null` where the camera was not looked at through the shell, and in a
+    report of a version that did not tell.
+    """
     delta_v_air_mm: float | None = None
     """Δv at the end of the air step, mm."""
     delta_v_air_target_mm: float
@@ -1749,6 +1803,14 @@ class StopView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """
 
 
+class TargetSource(str, Enum):
+    """What says which spacing is in focus."""
+
+    PARAXIAL = "paraxial"
+    DESIGN = "design"
+    CALIBRATION = "calibration"
+
+
 class Ticket(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A ticket."""
 
@@ -1821,6 +1883,14 @@ class TokenView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What its holder is called."""
     scope: Scope
     """What it allows."""
+
+
+class Verdict(str, Enum):
+    """Whether a value is within its tolerance, as far as its uncertainty lets anybody tell."""
+
+    WITHIN = "within"
+    OUTSIDE = "outside"
+    CANNOT_BE_TOLD = "cannot_be_told"
 
 
 class PicturesRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="pictures"):

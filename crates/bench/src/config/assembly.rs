@@ -71,7 +71,7 @@ impl Default for AssemblyConfig {
             e_tolerance_mm: 0.1,
             blur_limit_px: 1.0,
             shell_step: ShellStep::TranslateEThenTrim,
-            spacing_target: SpacingTarget::Paraxial,
+            spacing_target: SpacingTarget::Exact,
         }
     }
 }

@@ -85,6 +85,7 @@ impl Config {
             self.check_camera(faults);
             self.check_water(faults);
             self.check_assembly(faults);
+            self.check_uncertainty(faults);
             self.check_travel(faults);
             self.bench.check(faults);
             self.server.check(faults);
@@ -112,6 +113,7 @@ impl Config {
             self.check_camera(faults);
             self.check_water(faults);
             self.check_assembly(faults);
+            self.check_uncertainty(faults);
             if faults.0.is_empty() {
                 self.check_design(faults);
             }
@@ -130,6 +132,18 @@ impl Config {
             check(&mut faults);
         }
         (!faults.0.is_empty()).then_some(faults.0)
+    }
+
+    fn check_uncertainty(&self, faults: &mut Faults) {
+        for (key, sigma) in self.uncertainty.keyed() {
+            faults.not_negative(key, sigma);
+        }
+        let shares = ["focal_length", "mla_pitch", "mla_focal_length", "mla_to_sensor"];
+        for (key, share) in self.uncertainty.keyed() {
+            let relative = shares.iter().any(|name| key.ends_with(&format!(".{name}")));
+            faults
+                .require(!relative || share < 0.5, key, || format!("{share} is not a share of a value that is known"));
+        }
     }
 
     fn check_camera(&self, faults: &mut Faults) {

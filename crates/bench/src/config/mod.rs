@@ -26,6 +26,7 @@ mod record;
 mod schema;
 mod server;
 mod simulation;
+mod uncertainty;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -44,6 +45,7 @@ pub use origin::ConfigOrigin;
 pub use record::{FoxgloveConfig, RecordConfig, RecordJobs};
 pub use server::{Auth, ServerConfig, TlsConfig};
 pub use simulation::{SimulationConfig, Texture};
+pub use uncertainty::UncertaintyConfig;
 
 use plenoptics::optics::report::DesignCriteria;
 use plenoptics::optics::{CameraDesign, MainLens, Mla, SensorExtent, Shell};
@@ -70,6 +72,8 @@ pub struct Config {
     pub object: ObjectConfig,
     /// How the camera is put together, and to which tolerances.
     pub assembly: AssemblyConfig,
+    /// How well what is configured above is known.
+    pub uncertainty: UncertaintyConfig,
     /// Stages, camera and limits.
     pub bench: BenchConfig,
     /// Who may ask the daemon, and how many at once.

@@ -49,6 +49,9 @@ pub struct JobStart {
     /// Why the camera's frames were not fit to be measured; absent while they were.
     #[prost(string, optional, tag = "16")]
     pub camera_unfit: ::core::option::Option<::prost::alloc::string::String>,
+    /// The e that was aimed at behind the shell before the job set its own, mm; absent for the joint solution's.
+    #[prost(double, optional, tag = "17")]
+    pub aim_mm: ::core::option::Option<f64>,
 }
 /// What an axis said of itself.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -73,7 +76,7 @@ pub struct AxisState {
     pub homes_also: ::core::option::Option<::prost::alloc::string::String>,
 }
 /// What an air step leaves.
-#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct AirStep {
     /// d, mm.
     #[prost(double, tag = "1")]
@@ -96,6 +99,22 @@ pub struct AirStep {
     /// Readback of the focus axis, mm.
     #[prost(double, tag = "7")]
     pub focus_mm: f64,
+    /// The boards of the triple-level board, nearest first; none where they could not be told apart.
+    #[prost(message, repeated, tag = "8")]
+    pub boards: ::prost::alloc::vec::Vec<BoardSeen>,
+}
+/// A board in air.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct BoardSeen {
+    /// How far from the lens's principal point it was asked to be, mm.
+    #[prost(double, tag = "1")]
+    pub distance_mm: f64,
+    /// Its spacing, px.
+    #[prost(double, tag = "2")]
+    pub spacing_px: f64,
+    /// The standard uncertainty of that, px.
+    #[prost(double, tag = "3")]
+    pub sigma_px: f64,
 }
 /// A frame that was measured; its pixels are the message on /camera/raw with the same MCAP sequence number.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -159,7 +178,7 @@ pub struct Answer {
     pub error_json: ::core::option::Option<::prost::alloc::string::String>,
 }
 /// A spacing measured in one frame or several of one pose.
-#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Measurement {
     /// End of the last frame's exposure.
     #[prost(message, optional, tag = "1")]
@@ -197,6 +216,9 @@ pub struct Measurement {
     /// Structural similarity of the micro-images with their neighbours, mean.
     #[prost(double, optional, tag = "12")]
     pub ssim: ::core::option::Option<f64>,
+    /// What says which spacing is wanted: paraxial, design or calibration; empty from a version that did not tell.
+    #[prost(string, tag = "13")]
+    pub spacing_target_source: ::prost::alloc::string::String,
 }
 /// A spacing and its field.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

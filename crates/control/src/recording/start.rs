@@ -1,6 +1,7 @@
 //! What a job begins with: into a recording, and back into a service that is to do the same.
 
 use super::words;
+use crate::budget::BoardSeen;
 use crate::calibrated::CalibratedCamera;
 use crate::context::JobEnd;
 use crate::job::JobSnapshot;
@@ -49,6 +50,7 @@ impl Service {
             shell: word(&self.motion.shell()),
             l_bound_mm: self.motion.l_bound_mm(),
             spacing_target_px: self.eye.target_px(),
+            aim_mm: self.eye.aim_mm(),
             air_step: self.eye.air_step().map(|air| messages::AirStep {
                 lens_to_mla_mm: air.camera.lens_to_mla_mm,
                 mla_to_sensor_mm: air.camera.mla_to_sensor_mm,
@@ -57,6 +59,7 @@ impl Service {
                 delta_v_mm: air.delta_v.0,
                 delta_v_sigma_mm: air.delta_v.1,
                 focus_mm: air.focus_mm,
+                boards: air.boards.iter().flatten().map(messages::BoardSeen::from).collect(),
             }),
             white_frame_before: self.eye.white_frame().is_some(),
             camera_unfit: self.bench.camera.state().borrow().unfit.clone(),
@@ -70,7 +73,9 @@ impl Service {
     pub(crate) async fn begin_as(&self, start: &JobStart, white: Option<Frame>) -> Result<(), String> {
         self.motion.set_shell(words::known(&start.shell)?);
         self.motion.set_l_bound_mm(start.l_bound_mm);
-        self.eye.aim_at(start.spacing_target_px);
+        if let Some(e_mm) = start.aim_mm {
+            self.eye.aim_at(e_mm);
+        }
         if let Some(air) = &start.air_step {
             self.eye.keep_air_step(AirStep {
                 camera: CalibratedCamera {
@@ -82,6 +87,7 @@ impl Service {
                     window_px: air.window_px,
                 },
                 delta_v: (air.delta_v_mm, air.delta_v_sigma_mm),
+                boards: boards(&air.boards),
                 focus_mm: air.focus_mm,
             });
         }
@@ -95,4 +101,23 @@ impl Service {
         }
         Ok(())
     }
+}
+
+impl From<&BoardSeen> for messages::BoardSeen {
+    fn from(board: &BoardSeen) -> Self {
+        Self { distance_mm: board.distance_mm, spacing_px: board.spacing_px, sigma_px: board.sigma_px }
+    }
+}
+
+/// The three boards of a recording, nearest first; `None` of one that has none.
+fn boards(recorded: &[messages::BoardSeen]) -> Option<[BoardSeen; 3]> {
+    let boards: Vec<BoardSeen> = recorded
+        .iter()
+        .map(|board| BoardSeen {
+            distance_mm: board.distance_mm,
+            spacing_px: board.spacing_px,
+            sigma_px: board.sigma_px,
+        })
+        .collect();
+    boards.try_into().ok()
 }

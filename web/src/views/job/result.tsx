@@ -11,6 +11,7 @@ import {
   type LengthUnit,
 } from "../../units";
 import type { Report } from "../../wire";
+import { BudgetTable } from "./budget";
 import { Rows } from "./rows";
 
 /** The report's figures in words. */
@@ -86,6 +87,7 @@ export function Result({ report, unit }: { report: Report; unit: LengthUnit }) {
     <section class="card result" aria-label={strings.report.title}>
       <h2>{strings.report.title}</h2>
       <Rows of={figures(report, unit)} />
+      {report.budget && <BudgetTable budget={report.budget} unit={unit} />}
       {report.notes.map((note) => (
         <p key={note} class="quiet">
           {reworded(note, unit)}

@@ -40,10 +40,11 @@ pub use frame::{MicroImage, SpacingFrame};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
+pub use super::matching::masks::{MASK_FRACTION, nominal_mask_radius};
 use super::matching::model::{BLOCKS, FIELD_TERMS, Model, USUAL_TERMS};
+pub use super::matching::normal::LEAST_PAIRS;
 use super::matching::normal::{LEAST_CORRELATION, noise_scale};
 use super::matching::pupil::Corrected;
-pub use super::matching::{masks::MASK_FRACTION, normal::LEAST_PAIRS};
 use crate::optics::MlaMode;
 use search::{Candidate, Found};
 use solve::{Outcome, Solver};

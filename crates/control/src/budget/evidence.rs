@@ -1,0 +1,64 @@
+//! What an alignment has seen.
+
+use crate::calibrated::CalibratedCamera;
+use crate::job::SpacingReading;
+use crate::shell::ShellObservation;
+
+/// A board in air.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardSeen {
+    /// How far from the lens's principal point it was asked to be, mm.
+    pub distance_mm: f64,
+    /// Its spacing, px.
+    pub spacing_px: f64,
+    /// The standard uncertainty of that, px.
+    pub sigma_px: f64,
+}
+
+/// The pitch of a white frame's micro-images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PitchSeen {
+    /// The pitch, px.
+    pub pitch_px: f64,
+    /// Its standard uncertainty, px.
+    pub sigma_px: f64,
+    /// Δv when the frame was taken, less that of the end of the air step, mm.
+    pub delta_v_mm: f64,
+}
+
+/// How the spacing's tilt differs through the shell from what it was in air.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TiltChange {
+    /// Along x and y, px per half frame width.
+    pub px: [f64; 2],
+    /// The standard uncertainty of each, px.
+    pub sigma_px: f64,
+}
+
+impl TiltChange {
+    /// From a spacing in air to one through the shell.
+    pub(crate) fn between(in_air: &SpacingReading, seen: &SpacingReading) -> Self {
+        Self {
+            px: [seen.tilt_x_px - in_air.tilt_x_px, seen.tilt_y_px - in_air.tilt_y_px],
+            // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
+            sigma_px: 3.0_f64.sqrt() * seen.spacing_sigma_px.hypot(in_air.spacing_sigma_px),
+        }
+    }
+}
+
+/// What an alignment has seen, from the end of its air step on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evidence {
+    /// The camera as the air step left it.
+    pub air: CalibratedCamera,
+    /// The three boards of the triple-level board at the end of the air step, nearest first.
+    pub boards: [BoardSeen; 3],
+    /// The white frame's pitch.
+    pub pitch: Option<PitchSeen>,
+    /// What was measured at each pose through the shell, in order.
+    pub shell: Vec<ShellObservation>,
+    /// How the tilt has changed since air.
+    pub tilt_change: Option<TiltChange>,
+    /// Radius of the masks that pairs were compared with, px.
+    pub window_px: f64,
+}

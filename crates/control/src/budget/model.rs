@@ -1,0 +1,209 @@
+//! What an alignment's measurements would be, were each part a little off: Gauss, the shell and the microlenses, with what
+//! the steps have in common kept in common.
+
+use bench::config::Config;
+use nalgebra::DVector;
+use plenoptics::optics::{CameraDesign, MainLens, Shell, mla};
+
+use super::adjustment::Measured;
+use super::evidence::Evidence;
+use super::part::Part;
+use crate::calibrated::CalibratedCamera;
+
+/// Standard uncertainty of d before the boards were looked at, mm: next to nothing is known of it.
+const LENS_TO_MLA_SIGMA_MM: f64 = 10.0;
+
+/// An alignment's equations. Unknown are the parts, in units of their standard uncertainties, and d at the end of the air
+/// step, in units of [`LENS_TO_MLA_SIGMA_MM`].
+pub(super) struct Model<'a> {
+    config: &'a Config,
+    design: CameraDesign,
+    seen: &'a Evidence,
+    /// The parts that are not exact, with their standard uncertainties.
+    pub(super) parts: Vec<(Part, f64)>,
+    /// The square of the decentre that is likeliest, mm².
+    decentre_squared: f64,
+    /// By how much the estimator's window exceeds the axis at every pose of the shell step, px.
+    excess_px: Vec<f64>,
+    /// How far the board's image comes nearer for a decentre at each of them, mm for a mm².
+    nearer: Vec<f64>,
+}
+
+/// What an alignment comes to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Results {
+    /// d + N b less the air design's v, mm.
+    pub(super) delta_v_mm: f64,
+    /// From the shell's centre back to the principal point, mm.
+    pub(super) e_mm: f64,
+    /// The spacing near the axis less that at which the microlenses focus, px.
+    pub(super) off_focus_px: f64,
+}
+
+impl Results {
+    /// As a column.
+    pub(super) fn column(self) -> DVector<f64> {
+        DVector::from_row_slice(&[self.delta_v_mm, self.e_mm, self.off_focus_px])
+    }
+}
+
+impl<'a> Model<'a> {
+    /// The equations of what was seen. `None` where no light comes to the camera as configured.
+    pub(super) fn new(config: &'a Config, seen: &'a Evidence) -> Option<Self> {
+        let design = config.design();
+        let nearer: Option<Vec<f64>> =
+            seen.shell.iter().map(|pose| Some(design.decentring(pose.e_reading_mm)?.nearer)).collect();
+        let mut model = Self {
+            config,
+            design,
+            seen,
+            parts: Vec::new(),
+            decentre_squared: 0.0,
+            excess_px: Vec::new(),
+            nearer: nearer?,
+        };
+        let decentre = model.decentre(seen)?;
+        model.decentre_squared = decentre.value;
+        let sigma = |part: Part| match part {
+            Part::Decentre => decentre.sigma,
+            part => part.sigma(config),
+        };
+        let parts = Part::all().into_iter().map(|part| (part, sigma(part)));
+        model.parts = parts.filter(|(_, sigma)| *sigma > 0.0).collect();
+        let nothing = DVector::zeros(model.parts.len() + 1);
+        let camera = CalibratedCamera { window_px: Some(seen.window_px), ..model.camera(&nothing) };
+        model.excess_px = seen.shell.iter().map(|pose| camera.excess_px(pose.e_reading_mm, pose.trim_mm)).collect();
+        Some(model)
+    }
+
+    /// How many unknowns there are.
+    pub(super) fn unknowns(&self) -> usize {
+        self.parts.len() + 1
+    }
+
+    /// By how much a part is off, in its own unit.
+    fn off(&self, unknowns: &DVector<f64>, part: Part) -> f64 {
+        let at = self.parts.iter().position(|(other, _)| *other == part);
+        at.map_or(0.0, |at| unknowns[at] * self.parts[at].1)
+    }
+
+    /// The camera at the end of the air step.
+    fn camera(&self, unknowns: &DVector<f64>) -> CalibratedCamera {
+        let off = |part| self.off(unknowns, part);
+        let (design, air) = (self.design, self.seen.air);
+        let from_lens = unknowns[self.parts.len()] * LENS_TO_MLA_SIGMA_MM;
+        CalibratedCamera {
+            design: CameraDesign {
+                main_lens: MainLens { focal_length: design.main_lens.focal_length + off(Part::FocalLength) },
+                mla: plenoptics::optics::Mla { pitch: design.mla.pitch + off(Part::MlaPitch), ..design.mla },
+                shell: Shell {
+                    outer_radius: design.shell.outer_radius + off(Part::OuterRadius),
+                    inner_radius: design.shell.inner_radius + off(Part::InnerRadius),
+                    n_shell: design.shell.n_shell + off(Part::ShellIndex),
+                    n_water: design.shell.n_water + off(Part::WaterIndex),
+                },
+                object_distance: design.object_distance + off(Part::BoardInWater),
+                ..design
+            },
+            lens_to_mla_mm: air.lens_to_mla_mm + from_lens,
+            mla_to_sensor_mm: design.mla.b() + off(Part::MlaToSensor),
+            image_distance_sigma_mm: 0.0,
+            pixel_mm: air.pixel_mm,
+            window_px: None,
+        }
+    }
+
+    /// e where the axis reads `reading_mm`, mm.
+    fn e_mm(&self, unknowns: &DVector<f64>, reading_mm: f64) -> f64 {
+        let home = self.config.bench.e.home_position_mm;
+        home + self.off(unknowns, Part::EZero) + (1.0 + self.off(unknowns, Part::EScale)) * (reading_mm - home)
+    }
+
+    /// The spacing near the axis at a pose of the shell step, px: a decentred shell brings the board's image nearer, as if
+    /// e were smaller.
+    fn paraxial_px(&self, unknowns: &DVector<f64>, camera: &CalibratedCamera, pose: usize) -> f64 {
+        let at = self.seen.shell[pose];
+        let decentre_squared = (self.decentre_squared + self.off(unknowns, Part::Decentre)).max(0.0);
+        let e = self.e_mm(unknowns, at.e_reading_mm) - self.nearer[pose] * decentre_squared;
+        camera.spacing_px(e, at.trim_mm)
+    }
+
+    /// What was measured.
+    pub(super) fn measured(&self) -> Vec<Measured> {
+        let boards = self.seen.boards.iter().map(|board| Measured { value: board.spacing_px, sigma: board.sigma_px });
+        let pitch = self.seen.pitch.iter().map(|pitch| Measured { value: pitch.pitch_px, sigma: pitch.sigma_px });
+        let shell = self.seen.shell.iter().map(|pose| Measured { value: pose.spacing_px, sigma: pose.sigma_px });
+        boards.chain(pitch).chain(shell).collect()
+    }
+
+    /// What each measurement of [`Self::measured`] is called.
+    pub(super) fn measurements(&self) -> Vec<&'static str> {
+        let boards = self.seen.boards.iter().map(|_| "spacings of the boards in air");
+        let pitch = self.seen.pitch.iter().map(|_| "pitch of the micro-images");
+        let shell = self.seen.shell.iter().map(|_| "spacings through the shell");
+        boards.chain(pitch).chain(shell).collect()
+    }
+
+    /// The same as the unknowns would have them.
+    pub(super) fn predicted(&self, unknowns: &DVector<f64>) -> Vec<f64> {
+        let camera = self.camera(unknowns);
+        let (design, b) = (&camera.design, camera.mla_to_sensor_mm);
+        let datum = self.off(unknowns, Part::BoardsInAir);
+        let boards = self.seen.boards.iter().enumerate().map(|(level, board)| {
+            let distance = board.distance_mm + datum + self.off(unknowns, Part::BoardStep(level));
+            let a = design.main_lens.image_distance(distance) - camera.lens_to_mla_mm;
+            mla::spacing(design.mla.pitch, a, b) / camera.pixel_mm
+        });
+        let pitch = self.seen.pitch.iter().map(|pitch| {
+            let from_pupil = camera.lens_to_mla_mm + pitch.delta_v_mm + self.off(unknowns, Part::ExitPupil);
+            mla::micro_image_pitch(design.mla.pitch, from_pupil, b) / camera.pixel_mm
+        });
+        let shell =
+            (0..self.seen.shell.len()).map(|pose| self.paraxial_px(unknowns, &camera, pose) + self.excess_px[pose]);
+        boards.chain(pitch).chain(shell).collect()
+    }
+
+    /// What the alignment came to, as the unknowns would have it: at the last pose.
+    pub(super) fn results(&self, unknowns: &DVector<f64>) -> Option<Results> {
+        let last = self.seen.shell.last()?;
+        let camera = self.camera(unknowns);
+        let d = camera.lens_to_mla_mm + last.trim_mm;
+        let resolution = self.design.mla.signed_resolution();
+        let focal_length = self.design.mla.focal_length + self.off(unknowns, Part::MlaFocalLength);
+        // Eq. 16 with 1/b − 1/a = 1/f_MLA.
+        let in_focus = camera.design.mla.pitch * camera.mla_to_sensor_mm / focal_length / camera.pixel_mm;
+        Some(Results {
+            delta_v_mm: d + resolution * camera.mla_to_sensor_mm - self.design.air_image_distance(),
+            e_mm: self.e_mm(unknowns, last.e_reading_mm),
+            off_focus_px: self.paraxial_px(unknowns, &camera, self.seen.shell.len() - 1) - in_focus,
+        })
+    }
+
+    /// The square of the shell's decentre, mm²: from what it may be, and from how the spacing's tilt has changed between air
+    /// and water, which a board that is not square to the axis changes, too.
+    fn decentre(&self, seen: &Evidence) -> Option<Measured> {
+        let known = &self.config.uncertainty;
+        let last = seen.shell.last()?;
+        let mut variance = known.shell_decentre_mm.powi(2);
+        let mut likeliest = [0.0; 2];
+        if let Some(change) = seen.tilt_change {
+            let camera = &seen.air;
+            let (e, trim) = (last.e_reading_mm, last.trim_mm);
+            let half_width_mm = f64::from(self.config.sensor.width_px) / 2.0 * camera.pixel_mm;
+            let seen_slope = half_width_mm / (camera.lens_to_mla_mm + camera.mla_to_sensor_mm);
+            let by_decentre = camera.slope_e(e, trim) * self.design.decentring(e)?.tilt * seen_slope;
+            let turn = known.board_tilt_deg.to_radians();
+            let by_boards = camera.tilt_of_turned_board_px(e, trim, half_width_mm).map(|px| px * turn);
+            let noise = change.sigma_px.powi(2) + by_boards[0].powi(2) + by_boards[1].powi(2);
+            let gain = variance * by_decentre / (by_decentre * by_decentre * variance + noise);
+            likeliest = change.px.map(|px| gain * px);
+            variance *= 1.0 - gain * by_decentre;
+        }
+        // The mean and the variance of the sum of two squares of normal laws.
+        let squared = likeliest[0].powi(2) + likeliest[1].powi(2);
+        Some(Measured {
+            value: squared + 2.0 * variance,
+            sigma: (4.0 * variance * squared + 4.0 * variance * variance).sqrt(),
+        })
+    }
+}
