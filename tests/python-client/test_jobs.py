@@ -25,6 +25,7 @@ from plenalign.models import (
     SpacingWatchJob,
     SpacingWatchOutcome,
     Stage,
+    Verdict,
 )
 
 from bench import Daemon, wait_for
@@ -199,7 +200,11 @@ def test_an_operator_is_asked(new_daemon: Callable[..., Daemon], tmp_path: Path)
         assert report is not None
         assert report.delta_v_mm is not None
         assert report.delta_v_sigma_mm is not None
-        assert abs(report.delta_v_mm - report.delta_v_target_mm) + 2 * report.delta_v_sigma_mm < 0.1
+        assert abs(report.delta_v_mm - report.delta_v_target_mm) < 3 * report.delta_v_sigma_mm
+        assert report.delta_v_air_mm is not None
+        assert abs(report.delta_v_air_mm - report.delta_v_air_target_mm) < 0.1
+        assert report.budget is not None
+        assert report.budget.in_focus is Verdict.WITHIN
         assert report.e_mm is not None
         assert report.e_tolerance is not None
         assert report.e_tolerance.low_mm is not None

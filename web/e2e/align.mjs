@@ -100,7 +100,7 @@ try {
     await page.locator(".meter-scale").waitFor();
     await lengthsIn(page, "µm");
   }
-  await page.locator(".result", { hasText: /Δv\s*22\d\d\.\d ± \d\.\d µm, target 22\d\d\.\d µm/ }).waitFor();
+  await page.locator(".result", { hasText: /Δv\s*22\d\d\.\d ± \d\d\.\d µm, target 22\d\d\.\d µm/ }).waitFor();
   await page.locator(".iterations th", { hasText: "Focus axis, µm" }).waitFor();
   await photograph(page, "micrometres");
   await chooseUnit(page, "mm");

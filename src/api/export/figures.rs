@@ -61,7 +61,7 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         ("l_bound", value(Some(report.l_bound_mm), report.l_bound_sigma_mm, 3)),
     ];
     if let Some(budget) = &report.budget {
-        rows.push(("verdict", budget.conclusion.clone()));
+        rows.insert(0, ("verdict", budget.conclusion.clone()));
     }
     if let Some([x, y]) = report.tilt_px {
         let angle =

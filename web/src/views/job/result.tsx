@@ -86,8 +86,8 @@ export function Result({ report, unit }: { report: Report; unit: LengthUnit }) {
   return (
     <section class="card result" aria-label={strings.report.title}>
       <h2>{strings.report.title}</h2>
-      <Rows of={figures(report, unit)} />
       {report.budget && <BudgetTable budget={report.budget} unit={unit} />}
+      <Rows of={figures(report, unit)} />
       {report.notes.map((note) => (
         <p key={note} class="quiet">
           {reworded(note, unit)}
