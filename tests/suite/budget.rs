@@ -552,3 +552,17 @@ fn a_value_that_cannot_be_told_is_not_claimed() {
         }
     }
 }
+
+/// Nothing has to be uncertain: what is taken for exact has no part in the budget, and the rest is finite.
+#[test]
+fn what_is_exact_has_no_part() {
+    let mut config = Config::default();
+    let exact = config.uncertainty.keyed().map(|(key, _)| (key, "0"));
+    config.set_all(exact).unwrap();
+    config.set_all([("bench.e.zero_uncertainty_mm", "0"), ("bench.e.scale_uncertainty", "0")]).unwrap();
+    let Aligned { truth, budget } = Bench::draw(config, 0.0, 1).align().unwrap();
+    assert!(budget.parts.iter().all(|part| part.key.is_none()), "{:?}", budget.parts);
+    assert!(budget.correlation.iter().flatten().all(|r| r.is_finite()), "{:?}", budget.correlation);
+    assert_eq!((budget.e_mm, budget.e_sigma_mm), (truth[1], 0.0));
+    assert!((budget.delta_v_mm - truth[0]).abs() < 4.0 * budget.delta_v_sigma_mm, "{budget:?} {truth:?}");
+}

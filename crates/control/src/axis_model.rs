@@ -18,7 +18,7 @@ impl AxisModel {
     /// scale is 1 with the standard uncertainty `scale_sigma`.
     #[must_use]
     pub fn new(reference: f64, value: f64, value_sigma: f64, scale_sigma: f64) -> Self {
-        assert!(value_sigma > 0.0 && scale_sigma > 0.0, "an axis model needs positive uncertainties");
+        assert!(value_sigma >= 0.0 && scale_sigma >= 0.0, "an uncertainty is not negative");
         Self {
             reference,
             mean: [value, 1.0],

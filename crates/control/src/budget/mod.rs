@@ -133,7 +133,11 @@ impl Budget {
         let gradient: [DVector<f64>; 3] = std::array::from_fn(|row| rows.row(row).transpose());
         let sigma = gradient.each_ref().map(|slopes| adjusted.sigma(slopes));
         let correlation = std::array::from_fn(|i| {
-            std::array::from_fn(|j| adjusted.covariance_of(&gradient[i], &gradient[j]) / (sigma[i] * sigma[j]))
+            std::array::from_fn(|j| match sigma[i] * sigma[j] {
+                // Of what is exact there is none.
+                0.0 => f64::from(i == j),
+                both => adjusted.covariance_of(&gradient[i], &gradient[j]) / both,
+            })
         });
         let assembly = &config.assembly;
         let tolerance = [assembly.delta_v_tolerance_mm, assembly.e_tolerance_mm, assembly.blur_limit_px];
