@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The long counts: the daemon killed at many random moments, its stop timed under load, jobs among faults, random sequences
-# of requests against a model of what may be true, every kind of job ended at each of its points, the contract tried with
-# many examples, then the reference bench aligned for many seeds; each result is kept, so that a broken run goes on where
+# of requests against a model of what may be true, every kind of job ended at each of its points and after every other, the
+# contract tried with many examples, then the reference bench aligned for many seeds; each result is kept, so that a broken run goes on where
 # it ended.
 #
 #   tests/long.sh            kills 1 to 200, faults and sequences of seeds 1 to 300, every job, 200 examples, seeds 1 to 20
@@ -30,6 +30,7 @@ KILLS=$kills KILL_RESULTS=$PWD/$results \
 cargo test --release --quiet --test integration many_stops_reach -- --ignored --nocapture
 SEEDS=$range cargo test --release --quiet --test integration many_frames_are_smeared -- --ignored --nocapture
 cargo test --release --quiet --test integration what_many_budgets_say -- --ignored --nocapture
+cargo test --release --quiet --test integration every_kind_of_job_follows -- --ignored
 # Runs a test over a range of seeds, ten at a time; the parts that are there already are not run again.
 tens() {
   local what=$1 test=$2 first=$3 last=$4 from to result

@@ -39,6 +39,7 @@ mod grid_check;
 mod hang_up;
 mod history;
 mod job_kinds;
+mod job_orders;
 mod jobs_cli;
 mod jog;
 mod kill;

@@ -20,6 +20,23 @@ const HOLD_B_BEYOND_MM: f64 = 0.2;
 const APERTURE_WITHIN_MM: f64 = 0.5;
 
 impl Alignment<'_> {
+    /// Whether a board at a distance in air is in the range of focus at a reading of the focus axis (both mm).
+    fn in_range(&self, distance_mm: f64, reading_mm: f64) -> bool {
+        let relative = self.design.spacing_at(distance_mm, reading_mm) / self.design.mla.pitch;
+        let [low, high] = capture_range(self.design.mla.mode);
+        (low..=high).contains(&relative)
+    }
+
+    /// Where a board in air is in the range of focus at a reading of the focus axis (both mm): where a solution has it, or
+    /// where the lens is focused.
+    pub(super) fn distance_in_range(&self, reading_mm: f64, solution: &Solution) -> f64 {
+        if self.in_range(solution.equivalent_distance, reading_mm) {
+            solution.equivalent_distance
+        } else {
+            self.design.main_lens.object_distance(self.design.air_image_distance() + reading_mm)
+        }
+    }
+
     /// Puts the triple-level board where it is measured at a reading (mm) of the focus axis: where the solution has it,
     /// or, while that is out of the range of focus, left where it is or put where the lens is focused.
     async fn boards_in_range(
@@ -28,18 +45,10 @@ impl Alignment<'_> {
         reading_mm: f64,
         solution: &Solution,
     ) -> Result<[f64; 3], JobEnd> {
-        let measurable = |distance_mm: f64| {
-            let relative = self.design.spacing_at(distance_mm, reading_mm) / self.design.mla.pitch;
-            let [low, high] = capture_range(self.design.mla.mode);
-            (low..=high).contains(&relative)
-        };
-        let place_mm = if measurable(solution.equivalent_distance) {
-            solution.equivalent_distance
-        } else if let Some(levels) = present.filter(|levels| measurable(levels[1])) {
-            levels[1]
-        } else {
-            self.design.main_lens.object_distance(self.design.air_image_distance() + reading_mm)
-        };
+        let wanted_mm = self.distance_in_range(reading_mm, solution);
+        let stays =
+            |levels: &[f64; 3]| wanted_mm != solution.equivalent_distance && self.in_range(levels[1], reading_mm);
+        let place_mm = present.filter(stays).map_or(wanted_mm, |levels| levels[1]);
         match present.filter(|levels| levels[1] == place_mm) {
             Some(levels) => Ok(levels),
             None => self.place_triple_board(place_mm).await,
@@ -211,17 +220,20 @@ impl Alignment<'_> {
         );
         let value = Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture));
         let setup = Setup::Aperture { diameter_mm: solution.aperture, ring_f_number: ring };
-        self.context.ask("aperture", instruction, value, setup).await?;
+        self.ask("aperture", instruction, value, setup).await?;
         // The micro-images have moved and changed their size: does the white frame still fit?
-        self.context.doing("white frame still good?");
-        let misfit = self.context.unless_cancelled(self.eye.white_misfit()).await?;
-        if let Some(misfit) = misfit {
-            self.context.log(misfit);
+        if self.white_is_off().await? {
             self.white_frame().await?;
             self.place_triple_board(levels[1]).await?;
-        } else {
-            self.context.log("the white frame still fits");
         }
         Ok(())
+    }
+
+    /// Whether the white frame no longer fits what is before the lens now.
+    pub(super) async fn white_is_off(&self) -> Result<bool, JobEnd> {
+        self.context.doing("white frame still good?");
+        let misfit = self.context.unless_cancelled(self.eye.white_misfit()).await?;
+        self.context.log(misfit.as_deref().unwrap_or("the white frame still fits"));
+        Ok(misfit.is_some())
     }
 }

@@ -7,7 +7,7 @@ use super::budget::{BoardSeen, TiltChange};
 use super::calibrated::CalibratedCamera;
 use super::context::{JobContext, JobEnd};
 use super::events::ShellState;
-use super::eye::{Eye, Seen};
+use super::eye::{Eye, InView, Seen};
 use super::job::Stage;
 use super::motion::{Admission, Motion};
 use super::shell::ShellObservation;
@@ -85,7 +85,7 @@ impl Alignment<'_> {
     /// The joint alignment.
     pub(super) async fn joint(&mut self) -> Result<(), JobEnd> {
         self.prepare().await?;
-        self.withdraw_e().await?;
+        self.withdraw_e(self.config.assembly.initial_e_mm).await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
         }
@@ -118,24 +118,40 @@ impl Alignment<'_> {
         self.white_frame().await
     }
 
-    /// Takes e back from where an earlier alignment left it near the shell, by homing: that way is the same whatever the
-    /// axis's coordinate is like, and makes its zero new. An axis that homes on the shell's side is left where it is.
-    async fn withdraw_e(&mut self) -> Result<(), JobEnd> {
-        let (at, initial) = (self.motion.position_mm(AxisName::E)?, self.config.assembly.initial_e_mm);
-        if initial - at <= FOLLOWED_IN_AIR_MM || self.config.bench.e.home_side != Side::High {
+    /// Takes e back from where an earlier alignment left it nearer to the shell than it is to be parked (mm), by homing: that
+    /// way is the same whatever the axis's coordinate is like, and makes its zero new. An axis that homes on the shell's side
+    /// is left where it is.
+    pub(super) async fn withdraw_e(&mut self, parked_mm: f64) -> Result<(), JobEnd> {
+        let nearer_mm = parked_mm - self.motion.position_mm(AxisName::E)?;
+        if nearer_mm <= FOLLOWED_IN_AIR_MM || self.config.bench.e.home_side != Side::High {
             return Ok(());
         }
         self.context.log(format!(
-            "the e axis stands {:.3} mm nearer to the shell than at the start: it is homed",
-            initial - at
+            "the e axis stands {nearer_mm:.3} mm nearer to the shell than where it is to be parked: it is homed"
         ));
         self.context.unless_cancelled(self.motion.home(self.admission, AxisName::E)).await?;
         Ok(())
     }
 
+    /// [Asks](JobContext::ask) the operator to set something up, and keeps what stands before the lens then.
+    pub(super) async fn ask(
+        &self,
+        name: &str,
+        instruction: String,
+        value: Option<String>,
+        setup: Setup,
+    ) -> Result<(), JobEnd> {
+        let view = InView::after(&setup);
+        // The job may end while it is being changed.
+        self.eye.see(view.map(|_| InView::Unknown));
+        self.context.ask(name, instruction, value, setup).await?;
+        self.eye.see(view);
+        Ok(())
+    }
+
     pub(super) async fn white_frame(&mut self) -> Result<(), JobEnd> {
         let instruction = "Put the diffuser on the lens and light it evenly: a white frame is taken.".to_owned();
-        self.context.ask("white_frame", instruction, None, Setup::Diffuser).await?;
+        self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
         self.context.doing("white frame");
         let found = self.context.unless_cancelled(self.eye.take_white()).await?;
         self.context.log(found);
@@ -166,7 +182,7 @@ impl Alignment<'_> {
         );
         let value = format!("{:.1}, {:.1}, {:.1} mm", levels[0], levels[1], levels[2]);
         let setup = Setup::AirTripleBoard { distances_mm: levels };
-        self.context.ask("triple_board_in_air", instruction, Some(value), setup).await?;
+        self.ask("triple_board_in_air", instruction, Some(value), setup).await?;
         self.motion.set_shell(ShellState::Off);
         Ok(levels)
     }

@@ -8,6 +8,7 @@ use std::time::Duration;
 use futures_util::FutureExt as _;
 
 use super::events::{BenchView, ShellState};
+use super::eye::InView;
 use super::lease::Permit;
 use super::motion::{Admission, Claim};
 use super::service::Service;
@@ -260,6 +261,8 @@ impl Service {
     pub fn set_shell(&self, _permit: &Permit, shell: ShellState) -> Result<BenchView, ServiceError> {
         self.free_for_hand()?;
         self.motion.set_shell_at_rest(shell)?;
+        // Whoever takes it off or puts it on sets up what stands before it, too.
+        self.eye.see(Some(InView::Unknown));
         self.publish_bench();
         Ok(self.bench_view())
     }

@@ -17,7 +17,7 @@ use super::recording::{Answer, Happening};
 use super::sight::{self, HoldB, Sight, Triple, Unseen};
 use super::tasks::AirStep;
 use bench::config::{Config, SpacingTarget};
-use bench::device::{AxisPose, Bench, DeviceError, Frame};
+use bench::device::{AxisPose, Bench, DeviceError, Frame, Setup};
 use bench::telemetry;
 use plenoptics::imaging::spacing::nominal_mask_radius;
 use plenoptics::optics::CameraDesign;
@@ -69,6 +69,31 @@ pub(super) struct SeenTriple {
     pub(super) middle: Seen,
 }
 
+/// What stands before the lens, as far as the program knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum InView {
+    /// Nobody has said.
+    Unknown,
+    /// A flat board, in air or in water.
+    FlatBoard,
+    /// Anything else: a diffuser, several boards, nothing.
+    Other,
+}
+
+impl InView {
+    /// What stands there once that has been set up; `None` where it stays what it is.
+    pub(super) fn after(setup: &Setup) -> Option<Self> {
+        match setup {
+            Setup::WaterBoard { .. } | Setup::LeastE { .. } => Some(Self::FlatBoard),
+            Setup::AirTripleBoard { distances_mm: [near, middle, far] } if near == middle && middle == far => {
+                Some(Self::FlatBoard)
+            }
+            Setup::AirTripleBoard { .. } | Setup::Diffuser | Setup::ShellOff => Some(Self::Other),
+            Setup::Aperture { .. } => None,
+        }
+    }
+}
+
 /// The bench's camera with what is known of its micro-images.
 pub(super) struct Eye {
     config: Arc<Config>,
@@ -80,6 +105,7 @@ pub(super) struct Eye {
     /// The frame that it was learnt from.
     white: Mutex<Option<Arc<Frame>>>,
     air_step: Mutex<Option<AirStep>>,
+    in_view: Mutex<InView>,
     /// The frame that was looked at last.
     looked_at: Mutex<Option<Arc<Frame>>>,
     measured: watch::Sender<Option<MeasurementView>>,
@@ -102,6 +128,7 @@ impl Eye {
             sight: Mutex::new(None),
             white: Mutex::new(None),
             air_step: Mutex::new(None),
+            in_view: Mutex::new(InView::Unknown),
             looked_at: Mutex::new(None),
             measured: watch::Sender::new(None),
             map: watch::Sender::new(None),
@@ -201,6 +228,18 @@ impl Eye {
     /// Whether a white frame has been taken.
     pub(super) fn has_white(&self) -> bool {
         self.sight().is_some()
+    }
+
+    /// What stands before the lens.
+    pub(super) fn in_view(&self) -> InView {
+        *self.in_view.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// That this stands before the lens from now on; with `None` what stood there does.
+    pub(super) fn see(&self, view: Option<InView>) {
+        if let Some(view) = view {
+            *self.in_view.lock().unwrap_or_else(PoisonError::into_inner) = view;
+        }
     }
 
     /// Keeps what an air step left, for a job that goes on from it.

@@ -27,7 +27,7 @@ impl Alignment<'_> {
         );
         self.motion.set_shell(ShellState::On);
         let value = Some(format!("{distance_mm:.1} mm"));
-        self.context.ask("least_e_by_hand", instruction, value, Setup::LeastE { distance_mm }).await?;
+        self.ask("least_e_by_hand", instruction, value, Setup::LeastE { distance_mm }).await?;
         self.context.doing("l_bound: measuring the spacing");
         let seen = self.context.unless_cancelled(self.eye.spacing(VERIFY_FRAMES)).await?;
         let least_e = camera.e_mm(seen.spacing.spacing_px, 0.0);
@@ -56,7 +56,7 @@ impl Alignment<'_> {
         self.context.log(note.clone());
         self.findings.notes.push(note);
         let instruction = "Take the shell off and the tank away; the e axis is homed again.".to_owned();
-        self.context.ask("shell_off", instruction, None, Setup::ShellOff).await?;
+        self.ask("shell_off", instruction, None, Setup::ShellOff).await?;
         self.motion.set_shell(ShellState::Off);
         self.context.doing("homing after the move by hand");
         for axis in AxisName::ALL {

@@ -35,7 +35,7 @@ impl Alignment<'_> {
         let setup = Setup::WaterBoard { distance_mm };
         // From here on the shell counts as on, whatever becomes of the confirmation.
         self.motion.set_shell(ShellState::On);
-        self.context.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+        self.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
         self.eye.aim_at(solution.e);
         let axis = &self.config.bench.e;
         let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);

@@ -7,7 +7,7 @@ use tokio::time::Instant;
 use super::alignment::Alignment;
 use super::context::JobEnd;
 use super::events::ShellState;
-use super::eye::Seen;
+use super::eye::{InView, Seen};
 use super::job::{IterationKind, Stage};
 use super::outcome::Outcome;
 use super::request::Sweep;
@@ -33,6 +33,12 @@ impl Alignment<'_> {
         // Both ends before anything moves.
         for end in [sweep.from_mm, sweep.to_mm] {
             self.motion.check(sweep.axis, Millimetres(end))?;
+        }
+        if sweep.axis == AxisName::Focus && self.lacks_board() {
+            // Board and white frame are to serve all of the way.
+            let middle = Millimetres(f64::midpoint(sweep.from_mm, sweep.to_mm));
+            self.context.doing(format!("sweep: focus axis to {middle:.3} mm, the middle"));
+            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, middle)).await?;
         }
         self.something_to_measure(distance_mm).await?;
         let mut samples = Vec::new();
@@ -107,26 +113,47 @@ impl Alignment<'_> {
         Sample { at, spacing_px, sigma_px }
     }
 
-    /// Where no white frame has been taken: one, and a flat board after it. Otherwise what is there is measured.
+    /// Whether a flat board is to be put up: there is no white frame yet, or another job has left something else.
+    fn lacks_board(&self) -> bool {
+        !self.eye.has_white() || self.eye.in_view() == InView::Other
+    }
+
+    /// Puts up a flat board where there is none, at a distance in air (mm) or where it is in range; and has a white frame
+    /// taken where there is none that fits. Otherwise what is there is measured.
     async fn something_to_measure(&mut self, distance_mm: Option<f64>) -> Result<(), JobEnd> {
-        if self.eye.has_white() {
+        if !self.lacks_board() {
             return Ok(());
         }
-        self.white_frame().await?;
+        let has_white = self.eye.has_white();
+        if !has_white {
+            self.white_frame().await?;
+        }
+        self.flat_board(distance_mm).await?;
+        if has_white && self.white_is_off().await? {
+            self.white_frame().await?;
+            self.flat_board(distance_mm).await?;
+        }
+        Ok(())
+    }
+
+    async fn flat_board(&mut self, distance_mm: Option<f64>) -> Result<(), JobEnd> {
         if self.motion.shell() == ShellState::Off {
             let solution = self.design.joint(self.motion.l_bound_mm());
-            let distance_mm = distance_mm.unwrap_or(solution.equivalent_distance);
+            let focus_mm = self.motion.position_mm(AxisName::Focus).ok();
+            let in_range = || focus_mm.map_or(solution.equivalent_distance, |at| self.distance_in_range(at, &solution));
+            let distance_mm = distance_mm.unwrap_or_else(in_range);
             let instruction =
                 format!("Take the diffuser off. In air, put a flat board {}.", self.board_place(&[distance_mm]));
             let setup = Setup::AirTripleBoard { distances_mm: [distance_mm; 3] };
-            return self.context.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), setup).await;
+            return self.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), setup).await;
         }
         let distance_mm = self.config.object.distance_mm;
         let instruction = format!(
             "Take the diffuser off. With the shell on and the tank full, put the flat board {distance_mm:.1} mm from the shell's outer vertex."
         );
         let setup = Setup::WaterBoard { distance_mm };
-        self.context.ask("board_in_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await
+        self.motion.set_shell(ShellState::On);
+        self.ask("board_in_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await
     }
 }
 

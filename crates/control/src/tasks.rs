@@ -80,6 +80,13 @@ impl Alignment<'_> {
             )));
         }
         let solution = self.design.joint(self.motion.l_bound_mm());
+        let (delta_v_mm, _) = kept.delta_v;
+        if (delta_v_mm - solution.delta_v).abs() > KEPT_WITHIN_MM {
+            return Err(JobEnd::failed(format!(
+                "the newest air step brought Δv to {delta_v_mm:.3} mm, too far from the {:.3} mm of the joint solution: run air_only or joint_alignment first",
+                solution.delta_v
+            )));
+        }
         self.findings.solution = Some(solution);
         self.findings.camera = Some(kept.camera);
         self.findings.delta_v_air = Some(kept.delta_v);
@@ -96,6 +103,7 @@ impl Alignment<'_> {
             )));
         }
         self.prepare().await?;
+        self.withdraw_e(e_mm).await?;
         let solution = self.design.clarity(e_mm);
         self.findings.solution = Some(solution);
         self.context.stage(Stage::Air);

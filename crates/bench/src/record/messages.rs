@@ -52,6 +52,9 @@ pub struct JobStart {
     /// The e that was aimed at behind the shell before the job set its own, mm; absent for the joint solution's.
     #[prost(double, optional, tag = "17")]
     pub aim_mm: ::core::option::Option<f64>,
+    /// Whether something else than a flat board was known to stand before the lens.
+    #[prost(bool, tag = "18")]
+    pub other_in_view: bool,
 }
 /// What an axis said of itself.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -4,6 +4,7 @@ use super::words;
 use crate::budget::BoardSeen;
 use crate::calibrated::CalibratedCamera;
 use crate::context::JobEnd;
+use crate::eye::InView;
 use crate::job::JobSnapshot;
 use crate::journal::word;
 use crate::service::Service;
@@ -62,6 +63,7 @@ impl Service {
                 boards: air.boards.iter().flatten().map(messages::BoardSeen::from).collect(),
             }),
             white_frame_before: self.eye.white_frame().is_some(),
+            other_in_view: self.eye.in_view() == InView::Other,
             camera_unfit: self.bench.camera.state().borrow().unfit.clone(),
         }
     }
@@ -76,6 +78,7 @@ impl Service {
         if let Some(e_mm) = start.aim_mm {
             self.eye.aim_at(e_mm);
         }
+        self.eye.see(start.other_in_view.then_some(InView::Other));
         if let Some(air) = &start.air_step {
             self.eye.keep_air_step(AirStep {
                 camera: CalibratedCamera {

@@ -1,0 +1,90 @@
+//! Every kind of job after every other on one simulated bench: what one leaves before the lens, on the axes and in the
+//! program is no obstacle to the next.
+
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
+use plenalign::device::AxisName;
+
+use super::bench::{run, service, small_config};
+
+/// A request of a kind with what it cannot do without.
+fn request(kind: JobKind) -> JobRequest {
+    let of = JobRequest::of(kind);
+    match kind {
+        JobKind::FocusSweep => {
+            JobRequest { axis: Some(AxisName::Focus), from_mm: Some(1.9), to_mm: Some(2.4), steps: Some(3), ..of }
+        }
+        JobKind::SpacingWatch => JobRequest { duration_s: Some(1.0), interval_s: Some(1.0), ..of },
+        _ => of,
+    }
+}
+
+/// Whether there is an air step of the joint solution to go on from after these.
+fn leaves_air_step(before: &[JobKind]) -> bool {
+    let newest = before.iter().rev().find_map(|kind| match kind {
+        JobKind::JointAlignment | JobKind::AirOnly => Some(true),
+        // The simulated controller switches the motors of both axes off, and both are homed after it; clarity has a Δv of its
+        // own.
+        JobKind::Homing | JobKind::LBoundMeasurement | JobKind::ClarityOnly => Some(false),
+        JobKind::ShellOnly | JobKind::FocusSweep | JobKind::SpacingWatch | JobKind::Calibration => None,
+    });
+    newest.unwrap_or(false)
+}
+
+/// What is wrong with a job's end, if anything.
+fn complaint(job: &JobSnapshot, before: &[JobKind]) -> Option<String> {
+    let reason = job.reason.as_deref().unwrap_or_default();
+    let right = if job.kind == JobKind::ShellOnly && !leaves_air_step(before) {
+        job.state == JobState::Failed && reason.contains("run air_only or joint_alignment first")
+    } else {
+        let whole = job.kind != JobKind::FocusSweep || job.iterations.len() == 3;
+        matches!(job.state, JobState::Converged | JobState::Succeeded) && whole
+    };
+    let log = || job.log.iter().map(|line| format!("    {}\n", line.message)).collect::<String>();
+    let after = before.last();
+    (!right).then(|| format!("{:?} after {after:?} is {}: {reason}\n{}", job.kind, job.state, log()))
+}
+
+/// Runs these jobs one after another; what is wrong with any is said at the end.
+async fn walk(seed: u64, kinds: &[JobKind]) {
+    let service = service(small_config(seed)).await;
+    let mut complaints = Vec::new();
+    for (index, &kind) in kinds.iter().enumerate() {
+        let job = run(&service, request(kind)).await;
+        complaints.extend(complaint(&job, &kinds[..index]));
+    }
+    assert!(complaints.is_empty(), "{}", complaints.concat());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_job_finds_what_it_needs_after_another() {
+    let kinds = [
+        JobKind::LBoundMeasurement,
+        JobKind::FocusSweep,
+        JobKind::ShellOnly,
+        JobKind::AirOnly,
+        JobKind::SpacingWatch,
+        JobKind::JointAlignment,
+        JobKind::ClarityOnly,
+        JobKind::Calibration,
+        JobKind::ShellOnly,
+        JobKind::FocusSweep,
+        JobKind::Homing,
+        JobKind::SpacingWatch,
+    ];
+    walk(1, &kinds).await;
+}
+
+/// Part of `make test-long`.
+#[tokio::test(start_paused = true)]
+#[ignore = "takes minutes"]
+async fn every_kind_of_job_follows_every_other() {
+    let all = JobKind::ALL;
+    // Each ordered pair of kinds once, with the way back to the first at the end.
+    let pairs = (0..all.len()).flat_map(|i| {
+        let others = (i + 1..all.len()).flat_map(move |j| [all[i], all[j]]);
+        std::iter::once(all[i]).chain(others)
+    });
+    let kinds: Vec<JobKind> = pairs.chain([all[0]]).collect();
+    assert_eq!(kinds.len(), all.len() * all.len() + 1);
+    walk(1, &kinds).await;
+}
