@@ -29,8 +29,6 @@ const NOTICEABLE_PX: f64 = 0.02;
 /// it, and the directions of pairs as they are. A rotation turns them.
 const TRAVEL_PX: f64 = 2.0;
 const TRAVEL_TURN_PX: f64 = 0.25;
-/// Content beyond the noise's, in units of the noise's, below which a frame that does not match shows nothing.
-const LEAST_CONTRAST: f64 = 0.25;
 /// Clusters that are settled first, at most and as a share of the micro-images.
 const CLUSTERS: usize = 96;
 const CLUSTERS_SHARE: usize = 64;
@@ -335,7 +333,7 @@ impl Engine {
     /// What it means that the clusters (0) or all pairs (1) do not match.
     fn no_match(&self, which: usize, from_px: f64, noise: f64) -> LiveError {
         let contents = &self.normals[which].contents;
-        if contents.contrast() < LEAST_CONTRAST {
+        if contents.are_blank() {
             return SpacingError::NoTexture { noise }.into();
         }
         LiveError::Lost { from_px, correlation: contents.correlation() }

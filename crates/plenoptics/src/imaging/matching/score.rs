@@ -6,6 +6,8 @@ use super::tile::SLOPE_NOISE;
 /// What interpolation, vignetting and the pixels' own area leave of a content's energy where two micro-images do show
 /// the same: no sign of a mismatch.
 const MODEL_SHARE: f64 = 0.002;
+/// Content beyond the noise's, in units of the noise's, below which a frame that does not match shows nothing.
+const LEAST_CONTRAST: f64 = 0.25;
 
 /// What one pair says.
 #[derive(Debug, Clone, Copy, Default)]
@@ -74,8 +76,13 @@ impl Contents {
     }
 
     /// Variance beyond the noise's, in units of the noise's.
-    pub(in crate::imaging) fn contrast(&self) -> f64 {
+    fn contrast(&self) -> f64 {
         (self.variances[0] + self.variances[1]) / (2.0 * self.noise).max(1e-9)
+    }
+
+    /// Whether they show nothing beyond noise.
+    pub(in crate::imaging) fn are_blank(&self) -> bool {
+        self.contrast() < LEAST_CONTRAST
     }
 
     /// How many pairs' worth of texture above the noise there is.

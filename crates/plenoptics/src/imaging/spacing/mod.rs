@@ -299,13 +299,17 @@ fn fit<'a>(
     }
     if outcome == Outcome::Converged {
         // Before all terms are unknown: rows and columns apart cannot be told by one direction.
-        if solver.normal.contents.correlation() >= LEAST_CORRELATION {
+        // Texture that the noise estimate took for noise is what matching pairs do not leave as residual.
+        let scale = noise_scale(1.0, solver.normal.residual);
+        if solver.normal.contents.correlation() >= LEAST_CORRELATION
+            && solver.normal.check_texture(noise, directions).is_err()
+        {
+            solver.at_noise(scale, &model);
             solver.normal.check_texture(noise, directions)?;
         }
+        solver.noise_scale = scale;
         model.free = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..USUAL_TERMS).collect();
         solver.mask(&model);
-        // Texture that the noise estimate took for noise is what matching pairs do not leave as residual.
-        solver.noise_scale = noise_scale(1.0, solver.normal.residual);
         outcome = solver.iterate(&mut model, reach, 2e-4, 20);
         while outcome == Outcome::Converged && starts.len() == 1 && options.field_held.is_none() {
             let Some(free) = solver.normal.demanded(&model) else { break };
@@ -375,6 +379,9 @@ fn start(frames: &[SpacingFrame], options: &SpacingOptions) -> Result<f64, Spaci
 
 /// Why a search found nothing.
 fn not_found(frames: &[SpacingFrame], options: &SpacingOptions, found: &Found) -> SpacingError {
+    if found.blank {
+        return SpacingError::NoTexture { noise: frames[0].noise };
+    }
     let pitch = options.mla_pitch_px;
     if let Some((best, last)) = found.end.filter(|(best, _)| best.correlation >= LEAST_CORRELATION) {
         return beyond(options, best.spacing, last);

@@ -43,6 +43,8 @@ pub(super) struct Found {
     pub(super) candidates: Vec<Candidate>,
     /// The best of the spacings tried where that is the first or last of a range, and whether it is the last.
     pub(super) end: Option<(Candidate, bool)>,
+    /// Whether neighbours show nothing beyond noise, over all of the spacings tried.
+    pub(super) blank: bool,
 }
 
 /// The range in which a spacing is found without a starting value, in MLA pitches.
@@ -120,10 +122,10 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
     let subsets: Vec<Vec<Pair>> = frames.iter().map(|f| textured_pairs(f, PAIRS / frames.len().min(PAIRS))).collect();
     let ranges = trial_spacings(mla_pitch, mode);
     let few: Vec<Vec<Pair>> = subsets.iter().map(|pairs| pairs.iter().copied().step_by(SPARSE).collect()).collect();
-    let mut found = peaks(frames, &few, &ranges);
+    let (mut found, mut blank) = peaks(frames, &few, &ranges);
     // Where the few know no match, the others may.
     if found.first().is_none_or(|best| best.correlation < LEAST_CORRELATION) {
-        found = peaks(frames, &subsets, &ranges);
+        (found, blank) = peaks(frames, &subsets, &ranges);
     }
     found.truncate(CANDIDATES);
     let end = found.first().and_then(|best| {
@@ -132,7 +134,7 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
         at_end.map(|last| (*best, last))
     });
     if frames.iter().any(|frame| frame.regions() > 1) {
-        return Found { candidates: found, end };
+        return Found { candidates: found, end, blank };
     }
     // The best is looked at in any case: what it comes to is what a refusal names.
     let hopeful = found.iter().skip(1).take_while(|peak| peak.correlation >= HOPELESS_CORRELATION).count();
@@ -151,17 +153,19 @@ pub(super) fn search(frames: &[SpacingFrame], mla_pitch: f64, mode: Option<MlaMo
         })
         .collect();
     refined.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
-    Found { candidates: refined, end }
+    Found { candidates: refined, end, blank }
 }
 
-/// Where the correlation of these pairs is higher than at the trials beside it, by falling correlation.
-fn peaks(frames: &[SpacingFrame], subsets: &[Vec<Pair>], ranges: &[Vec<f64>]) -> Vec<Candidate> {
-    let mut peaks = Vec::new();
+/// Where the correlation of these pairs is higher than at the trials beside it, by falling correlation; and whether they show
+/// nothing over all trials.
+fn peaks(frames: &[SpacingFrame], subsets: &[Vec<Pair>], ranges: &[Vec<f64>]) -> (Vec<Candidate>, bool) {
+    let (mut peaks, mut all) = (Vec::new(), Contents::default());
     for trials in ranges {
         let mut sums = vec![Contents::default(); trials.len()];
         for of_pair in frames.iter().zip(subsets).flat_map(|(f, s)| contents_at(f, s, trials)) {
             for (sum, content) in sums.iter_mut().zip(of_pair) {
                 content.iter().for_each(|content| sum.add(content));
+                content.iter().for_each(|content| all.add(content));
             }
         }
         let curve: Vec<f64> = sums.iter().map(Contents::correlation).collect();
@@ -174,7 +178,7 @@ fn peaks(frames: &[SpacingFrame], subsets: &[Vec<Pair>], ranges: &[Vec<f64>]) ->
         }
     }
     peaks.sort_unstable_by(|a, b| b.correlation.total_cmp(&a.correlation));
-    peaks
+    (peaks, all.are_blank())
 }
 
 /// Trial spacings (px) over the capture range, and the correlation of neighbours at each in bins across the frame, one

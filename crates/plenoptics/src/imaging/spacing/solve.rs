@@ -49,6 +49,12 @@ impl<'a> Solver<'a> {
         self.radii = self.frames.iter().map(|frame| frame.radius_for(&model.spacings)).collect();
     }
 
+    /// Compares once more at a noise in this unit of the frames' own estimates.
+    pub(super) fn at_noise(&mut self, scale: f64, model: &Model) {
+        self.noise_scale = scale;
+        self.compare(model);
+    }
+
     fn compare(&mut self, model: &Model) {
         for ((frame, jobs), &radius) in self.frames.iter().zip(&mut self.jobs).zip(&self.radii) {
             frame.at(model, radius, self.noise_scale, |pass| run::<_, BOTH>(pass, jobs, &self.pool));
