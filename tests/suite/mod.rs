@@ -61,6 +61,7 @@ mod port_spelling;
 mod program;
 mod record;
 mod reference_cli;
+mod refusals;
 mod rendered;
 mod renderer;
 mod reset;

@@ -26,6 +26,8 @@ pub(super) struct Rendered {
     pub seed: u64,
     pub flaws: Flaws,
     pub focal_factors: [f64; 3],
+    /// Aperture in units of the solution's.
+    pub aperture: f64,
 }
 
 impl Default for Rendered {
@@ -41,6 +43,7 @@ impl Default for Rendered {
             seed: 1,
             flaws: Flaws::default(),
             focal_factors: [1.0; 3],
+            aperture: 1.0,
         }
     }
 }
@@ -58,6 +61,7 @@ impl Rendered {
         camera.rotation = self.rotation_deg.to_radians();
         camera.offset = self.offset.map(|x| x / ratio);
         camera.focal_factors = self.focal_factors;
+        camera.aperture *= self.aperture;
         (camera, joint.equivalent_distance)
     }
 

@@ -79,6 +79,7 @@ impl From<LiveError> for NoReading {
             | LiveError::GridMoved { .. }
             | LiveError::GridNotSeen { .. }
             | LiveError::NoStart
+            | LiveError::WhiteMisfit(_)
             | LiveError::Lost { .. } => Self::Lost(why),
             LiveError::Spacing(_) | LiveError::Grid(_) => Self::Refused(why),
         }

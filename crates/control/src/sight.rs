@@ -189,13 +189,7 @@ impl Sight {
     pub(super) fn misfit(&self, image: &RawImage) -> Result<Option<String>, String> {
         let prepared = prepare_frame(image, Some(&self.white), &self.options()).map_err(|error| error.to_string())?;
         let misfit = prepared.vignetting_fit.filter(|fit| !fit.fits());
-        Ok(misfit.map(|fit| {
-            format!(
-                "the white frame no longer fits: its profile is off by {:.1} %, of which texture explains {:.1} %",
-                100.0 * fit.misfit,
-                100.0 * fit.misfit_sigma
-            )
-        }))
+        Ok(misfit.map(|fit| format!("the white frame no longer fits: {fit}")))
     }
 
     /// Measures the spacing of a flat board over several frames of one pose.
@@ -269,7 +263,7 @@ impl Sight {
                 | CalibrationError::Degenerate { .. }
                 | CalibrationError::CannotTellApart(_)
                 | CalibrationError::NoSolution { .. }
-                | CalibrationError::Measurement(MeasurementError::Spacing(_)),
+                | CalibrationError::Measurement(MeasurementError::Spacing(_) | MeasurementError::WhiteMisfit(_)),
             ) => self.blurred_triple(images, levels_mm)?,
             Err(error) => return Err(error.to_string().into()),
         };

@@ -212,10 +212,8 @@ impl Report {
         let distance = object_distance(config, args, spacing_px * pixel, measured.spacing.window_px * pixel);
         let mut warnings = disagreements(config, &raws[0], &measured.grid, spacing_px);
         match measured.vignetting_fit {
-            Some(fit) if !fit.fits() => warnings.push(format!(
-                "the white frame's profile does not fit (misfit {:.3} ± {:.3}): take a white frame at this setting",
-                fit.misfit, fit.misfit_sigma
-            )),
+            Some(fit) if !fit.fits() => warnings
+                .push(format!("the white frame does not fit: {fit}; take one with this aperture, at this setting")),
             None => warnings.push("no white frame: the vignetting was estimated from the frame itself".to_owned()),
             Some(_) => {}
         }

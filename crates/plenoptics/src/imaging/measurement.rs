@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::grid::{Grid, GridError, GridOptions, find_grid, refine_grid};
+use super::misfit::WhiteMisfit;
 use super::mosaic::balanced;
 use super::spacing::{
     Spacing, SpacingError, SpacingFrame, SpacingMap, SpacingOptions, measure_spacing, measure_spacing_map,
@@ -42,9 +43,19 @@ pub enum MeasurementError {
         /// D_MLA of the caller's array, px.
         mla_pitch_px: f64,
     },
+    /// The white frame is of another setting.
+    #[error(transparent)]
+    WhiteMisfit(#[from] WhiteMisfit),
     /// No frame was given.
     #[error("no frame to measure")]
     NoFrame,
+}
+
+impl MeasurementError {
+    /// What a failure comes to with a white frame whose profile fits a frame so.
+    pub(super) fn with_white(failed: SpacingError, fit: Option<ProfileFit>) -> Self {
+        WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), Self::from)
+    }
 }
 
 /// What a white frame says, to be carried to the frames that are measured.
@@ -283,11 +294,11 @@ pub fn measure_frames<'a>(
     let Some(first) = prepared.first() else { return Err(MeasurementError::NoFrame) };
     let (grid, vignetting_fit, light) = (first.grid.clone(), first.vignetting_fit, Arc::clone(&first.light));
     let frames: Vec<SpacingFrame> = prepared.into_iter().map(|p| p.frame).collect();
-    let (spacing, map) = if options.map {
-        let (spacing, map) = measure_spacing_map(&frames, &options.spacing)?;
-        (spacing, Some(map))
+    let measured = if options.map {
+        measure_spacing_map(&frames, &options.spacing).map(|(spacing, map)| (spacing, Some(map)))
     } else {
-        (measure_spacing(&frames, &options.spacing)?, None)
+        measure_spacing(&frames, &options.spacing).map(|spacing| (spacing, None))
     };
+    let (spacing, map) = measured.map_err(|failed| MeasurementError::with_white(failed, vignetting_fit))?;
     Ok(FrameMeasurement { grid, spacing, map, vignetting_fit, light })
 }

@@ -15,6 +15,7 @@ pub mod live;
 mod matching;
 pub mod measurement;
 pub mod microlenses;
+pub mod misfit;
 pub mod mosaic;
 pub mod overlay;
 pub mod pictures;

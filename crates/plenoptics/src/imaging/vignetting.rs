@@ -92,6 +92,13 @@ pub struct ProfileFit {
     pub misfit_sigma: f64,
 }
 
+impl std::fmt::Display for ProfileFit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [misfit, texture] = [self.misfit, self.misfit_sigma].map(|share| 100.0 * share);
+        write!(f, "its profile is off by {misfit:.1} %, of which texture explains {texture:.1} %")
+    }
+}
+
 impl ProfileFit {
     /// Whether the profile may be used for the frame: the misfit is harmless, or no more than texture makes.
     #[must_use]

@@ -28,7 +28,8 @@ pub use regions::{Bin, Strips, find_strips};
 pub use unknowns::{Degeneracy, Known, Unknown};
 
 use super::grid::Grid;
-use super::measurement::{FrameOptions, WhiteModel, evened, prepare_frame};
+use super::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, prepare_frame};
+use super::misfit::WhiteMisfit;
 use super::spacing::{SpacingError, measure_regions};
 use crate::optics::MainLens;
 use crate::raw::RawImage;
@@ -146,7 +147,14 @@ impl Boards {
         let mut prepared = prepare_frame(raw, white, &options.frame)?;
         let pitch = prepared.frame.micro_image_pitch_px();
         let mla_pitch = options.frame.spacing.mla_pitch_px;
-        let not_found = |found| CalibrationError::BoardsNotFound { found, wanted };
+        let misfit = prepared.vignetting_fit.filter(|fit| !fit.fits());
+        let not_found = |found| {
+            let failed = CalibrationError::BoardsNotFound { found, wanted };
+            match misfit {
+                Some(fit) => MeasurementError::from(WhiteMisfit { fit, failed: failed.to_string() }).into(),
+                None => failed,
+            }
+        };
         let strips = find_strips(&prepared.frame, &options.frame.spacing, wanted).ok_or_else(|| not_found(0))?;
         let found = strips.correlations.iter().filter(|&&c| c >= LEAST_CORRELATION).count();
         if found < wanted {
@@ -162,7 +170,7 @@ impl Boards {
         let regions = regions.map_err(|error| match error {
             // A strip that is only just wide enough has nothing left beside its boundaries.
             SpacingError::TooFewMicroImages { .. } => not_found(wanted - 1),
-            error => error.into(),
+            error => MeasurementError::with_white(error, misfit).into(),
         })?;
         // The nearer a board, the larger its spacing, in both modes: its image lies further behind the lens, so a grows
         // (or is less negative), and l = D (1 − b/a) grows with a.

@@ -30,6 +30,7 @@ use super::grid::{Grid, GridError, refine_grid};
 use super::matching::model::USUAL_TERMS;
 use super::matching::samples::Frame;
 use super::measurement::evened;
+use super::misfit::WhiteMisfit;
 use super::mosaic::green;
 use super::spacing::{MODEL_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, find_spacing};
 use super::vignetting::Vignetting;
@@ -79,6 +80,9 @@ pub enum LiveError {
     /// The frame cannot be measured at all, live or not.
     #[error("{0}")]
     Spacing(#[from] SpacingError),
+    /// The white frame is of another setting.
+    #[error(transparent)]
+    WhiteMisfit(#[from] WhiteMisfit),
     /// The micro-images have jumped too far to say which is which.
     #[error(
         "the micro-images have jumped by up to {shift_px:.2} ± {sigma_px:.2} px since the last frame ({most_px:.2} px can be followed): acquire the frame, or find the grid anew from a white frame at this setting"
@@ -305,7 +309,7 @@ impl LiveMeter {
             start_px: None,
             field_held: self.options.field_held,
         };
-        let found = find_spacing(&[frame], &options)?;
+        let found = find_spacing(&[frame], &options).map_err(|failed| self.with_white(failed, raw, &grid))?;
         self.engine.state = Some(State::new(found.spacings_px[0], found.field_px));
         ended(LivePart::Search);
         self.measure_by_parts(raw, ended)
@@ -321,6 +325,12 @@ impl LiveMeter {
     pub fn start_from(&mut self, spacing: &Spacing) {
         let field = [spacing.tilt_x_px, spacing.tilt_y_px, spacing.curvature_px];
         self.engine.state = Some(State::new(spacing.on_axis_px, field));
+    }
+
+    /// What a failure comes to: where the white frame does not fit, it may well be its fault.
+    fn with_white(&self, failed: SpacingError, raw: &RawImage, grid: &Grid) -> LiveError {
+        let fit = self.vignetting.fit(&evened(raw, self.options.mosaic), grid).ok();
+        WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), LiveError::from)
     }
 
     fn check_size(&self, raw: &RawImage) -> Result<(), SpacingError> {
