@@ -36,8 +36,9 @@ fn complaint(job: &JobSnapshot, before: &[JobKind]) -> Option<String> {
     let right = if job.kind == JobKind::ShellOnly && !leaves_air_step(before) {
         job.state == JobState::Failed && reason.contains("run air_only or joint_alignment first")
     } else {
-        let whole = job.kind != JobKind::FocusSweep || job.iterations.len() == 3;
-        matches!(job.state, JobState::Converged | JobState::Succeeded) && whole
+        // In water with e held far from the shell the sweep leaves the range of focus at its end.
+        let seen = job.kind != JobKind::FocusSweep || job.iterations.len() >= 2;
+        matches!(job.state, JobState::Converged | JobState::Succeeded) && seen
     };
     let log = || job.log.iter().map(|line| format!("    {}\n", line.message)).collect::<String>();
     let after = before.last();
@@ -64,6 +65,7 @@ async fn a_job_finds_what_it_needs_after_another() {
         JobKind::AirOnly,
         JobKind::SpacingWatch,
         JobKind::JointAlignment,
+        JobKind::ShellOnly,
         JobKind::ClarityOnly,
         JobKind::Calibration,
         JobKind::ShellOnly,

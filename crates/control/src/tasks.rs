@@ -90,6 +90,10 @@ impl Alignment<'_> {
         self.findings.solution = Some(solution);
         self.findings.camera = Some(kept.camera);
         self.findings.delta_v_air = Some(kept.delta_v);
+        // A homing that takes the focus axis along would lose Δv.
+        if self.eye.bench().stage(AxisName::E).homes_also().is_none() {
+            self.withdraw_e(self.config.assembly.initial_e_mm).await?;
+        }
         self.context.log(format!("going on from the air step that left the focus axis at {:.4} mm", kept.focus_mm));
         self.context.stage(Stage::Shell);
         self.shell(&solution, self.config.assembly.shell_step).await
