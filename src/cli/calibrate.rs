@@ -9,12 +9,11 @@ use serde::Serialize;
 
 use super::Context;
 use super::measure::{disagreements, frame_options, read_white};
-use crate::config::Config;
 use crate::imaging::calibration::{
     Calibration, CalibrationOptions, ConjugateLine, Estimate, FittedPitch, Known, Level, MicroImagePitch, PitchSource,
     calibrate,
 };
-use crate::imaging::measurement::{WhiteModel, evened};
+use crate::imaging::measurement::WhiteModel;
 use crate::raw;
 
 /// Where the micro-image pitch is taken from.
@@ -156,7 +155,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let design = config.design();
     let raw = raw::read(&args.raw)?;
     let white = read_white(&frame_options(&context), args.white.as_deref())?.map(|(_, model)| model);
-    let pitch = pitch(config, &args, white.as_ref())?;
+    let pitch = pitch(&args, white.as_ref())?;
     let options = options(&context, &args, pitch);
     let calibration =
         calibrate(&raw, white.as_ref(), &args.levels, &options).with_context(|| args.raw.display().to_string())?;
@@ -174,15 +173,12 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
 }
 
 /// Where the micro-image pitch is to come from, measured where that is the white frame.
-fn pitch(config: &Config, args: &Args, white: Option<&WhiteModel>) -> anyhow::Result<Option<PitchSource>> {
-    match (args.micro_image_pitch, white, &args.white) {
-        (None, ..) => Ok(None),
-        (Some(PitchName::Frame), ..) => Ok(Some(PitchSource::Frame)),
-        (Some(PitchName::White), Some(white), Some(path)) => {
-            let pitch = MicroImagePitch::of(&evened(&raw::read(path)?, config.sensor.mosaic), &white.grid);
-            Ok(Some(PitchSource::Given(pitch.with_context(|| path.display().to_string())?)))
-        }
-        (Some(PitchName::White), ..) => bail!("--micro-image-pitch=white needs --white, taken at the same Δv"),
+fn pitch(args: &Args, white: Option<&WhiteModel>) -> anyhow::Result<Option<PitchSource>> {
+    match (args.micro_image_pitch, white) {
+        (None, _) => Ok(None),
+        (Some(PitchName::Frame), _) => Ok(Some(PitchSource::Frame)),
+        (Some(PitchName::White), Some(white)) => Ok(Some(PitchSource::Given(MicroImagePitch::of(&white.grid)))),
+        (Some(PitchName::White), None) => bail!("--micro-image-pitch=white needs --white, taken at the same Δv"),
     }
 }
 

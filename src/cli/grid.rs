@@ -35,8 +35,11 @@ pub(super) struct Args {
 pub(super) struct GridReport {
     array: &'static str,
     pub(super) pitch_px: f64,
+    pitch_sigma_px: f64,
     rotation_deg: f64,
+    rotation_sigma_deg: f64,
     centre_px: [f64; 2],
+    centre_sigma_px: f64,
     pub(super) micro_images: usize,
     residual_px: f64,
     scatter_px: f64,
@@ -47,8 +50,11 @@ impl GridReport {
         Self {
             array: grid.array.name(),
             pitch_px: grid.pitch_px(),
+            pitch_sigma_px: grid.sigma.pitch_px,
             rotation_deg: grid.rotation().to_degrees(),
+            rotation_sigma_deg: grid.sigma.rotation_rad.to_degrees(),
             centre_px: grid.centre,
+            centre_sigma_px: grid.sigma.centre_px,
             micro_images: grid.micro_images(),
             residual_px: grid.residual_px,
             scatter_px: grid.scatter_px,
@@ -60,8 +66,14 @@ impl GridReport {
         let [x, y] = self.centre_px;
         [
             ("array", format!("{}, {} micro-images", self.array, self.micro_images)),
-            ("pitch", format!("{:.4} px, rotation {:+.4}°", self.pitch_px, self.rotation_deg)),
-            ("centre", format!("{x:.3}, {y:.3} px, residual {:.3} px", self.residual_px)),
+            (
+                "pitch",
+                format!(
+                    "{:.5} ± {:.5} px, rotation {:+.4} ± {:.4}°",
+                    self.pitch_px, self.pitch_sigma_px, self.rotation_deg, self.rotation_sigma_deg
+                ),
+            ),
+            ("centre", format!("{x:.3}, {y:.3} ± {:.3} px, residual {:.3} px", self.centre_sigma_px, self.residual_px)),
         ]
     }
 }

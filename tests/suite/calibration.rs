@@ -61,7 +61,7 @@ fn one_board_is_not_three() {
 
 /// The micro-image pitch of a white frame.
 fn of_white(white: &RawImage) -> PitchSource {
-    PitchSource::Given(MicroImagePitch::of(white, &WhiteModel::new(white).unwrap().grid).unwrap())
+    PitchSource::Given(MicroImagePitch::of(&WhiteModel::new(white).unwrap().grid))
 }
 
 /// The camera that the referee's boards show, with the micro-image pitch of a frame.

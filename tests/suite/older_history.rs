@@ -115,8 +115,10 @@ async fn a_job_of_the_first_version_is_listed_shown_and_exported() {
     assert_eq!(job["log"][0]["message"], "begun");
     assert_eq!(read(&format!("{href}/iterations")).await["iterations"], job["iterations"]);
     // What that version did not know is null.
-    let (mut measured, unknown) = (measurement(), Value::Null);
-    (measured["eog_sum"], measured["ssim"]) = (unknown.clone(), unknown);
+    let mut measured = measurement();
+    for unknown_then in ["eog_sum", "ssim", "micro_image_pitch_sigma_px"] {
+        measured[unknown_then] = Value::Null;
+    }
     measured["spacing_target_source"] = json!("paraxial");
     assert_eq!(read(&format!("{href}/measurements")).await["measurements"], json!([measured]));
     let export = read(&format!("{href}/export.json")).await;

@@ -157,6 +157,8 @@ pub struct MeasurementView {
     pub in_focus: bool,
     /// Pitch of the micro-images found, px.
     pub micro_image_pitch_px: f64,
+    /// Its standard uncertainty, px; null in measurements of versions that did not tell it.
+    pub micro_image_pitch_sigma_px: Option<f64>,
     /// Energy of gradient of the central view, mean per pixel.
     pub eog: Option<f64>,
     /// Energy of gradient of the central view, sum over its pixels (Eq. 20): it grows with the picture.

@@ -478,6 +478,7 @@ impl Eye {
             spacing_target_source,
             in_focus: self.is_in_focus(seen.spacing.spacing_px),
             micro_image_pitch_px: seen.micro_image_pitch_px,
+            micro_image_pitch_sigma_px: Some(seen.micro_image_pitch_sigma_px),
             eog: seen.eog.map(|eog| eog.mean_per_pixel),
             eog_sum: seen.eog.map(|eog| eog.sum),
             ssim: seen.ssim,

@@ -59,6 +59,8 @@ pub(super) struct Measured {
     pub(super) spacing: SpacingReading,
     /// Pitch of the micro-images, px.
     pub(super) micro_image_pitch_px: f64,
+    /// Its standard uncertainty, px.
+    pub(super) micro_image_pitch_sigma_px: f64,
     /// The part of the spacing's standard uncertainty that is from pixel noise, px.
     pub(super) sigma_random_px: f64,
     /// Radius of the masks that pairs were compared with, px.
@@ -76,10 +78,10 @@ pub(super) struct Measured {
 impl Measured {
     /// A spacing with the part of its standard uncertainty that is from pixel noise (px), and without a picture.
     fn new(spacing: SpacingReading, sigma_random_px: f64, grid: &Grid, window_px: f64) -> Self {
-        let micro_image_pitch_px = grid.pitch_px();
         Self {
             spacing,
-            micro_image_pitch_px,
+            micro_image_pitch_px: grid.pitch_px(),
+            micro_image_pitch_sigma_px: grid.sigma.pitch_px,
             sigma_random_px,
             window_px,
             eog: None,
@@ -149,10 +151,12 @@ impl Sight {
     pub(super) fn describe(&self) -> String {
         let grid = &self.white.grid;
         let found = format!(
-            "white frame: {} array, pitch {:.4} px, rotation {:.3}°, {} micro-images, residual {:.3} px",
+            "white frame: {} array, pitch {:.5} ± {:.5} px, rotation {:.4} ± {:.4}°, {} micro-images, residual {:.3} px",
             grid.array.name(),
             grid.pitch_px(),
+            grid.sigma.pitch_px,
             grid.rotation().to_degrees(),
+            grid.sigma.rotation_rad.to_degrees(),
             grid.micro_images(),
             grid.residual_px
         );

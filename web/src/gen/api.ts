@@ -3926,6 +3926,11 @@ export interface components {
        * @description Pitch of the micro-images found, px.
        */
       micro_image_pitch_px: number;
+      /**
+       * Format: double
+       * @description Its standard uncertainty, px; null in measurements of versions that did not tell it.
+       */
+      micro_image_pitch_sigma_px?: number | null;
       /** @description Whether both axes were settled during the whole exposure. */
       settled: boolean;
       /** @description The spacing. */

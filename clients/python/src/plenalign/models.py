@@ -1059,6 +1059,8 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """|spacing − target| within the blur limit."""
     micro_image_pitch_px: float
     """Pitch of the micro-images found, px."""
+    micro_image_pitch_sigma_px: float | None = None
+    """Its standard uncertainty, px; null in measurements of versions that did not tell it."""
     settled: bool
     """Whether both axes were settled during the whole exposure."""
     spacing: SpacingReading

@@ -222,6 +222,9 @@ pub struct Measurement {
     /// What says which spacing is wanted: paraxial, design or calibration; empty from a version that did not tell.
     #[prost(string, tag = "13")]
     pub spacing_target_source: ::prost::alloc::string::String,
+    /// Standard uncertainty of the micro-images' pitch, px.
+    #[prost(double, optional, tag = "14")]
+    pub micro_image_pitch_sigma_px: ::core::option::Option<f64>,
 }
 /// A spacing and its field.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

@@ -28,7 +28,7 @@ pub use regions::{Bin, Strips, find_strips};
 pub use unknowns::{Degeneracy, Known, Unknown};
 
 use super::grid::Grid;
-use super::measurement::{FrameOptions, MeasurementError, WhiteModel, evened, prepare_frame};
+use super::measurement::{FrameOptions, MeasurementError, WhiteModel, prepare_frame};
 use super::misfit::WhiteMisfit;
 use super::spacing::{SpacingError, measure_regions};
 use crate::optics::MainLens;
@@ -183,7 +183,7 @@ impl Boards {
         });
         let micro_image_pitch = match options.micro_image_pitch {
             None => None,
-            Some(PitchSource::Frame) => Some(MicroImagePitch::of(&evened(raw, options.frame.mosaic), &grid)?),
+            Some(PitchSource::Frame) => Some(MicroImagePitch::of(&grid)),
             Some(PitchSource::Given(pitch)) => Some(pitch),
         };
         Ok(Self {

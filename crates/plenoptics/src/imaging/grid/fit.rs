@@ -53,6 +53,10 @@ pub(super) struct Fit {
     pub variance: f64,
     /// Standard errors of the shift in x and in y (px) and of the relative scale; zeros for other models.
     pub sigma: [f64; 3],
+    /// What it leaves of each phase, cycles, and its weight, micro-image by micro-image.
+    pub left: Vec<[f64; 2]>,
+    /// Numbers that were fitted.
+    pub unknowns: usize,
 }
 
 impl Phases<'_> {
@@ -102,6 +106,7 @@ impl Phases<'_> {
         let mut parameters = DVector::<f64>::zeros(unknowns);
         let mut variance = 0.0;
         let mut sigma = [0.0; 3];
+        let mut kept = Vec::new();
         for round in 0..ROUNDS {
             let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
             let mut right = DVector::<f64>::zeros(unknowns);
@@ -201,8 +206,15 @@ impl Phases<'_> {
                 sigma = [0, 1, 2].map(|k| covariance[(k, k)].sqrt());
                 sigma[2] /= length;
             }
+            if round + 1 == ROUNDS {
+                kept = left
+                    .iter()
+                    .zip(weights.iter().zip(&robust))
+                    .map(|(r, (w, robust))| [r / w.sqrt().max(1e-12), w * robust])
+                    .collect();
+            }
         }
-        Some(Fit { grid: self.moved(model, &parameters, scale), variance, sigma })
+        Some(Fit { grid: self.moved(model, &parameters, scale), variance, sigma, left: kept, unknowns })
     }
 
     /// Lattice indices and places are divided by this, about half the frame.

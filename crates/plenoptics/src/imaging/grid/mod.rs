@@ -9,6 +9,8 @@
 //!                                                     |
 //!                      profile.rs   in textured frames: the same map through shifts against the mean profile
 //!
+//!                        sigma.rs   how uncertain the map is, from what it leaves of neighbouring micro-images
+//!
 //!   search.rs: all of it, with nothing known or from a known grid; check.rs: a glance at a known grid
 //! ```
 //!
@@ -25,6 +27,7 @@ mod nodes;
 mod phases;
 mod profile;
 mod search;
+mod sigma;
 mod spectrum;
 
 use crate::optics::ArrayKind;
@@ -33,6 +36,7 @@ pub(super) use phases::median;
 
 pub use check::{GridCheck, GridState, check_grid};
 pub use search::{find_grid, lens_residuals, refine_grid};
+pub use sigma::GridSigma;
 
 /// Where the micro-images are: a lattice, `centre + i basis[0] + j basis[1]`, with a smooth departure from it where
 /// the array has one.
@@ -58,6 +62,8 @@ pub struct Grid {
     pub scatter_px: f64,
     /// How far the frame's lattice phases agree, from 0 (noise) to 1 (a clean white frame).
     pub coherence: f64,
+    /// Standard uncertainties of pitch, rotation and centre; zeros of a grid that was given and not found.
+    pub sigma: GridSigma,
 }
 
 /// Departure of the micro-image centres from an affine lattice: polynomials in the lattice indices. The lattice is the
@@ -210,7 +216,17 @@ impl Grid {
     /// An affine grid.
     #[must_use]
     pub fn affine(array: ArrayKind, centre: [f64; 2], basis: [[f64; 2]; 2], frame_size: [usize; 2]) -> Self {
-        Self { array, centre, basis, frame_size, distortion: None, residual_px: 0.0, scatter_px: 0.0, coherence: 1.0 }
+        Self {
+            array,
+            centre,
+            basis,
+            frame_size,
+            distortion: None,
+            residual_px: 0.0,
+            scatter_px: 0.0,
+            coherence: 1.0,
+            sigma: GridSigma::default(),
+        }
     }
 
     /// Centre of the micro-image with lattice indices (i, j), px.

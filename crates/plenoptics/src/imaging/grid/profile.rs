@@ -23,6 +23,9 @@ use crate::optics::ArrayKind;
 
 /// Bins of the mean profile per px.
 const BINS_PER_PX: f64 = 2.0;
+/// Part of a cell on either side over which the mean profile is smoothed, twice: what is finer there is texture more often
+/// than an edge of micro-images.
+const SMOOTHED: f64 = 0.02;
 /// Terms of the scene about a micro-image: 1, x, y, x², xy, y².
 const TERMS: usize = 6;
 /// The profile is drawn for micro-image centres at so many places between two pixels, in both directions: from there
@@ -42,6 +45,11 @@ const FORERUNNERS_AT_REST_PX: f64 = 0.02;
 const VECTORS_STEADY_PX: f64 = 0.005;
 /// Standard errors of the fit's shift below which a grid does not move.
 const AT_REST_SIGMAS: f64 = 0.5;
+
+/// Least share of a mean profile's slopes that is taken for the micro-images' edges: below it two halves do not tell it.
+const SHARE_LEAST: f64 = 0.03;
+/// What it is taken for where micro-images are too few for halves.
+const SHARE_OF_FEW: f64 = 0.3;
 
 /// A micro-image's profile that is known from elsewhere: relative transmission at fractional lattice indices.
 pub(super) type Known<'a> = &'a dyn Fn(f64, f64) -> f64;
@@ -118,7 +126,8 @@ fn matched(
             Some(drawn) => drawn,
             None => Matcher::new(frame, &at, &lenses, known, effort.step)?,
         };
-        let places = drawn.insert(matcher).run(frame, &lenses, &harmonics);
+        let matcher = drawn.insert(matcher);
+        let places = matcher.run(frame, &lenses, &harmonics);
         let phases = Phases::new(&at, &places, &harmonics).by_certainty();
         let fit = phases.fit(model)?;
         let moved = fit.grid.distance_to(&at);
@@ -129,7 +138,9 @@ fn matched(
         if all && (moved < effort.at_rest_px.max(unsure) || last) {
             let (residual_px, scatter_px) = phases.residual_and_scatter_about(&fit.grid);
             let error_log = -places.iter().map(|l| l.sums[0].norm().ln()).sum::<f64>() / places.len() as f64;
-            let fit = Fit { grid: Grid { residual_px, scatter_px, ..fit.grid }, ..fit };
+            let share = if known.is_some() { 1.0 } else { matcher.true_share(frame, &at, &lenses) };
+            let sigma = phases.sigma(&fit, 1.0 / share);
+            let fit = Fit { grid: Grid { residual_px, scatter_px, sigma, ..fit.grid }, ..fit };
             return Some(Matched { fit, error_log });
         }
         at = fit.grid;
@@ -140,14 +151,25 @@ fn matched(
     None
 }
 
+/// For each of so many micro-images one of two halves.
+fn halves(count: usize) -> Vec<bool> {
+    let mut chance = chance();
+    (0..count).map(|_| chance().is_multiple_of(2)).collect()
+}
+
+/// Numbers by chance, the same on every run.
+fn chance() -> impl FnMut() -> usize {
+    let mut state = 1u64;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize
+    }
+}
+
 /// About `wanted` of the micro-images, one by chance of so many that follow each other: at even distances they would be
 /// in step with a chequered board. All where they are hardly more.
 fn by_chance(lenses: &[MicroImage], wanted: usize) -> Vec<MicroImage> {
-    let mut state = 1u64;
-    let mut chance = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize
-    };
+    let mut chance = chance();
     let every = (lenses.len() / wanted).max(1);
     lenses.chunks(every).map(|some| some[chance() % some.len()]).collect()
 }
@@ -303,8 +325,40 @@ impl Matcher {
             }
             sum.0 / sum.1.max(1e-12)
         };
-        let values = (0..side * side).map(|n| if sums[n].1 > 0.0 { sums[n].0 / sums[n].1 } else { about(n) }).collect();
+        let mut values: Vec<f64> =
+            (0..side * side).map(|n| if sums[n].1 > 0.0 { sums[n].0 / sums[n].1 } else { about(n) }).collect();
+        let reach = (SMOOTHED * side as f64).round() as usize;
+        for (along, across) in [(1, side), (side, 1), (1, side), (side, 1)] {
+            values = smoothed(&values, side, [along, across], reach);
+        }
         Some(Profile { side, values })
+    }
+
+    /// How much of the slopes of the frame's own mean profile is the micro-images' edges, and not what their textures leave
+    /// of them in the mean: 0 to 1. Shifts come out smaller by so much, and so does their scatter. It is what the profiles
+    /// of two halves of the micro-images have in common.
+    fn true_share(&self, frame: &Frame, grid: &Grid, lenses: &[MicroImage]) -> f64 {
+        let halves = halves(lenses.len());
+        let profile = |half: bool| {
+            let lenses: Vec<MicroImage> =
+                lenses.iter().zip(&halves).filter(|(_, h)| **h == half).map(|(m, _)| *m).collect();
+            self.mean_profile(frame, grid, &lenses)
+        };
+        let (Some(one), Some(other)) = (profile(false), profile(true)) else { return SHARE_OF_FEW };
+        let side = one.side;
+        let (mut common, mut all) = (0.0, 0.0);
+        for n in 0..side * side {
+            let (q, p) = (n / side, n % side);
+            // A pixel's distance, as shifts are told from.
+            for next in [q * side + (p + 2) % side, (q + 2) % side * side + p] {
+                let [a, b] = [&one, &other].map(|profile| profile.values[next] - profile.values[n]);
+                common += a * b;
+                all += 0.5 * (a * a + b * b);
+            }
+        }
+        // The profile of all has half the variance of what is not common.
+        let share = common / (common + 0.5 * (all - common)).max(1e-12);
+        share.clamp(SHARE_LEAST, 1.0)
     }
 
     /// Sums over micro-images, each with the pixel nearest its centre: of mean times level, and of the mean's square.
@@ -515,6 +569,18 @@ impl Profile {
         (value(q0, p0) * (1.0 - s) + value(q0, p1) * s) * (1.0 - t)
             + (value(q1, p0) * (1.0 - s) + value(q1, p1) * s) * t
     }
+}
+
+/// Means over so many bins on either side along one direction of a periodic profile: strides along that and across it.
+fn smoothed(values: &[f64], side: usize, [along, across]: [usize; 2], reach: usize) -> Vec<f64> {
+    let mut means = vec![0.0; side * side];
+    for row in 0..side {
+        for n in 0..side {
+            let about = (0..=2 * reach).map(|k| values[row * across + (n + side + k - reach) % side * along]);
+            means[row * across + n * along] = about.sum::<f64>() / (2 * reach + 1) as f64;
+        }
+    }
+    means
 }
 
 /// Whether a displacement (px) from a micro-image centre lies nearer to it than to any neighbour.

@@ -8,7 +8,7 @@ use super::nodes::suspects;
 use super::phases::Phases;
 use super::profile::{Effort, Known, matched_best};
 use super::spectrum::{Candidate, candidates, central_part};
-use super::{Distortion, Grid, GridError, GridOptions, LensResidual, MicroImage, reciprocal};
+use super::{Distortion, Grid, GridError, GridOptions, GridSigma, LensResidual, MicroImage, reciprocal};
 use crate::imaging::vignetting::Vignetting;
 use crate::optics::ArrayKind;
 use crate::raw::RawImage;
@@ -28,6 +28,10 @@ pub(super) const CLEAN_SCATTER: f64 = 0.006;
 /// lattice: sure to be texture.
 const TEXTURED: f64 = 2.5;
 const TEXTURED_DEGREE: usize = 3;
+/// Windows of neighbouring micro-images overlap by half, and both see the gap between them, where the noise of the
+/// logarithm is: what moves one moves the other half as far. The scatter of neighbourhoods shows so much less of that
+/// than there is; 4/3 from the windows alone, the rest as measured.
+const OVERLAP: f64 = 1.6;
 /// What a pitch may be beyond the bounds given for it: micro-images are a few per cent farther apart than microlenses.
 const PITCH_SLACK: f64 = 1.02;
 /// Finest pitch at which micro-images can be told from each other, px.
@@ -147,8 +151,9 @@ pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) ->
     if refined.coherence < COHERENCE_KNOWN_LEAST {
         return Err(misfit(format!("coherence {:.2}, at least {COHERENCE_KNOWN_LEAST} is needed", refined.coherence)));
     }
+    let sigma = GridSigma { rotation_rad: grid.sigma.rotation_rad, ..refined.sigma };
     // How far single micro-images lie from the lattice is not told by a textured frame.
-    Ok(centred(Grid { residual_px: grid.residual_px, scatter_px: grid.scatter_px, ..refined }))
+    Ok(centred(Grid { residual_px: grid.residual_px, scatter_px: grid.scatter_px, sigma, ..refined }))
 }
 
 /// Where each micro-image of the frame lies against the grid, and its contrast: for maps, and to flag missing, dead and
@@ -318,7 +323,10 @@ fn demodulated(frame: &Frame, grid: &Grid, part: [usize; 4]) -> (Demodulator, Ve
 
 fn fit_once(frame: &Frame, grid: &Grid, part: [usize; 4], model: Model) -> Option<Fit> {
     let (demodulator, lenses) = demodulated(frame, grid, part);
-    Phases::new(grid, &lenses, &demodulator.harmonics).fit(model)
+    let phases = Phases::new(grid, &lenses, &demodulator.harmonics);
+    let mut fit = phases.fit(model)?;
+    fit.grid.sigma = phases.sigma(&fit, OVERLAP);
+    Some(fit)
 }
 
 /// The grid with its coherence, residual and scatter filled in.

@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Vector4};
 use super::LiveError;
 use super::lattice::{Lattice, LatticeFit};
 use super::places::{Placed, Places, Turn};
-use crate::imaging::grid::Grid;
+use crate::imaging::grid::{Grid, GridSigma};
 use crate::imaging::matching::motion::{Field, Motion};
 use crate::imaging::matching::samples::{Frame, Sample};
 use crate::imaging::vignetting::Vignetting;
@@ -37,9 +37,6 @@ const LEAST_GAIN: f64 = 0.3;
 /// A departure that is a jump: so many px beyond so many standard uncertainties.
 const JUMP_PX: f64 = 0.1;
 const JUMP_SIGMAS: f64 = 3.0;
-/// Standard uncertainties of a grid refined over its whole frame, px: that keeps the rotation of the grid given.
-const REFINED_PX: f64 = 0.03;
-const REFINED_TURN_PX: f64 = 0.01;
 /// Step (px) that leaves places as they are, within which the comparison with the profile is linear.
 const LINEAR_PX: f64 = 0.3;
 /// Most steps.
@@ -85,7 +82,16 @@ impl Follower {
 
     /// The grid where it is now.
     pub(super) fn grid(&self) -> Grid {
-        self.motion.of(&self.grid)
+        let mut grid = self.motion.of(&self.grid);
+        if let Some(covariance) = &self.covariance {
+            let sigma = |k: usize| covariance[(k, k)].sqrt();
+            grid.sigma = GridSigma {
+                pitch_px: sigma(2) / self.field.half * grid.pitch_px(),
+                rotation_rad: sigma(3) / self.field.half,
+                centre_px: sigma(0).max(sigma(1)),
+            };
+        }
+        grid
     }
 
     /// Standard uncertainty of the displacement in a corner, px.
@@ -96,7 +102,9 @@ impl Follower {
     /// Follows from where the grid was found in a whole frame.
     pub(super) fn start_from(&mut self, found: &Grid) {
         self.motion = Motion::between(&self.grid, found);
-        let sigmas = Vector4::new(REFINED_PX, REFINED_PX, REFINED_PX, REFINED_TURN_PX);
+        let GridSigma { pitch_px, rotation_rad, centre_px } = found.sigma;
+        let scale_px = pitch_px / found.pitch_px() * self.field.half;
+        let sigmas = Vector4::new(centre_px, centre_px, scale_px, rotation_rad * self.field.half);
         self.covariance = Some(Matrix4::from_diagonal(&sigmas.component_mul(&sigmas)));
     }
 
