@@ -36,6 +36,7 @@ mod grbl;
 mod grid;
 mod grid_arrays;
 mod grid_check;
+mod grid_sigma;
 mod hang_up;
 mod history;
 mod job_kinds;
