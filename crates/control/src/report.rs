@@ -9,9 +9,6 @@ use super::motion::Motion;
 use bench::config::Config;
 use bench::device::AxisName;
 
-/// Standard uncertainty of a white frame's pitch, as a share of it.
-const PITCH_SIGMA: f64 = 2e-5;
-
 /// The tilt (degrees) between lens and MLA that a spacing's tilt (px per half frame width) would mean if nothing else
 /// were tilted: d changes by (dl/dΔv)⁻¹ over half the frame's width.
 fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {
@@ -24,12 +21,10 @@ fn evidence(eye: &Eye, findings: &Findings) -> Option<Evidence> {
     let seen = findings.seen.as_ref()?;
     let pitch = eye.sight().zip(eye.white_frame()).and_then(|(sight, frame)| {
         let moved_mm = frame.focus.position?.value() - air.focus_mm;
-        let pitch_px = sight.white().grid.pitch_px();
-        Some(PitchSeen {
-            pitch_px,
-            sigma_px: PITCH_SIGMA * pitch_px,
-            delta_v_mm: moved_mm * findings.focus_scale.unwrap_or(1.0),
-        })
+        let grid = &sight.white().grid;
+        let sigma_px = grid.sigma.pitch_px;
+        let delta_v_mm = moved_mm * findings.focus_scale.unwrap_or(1.0);
+        (sigma_px > 0.0).then(|| PitchSeen { pitch_px: grid.pitch_px(), sigma_px, delta_v_mm })
     });
     Some(Evidence {
         air: air.camera,
