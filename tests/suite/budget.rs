@@ -503,7 +503,7 @@ fn what_a_budget_says_covers_the_truth() {
 
 /// `SEEDS=1-500`: the same for many.
 #[test]
-#[ignore = "the long count of tests/long.sh"]
+#[ignore = "the long count: `make test-long` runs it"]
 fn what_many_budgets_say_covers_the_truth() {
     let range = std::env::var("SEEDS").unwrap_or_else(|_| "1-500".to_owned());
     let (first, last) = range.split_once('-').expect("a range such as 1-500");

@@ -78,7 +78,7 @@ async fn a_job_finds_what_it_needs_after_another() {
 
 /// Part of `make test-long`.
 #[tokio::test(start_paused = true)]
-#[ignore = "takes minutes"]
+#[ignore = "minutes: `make test-long` runs it"]
 async fn every_kind_of_job_follows_every_other() {
     let all = JobKind::ALL;
     // Each ordered pair of kinds once, with the way back to the first at the end.

@@ -59,7 +59,7 @@ pub(super) fn report(
     let (e_mm, e_sigma_mm) = budget.as_ref().map(|budget| (budget.e_mm, budget.e_sigma_mm)).or(findings.e).unzip();
     // What is aimed for at the e that was reached: "re-optimise Δv with e fixed".
     let delta_v_target_mm = e_mm.map_or(solution.delta_v, |e| design.clarity(e).delta_v);
-    let half_width_mm = f64::from(config.sensor.width_px) / 2.0 * eye.pixel_mm();
+    let half_width_mm = config.sensor_extent().width / 2.0;
     let tilt_px = findings.seen.as_ref().map(|seen| [seen.spacing.tilt_x_px, seen.spacing.tilt_y_px]);
     let slope = findings.camera.map(|camera| camera.slope_delta_v(e_mm.unwrap_or(solution.e), findings.trim_mm));
     let delta_v = delta_v_mm.unwrap_or(solution.delta_v);

@@ -148,7 +148,7 @@ impl Alignment<'_> {
 
     /// Notes where the spacing's tilt says that a board is turned.
     fn note_turned_board(&mut self, look: &ShellLook<'_>, in_air: Option<&Seen>, seen: &Seen) {
-        let half_width_mm = f64::from(self.config.sensor.width_px) / 2.0 * self.eye.pixel_mm();
+        let half_width_mm = self.config.sensor_extent().width / 2.0;
         let turned = in_air.and_then(|in_air| look.turned_board(&in_air.spacing, &seen.spacing, half_width_mm));
         if let Some(turned) = turned {
             self.context.log(turned.clone());

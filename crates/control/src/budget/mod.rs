@@ -124,11 +124,11 @@ impl Budget {
     #[must_use]
     pub fn of(config: &Config, seen: &Evidence, e_target_mm: f64) -> Option<Self> {
         let model = Model::new(config, seen)?;
-        let measured = model.measured();
+        let (measurements, measured) = model.measured();
         let adjusted = Adjusted::find(model.unknowns(), &measured, |unknowns| model.predicted(unknowns))?;
-        let results = model.results(&adjusted.unknowns)?;
-        let rows = slopes(&adjusted.unknowns, 3, |unknowns| {
-            model.results(unknowns).map_or_else(|| DVector::zeros(3), model::Results::column)
+        let found = model.results(&adjusted.unknowns)?;
+        let rows = slopes(&adjusted.unknowns, found.len(), |unknowns| {
+            model.results(unknowns).map_or_else(|| DVector::zeros(found.len()), |found| DVector::from_row_slice(&found))
         });
         let gradient: [DVector<f64>; 3] = std::array::from_fn(|row| rows.row(row).transpose());
         let sigma = gradient.each_ref().map(|slopes| adjusted.sigma(slopes));
@@ -141,10 +141,9 @@ impl Budget {
         });
         let assembly = &config.assembly;
         let tolerance = [assembly.delta_v_tolerance_mm, assembly.e_tolerance_mm, assembly.blur_limit_px];
-        let wanted = [config.design().clarity(results.e_mm).delta_v, e_target_mm, 0.0];
-        let found = [results.delta_v_mm, results.e_mm, results.off_focus_px];
+        let wanted = [config.design().clarity(found[1]).delta_v, e_target_mm, 0.0];
         let verdict = |k: usize| Verdict::of(found[k] - wanted[k], sigma[k], tolerance[k]);
-        let parts = parts(&model, &adjusted, &gradient, tolerance);
+        let parts = parts(&model, &measurements, &adjusted, &gradient, tolerance);
         let mut budget = Self {
             delta_v_mm: found[0],
             delta_v_sigma_mm: sigma[0],
@@ -158,7 +157,7 @@ impl Budget {
             e: verdict(1),
             conclusion: String::new(),
             parts,
-            contradictions: contradictions(&model, &adjusted),
+            contradictions: contradictions(&model, &measurements, &adjusted),
         };
         budget.conclusion = budget.concluded();
         Some(budget)
@@ -195,7 +194,13 @@ impl Budget {
 }
 
 /// What each part does, those of one name together.
-fn parts(model: &Model<'_>, adjusted: &Adjusted, gradient: &[DVector<f64>; 3], tolerance: [f64; 3]) -> Vec<BudgetPart> {
+fn parts(
+    model: &Model<'_>,
+    measurements: &[&str],
+    adjusted: &Adjusted,
+    gradient: &[DVector<f64>; 3],
+    tolerance: [f64; 3],
+) -> Vec<BudgetPart> {
     let mut parts: Vec<BudgetPart> = Vec::new();
     let mut add = |name: &str, key: Option<&str>, remedy: &str, does: [f64; 3]| {
         if let Some(known) = parts.iter_mut().find(|part| part.name == name) {
@@ -217,7 +222,7 @@ fn parts(model: &Model<'_>, adjusted: &Adjusted, gradient: &[DVector<f64>; 3], t
         let does = gradient.each_ref().map(|slopes| adjusted.by_unknown(slopes, unknown));
         add(part.name(), Some(part.key()), part.remedy(), does);
     }
-    for (measurement, name) in model.measurements().into_iter().enumerate() {
+    for (measurement, name) in measurements.iter().enumerate() {
         let does = gradient.each_ref().map(|slopes| adjusted.by_measurement(slopes, measurement));
         add(name, None, "more frames, more light, more texture", does);
     }
@@ -229,7 +234,7 @@ fn parts(model: &Model<'_>, adjusted: &Adjusted, gradient: &[DVector<f64>; 3], t
 }
 
 /// What does not go together.
-fn contradictions(model: &Model<'_>, adjusted: &Adjusted) -> Vec<String> {
+fn contradictions(model: &Model<'_>, measurements: &[&str], adjusted: &Adjusted) -> Vec<String> {
     let mut pulls: Vec<(usize, f64)> = (0..model.parts.len()).map(|k| (k, adjusted.pull(k).abs())).collect();
     pulls.sort_by(|one, other| other.1.total_cmp(&one.1));
     let strongest = pulls.first().map_or(0.0, |(_, pull)| *pull);
@@ -250,11 +255,8 @@ fn contradictions(model: &Model<'_>, adjusted: &Adjusted) -> Vec<String> {
         })
         .collect();
     if said.is_empty()
-        && let Some((name, left)) = model
-            .measurements()
-            .into_iter()
-            .zip(&adjusted.left)
-            .max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
+        && let Some((name, left)) =
+            measurements.iter().zip(&adjusted.left).max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
         && left.abs() > CONTRADICTS
     {
         said.push(format!(

@@ -3,7 +3,7 @@
 
 use bench::config::Config;
 use nalgebra::DVector;
-use plenoptics::optics::{CameraDesign, MainLens, Shell, mla};
+use plenoptics::optics::{CameraDesign, Decentring, MainLens, Mla, Shell, mla};
 
 use super::adjustment::Measured;
 use super::evidence::Evidence;
@@ -25,34 +25,15 @@ pub(super) struct Model<'a> {
     decentre_squared: f64,
     /// By how much the estimator's window exceeds the axis at every pose of the shell step, px.
     excess_px: Vec<f64>,
-    /// How far the board's image comes nearer for a decentre at each of them, mm for a mm².
-    nearer: Vec<f64>,
-}
-
-/// What an alignment comes to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Results {
-    /// d + N b less the air design's v, mm.
-    pub(super) delta_v_mm: f64,
-    /// From the shell's centre back to the principal point, mm.
-    pub(super) e_mm: f64,
-    /// The spacing near the axis less that at which the microlenses focus, px.
-    pub(super) off_focus_px: f64,
-}
-
-impl Results {
-    /// As a column.
-    pub(super) fn column(self) -> DVector<f64> {
-        DVector::from_row_slice(&[self.delta_v_mm, self.e_mm, self.off_focus_px])
-    }
+    /// What a decentred shell does at each of them.
+    decentring: Vec<Decentring>,
 }
 
 impl<'a> Model<'a> {
     /// The equations of what was seen. `None` where no light comes to the camera as configured.
     pub(super) fn new(config: &'a Config, seen: &'a Evidence) -> Option<Self> {
         let design = config.design();
-        let nearer: Option<Vec<f64>> =
-            seen.shell.iter().map(|pose| Some(design.decentring(pose.e_reading_mm)?.nearer)).collect();
+        let decentring: Option<Vec<_>> = seen.shell.iter().map(|pose| design.decentring(pose.e_reading_mm)).collect();
         let mut model = Self {
             config,
             design,
@@ -60,9 +41,9 @@ impl<'a> Model<'a> {
             parts: Vec::new(),
             decentre_squared: 0.0,
             excess_px: Vec::new(),
-            nearer: nearer?,
+            decentring: decentring?,
         };
-        let decentre = model.decentre(seen)?;
+        let decentre = model.decentre()?;
         model.decentre_squared = decentre.value;
         let sigma = |part: Part| match part {
             Part::Decentre => decentre.sigma,
@@ -95,7 +76,7 @@ impl<'a> Model<'a> {
         CalibratedCamera {
             design: CameraDesign {
                 main_lens: MainLens { focal_length: design.main_lens.focal_length + off(Part::FocalLength) },
-                mla: plenoptics::optics::Mla { pitch: design.mla.pitch + off(Part::MlaPitch), ..design.mla },
+                mla: Mla { pitch: design.mla.pitch + off(Part::MlaPitch), ..design.mla },
                 shell: Shell {
                     outer_radius: design.shell.outer_radius + off(Part::OuterRadius),
                     inner_radius: design.shell.inner_radius + off(Part::InnerRadius),
@@ -124,24 +105,17 @@ impl<'a> Model<'a> {
     fn paraxial_px(&self, unknowns: &DVector<f64>, camera: &CalibratedCamera, pose: usize) -> f64 {
         let at = self.seen.shell[pose];
         let decentre_squared = (self.decentre_squared + self.off(unknowns, Part::Decentre)).max(0.0);
-        let e = self.e_mm(unknowns, at.e_reading_mm) - self.nearer[pose] * decentre_squared;
+        let e = self.e_mm(unknowns, at.e_reading_mm) - self.decentring[pose].nearer * decentre_squared;
         camera.spacing_px(e, at.trim_mm)
     }
 
-    /// What was measured.
-    pub(super) fn measured(&self) -> Vec<Measured> {
-        let boards = self.seen.boards.iter().map(|board| Measured { value: board.spacing_px, sigma: board.sigma_px });
-        let pitch = self.seen.pitch.iter().map(|pitch| Measured { value: pitch.pitch_px, sigma: pitch.sigma_px });
-        let shell = self.seen.shell.iter().map(|pose| Measured { value: pose.spacing_px, sigma: pose.sigma_px });
-        boards.chain(pitch).chain(shell).collect()
-    }
-
-    /// What each measurement of [`Self::measured`] is called.
-    pub(super) fn measurements(&self) -> Vec<&'static str> {
-        let boards = self.seen.boards.iter().map(|_| "spacings of the boards in air");
-        let pitch = self.seen.pitch.iter().map(|_| "pitch of the micro-images");
-        let shell = self.seen.shell.iter().map(|_| "spacings through the shell");
-        boards.chain(pitch).chain(shell).collect()
+    /// What was measured: what each measurement is called, and what came of it.
+    pub(super) fn measured(&self) -> (Vec<&'static str>, Vec<Measured>) {
+        let named = |name, value, sigma| (name, Measured { value, sigma });
+        let boards = self.seen.boards.iter().map(|b| named("spacings of the boards in air", b.spacing_px, b.sigma_px));
+        let pitch = self.seen.pitch.iter().map(|p| named("pitch of the micro-images", p.pitch_px, p.sigma_px));
+        let shell = self.seen.shell.iter().map(|s| named("spacings through the shell", s.spacing_px, s.sigma_px));
+        boards.chain(pitch).chain(shell).unzip()
     }
 
     /// The same as the unknowns would have them.
@@ -163,8 +137,9 @@ impl<'a> Model<'a> {
         boards.chain(pitch).chain(shell).collect()
     }
 
-    /// What the alignment came to, as the unknowns would have it: at the last pose.
-    pub(super) fn results(&self, unknowns: &DVector<f64>) -> Option<Results> {
+    /// What the alignment came to at its last pose, as the unknowns would have it: Δv, mm, which is d + N b less the air
+    /// design's v; e, mm; and the spacing near the axis less that at which the microlenses focus, px.
+    pub(super) fn results(&self, unknowns: &DVector<f64>) -> Option<[f64; 3]> {
         let last = self.seen.shell.last()?;
         let camera = self.camera(unknowns);
         let d = camera.lens_to_mla_mm + last.trim_mm;
@@ -172,26 +147,26 @@ impl<'a> Model<'a> {
         let focal_length = self.design.mla.focal_length + self.off(unknowns, Part::MlaFocalLength);
         // Eq. 16 with 1/b − 1/a = 1/f_MLA.
         let in_focus = camera.design.mla.pitch * camera.mla_to_sensor_mm / focal_length / camera.pixel_mm;
-        Some(Results {
-            delta_v_mm: d + resolution * camera.mla_to_sensor_mm - self.design.air_image_distance(),
-            e_mm: self.e_mm(unknowns, last.e_reading_mm),
-            off_focus_px: self.paraxial_px(unknowns, &camera, self.seen.shell.len() - 1) - in_focus,
-        })
+        Some([
+            d + resolution * camera.mla_to_sensor_mm - self.design.air_image_distance(),
+            self.e_mm(unknowns, last.e_reading_mm),
+            self.paraxial_px(unknowns, &camera, self.seen.shell.len() - 1) - in_focus,
+        ])
     }
 
     /// The square of the shell's decentre, mm²: from what it may be, and from how the spacing's tilt has changed between air
     /// and water, which a board that is not square to the axis changes, too.
-    fn decentre(&self, seen: &Evidence) -> Option<Measured> {
-        let known = &self.config.uncertainty;
-        let last = seen.shell.last()?;
+    fn decentre(&self) -> Option<Measured> {
+        let (known, seen) = (&self.config.uncertainty, self.seen);
+        let (last, decentring) = seen.shell.last().zip(self.decentring.last())?;
         let mut variance = known.shell_decentre_mm.powi(2);
         let mut likeliest = [0.0; 2];
         if let Some(change) = seen.tilt_change {
             let camera = &seen.air;
             let (e, trim) = (last.e_reading_mm, last.trim_mm);
-            let half_width_mm = f64::from(self.config.sensor.width_px) / 2.0 * camera.pixel_mm;
+            let half_width_mm = self.config.sensor_extent().width / 2.0;
             let seen_slope = half_width_mm / (camera.lens_to_mla_mm + camera.mla_to_sensor_mm);
-            let by_decentre = camera.slope_e(e, trim) * self.design.decentring(e)?.tilt * seen_slope;
+            let by_decentre = camera.slope_e(e, trim) * decentring.tilt * seen_slope;
             let turn = known.board_tilt_deg.to_radians();
             let by_boards = camera.tilt_of_turned_board_px(e, trim, half_width_mm).map(|px| px * turn);
             let noise = change.sigma_px.powi(2) + by_boards[0].powi(2) + by_boards[1].powi(2);

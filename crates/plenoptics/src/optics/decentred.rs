@@ -19,8 +19,7 @@ impl Shell {
     /// sagittal image. With neither decentre nor slope it is Eq. 5's equivalent distance. e in mm.
     ///
     /// `None` where no light comes that way.
-    #[must_use]
-    pub fn apparent_distance(&self, object_distance: f64, e: f64, decentre: f64, slope: f64) -> Option<f64> {
+    fn apparent_distance(&self, object_distance: f64, e: f64, decentre: f64, slope: f64) -> Option<f64> {
         let board = e + self.outer_radius + object_distance;
         // From M the shell's axis is at x = `decentre`; in the shell's own frame it is M that is beside.
         let meets = |beside: [f64; 2], slopes: [f64; 2]| {
