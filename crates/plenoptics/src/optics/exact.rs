@@ -159,13 +159,31 @@ pub fn through_whole_lens(window: &[WindowPoint], radius: f64) -> Vec<WindowPoin
 
 impl ExactView {
     /// By how much the spacing on axis that an estimator measures with masks of `radius` exceeds the paraxial spacing,
-    /// mm on the sensor: over all rays that the microlenses let through. `None` where one of them brings no light.
+    /// mm on the sensor: over all rays that the main lens's aperture (Eq. 14) and the microlenses let through. `None` where
+    /// none of them brings light.
     #[must_use]
     pub fn excess(&self, radius: f64) -> Option<f64> {
         let paraxial = self.paraxial_spacing();
         let micro_image = super::mla::micro_image_pitch(self.mla_pitch, self.lens_to_mla, self.b);
         let window = through_whole_lens(&overlap_window(radius, paraxial - micro_image), self.mla_pitch / 2.0);
-        self.windowed_spacing(&window).map(|spacing| spacing - paraxial)
+        let aperture_radius = self.lens_to_mla * self.mla_pitch / self.b / 2.0;
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for point in window.iter().filter(|point| self.is_within(point, paraxial, aperture_radius)) {
+            let Some(spacing) = self.spacing([0.0; 2], [1.0, 0.0], point.offset, point.lens) else { continue };
+            sum += point.weight * spacing;
+            weights += point.weight;
+        }
+        (weights > 0.0).then(|| sum / weights - paraxial)
+    }
+
+    /// Whether both rays of a pair along x about the axis pass the main lens within a radius, mm.
+    fn is_within(&self, point: &WindowPoint, paraxial: f64, radius: f64) -> bool {
+        [-0.5, 0.5].into_iter().all(|side| {
+            let microlens = [side * self.mla_pitch, 0.0];
+            let sensor = [side * paraxial + point.offset[0], point.offset[1]];
+            let at_lens = self.ray(sensor, microlens, point.lens).origin;
+            at_lens.x.hypot(at_lens.y) <= radius
+        })
     }
 
     /// The ray that a sensor point sees through a point of a microlens (`lens`, mm from its centre), as it leaves the
