@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # The long counts: the daemon killed at many random moments, its stop timed under load, jobs among faults, random sequences
 # of requests against a model of what may be true, every kind of job ended at each of its points and after every other, the
-# contract tried with many examples, then the reference bench aligned for many seeds; each result is kept, so that a broken run goes on where
+# contract tried with many examples, cameras drawn at random and aligned, then the reference bench aligned for many seeds; each result is kept, so that a broken run goes on where
 # it ended.
 #
-#   tests/long.sh            kills 1 to 200, faults and sequences of seeds 1 to 300, every job, 200 examples, seeds 1 to 20
-#   JOBS="homing air_only" KILLS=201-400 SOAK=301-600 MODEL=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
+#   tests/long.sh            kills and cameras 1 to 200, faults and sequences of seeds 1 to 300, every job, 200 examples,
+#                            seeds 1 to 20
+#   CAMERAS=201-400 JOBS="homing air_only" KILLS=201-400 SOAK=301-600 MODEL=301-600 EXAMPLES=1000 SEEDS=21-40 tests/long.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -20,6 +21,9 @@ soak_first=${BASH_REMATCH[1]} soak_last=${BASH_REMATCH[2]}
 model=${MODEL:-1-300}
 [[ $model =~ ^([0-9]+)-([0-9]+)$ ]] || { echo "long: MODEL=$model is not a range such as 1-300" >&2; exit 2; }
 model_first=${BASH_REMATCH[1]} model_last=${BASH_REMATCH[2]}
+cameras=${CAMERAS:-1-200}
+[[ $cameras =~ ^([0-9]+)-([0-9]+)$ ]] || { echo "long: CAMERAS=$cameras is not a range such as 1-200" >&2; exit 2; }
+cameras_first=${BASH_REMATCH[1]} cameras_last=${BASH_REMATCH[2]}
 
 deploy/setup.sh test
 cargo build --release --quiet
@@ -52,6 +56,13 @@ grep -h '^[0-9]* jobs, ' "$results"/soak-*.log | awk '{ jobs += $1; converged +=
 tens MODEL many_sequences "$model_first" "$model_last"
 grep -h '^[0-9]* sequences, ' "$results"/model-*.log | awk '{ sequences += $1; steps += $3; requests += $5 }
   END { print sequences " sequences of " steps " steps with " requests " requests, every promise kept" }'
+tens SMALL_CAMERAS many_small_cameras "$cameras_first" "$cameras_last"
+tens CAMERAS many_cameras_align "$cameras_first" "$cameras_last"
+for of in small_cameras cameras; do
+  grep -h '^[0-9]* cameras, ' "$results/$of"-*.log | awk -v of="$of" '{ cameras += $1; converged += $3 }
+    END { print of ": " converged " of " cameras " converged, the others were refused before anything moved"
+          if (converged < 0.85 * cameras) exit 1 }'
+done
 # What judges the estimator is proven itself, and renders what is kept of it.
 tests/second-renderer/run.sh
 # Every kind of job ended at each of its points; the kinds that are there already are not run again.

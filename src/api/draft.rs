@@ -12,6 +12,7 @@ use super::error::{Problem, Result};
 use super::extract::JsonBody;
 use crate::config::{Config, ConfigOrigin};
 use crate::control::draft::DraftView;
+use crate::control::plan::PlanView;
 
 /// What a draft's keys are laid over.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -49,6 +50,9 @@ pub(super) struct DraftRequest {
     /// The object distances.
     #[schema(value_type = Object)]
     object: Map<String, Value>,
+    /// Which boards there are in air.
+    #[schema(value_type = Object)]
+    boards: Map<String, Value>,
     /// How the camera is put together, and to which tolerances.
     #[schema(value_type = Object)]
     assembly: Map<String, Value>,
@@ -57,7 +61,7 @@ pub(super) struct DraftRequest {
 impl DraftRequest {
     /// The sections that say something.
     fn sections(self) -> Value {
-        let Self { base: _, main_lens, mla, sensor, shell, water, object, assembly } = self;
+        let Self { base: _, main_lens, mla, sensor, shell, water, object, boards, assembly } = self;
         let sections = [
             ("main_lens", main_lens),
             ("mla", mla),
@@ -65,6 +69,7 @@ impl DraftRequest {
             ("shell", shell),
             ("water", water),
             ("object", object),
+            ("boards", boards),
             ("assembly", assembly),
         ];
         let said = sections.into_iter().filter(|(_, keys)| !keys.is_empty());
@@ -87,6 +92,29 @@ pub(super) async fn work_out(
     State(app): State<App>,
     JsonBody(request): JsonBody<DraftRequest>,
 ) -> Result<Json<DraftView>> {
+    let (draft, origin) = drafted(&app, request)?;
+    DraftView::of(&draft, &origin).map(Json).ok_or_else(|| Problem::design_impossible(json!([])))
+}
+
+/// Works out how a camera would be aligned on this bench: where it measures, where the boards go, what it is expected to be
+/// good to, and what stands in the way. Nothing is kept and nothing moves.
+#[utoipa::path(
+    post, path = "/api/v1/plan", operation_id = "plan_alignment", tag = "bench", request_body = DraftRequest,
+    responses(
+        (status = 200, body = PlanView),
+        (status = 409, description = "No camera can be like that: `problems` says why, key by key", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 422, description = "The request does not say what it must", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn plan(State(app): State<App>, JsonBody(request): JsonBody<DraftRequest>) -> Result<Json<PlanView>> {
+    let (draft, origin) = drafted(&app, request)?;
+    Ok(Json(PlanView::of(&draft, &origin)))
+}
+
+/// The draft that a request describes, and where its numbers come from.
+fn drafted(app: &App, request: DraftRequest) -> Result<(Config, ConfigOrigin)> {
     let preset = Config::default();
     let (base, origin) = match request.base {
         DraftBase::InForce => (app.service.config().as_ref(), (*app.origin).clone()),
@@ -98,5 +126,5 @@ pub(super) async fn work_out(
         Problem::design_impossible(json!(faults.collect::<Vec<_>>()))
     })?;
     let origin = origin.overridden(base, &draft);
-    DraftView::of(&draft, &origin).map(Json).ok_or_else(|| Problem::design_impossible(json!([])))
+    Ok((draft, origin))
 }

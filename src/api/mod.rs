@@ -280,6 +280,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(config::schema))
         .routes(routes!(config::validate))
         .routes(routes!(info::design, draft::work_out))
+        .routes(routes!(draft::plan))
         .routes(routes!(devices::get))
         .routes(routes!(simulation::faults, simulation::put_faults))
         .routes(routes!(simulation::fault_plan, simulation::put_fault_plan, simulation::delete_fault_plan))

@@ -34,6 +34,7 @@ const MEASURE: (&str, &str) = ("POST", "/api/v1/measurements");
 
 /// Working out a draft of a camera, which is arithmetic.
 const DRAFT: (&str, &str) = ("POST", "/api/v1/design");
+const PLAN: (&str, &str) = ("POST", "/api/v1/plan");
 
 /// What is made to go wrong with the simulated bench.
 const FAULTS: &str = "/api/v1/simulation/faults";
@@ -93,6 +94,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", MEASURE.1, VIEW),
     ("GET", DRAFT.1, VIEW),
     (DRAFT.0, DRAFT.1, VIEW),
+    (PLAN.0, PLAN.1, VIEW),
     ("GET", "/api/v1/devices", VIEW),
     ("GET", FAULTS, VIEW),
     ("PUT", FAULTS, CONTROL),
@@ -185,7 +187,7 @@ mod tests {
     fn what_changes_something_takes_more_than_to_look() {
         for (method, path, need) in TABLE {
             let changes = *method != "GET";
-            let exempt = [STOP, MEASURE, DRAFT].contains(&(*method, *path))
+            let exempt = [STOP, MEASURE, DRAFT, PLAN].contains(&(*method, *path))
                 || ["/api/v1/session", "/api/v1/tickets"].contains(path);
             if changes && !exempt {
                 assert!(*need == CONTROL || *need == ADMIN, "{method} {path}");

@@ -109,7 +109,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
         let found = match given {
             Some(pitch_px) => find_grid(&even, &GridOptions { pitch_px, ..any }),
             None if context.origin == ConfigOrigin::Preset => find_grid(&even, &any),
-            None => expected_grid(&even, options.spacing.mla_pitch_px),
+            None => expected_grid(&even, &options),
         };
         report.frames.push(FrameReport {
             file: path.display().to_string(),

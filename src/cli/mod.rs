@@ -23,6 +23,7 @@ mod man;
 mod measure;
 mod open_files;
 mod output;
+mod plan;
 mod pose;
 mod progress;
 mod remote;
@@ -75,6 +76,8 @@ enum Command {
     Tls(tls::Args),
     /// Print clarity, FOV and joint solutions of the configured camera.
     Design(design::Args),
+    /// Print how the configured camera would be aligned, and what stands in the way; nothing moves.
+    Plan(plan::Args),
     /// Measure the spacing of a raw frame.
     Measure(measure::Args),
     /// Find the micro-images of raw frames alone.
@@ -153,6 +156,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Token(args) => token::run(&args),
         Command::Tls(args) => tls::run(&args),
         Command::Design(args) => design::run(settings.open()?, args),
+        Command::Plan(args) => plan::run(settings.open()?, args),
         Command::Measure(args) => measure::run(settings.open()?, args),
         Command::Grid(args) => grid::run(settings.open()?, args),
         Command::View(args) => view::run(settings.open()?, args),

@@ -6,10 +6,11 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use plenalign::config::{Config, ShellStep};
-use plenalign::control::air::{AirDecision, AirGoal, AirLoop, AirObservation};
+use plenalign::control::air::{AirDecision, AirLoop, AirObservation};
 use plenalign::control::budget::{BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, TiltChange, Verdict};
 use plenalign::control::calibrated::CalibratedCamera;
-use plenalign::control::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
+use plenalign::control::plan::{AirBoards, Plan};
+use plenalign::control::shell::{ShellDecision, ShellLoop, ShellObservation};
 use plenalign::imaging::calibration::{CalibrationOptions, fit_line};
 use plenalign::imaging::measurement::FrameOptions;
 use plenalign::optics::{Shell, overlap_window};
@@ -34,12 +35,8 @@ const WELL_KNOWN_TILT_SIGMA: f64 = 0.001;
 const LENS_TO_MLA_SIGMA_MM: f64 = 0.2;
 /// Radius of the estimator's masks, px.
 const WINDOW_PX: f64 = 9.0;
-/// Between the levels, mm.
-const STEP_MM: f64 = 8.0;
 /// How far below the solution's Δv the focus axis begins, mm: within the range of focus in either mode.
 const FROM_SOLUTION_MM: f64 = 0.25;
-/// Where Δv is further from the solution than this, b is held, mm.
-const HOLD_B_BEYOND_MM: f64 = 0.2;
 
 /// A bench as it truly is.
 struct Bench {
@@ -185,31 +182,27 @@ impl Bench {
             image_distance_sigma_mm: line.image_distance(design.mla.signed_resolution()).1,
             pixel_mm: self.pixel_mm(),
             window_px: Some(WINDOW_PX),
+            aberrations_sigma: self.config.uncertainty.shell_aberrations,
         })
     }
 
     /// Runs both loops to their end.
     fn align(mut self) -> Result<Aligned, String> {
         let (config, design) = (self.config.clone(), self.config.design());
-        let (assembly, focus_axis, e_axis) = (&config.assembly, &config.bench.focus, &config.bench.e);
+        let assembly = &config.assembly;
         let joint = design.joint(assembly.l_bound_mm);
         let middle = joint.equivalent_distance;
-        let levels = [middle - STEP_MM, middle, middle + STEP_MM];
         let white_pitch_px = micro_image_pitch(&self.camera_of_white()) * (1.0 + self.noise(PITCH_SIGMA));
 
-        let mut air = AirLoop::new(AirGoal {
-            delta_v_mm: joint.delta_v,
-            tolerance_mm: assembly.delta_v_tolerance_mm,
-            low_limit_mm: focus_axis.low_limit_mm,
-            high_limit_mm: focus_axis.high_limit_mm,
-            scale_sigma: focus_axis.scale_uncertainty,
-            zero_sigma_mm: focus_axis.zero_uncertainty_mm,
-            backlash_mm: focus_axis.backlash_mm,
-        });
+        let plan = Plan::new(&config, joint, assembly.e_wall_mm(assembly.l_bound_mm), assembly.initial_e_mm);
+        let AirBoards::Levels(levels) = plan.arrangement.about(middle) else {
+            return Err("not three levels side by side".to_owned());
+        };
+        let mut air = AirLoop::new(plan.air_goal());
         let mut focus = joint.delta_v - FROM_SOLUTION_MM;
         let (camera, boards) = loop {
             let boards = self.boards(focus, levels);
-            let far = |delta_v: f64| (delta_v - joint.delta_v).abs() > HOLD_B_BEYOND_MM;
+            let far = |delta_v: f64| (delta_v - joint.delta_v).abs() > plan.b_told_within_mm;
             let guess = air.here().map_or(focus, |here| here.delta_v_mm);
             let camera = self.calibrated(&boards, far(guess))?;
             let image_distance = camera.lens_to_mla_mm + design.mla.signed_resolution() * camera.mla_to_sensor_mm;
@@ -233,23 +226,9 @@ impl Bench {
         };
 
         let target_px = camera.exact_target_px(joint.e);
-        let mut shell = ShellLoop::new(
-            ShellGoal {
-                e_mm: joint.e,
-                wall_mm: assembly.e_wall_mm(assembly.l_bound_mm),
-                tolerance_mm: assembly.e_tolerance_mm,
-                spacing_px: target_px,
-                step: ShellStep::TranslateEThenTrim,
-                high_limit_mm: e_axis.high_limit_mm,
-                scale_sigma: e_axis.scale_uncertainty,
-                zero_sigma_mm: e_axis.zero_uncertainty_mm,
-                backlash_mm: e_axis.backlash_mm,
-                home_mm: e_axis.home_position_mm,
-            },
-            camera,
-        );
+        let mut shell = ShellLoop::new(plan.shell_goal(target_px, ShellStep::TranslateEThenTrim), camera);
         let scale = air.model().map_or(1.0, |model| model.scale().0);
-        let (mut e, mut trim, mut poses) = (assembly.initial_e_mm, 0.0, Vec::<ShellObservation>::new());
+        let (mut e, mut trim, mut poses) = (plan.mount_e_mm, 0.0, Vec::<ShellObservation>::new());
         loop {
             let (truth, board) = self.in_water(focus + trim / scale, e);
             let spacing_px = on_axis(&truth, &board, WINDOW_PX) + self.noise(SPACING_SIGMA_PX);
@@ -539,7 +518,7 @@ fn a_value_that_cannot_be_told_is_not_claimed() {
         assert!(truth[2].abs() < Config::default().assembly.blur_limit_px, "{seed}: {truth:?}");
         // With f known to half a per cent nobody knows Δv to 5 µm.
         assert_ne!(budget.delta_v, Verdict::Within, "{seed}: {}", budget.conclusion);
-        let e = (budget.e, (truth[1]).abs() <= Config::default().assembly.e_tolerance_mm);
+        let e = (budget.e, (truth[1]).abs() <= Config::default().tolerances().e_mm);
         assert!(e != (Verdict::Within, false), "{seed}: {}", budget.conclusion);
         // Each variance is its parts' together, but for what was thought of d before anything was measured: 10 mm.
         for (whole, part) in [

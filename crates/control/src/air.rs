@@ -21,6 +21,10 @@ pub struct AirGoal {
     pub zero_sigma_mm: f64,
     /// Lost motion on reversal, mm, at most.
     pub backlash_mm: f64,
+    /// Length of the first move, mm; twice that is to be free on both sides of the axis.
+    pub probe_mm: f64,
+    /// Longest move, mm.
+    pub most_mm: f64,
 }
 
 /// What was measured at one pose.
@@ -64,10 +68,8 @@ pub enum AirDecision {
     Fault(MoveFault),
 }
 
-/// A probe's length, mm.
-pub const PROBE_MM: f64 = 0.5;
-/// Free travel on both sides of the axis before its first move, mm.
-pub const FREE_TRAVEL_MM: f64 = 1.0;
+/// Travel that has to be free on both sides of an axis before its first move, in lengths of that move.
+pub(super) const FREE_PROBES: f64 = 2.0;
 /// Measurements combined at one pose before the uncertainty is called too large.
 const MAX_MEASUREMENTS_AT_A_POSE: u32 = 9;
 /// Moves before the loop gives up, the probe not counted.
@@ -206,14 +208,15 @@ impl AirLoop {
             self.probed = true;
             let direction = if target >= here.reading_mm { 1.0 } else { -1.0 };
             let free = (here.reading_mm - goal.low_limit_mm).min(goal.high_limit_mm - here.reading_mm);
-            if free < FREE_TRAVEL_MM {
+            let needed = FREE_PROBES * goal.probe_mm;
+            if free < needed {
                 return AirDecision::NotConverged {
                     why: format!(
-                        "the focus axis stands {free:.2} mm from an end of its travel; its first move needs {FREE_TRAVEL_MM} mm free on both sides"
+                        "the focus axis stands {free:.2} mm from an end of its travel; its first move needs {needed:.2} mm free on both sides"
                     ),
                 };
             }
-            return AirDecision::Probe { to_mm: here.reading_mm + direction * PROBE_MM };
+            return AirDecision::Probe { to_mm: here.reading_mm + direction * goal.probe_mm };
         }
         if self.moves >= MAX_MOVES {
             return AirDecision::NotConverged {
@@ -232,7 +235,8 @@ impl AirLoop {
             };
         }
         self.moves += 1;
-        AirDecision::Move { to_mm: target }
+        let way = (target - here.reading_mm).clamp(-goal.most_mm, goal.most_mm);
+        AirDecision::Move { to_mm: here.reading_mm + way }
     }
 }
 
@@ -248,6 +252,8 @@ mod tests {
         scale_sigma: 0.05,
         zero_sigma_mm: 0.2,
         backlash_mm: 0.05,
+        probe_mm: 0.5,
+        most_mm: 40.0,
     };
 
     /// Runs the loop against an axis and returns the decisions and the true Δv at the end.

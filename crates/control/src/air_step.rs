@@ -1,93 +1,80 @@
 //! The air step: boards up, the moves of [`super::air`] carried out, e taken to where the shell is mounted.
 
-use super::air::{AirDecision, AirGoal, AirLoop, AirObservation, FREE_TRAVEL_MM, PROBE_MM};
+use super::air::{AirDecision, AirLoop, AirObservation, FREE_PROBES};
 use super::alignment::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
-use super::axis_model::check_move;
+use super::axis_model::{AxisModel, check_move};
+use super::budget::BoardSeen;
 use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
 use super::eye::Seen;
-use super::job::IterationKind;
-use super::sight::HoldB;
+use super::job::{IterationKind, SpacingReading};
+use super::plan::{AirBoards, Arrangement, Plan};
+use super::sight::{CameraSeen, HoldB};
 use super::tasks::AirStep;
 use bench::device::{AxisName, Setup};
-use plenoptics::imaging::spacing::capture_range;
 use plenoptics::optics::Solution;
 use plenoptics::units::Millimetres;
 
-/// b is held at its configured value while Δv is further than this from its target, mm: the board then cannot tell it.
-const HOLD_B_BEYOND_MM: f64 = 0.2;
-/// Δv is this near to its target (mm, by the axis's reading) when the aperture is set for it.
-const APERTURE_WITHIN_MM: f64 = 0.5;
+/// Places nearer to one another than this are one, mm.
+const SAME_PLACE_MM: f64 = 0.05;
 
 impl Alignment<'_> {
-    /// Whether a board at a distance in air is in the range of focus at a reading of the focus axis (both mm).
-    fn in_range(&self, distance_mm: f64, reading_mm: f64) -> bool {
-        let relative = self.design.spacing_at(distance_mm, reading_mm) / self.design.mla.pitch;
-        let [low, high] = capture_range(self.design.mla.mode);
-        (low..=high).contains(&relative)
-    }
-
-    /// Where a board in air is in the range of focus at a reading of the focus axis (both mm): where a solution has it, or
-    /// where the lens is focused.
-    pub(super) fn distance_in_range(&self, reading_mm: f64, solution: &Solution) -> f64 {
-        if self.in_range(solution.equivalent_distance, reading_mm) {
-            solution.equivalent_distance
-        } else {
-            self.design.main_lens.object_distance(self.design.air_image_distance() + reading_mm)
-        }
-    }
-
-    /// Puts the triple-level board where it is measured at a reading (mm) of the focus axis: where the solution has it,
-    /// or, while that is out of the range of focus, left where it is or put where the lens is focused.
+    /// Puts boards where they are measured with the camera at a Δv (mm), known to `within_mm`; those that stand there and
+    /// serve stay.
     async fn boards_in_range(
         &mut self,
-        present: Option<[f64; 3]>,
-        reading_mm: f64,
-        solution: &Solution,
-    ) -> Result<[f64; 3], JobEnd> {
-        let wanted_mm = self.distance_in_range(reading_mm, solution);
-        let stays =
-            |levels: &[f64; 3]| wanted_mm != solution.equivalent_distance && self.in_range(levels[1], reading_mm);
-        let place_mm = present.filter(stays).map_or(wanted_mm, |levels| levels[1]);
-        match present.filter(|levels| levels[1] == place_mm) {
-            Some(levels) => Ok(levels),
-            None => self.place_triple_board(place_mm).await,
+        present: Option<AirBoards>,
+        (delta_v_mm, within_mm): (f64, f64),
+        plan: &Plan,
+    ) -> Result<AirBoards, JobEnd> {
+        let Some(wanted) = plan.boards_at(delta_v_mm, within_mm, present) else {
+            return Err(JobEnd::failed(format!(
+                "with Δv at {delta_v_mm:.2} ± {within_mm:.2} mm there is no place in air where a board is in the range of focus"
+            )));
+        };
+        if present != Some(wanted) {
+            self.place(wanted).await?;
         }
+        Ok(wanted)
     }
 
-    pub(super) async fn air(&mut self, solution: &Solution) -> Result<[f64; 3], JobEnd> {
-        let axis = &self.config.bench.focus;
-        let mut air = AirLoop::new(AirGoal {
-            delta_v_mm: solution.delta_v,
-            tolerance_mm: self.config.assembly.delta_v_tolerance_mm,
-            low_limit_mm: axis.low_limit_mm,
-            high_limit_mm: axis.high_limit_mm,
-            scale_sigma: axis.scale_uncertainty,
-            zero_sigma_mm: axis.zero_uncertainty_mm,
-            backlash_mm: axis.backlash_mm,
-        });
+    /// The air step. Returns what stands before the lens at its end.
+    pub(super) async fn air(&mut self, plan: &Plan) -> Result<AirBoards, JobEnd> {
+        let solution = &plan.solution;
+        let mut air = AirLoop::new(plan.air_goal());
+        self.findings.known_b = Some(self.configured_b());
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
         let (mut aperture_set, moves_before) = (false, self.findings.moves_air);
         let mut boards = None;
         for _ in 0..MAX_MEASUREMENTS {
             let reading_mm = self.motion.position_mm(AxisName::Focus)?;
-            let levels = self.boards_in_range(boards, reading_mm, solution).await?;
-            boards = Some(levels);
-            let near = (reading_mm - solution.delta_v).abs() <= APERTURE_WITHIN_MM;
+            let expected = air.model().map_or((reading_mm, plan.unknown_delta_v_mm(reading_mm)), |model| {
+                let (delta_v, sigma) = model.predict(reading_mm);
+                (delta_v, 2.0 * sigma)
+            });
+            if self.white_is_far(reading_mm, plan)? {
+                self.context
+                    .log("so far from where it was taken the white frame's grid no longer fits: another is taken");
+                self.white_frame().await?;
+                boards = None;
+            }
+            let standing = self.boards_in_range(boards, expected, plan).await?;
+            boards = Some(standing);
+            let near = (reading_mm - solution.delta_v).abs() <= plan.aperture_within_mm;
             if near && !aperture_set {
                 // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
-                self.set_aperture(solution, &levels).await?;
+                self.set_aperture(solution, standing).await?;
                 aperture_set = true;
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
-            let (observation, seen) = self.observe_air(&levels, solution, frames).await?;
+            let (observation, seen) = self.observe_air(standing, plan, frames).await?;
             let decision = air.next(observation);
             let here = air.here().unwrap_or(observation);
             self.findings.moves_air = moves_before + air.moves();
             self.findings.delta_v_air = Some((here.delta_v_mm, here.sigma_mm));
             self.findings.focus_scale = air.model().map(|model| model.scale().0);
             let predicted_px =
-                predicted.map(|delta_v| self.design.spacing_at(levels[1], delta_v) / self.eye.pixel_mm());
+                predicted.map(|delta_v| self.design.spacing_at(standing.middle_mm(), delta_v) / self.eye.pixel_mm());
             self.record_air(kind, &seen, here, predicted_px, &decision);
             frames = 1;
             match decision {
@@ -107,6 +94,7 @@ impl Alignment<'_> {
                 AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
                 AirDecision::Done => {
                     self.findings.truth_air = self.context.truth();
+                    let standing = self.calibrate_in_turn(plan, standing).await?;
                     if let Some(camera) = self.findings.camera {
                         let delta_v = (here.delta_v_mm, here.sigma_mm);
                         let boards = self.findings.boards;
@@ -116,7 +104,7 @@ impl Alignment<'_> {
                         "air step done: Δv = {:.4} ± {:.4} mm, wanted {:.4} mm",
                         here.delta_v_mm, here.sigma_mm, solution.delta_v
                     ));
-                    return Ok(levels);
+                    return Ok(standing);
                 }
                 AirDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
                 AirDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
@@ -125,94 +113,193 @@ impl Alignment<'_> {
         Err(JobEnd::failed("the air loop did not end; this is a defect of the program"))
     }
 
-    /// How b is held with the camera at a Δv (mm): not at all near the solution, where the boards tell it.
-    pub(super) fn hold_b(&self, delta_v_mm: f64, solution: &Solution) -> Option<HoldB> {
-        let far = (delta_v_mm - solution.delta_v).abs() > HOLD_B_BEYOND_MM;
+    /// Whether the focus axis stands too far (mm, by its reading) from where the white frame was taken for its grid to be
+    /// followed.
+    fn white_is_far(&self, reading_mm: f64, plan: &Plan) -> Result<bool, JobEnd> {
+        let white = self.eye.white_frame().ok_or_else(|| JobEnd::failed("no white frame has been taken"))?;
+        let taken_at = white.focus.position.map(Millimetres::value);
+        Ok(taken_at.is_some_and(|taken_at| !plan.grid_followed(taken_at, reading_mm)))
+    }
+
+    /// b as configured and its standard uncertainty, mm.
+    pub(super) fn configured_b(&self) -> (f64, f64) {
+        let b = self.design.mla.b();
+        (b, self.config.uncertainty.mla_to_sensor * b)
+    }
+
+    /// How b is held with the camera at a Δv (mm): not at all near the solution, where three levels tell it.
+    pub(super) fn hold_b(&self, delta_v_mm: f64, plan: &Plan) -> Option<HoldB> {
+        let far = (delta_v_mm - plan.solution.delta_v).abs() > plan.b_told_within_mm;
         far.then(|| HoldB {
-            sigma_mm: self.config.uncertainty.mla_to_sensor * self.design.mla.b(),
-            beyond_mm: HOLD_B_BEYOND_MM,
-            image_distance_mm: solution.image_distance,
+            sigma_mm: self.configured_b().1,
+            beyond_mm: plan.b_told_within_mm,
+            image_distance_mm: plan.solution.image_distance,
         })
     }
 
     async fn observe_air(
         &mut self,
-        levels: &[f64; 3],
-        solution: &Solution,
+        boards: AirBoards,
+        plan: &Plan,
         frames: u32,
     ) -> Result<(AirObservation, Seen), JobEnd> {
-        let expected = self.findings.delta_v_air.map_or(0.0, |(delta_v, _)| delta_v);
         let reading = self.motion.position_mm(AxisName::Focus)?;
         // Before the first measurement the axis's own reading is the best guess.
-        let guess = if self.findings.delta_v_air.is_some() { expected } else { reading };
-        let hold_b = self.hold_b(guess, solution);
-        let triple = self.context.unless_cancelled(self.eye.calibrate(levels, hold_b, frames)).await?;
-        let delta_v_mm = triple.camera.image_distance_mm - self.design.air_image_distance();
-        self.findings.camera = Some(CalibratedCamera {
-            design: self.design,
-            lens_to_mla_mm: triple.camera.lens_to_mla_mm,
-            mla_to_sensor_mm: triple.camera.mla_to_sensor_mm,
-            image_distance_sigma_mm: triple.camera.image_distance_sigma_mm,
-            pixel_mm: self.eye.pixel_mm(),
-            window_px: Some(triple.middle.window_px),
-        });
-        self.findings.boards = triple.camera.boards;
-        let seen = triple.middle;
-        self.findings.seen = Some(seen.clone());
+        let guess = self.findings.delta_v_air.map_or(reading, |(delta_v, _)| delta_v);
+        let (known_b, hold_b) = (self.known_b(), self.hold_b(guess, plan));
+        let seen = self.context.unless_cancelled(self.eye.calibrate(boards, known_b, hold_b, frames)).await?;
+        let delta_v_mm = self.keep_camera(&seen.camera, seen.middle.window_px);
+        self.findings.boards = seen.camera.boards;
+        self.findings.seen = Some(seen.middle.clone());
         let observation = AirObservation {
             reading_mm: reading,
             delta_v_mm,
-            sigma_mm: triple.camera.image_distance_sigma_mm,
-            repeatability_mm: triple.camera.repeatability_mm,
+            sigma_mm: seen.camera.image_distance_sigma_mm,
+            repeatability_mm: seen.camera.repeatability_mm,
         };
-        Ok((observation, seen))
+        Ok((observation, seen.middle))
     }
 
-    /// Takes e (mm) to where the shell is to be mounted, with the shell off: a probe first, and the picture of the boards in
-    /// air, whose distance changes with e, must follow every move.
-    pub(super) async fn park_e(&mut self, levels: &[f64; 3], initial: f64) -> Result<(), JobEnd> {
-        let start = self.motion.position_mm(AxisName::E)?;
-        let way = initial - start;
-        if way.abs() <= self.config.assembly.e_tolerance_mm {
+    fn known_b(&self) -> (f64, f64) {
+        self.findings.known_b.unwrap_or_else(|| self.configured_b())
+    }
+
+    /// Keeps the camera as boards have it, seen through masks of a radius (px). Returns its Δv, mm.
+    fn keep_camera(&mut self, seen: &CameraSeen, window_px: f64) -> f64 {
+        self.findings.camera = Some(CalibratedCamera {
+            design: self.design,
+            lens_to_mla_mm: seen.lens_to_mla_mm,
+            mla_to_sensor_mm: seen.mla_to_sensor_mm,
+            image_distance_sigma_mm: seen.image_distance_sigma_mm,
+            pixel_mm: self.eye.pixel_mm(),
+            window_px: Some(window_px),
+            aberrations_sigma: self.config.uncertainty.shell_aberrations,
+        });
+        seen.image_distance_mm - self.design.air_image_distance()
+    }
+
+    /// Where one flat board is put to three places in turn: tells b by the other two, at the end of the air loop. Returns
+    /// what stands before the lens then.
+    async fn calibrate_in_turn(&mut self, plan: &Plan, standing: AirBoards) -> Result<AirBoards, JobEnd> {
+        let (Arrangement::InTurn { places_mm }, Some(middle)) = (plan.arrangement, self.findings.seen.clone()) else {
+            return Ok(standing);
+        };
+        let seen_there = |distance_mm: f64, seen: &Seen| {
+            let SpacingReading { spacing_px, spacing_sigma_px, .. } = seen.spacing;
+            BoardSeen { distance_mm, spacing_px, sigma_px: spacing_sigma_px }
+        };
+        let here = seen_there(standing.middle_mm(), &middle);
+        let Some((boards, last)) = self.places_in_turn(places_mm, here).await? else { return Ok(standing) };
+        let Some(sight) = self.eye.sight() else { return Ok(standing) };
+        let known_b = sight.b_from(&boards, self.known_b()).map_err(JobEnd::failed)?;
+        self.context.log(format!("b by the three places: {:.5} ± {:.5} mm", known_b.0, known_b.1));
+        self.findings.known_b = Some(known_b);
+        let camera = sight.camera_from(here, known_b);
+        let delta_v_mm = self.keep_camera(&camera, middle.window_px);
+        self.findings.delta_v_air = Some((delta_v_mm, camera.image_distance_sigma_mm));
+        self.findings.boards = Some(boards);
+        Ok(AirBoards::Flat(last))
+    }
+
+    /// Has one flat board put to the other places, and measures it there. Returns all three by rising distance, and where
+    /// the board stands at the end; `None` where there are no other places.
+    pub(super) async fn places_in_turn(
+        &mut self,
+        places_mm: [f64; 3],
+        here: BoardSeen,
+    ) -> Result<Option<([BoardSeen; 3], f64)>, JobEnd> {
+        let mut boards = vec![here];
+        for place_mm in places_mm {
+            if boards.len() == places_mm.len() || (place_mm - here.distance_mm).abs() < SAME_PLACE_MM {
+                continue;
+            }
+            self.place(AirBoards::Flat(place_mm)).await?;
+            self.context.doing(format!("air: measuring the board at {place_mm:.1} mm"));
+            let looked = self.eye.calibrate(AirBoards::Flat(place_mm), self.known_b(), None, VERIFY_FRAMES);
+            let SpacingReading { spacing_px, spacing_sigma_px, .. } =
+                self.context.unless_cancelled(looked).await?.middle.spacing;
+            boards.push(BoardSeen { distance_mm: place_mm, spacing_px, sigma_px: spacing_sigma_px });
+        }
+        let last = boards.last().map_or(here.distance_mm, |board| board.distance_mm);
+        boards.sort_unstable_by(|one, other| one.distance_mm.total_cmp(&other.distance_mm));
+        Ok(boards.try_into().ok().map(|boards| (boards, last)))
+    }
+
+    /// Takes e to where the shell is to be mounted, with the shell off: a probe first, and the picture of the boards in
+    /// air, whose distance changes with e, must follow every move. Where it would leave the range of focus on the way, a
+    /// board is put up anew.
+    pub(super) async fn park_e(&mut self, plan: &Plan, boards: AirBoards) -> Result<(), JobEnd> {
+        let (start, to_mm) = (self.motion.position_mm(AxisName::E)?, plan.mount_e_mm);
+        if (to_mm - start).abs() <= plan.e_tolerance_mm {
             return Ok(());
         }
         let (low, high) = self.motion.range_mm(AxisName::E);
-        let free = (start - low).min(high - start);
-        if free < FREE_TRAVEL_MM {
+        let (free, needed) = ((start - low).min(high - start), FREE_PROBES * plan.e_probe_mm);
+        if free < needed {
             return Err(JobEnd::NotConverged {
                 why: format!(
-                    "the e axis stands {free:.2} mm from an end of its travel; its first move needs {FREE_TRAVEL_MM} mm free on both sides"
+                    "the e axis stands {free:.2} mm from an end of its travel; its first move needs {needed:.2} mm free on both sides"
                 ),
             });
         }
-        let mut from = start;
-        for to in [start + way.clamp(-PROBE_MM, PROBE_MM), initial] {
-            if (to - from).abs() < 1e-6 {
-                continue;
+        let Some((camera, seen)) = self.findings.camera.zip(self.findings.seen.clone()) else {
+            return Err(JobEnd::failed("e is moved in air only after the air step"));
+        };
+        // A board that was put to three places no longer stands where it was seen first.
+        let mut before = match boards {
+            AirBoards::Levels(_) => seen,
+            AirBoards::Flat(_) => self.look_in_air(boards).await?,
+        };
+        let (mut from, mut standing, mut probed) = (start, boards, false);
+        // Only travel can be seen in air: what the axis reads at its home is taken to be e there.
+        let home = self.config.bench.e.home_position_mm;
+        let mut scale = AxisModel::new(0.0, 0.0, 0.0, self.config.bench.e.scale_uncertainty);
+        loop {
+            let rest = home + (to_mm - home) / scale.scale().0 - from;
+            if rest.abs() <= 0.5 * plan.e_tolerance_mm {
+                break;
             }
-            let Some((camera, before)) = self.findings.camera.zip(self.findings.seen.clone()) else {
-                return Err(JobEnd::failed("e is moved in air only after the air step"));
+            let most = if probed { f64::INFINITY } else { plan.e_probe_mm };
+            let way = rest.clamp(-most, most);
+            let Some((place_mm, way)) = plan.board_along(standing.middle_mm(), way) else {
+                return Err(JobEnd::failed(
+                    "no place of a board in air keeps it in the range of focus while e is moved: set assembly.initial_e_mm to where the e axis stands after its homing",
+                ));
             };
+            if place_mm != standing.middle_mm() {
+                standing = plan.arrangement.about(place_mm);
+                self.place(standing).await?;
+                before = self.look_in_air(standing).await?;
+            }
+            let to = from + way;
             self.context.doing(format!("air: e axis to {to:.3} mm, where the shell is mounted"));
             self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to))).await?;
-            let after = self.context.unless_cancelled(self.eye.calibrate(levels, None, 1)).await?.middle;
+            let after = self.look_in_air(standing).await?;
             let [here, there] = [&before, &after].map(|seen| {
                 let (distance, slope) = camera.air_distance_mm(seen.spacing.spacing_px);
                 (distance, slope.abs() * seen.spacing.spacing_sigma_px)
             });
             let (measured, sigma) = (there.0 - here.0, here.1.hypot(there.1));
-            if let Some(fault) = check_move("e", to - from, measured, sigma, self.config.bench.e.backlash_mm) {
+            if let Some(fault) = check_move("e", way, measured, sigma, self.config.bench.e.backlash_mm) {
                 return Err(JobEnd::failed(fault.to_string()));
             }
-            self.context
-                .log(format!("e moved by {:.3} mm; the picture shows {measured:.3} ± {sigma:.3} mm", to - from));
-            self.findings.seen = Some(after);
-            from = to;
+            scale.observe(way, measured, sigma.hypot(self.config.bench.e.backlash_mm));
+            self.context.log(format!("e moved by {way:.3} mm; the picture shows {measured:.3} ± {sigma:.3} mm"));
+            self.findings.seen = Some(after.clone());
+            before = after;
+            // The board stands still while the camera moves.
+            standing = plan.arrangement.about(standing.middle_mm() + way);
+            (from, probed) = (to, true);
         }
         Ok(())
     }
 
-    async fn set_aperture(&mut self, solution: &Solution, levels: &[f64; 3]) -> Result<(), JobEnd> {
+    async fn look_in_air(&self, boards: AirBoards) -> Result<Seen, JobEnd> {
+        let looked = self.eye.calibrate(boards, self.known_b(), None, 1);
+        Ok(self.context.unless_cancelled(looked).await?.middle)
+    }
+
+    async fn set_aperture(&mut self, solution: &Solution, standing: AirBoards) -> Result<(), JobEnd> {
         let ring = self.design.main_lens.ring_f_number(solution.aperture);
         let instruction = format!(
             "Set the aperture to {:.2} mm: f/{ring:.2} on the lens's ring (not the working number {:.2}).",
@@ -224,7 +311,7 @@ impl Alignment<'_> {
         // The micro-images have moved and changed their size: does the white frame still fit?
         if self.white_is_off().await? {
             self.white_frame().await?;
-            self.place_triple_board(levels[1]).await?;
+            self.place(standing).await?;
         }
         Ok(())
     }

@@ -10,13 +10,12 @@ use super::events::ShellState;
 use super::eye::{Eye, InView, Seen};
 use super::job::Stage;
 use super::motion::{Admission, Motion};
+use super::plan::{AirBoards, Plan};
 use super::shell::ShellObservation;
 use bench::config::{Config, LBoundSource, Side};
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::{CameraDesign, Solution};
 
-/// Distance between the levels of the triple-level board, mm.
-const LEVEL_STEP_MM: f64 = 8.0;
 /// So far (mm) e may be moved with the shell off: the boards, which stay where they are, can then still be measured.
 const FOLLOWED_IN_AIR_MM: f64 = 5.0;
 /// Frames combined in a verifying measurement.
@@ -35,6 +34,8 @@ pub(super) struct Findings {
     pub(super) delta_v_air: Option<(f64, f64)>,
     /// The boards one by one in the newest frames of the air step, where they could be told apart.
     pub(super) boards: Option<[BoardSeen; 3]>,
+    /// b and its standard uncertainty, mm: as configured, or as one board at three places told it.
+    pub(super) known_b: Option<(f64, f64)>,
     /// Trim of Δv since, mm.
     pub(super) trim_mm: f64,
     /// Camera as calibrated.
@@ -84,19 +85,20 @@ pub(super) struct Alignment<'a> {
 impl Alignment<'_> {
     /// The joint alignment.
     pub(super) async fn joint(&mut self) -> Result<(), JobEnd> {
+        self.sound_plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm)?;
         self.prepare().await?;
-        self.withdraw_e(self.config.assembly.initial_e_mm).await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
         }
-        let solution = self.design.joint(self.motion.l_bound_mm());
-        self.findings.solution = Some(solution);
+        let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
+        self.withdraw_e(plan.mount_e_mm).await?;
+        self.findings.solution = Some(plan.solution);
         self.context.stage(Stage::Air);
-        self.eye.aim_at(solution.e);
-        let levels = self.air(&solution).await?;
-        self.park_e(&levels, self.config.assembly.initial_e_mm).await?;
+        self.eye.aim_at(plan.solution.e);
+        let boards = self.air(&plan).await?;
+        self.park_e(&plan, boards).await?;
         self.context.stage(Stage::Shell);
-        self.shell(&solution, self.config.assembly.shell_step).await
+        self.shell(&plan, self.config.assembly.shell_step).await
     }
 
     pub(super) async fn prepare(&mut self) -> Result<(), JobEnd> {
@@ -174,16 +176,48 @@ impl Alignment<'_> {
         }
     }
 
-    pub(super) async fn place_triple_board(&mut self, middle_mm: f64) -> Result<[f64; 3], JobEnd> {
-        let levels = [middle_mm - LEVEL_STEP_MM, middle_mm, middle_mm + LEVEL_STEP_MM];
-        let instruction = format!(
-            "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
-            self.board_place(&levels)
-        );
-        let value = format!("{:.1}, {:.1}, {:.1} mm", levels[0], levels[1], levels[2]);
-        let setup = Setup::AirTripleBoard { distances_mm: levels };
-        self.ask("triple_board_in_air", instruction, Some(value), setup).await?;
+    /// Has boards put up in air, with the shell off.
+    pub(super) async fn place(&mut self, boards: AirBoards) -> Result<(), JobEnd> {
+        match boards {
+            AirBoards::Levels(levels) => {
+                let instruction = format!(
+                    "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
+                    self.board_place(&levels)
+                );
+                let value = format!("{:.1}, {:.1}, {:.1} mm", levels[0], levels[1], levels[2]);
+                let setup = Setup::AirTripleBoard { distances_mm: levels };
+                self.ask("triple_board_in_air", instruction, Some(value), setup).await?;
+            }
+            AirBoards::Flat(distance_mm) => {
+                let instruction = format!(
+                    "Take the diffuser off. With the shell off, in air, put a flat board {}.",
+                    self.board_place(&[distance_mm])
+                );
+                let setup = Setup::AirTripleBoard { distances_mm: [distance_mm; 3] };
+                self.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+            }
+        }
         self.motion.set_shell(ShellState::Off);
-        Ok(levels)
+        Ok(())
+    }
+
+    /// How an alignment that aims at a solution is led, with the shell mounted at e (mm) or nearer.
+    pub(super) fn plan(&self, solution: Solution, mount_e_mm: f64) -> Plan {
+        Plan::new(self.config, solution, self.motion.e_wall_mm(), mount_e_mm)
+    }
+
+    /// The same, said, and refused where something stands in its way: before anything moves or the operator is asked.
+    pub(super) fn sound_plan(&self, solution: Solution, mount_e_mm: f64) -> Result<Plan, JobEnd> {
+        let plan = self.plan(solution, mount_e_mm);
+        match &plan.obstacles(self.config)[..] {
+            [] => {
+                self.context.log(plan.summary(self.config));
+                Ok(plan)
+            }
+            obstacles => {
+                let said: Vec<String> = obstacles.iter().map(ToString::to_string).collect();
+                Err(JobEnd::failed(format!("this cannot be aligned as it is configured: {}", said.join("; "))))
+            }
+        }
     }
 }

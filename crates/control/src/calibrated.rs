@@ -1,5 +1,7 @@
 //! The camera as the air step left it: calibrated d and b instead of the design's, seen through the shell.
 
+use bench::config::Config;
+use plenoptics::imaging::spacing::nominal_mask_radius;
 use plenoptics::optics::exact::ExactView;
 use plenoptics::optics::{CameraDesign, mla};
 
@@ -22,9 +24,28 @@ pub struct CalibratedCamera {
     /// Radius of the masks that the estimator compares pairs with, px: through the shell the spacing depends on it.
     /// `None` leaves the shell's aberrations out.
     pub window_px: Option<f64>,
+    /// Standard uncertainty of what the shell's aberrations add, as a share of it.
+    pub aberrations_sigma: f64,
 }
 
 impl CalibratedCamera {
+    /// The configured camera as its design has it in focus at e (mm), with the masks that the estimator will then have.
+    #[must_use]
+    pub fn designed(config: &Config, e: f64) -> Self {
+        let (design, pixel_mm) = (config.design(), config.pixel_pitch().millimetres());
+        let (d, b) = (design.lens_to_mla(design.clarity(e).delta_v), design.mla.b());
+        let pitch_px = mla::micro_image_pitch(design.mla.pitch, d, b) / pixel_mm;
+        Self {
+            design,
+            lens_to_mla_mm: d,
+            mla_to_sensor_mm: b,
+            image_distance_sigma_mm: 0.0,
+            pixel_mm,
+            window_px: Some(nominal_mask_radius(pitch_px, design.mla.target_spacing() / pixel_mm)),
+            aberrations_sigma: config.uncertainty.shell_aberrations,
+        }
+    }
+
     /// a (mm, signed) of the board in water, with the lens at e (mm) and the MLA moved by `trim` (mm) since the air
     /// step.
     fn a_mm(&self, e: f64, trim: f64) -> f64 {
@@ -56,7 +77,7 @@ impl CalibratedCamera {
             b: self.mla_to_sensor_mm,
             ..self.design.exact_in_water(0.0, e)
         };
-        // A pose from which no light comes has no picture either.
+        // A pose from which no light at all comes has no picture either.
         view.excess(window_px * self.pixel_mm).unwrap_or(0.0) / self.pixel_mm
     }
 
@@ -128,18 +149,20 @@ impl CalibratedCamera {
         [slope * along * half_field_mm / across, slope * half_field_mm]
     }
 
-    /// Standard uncertainty (mm) of the e that a spacing (px, with its sigma) gives: the spacing's and Δv's share.
+    /// Standard uncertainty (mm) of the e that a spacing (px, with its sigma) gives: the spacing's, Δv's and the aberrations'
+    /// share.
     #[must_use]
     pub fn e_sigma_mm(&self, e: f64, trim: f64, spacing_sigma_px: f64) -> f64 {
         let slope = self.slope_e(e, trim).abs();
-        spacing_sigma_px.hypot(self.slope_delta_v(e, trim) * self.image_distance_sigma_mm) / slope
+        let by_delta_v = self.slope_delta_v(e, trim) * self.image_distance_sigma_mm;
+        let by_aberrations = self.aberrations_sigma * self.excess_px(e, trim);
+        spacing_sigma_px.hypot(by_delta_v).hypot(by_aberrations) / slope
     }
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use bench::config::Config;
 
     /// The preset as a perfect air step leaves it.
     pub(crate) fn preset() -> CalibratedCamera {
@@ -152,6 +175,7 @@ pub(super) mod tests {
             image_distance_sigma_mm: 0.0005,
             pixel_mm: config.pixel_pitch().millimetres(),
             window_px: None,
+            aberrations_sigma: 0.0,
         }
     }
 

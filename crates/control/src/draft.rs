@@ -11,7 +11,7 @@ use plenoptics::optics::{AtE, CameraDesign, DepthOfField, RayBundle, TrainPose, 
 use plenoptics::units::Millimetres;
 
 /// The sections of the configuration that describe the camera.
-pub const SECTIONS: [&str; 7] = ["main_lens", "mla", "sensor", "shell", "water", "object", "assembly"];
+pub const SECTIONS: [&str; 8] = ["main_lens", "mla", "sensor", "shell", "water", "object", "boards", "assembly"];
 /// Places on the curves over e, and on those over the distance.
 const PLACES: usize = 121;
 /// The curves over the distance run from this part of the object distance to this multiple.

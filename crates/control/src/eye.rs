@@ -13,15 +13,14 @@ use super::events::{FieldMap, MeasurementView, ShellState, TargetSource};
 use super::job::SpacingReading;
 use super::journal::Journal;
 use super::motion::Motion;
+use super::plan::AirBoards;
 use super::recording::{Answer, Happening};
-use super::sight::{self, HoldB, Sight, Triple, Unseen};
+use super::sight::{self, CameraSeen, HoldB, Sight, Unseen};
 use super::tasks::AirStep;
 use bench::config::{Config, SpacingTarget};
 use bench::device::{AxisPose, Bench, DeviceError, Frame, Setup};
 use bench::telemetry;
-use plenoptics::imaging::spacing::nominal_mask_radius;
 use plenoptics::optics::CameraDesign;
-use plenoptics::optics::mla::micro_image_pitch;
 use plenoptics::raw::RawImage;
 use plenoptics::units::Millimetres;
 
@@ -31,7 +30,9 @@ const SETTLING_ALLOWED: Duration = Duration::from_secs(10);
 const FRAME_TRIES: u32 = 5;
 /// Frames that look as if the spacing had changed while the shutter was open are taken again this often: one alone may be
 /// wrong about it, or have caught the last of a movement.
-const SMEARED_TRIES: u32 = 3;
+const SMEARED_TRIES: usize = 3;
+/// So many standard uncertainties of their difference the spacings of frames may be apart that show the same.
+const SMEARED_SIGMAS: f64 = 4.0;
 /// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
 const LIT: [f32; 2] = [0.1, 0.9];
 const LEAST_LIT: f64 = 0.01;
@@ -60,12 +61,12 @@ pub(super) struct Seen {
     pub(super) picture: Option<Arc<Vec<u8>>>,
 }
 
-/// A triple-level board seen.
+/// Boards in air seen.
 #[derive(Debug, Clone)]
-pub(super) struct SeenTriple {
-    /// What the board's spacings say about the camera.
-    pub(super) camera: Triple,
-    /// The middle level.
+pub(super) struct SeenInAir {
+    /// What their spacings say about the camera.
+    pub(super) camera: CameraSeen,
+    /// The middle one, or the only one.
     pub(super) middle: Seen,
 }
 
@@ -183,22 +184,7 @@ impl Eye {
         let e = self.aim_mm().unwrap_or_else(|| self.design.joint(self.motion.l_bound_mm()).e);
         match self.air_step() {
             Some(air) => (self.exact_target_px(air.camera, e), TargetSource::Calibration),
-            None => (self.exact_target_px(self.as_designed(e), e), TargetSource::Design),
-        }
-    }
-
-    /// The camera as its design has it in focus at e (mm), with the masks that the estimator will then have.
-    fn as_designed(&self, e: f64) -> CalibratedCamera {
-        let (design, pixel_mm) = (self.design, self.pixel_mm());
-        let (d, b) = (design.lens_to_mla(design.clarity(e).delta_v), design.mla.b());
-        let pitch_px = micro_image_pitch(design.mla.pitch, d, b) / pixel_mm;
-        CalibratedCamera {
-            design,
-            lens_to_mla_mm: d,
-            mla_to_sensor_mm: b,
-            image_distance_sigma_mm: 0.0,
-            pixel_mm,
-            window_px: Some(nominal_mask_radius(pitch_px, self.paraxial_target_px())),
+            None => (self.exact_target_px(CalibratedCamera::designed(&self.config, e), e), TargetSource::Design),
         }
     }
 
@@ -406,42 +392,59 @@ impl Eye {
         Ok(self.seen(&frames, seen))
     }
 
-    /// Measures a triple-level board over so many frames, far from focus with b held.
+    /// Measures boards in air over so many frames: one with b held at what is known of it (mm), three levels with b held
+    /// far from focus alone.
     pub(super) async fn calibrate(
         &self,
-        levels_mm: &[f64; 3],
+        boards: AirBoards,
+        known_b: (f64, f64),
         hold_b: Option<HoldB>,
         count: u32,
-    ) -> Result<SeenTriple, JobEnd> {
-        let levels_mm = *levels_mm;
-        let look = move |sight: &Sight, images: &[&RawImage]| sight.triple(images, &levels_mm, hold_b);
+    ) -> Result<SeenInAir, JobEnd> {
+        let look = move |sight: &Sight, images: &[&RawImage]| match boards {
+            AirBoards::Levels(levels_mm) => sight.triple(images, &levels_mm, hold_b),
+            AirBoards::Flat(distance_mm) => sight.flat(images, distance_mm, known_b),
+        };
         let (frames, (camera, middle)) = self.unsmeared(count, look).await?;
-        Ok(SeenTriple { camera, middle: self.seen(&frames, middle) })
+        Ok(SeenInAir { camera, middle: self.seen(&frames, middle) })
     }
 
-    /// So many frames and what is seen in them; others where they look smeared.
-    async fn unsmeared<T: Send + 'static>(
+    /// So many frames and what is seen in them; others where they look smeared. Where all do, and yet show the same, nothing
+    /// has moved.
+    async fn unsmeared<T: Saw + Send + 'static>(
         &self,
         count: u32,
         look: impl Fn(&Sight, &[&RawImage]) -> Result<T, Unseen> + Copy + Send + 'static,
     ) -> Result<(Vec<Arc<Frame>>, T), JobEnd> {
         let sight = self.need_sight()?;
-        let mut tries = 1;
+        let mut before = Vec::new();
         loop {
             let frames = self.frames(count).await?;
-            let (measured, sight) = (frames.clone(), Arc::clone(&sight));
-            let last = tries == SMEARED_TRIES;
-            let seen = blocking(move || {
-                let images: Vec<&RawImage> = measured.iter().map(|frame| &*frame.image).collect();
-                match look(&sight, &images) {
-                    Err(Unseen::Smeared(_)) if !last => Ok(None),
-                    seen => Ok(Some(seen?)),
+            let last = before.len() + 1 == SMEARED_TRIES;
+            let (taken, earlier, sight) = (frames.clone(), before.clone(), Arc::clone(&sight));
+            let seen = blocking(move || match look(&sight, &images(&taken)) {
+                Err(Unseen::Smeared(_)) if !last => Ok(None),
+                Err(Unseen::Smeared(why)) => {
+                    let still = sight.at_rest();
+                    let seen = look(&still, &images(&taken))?;
+                    let agree = |frames: &Vec<Arc<Frame>>| -> Result<bool, String> {
+                        let (one, other) = (seen.saw(), look(&still, &images(frames))?.saw().clone());
+                        let sigma = one.spacing_sigma_px.hypot(other.spacing_sigma_px);
+                        Ok((one.spacing_px - other.spacing_px).abs() <= SMEARED_SIGMAS * sigma)
+                    };
+                    for frames in &earlier {
+                        if !agree(frames)? {
+                            return Err(why);
+                        }
+                    }
+                    Ok(Some(seen))
                 }
+                seen => Ok(Some(seen?)),
             });
             if let Some(seen) = seen.await? {
                 return Ok((frames, seen));
             }
-            tries += 1;
+            before.push(frames);
         }
     }
 
@@ -520,6 +523,28 @@ impl Eye {
     pub(super) fn journal(&self) -> &Journal {
         &self.journal
     }
+}
+
+/// What has a spacing in it that was seen.
+trait Saw {
+    /// The spacing.
+    fn saw(&self) -> &SpacingReading;
+}
+
+impl Saw for sight::Measured {
+    fn saw(&self) -> &SpacingReading {
+        &self.spacing
+    }
+}
+
+impl Saw for (CameraSeen, sight::Measured) {
+    fn saw(&self) -> &SpacingReading {
+        &self.1.spacing
+    }
+}
+
+fn images(frames: &[Arc<Frame>]) -> Vec<&RawImage> {
+    frames.iter().map(|frame| &*frame.image).collect()
 }
 
 /// Whether two frames are the same to the last pixel, and have enough light between black and white to be noisy: a sensor

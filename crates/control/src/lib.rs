@@ -36,6 +36,7 @@ mod mistake;
 pub mod motion;
 mod open;
 pub mod outcome;
+pub mod plan;
 pub mod pose;
 mod press;
 mod record;

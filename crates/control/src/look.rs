@@ -8,11 +8,10 @@ use tokio::time::Instant;
 use super::Refusal;
 use super::pose::PoseView;
 use super::service::Service;
-use super::sight::Sight;
+use super::sight::{self, Sight};
 use bench::device::Frame;
 use bench::telemetry;
 use plenoptics::imaging::clarity::{Eog, eog};
-use plenoptics::imaging::measurement::FrameOptions;
 use plenoptics::imaging::pictures::{LivePictures, Pictures};
 use plenoptics::imaging::view::View;
 
@@ -112,14 +111,7 @@ impl Service {
         let mode = self.config.design().mla.mode;
         match sight {
             Some(sight) => LivePictures::new(Some(sight.white().clone()), sight.options(), mode),
-            None => {
-                let options = FrameOptions {
-                    array: Some(self.config.mla.array),
-                    mosaic: self.config.sensor.mosaic,
-                    ..FrameOptions::new(self.mla_pitch_px())
-                };
-                LivePictures::new(None, options, mode)
-            }
+            None => LivePictures::new(None, sight::frame_options(&self.config), mode),
         }
     }
 

@@ -4,7 +4,7 @@
 //! The wall holds twice: in the homed axis's coordinate, and in e as the picture has it. Until scale and zero of the
 //! axis are confirmed by the picture, a move towards the shell covers at most 85 % of the estimated distance.
 
-use super::air::{FREE_TRAVEL_MM, PROBE_MM};
+use super::air::FREE_PROBES;
 use super::at_pose::AtPose;
 use super::axis_model::{AxisModel, MoveFault, check_move};
 use super::calibrated::CalibratedCamera;
@@ -18,8 +18,9 @@ const CONFIRMED_SIGMA_MM: f64 = 0.4;
 const MAX_MEASUREMENTS_AT_A_POSE: u32 = 11;
 /// Moves of either axis before the loop gives up, the probe not counted.
 const MAX_MOVES: u32 = 7;
-/// Longest trim of Δv, mm: more than the air step can have left and e's zero can ask for.
-const MAX_TRIM_MM: f64 = 0.2;
+/// Standard uncertainties of e that a move keeps away from the wall: where the picture cannot tell e, only as much of the
+/// way is gone as the axis alone is good for.
+const WALL_SIGMAS: f64 = 3.0;
 
 /// What the loop is to reach, and what it may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +33,8 @@ pub struct ShellGoal {
     pub tolerance_mm: f64,
     /// Spacing wanted (Eq. 16), px.
     pub spacing_px: f64,
+    /// By how much it may be off, px.
+    pub spacing_tolerance_px: f64,
     /// What may be changed.
     pub step: ShellStep,
     /// Greatest reading of the e axis, mm.
@@ -44,6 +47,14 @@ pub struct ShellGoal {
     pub backlash_mm: f64,
     /// Reading of the e axis at its home, where its zero is best known, mm.
     pub home_mm: f64,
+    /// Length of the first move, mm; twice that is to be free on both sides of the axis.
+    pub probe_mm: f64,
+    /// Longest move of e, mm.
+    pub most_mm: f64,
+    /// Longest trim of Δv, mm: more than the air step can have left and e's zero can ask for.
+    pub most_trim_mm: f64,
+    /// How far e may be taken from its optimum to meet the criterion before Δv is trimmed instead, mm.
+    pub departure_mm: f64,
 }
 
 /// What was measured at one pose.
@@ -164,12 +175,6 @@ impl ShellLoop {
         self.trimmed
     }
 
-    /// The deviation of the spacing that the e tolerance allows, px.
-    #[must_use]
-    pub fn spacing_tolerance_px(&self) -> f64 {
-        self.camera.slope_e(self.goal.e_mm, 0.0).abs() * self.goal.tolerance_mm
-    }
-
     /// Takes in a measurement and decides.
     pub fn next(&mut self, observation: ShellObservation) -> ShellDecision {
         let same_place = self.here().is_some_and(|here| {
@@ -230,7 +235,7 @@ impl ShellLoop {
             return self.probe(here);
         }
         let goal = self.goal;
-        let tolerance_px = self.spacing_tolerance_px();
+        let tolerance_px = goal.spacing_tolerance_px;
         let error_px = here.spacing_px - goal.spacing_px;
         if self.at_optimum {
             if error_px.abs() <= tolerance_px && here.sigma_px <= tolerance_px {
@@ -272,30 +277,33 @@ impl ShellLoop {
         let free = (here.e_reading_mm - goal.wall_mm).min(goal.high_limit_mm - here.e_reading_mm);
         let e = self.model.predict(here.e_reading_mm).0;
         let free = free.min(e - goal.wall_mm);
-        if free < FREE_TRAVEL_MM {
+        let needed = FREE_PROBES * goal.probe_mm;
+        if free < needed {
             return ShellDecision::NotConverged {
                 why: format!(
-                    "the e axis stands {free:.2} mm from the wall or an end of its travel; its first move needs {FREE_TRAVEL_MM} mm free on both sides"
+                    "the e axis stands {free:.2} mm from the wall or an end of its travel; its first move needs {needed:.2} mm free on both sides"
                 ),
             };
         }
-        ShellDecision::ProbeE { to_mm: here.e_reading_mm - PROBE_MM }
+        ShellDecision::ProbeE { to_mm: here.e_reading_mm - goal.probe_mm }
     }
 
     /// The way to the optimum, in pieces until scale and zero are confirmed.
     fn travel(&mut self, here: ShellObservation) -> ShellDecision {
         let goal = self.goal;
-        let (e, _) = self.model.predict(here.e_reading_mm);
-        let optimum = self.allowed(self.model.reading_for(goal.e_mm));
+        let (e, sigma) = self.model.predict(here.e_reading_mm);
+        let optimum = self.allowed(self.model.reading_for(goal.e_mm), here.e_reading_mm);
         let confirmed = self.model.predict(optimum).1 <= CONFIRMED_SIGMA_MM;
         let towards_shell = optimum < here.e_reading_mm;
         let to = if confirmed || !towards_shell {
             optimum
         } else {
             let estimated = (e - goal.e_mm).min(here.e_reading_mm - goal.e_mm);
-            self.allowed(here.e_reading_mm - UNCONFIRMED_SHARE * estimated)
+            self.allowed(here.e_reading_mm - UNCONFIRMED_SHARE * estimated, here.e_reading_mm)
         };
-        if (to - here.e_reading_mm).abs() <= 0.5 * goal.tolerance_mm {
+        // Where e is not known better from picture to picture, another short move leads nowhere.
+        let short = if confirmed { 0.5 * goal.tolerance_mm } else { (0.5 * goal.tolerance_mm).max(0.5 * sigma) };
+        if (to - here.e_reading_mm).abs() <= short {
             // As near as the wall, or the picture, lets it come.
             self.at_optimum = true;
             return self.decide_again(here);
@@ -310,21 +318,20 @@ impl ShellLoop {
         let crossing_offset =
             self.camera.e_mm(goal.spacing_px, here.trim_mm) - self.camera.e_mm(here.spacing_px, here.trim_mm);
         let reading = here.e_reading_mm + crossing_offset / self.model.scale().0;
-        let e = self.model.predict(reading).0;
-        let within_wall = reading >= goal.wall_mm && e >= goal.wall_mm && reading <= goal.high_limit_mm;
+        let (e, sigma) = self.model.predict(reading);
+        let known = reading >= here.e_reading_mm || sigma <= CONFIRMED_SIGMA_MM;
+        let within_wall = known && reading >= goal.wall_mm && e >= goal.wall_mm && reading <= goal.high_limit_mm;
         let translate = match goal.step {
             ShellStep::TranslateE => true,
             // Far from its optimum e is not where the design wants it: Δv is what is off.
-            ShellStep::TranslateEThenTrim => {
-                !self.trimmed && within_wall && (e - goal.e_mm).abs() <= MAX_E_DEPARTURE_MM
-            }
+            ShellStep::TranslateEThenTrim => !self.trimmed && within_wall && (e - goal.e_mm).abs() <= goal.departure_mm,
             ShellStep::HoldETrim => false,
         };
         if translate {
             if !within_wall {
                 return ShellDecision::NotConverged {
                     why: format!(
-                        "the spacing {:.3} px would be met at e = {e:.2} mm, beyond the wall at {:.2} mm; the best point is {:.3} px at e = {:.2} mm",
+                        "the spacing {:.3} px would be met at e = {e:.2} ± {sigma:.2} mm, which may be beyond the wall at {:.2} mm; the best point is {:.3} px at e = {:.2} mm",
                         goal.spacing_px,
                         goal.wall_mm,
                         here.spacing_px,
@@ -336,11 +343,12 @@ impl ShellLoop {
         }
         let e_here = self.model.predict(here.e_reading_mm).0;
         let by = (goal.spacing_px - here.spacing_px) / self.camera.slope_delta_v(e_here, here.trim_mm);
-        if (here.trim_mm + by).abs() > MAX_TRIM_MM {
+        if (here.trim_mm + by).abs() > goal.most_trim_mm {
             return ShellDecision::NotConverged {
                 why: format!(
-                    "Δv would have to be trimmed by {:.3} mm, more than {MAX_TRIM_MM} mm: shell, water or board are not what is configured, or the air step no longer holds",
-                    here.trim_mm + by
+                    "Δv would have to be trimmed by {:.3} mm, more than {:.3} mm: shell, water or board are not what is configured, or the air step no longer holds",
+                    here.trim_mm + by,
+                    goal.most_trim_mm
                 ),
             };
         }
@@ -360,16 +368,32 @@ impl ShellLoop {
         ShellDecision::MoveE { to_mm, predicted_px }
     }
 
-    /// The reading nearest the one wanted that passes the wall neither by reading nor by estimate.
-    fn allowed(&self, reading: f64) -> f64 {
+    /// The reading nearest the one wanted that is one move away, passes the wall neither by reading nor by estimate, and, coming from `from`,
+    /// not even by an estimate that is [`WALL_SIGMAS`] off.
+    fn allowed(&self, reading: f64, from: f64) -> f64 {
         let (wall, high) = (self.goal.wall_mm, self.goal.high_limit_mm);
-        reading.max(wall).max(self.model.reading_for(wall)).min(high)
+        let reading = reading.max(wall).max(self.model.reading_for(wall)).min(high);
+        let reading = reading.clamp(from - self.goal.most_mm, from + self.goal.most_mm);
+        let safe = |at: f64| {
+            let (e, sigma) = self.model.predict(at);
+            e - WALL_SIGMAS * sigma >= wall
+        };
+        if reading >= from || safe(reading) {
+            return reading;
+        }
+        // Nearer to the shell e is known worse or as well: halving finds where it is just safe.
+        let (mut near, mut far) = (reading, from);
+        for _ in 0..40 {
+            let middle = f64::midpoint(near, far);
+            if safe(middle) {
+                far = middle;
+            } else {
+                near = middle;
+            }
+        }
+        far
     }
 }
-
-/// How far (mm) e may be taken from its optimum to meet the criterion before Δv is trimmed instead: what Δv's own
-/// tolerance of 5 µm shifts the crossing by, and as much again.
-const MAX_E_DEPARTURE_MM: f64 = 0.6;
 
 #[cfg(test)]
 mod tests {
@@ -388,6 +412,11 @@ mod tests {
             zero_sigma_mm: 0.2,
             backlash_mm: 0.05,
             home_mm: 30.0,
+            probe_mm: 0.5,
+            most_mm: 40.0,
+            spacing_tolerance_px: 0.016,
+            most_trim_mm: 0.2,
+            departure_mm: 0.6,
         }
     }
 

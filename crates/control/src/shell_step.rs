@@ -9,10 +9,10 @@ use super::events::ShellState;
 use super::eye::Seen;
 use super::job::IterationKind;
 use super::mistake::ShellLook;
-use super::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
+use super::plan::Plan;
+use super::shell::{ShellDecision, ShellLoop, ShellObservation};
 use bench::config::ShellStep;
 use bench::device::{AxisName, Setup};
-use plenoptics::optics::Solution;
 use plenoptics::units::Millimetres;
 
 /// Between two looks at whether the picture stands still: longer than an axis rests between two pieces of its way, so
@@ -24,7 +24,7 @@ const CREEP_LOOKS: u32 = 8;
 const CREEP_SIGMAS: f64 = 4.0;
 
 impl Alignment<'_> {
-    pub(super) async fn shell(&mut self, solution: &Solution, step: ShellStep) -> Result<(), JobEnd> {
+    pub(super) async fn shell(&mut self, plan: &Plan, step: ShellStep) -> Result<(), JobEnd> {
         let Some(camera) = self.findings.camera else {
             return Err(JobEnd::failed("the shell step needs the air step's calibration"));
         };
@@ -36,26 +36,11 @@ impl Alignment<'_> {
         // From here on the shell counts as on, whatever becomes of the confirmation.
         self.motion.set_shell(ShellState::On);
         self.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
-        self.eye.aim_at(solution.e);
+        self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
-        let (low_mm, high_mm) = self.motion.range_mm(AxisName::E);
         let mut first_look = true;
         let in_air = self.findings.seen.clone();
-        let mut shell = ShellLoop::new(
-            ShellGoal {
-                e_mm: solution.e,
-                wall_mm: low_mm,
-                tolerance_mm: self.config.assembly.e_tolerance_mm,
-                spacing_px: self.eye.target_px(),
-                step,
-                high_limit_mm: high_mm,
-                scale_sigma: axis.scale_uncertainty,
-                zero_sigma_mm: axis.zero_uncertainty_mm,
-                backlash_mm: axis.backlash_mm,
-                home_mm: axis.home_position_mm,
-            },
-            camera,
-        );
+        let mut shell = ShellLoop::new(plan.shell_goal(self.eye.target_px(), step), camera);
         let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
         let here_mm = self.motion.position_mm(AxisName::Focus)?;
         let focus_at_air = self.eye.air_step().map_or(here_mm, |air| air.focus_mm);

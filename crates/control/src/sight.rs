@@ -3,10 +3,12 @@
 
 use std::sync::Arc;
 
+use nalgebra::{DMatrix, DVector};
+
 use super::budget::BoardSeen;
 use super::job::SpacingReading;
 use bench::config::Config;
-use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions, Level};
+use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions, Level, fit_line};
 use plenoptics::imaging::clarity::Eog;
 use plenoptics::imaging::depth::DepthOptions;
 use plenoptics::imaging::grid::Grid;
@@ -19,14 +21,14 @@ use plenoptics::imaging::view::{View, ViewFrame, ViewOptions};
 use plenoptics::imaging::{clarity, view};
 use plenoptics::optics::CameraDesign;
 use plenoptics::optics::mla::{a_from_spacing, micro_image_pitch};
-use plenoptics::raw::{CfaPattern, RawImage};
+use plenoptics::raw::RawImage;
 
 /// JPEG quality of the pictures kept with a job.
 const JPEG_QUALITY: u8 = 85;
 
-/// What a triple-level board says about the camera.
+/// What boards in air say about the camera.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Triple {
+pub(super) struct CameraSeen {
     /// d, mm.
     pub(super) lens_to_mla_mm: f64,
     /// b, mm.
@@ -93,11 +95,12 @@ impl Measured {
 }
 
 /// Grid and vignetting learnt from a white frame, and what is known of the camera.
+#[derive(Clone)]
 pub(super) struct Sight {
     white: WhiteModel,
     design: CameraDesign,
     pixel_mm: f64,
-    mosaic: Option<CfaPattern>,
+    options: FrameOptions,
     /// What the configuration and the white frame disagree on, in words.
     disagreement: Option<String>,
 }
@@ -141,10 +144,18 @@ impl Sight {
     /// Why the frame is no white frame of a microlens array, in words.
     pub(super) fn from_white(white: &RawImage, config: &Config) -> Result<Self, String> {
         let (design, pixel_mm) = (config.design(), config.pixel_pitch().millimetres());
-        let white = WhiteModel::of(white, &frame_options(&design, pixel_mm, config.sensor.mosaic))
-            .map_err(|error| format!("the white frame cannot be used: {error}"))?;
+        let options = frame_options(config);
+        let white =
+            WhiteModel::of(white, &options).map_err(|error| format!("the white frame cannot be used: {error}"))?;
         let disagreement = disagreement(&white.grid, &design, pixel_mm);
-        Ok(Self { white, design, pixel_mm, mosaic: config.sensor.mosaic, disagreement })
+        Ok(Self { white, design, pixel_mm, options, disagreement })
+    }
+
+    /// The same for frames of which it is known that nothing moved while they were taken.
+    pub(super) fn at_rest(&self) -> Self {
+        let mut still = self.clone();
+        still.options.spacing.at_rest = true;
+        still
     }
 
     /// What was found, in words.
@@ -172,8 +183,8 @@ impl Sight {
     }
 
     /// How its camera's frames are measured.
-    pub(super) fn options(&self) -> FrameOptions {
-        frame_options(&self.design, self.pixel_mm, self.mosaic)
+    pub(super) const fn options(&self) -> FrameOptions {
+        self.options
     }
 
     /// What follows the spacing from frame to frame.
@@ -182,7 +193,7 @@ impl Sight {
     /// Why nothing can, in words.
     pub(super) fn meter(&self) -> Result<LiveMeter, String> {
         let SpacingOptions { mla_pitch_px, mode, .. } = self.options().spacing;
-        let options = LiveOptions { mode, mosaic: self.mosaic, ..LiveOptions::new(mla_pitch_px) };
+        let options = LiveOptions { mode, mosaic: self.options.mosaic, ..LiveOptions::new(mla_pitch_px) };
         LiveMeter::new(&self.white.grid, &self.white.vignetting, options).map_err(|error| error.to_string())
     }
 
@@ -203,7 +214,7 @@ impl Sight {
     pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, Unseen> {
         let (seen, measured) = self.measured(images, true)?;
         let seen_last = images.last().and_then(|image| {
-            let frame = ViewFrame::new(image, self.mosaic, &seen.grid, Some(&seen.light)).ok()?;
+            let frame = ViewFrame::new(image, self.options.mosaic, &seen.grid, Some(&seen.light)).ok()?;
             let view = view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()?;
             let options = DepthOptions::new(self.design.mla.mode, self.options().spacing.mla_pitch_px);
             let ssim = frame.depth_map(&options).ok().map(|depth| depth.ssim_mean());
@@ -241,7 +252,7 @@ impl Sight {
         images: &[&RawImage],
         levels_mm: &[f64; 3],
         hold_b: Option<HoldB>,
-    ) -> Result<(Triple, Measured), Unseen> {
+    ) -> Result<(CameraSeen, Measured), Unseen> {
         // What the distances share is the caller's business: no frame can mend it.
         let options = CalibrationOptions::new(self.options(), self.pixel_mm, self.design.main_lens);
         let boards: Result<Vec<Boards>, CalibrationError> =
@@ -272,20 +283,20 @@ impl Sight {
             Err(error) => return Err(error.to_string().into()),
         };
         let near = (triple.image_distance_mm - hold.image_distance_mm).abs() <= hold.beyond_mm;
-        if near {
-            Ok(self.camera(&calibrated(None).map_err(|error| error.to_string())?)?)
-        } else {
-            Ok((triple, measured))
+        // Boards that were put up for another Δv may not be told apart yet.
+        match near.then(|| calibrated(None)) {
+            Some(Ok(seen)) => Ok(self.camera(&seen)?),
+            Some(Err(_)) | None => Ok((triple, measured)),
         }
     }
 
     /// The camera as several frames of one pose have it.
-    fn camera(&self, seen: &[Calibration]) -> Result<(Triple, Measured), String> {
+    fn camera(&self, seen: &[Calibration]) -> Result<(CameraSeen, Measured), String> {
         let Some(first) = seen.first() else { return Err("no frame was taken".to_owned()) };
         let resolution = self.design.mla.signed_resolution();
         let mean = |value: &dyn Fn(&Calibration) -> f64| seen.iter().map(value).sum::<f64>() / seen.len() as f64;
         // Uncertainties are mostly what the model leaves unexplained, which further frames do not mend: not averaged.
-        let camera = Triple {
+        let camera = CameraSeen {
             lens_to_mla_mm: mean(&|c| c.line.d_mm),
             mla_to_sensor_mm: mean(&|c| c.line.b_mm),
             image_distance_mm: mean(&|c| c.line.image_distance(resolution).0),
@@ -309,16 +320,66 @@ impl Sight {
         Ok((camera, measured))
     }
 
+    /// What one flat board in air says, with b held at a value and its standard uncertainty (mm).
+    ///
+    /// # Errors
+    /// Why there is no number to be had, in words.
+    pub(super) fn flat(
+        &self,
+        images: &[&RawImage],
+        distance_mm: f64,
+        known_b: (f64, f64),
+    ) -> Result<(CameraSeen, Measured), Unseen> {
+        let (_, measured) = self.measured(images, false)?;
+        let SpacingReading { spacing_px, spacing_sigma_px, .. } = measured.spacing;
+        Ok((self.camera_from(BoardSeen { distance_mm, spacing_px, sigma_px: spacing_sigma_px }, known_b), measured))
+    }
+
+    /// The camera by one board, with b held at a value and its standard uncertainty (mm).
+    pub(super) fn camera_from(&self, board: BoardSeen, (b, b_sigma): (f64, f64)) -> CameraSeen {
+        let pitch = self.design.mla.pitch;
+        let a = a_from_spacing(pitch, board.spacing_px * self.pixel_mm, b);
+        let resolution = self.design.mla.signed_resolution();
+        let lens_to_mla_mm = self.design.main_lens.image_distance(board.distance_mm) - a;
+        let by_spacing = a * a / (b * pitch) * board.sigma_px * self.pixel_mm;
+        // d + N b changes with b but for what a takes of it, which is all at the design's N.
+        let by_b = (resolution - a / b) * b_sigma;
+        CameraSeen {
+            lens_to_mla_mm,
+            mla_to_sensor_mm: b,
+            image_distance_mm: lens_to_mla_mm + resolution * b,
+            image_distance_sigma_mm: by_spacing.hypot(by_b),
+            repeatability_mm: Some(by_spacing),
+            boards: None,
+        }
+    }
+
+    /// b and its standard uncertainty (mm) from boards by rising distance, each seen alone, and what was known of it
+    /// before (mm).
+    ///
+    /// # Errors
+    /// Why there is none to be had, in words.
+    pub(super) fn b_from(&self, boards: &[BoardSeen; 3], known_b: (f64, f64)) -> Result<(f64, f64), String> {
+        let options = CalibrationOptions {
+            hold_b: Some(known_b),
+            ..CalibrationOptions::new(self.options(), self.pixel_mm, self.design.main_lens)
+        };
+        let covariance = DMatrix::from_diagonal(&DVector::from_fn(boards.len(), |k, _| boards[k].sigma_px.powi(2)));
+        let (distances, spacings) = (boards.map(|board| board.distance_mm), boards.map(|board| board.spacing_px));
+        let line = fit_line(&distances, &spacings, &covariance, None, &options).map_err(|error| error.to_string())?;
+        Ok((line.b_mm, line.b_sigma_mm()))
+    }
+
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
     /// enough to come nearer.
-    fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(Triple, Measured), Unseen> {
+    fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(CameraSeen, Measured), Unseen> {
         let (_, measured) = self.measured(images, false)?;
         let (pitch, b) = (self.design.mla.pitch, self.design.mla.b());
         let a = a_from_spacing(pitch, measured.spacing.spacing_px * self.pixel_mm, b);
         let image = |distance: f64| self.design.main_lens.image_distance(distance);
         let lens_to_mla_mm = image(levels_mm[1]) - a;
         let spread = self.spread_mm(levels_mm);
-        let camera = Triple {
+        let camera = CameraSeen {
             lens_to_mla_mm,
             mla_to_sensor_mm: b,
             image_distance_mm: lens_to_mla_mm + self.design.mla.a(),
@@ -368,15 +429,10 @@ fn jpeg(view: &View) -> Option<Arc<Vec<u8>>> {
     Some(Arc::new(bytes))
 }
 
-/// How the frames of a camera are measured.
-fn frame_options(design: &CameraDesign, pixel_mm: f64, mosaic: Option<CfaPattern>) -> FrameOptions {
-    let pitch_px = design.mla.pitch / pixel_mm;
-    FrameOptions {
-        spacing: SpacingOptions { mode: Some(design.mla.mode), ..SpacingOptions::new(pitch_px) },
-        array: Some(design.mla.array),
-        mosaic,
-        ..FrameOptions::new(pitch_px)
-    }
+/// How the frames of the configured camera are measured.
+pub(super) fn frame_options(config: &Config) -> FrameOptions {
+    let pixel_mm = config.pixel_pitch().millimetres();
+    FrameOptions { mosaic: config.sensor.mosaic, ..FrameOptions::of_design(&config.design(), pixel_mm) }
 }
 
 /// What a white frame's grid and the configuration disagree on.

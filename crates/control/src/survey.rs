@@ -10,6 +10,7 @@ use super::events::ShellState;
 use super::eye::{InView, Seen};
 use super::job::{IterationKind, Stage};
 use super::outcome::Outcome;
+use super::plan::AirBoards;
 use super::request::Sweep;
 use bench::device::{AxisName, Setup};
 use plenoptics::units::Millimetres;
@@ -138,14 +139,13 @@ impl Alignment<'_> {
 
     async fn flat_board(&mut self, distance_mm: Option<f64>) -> Result<(), JobEnd> {
         if self.motion.shell() == ShellState::Off {
-            let solution = self.design.joint(self.motion.l_bound_mm());
-            let focus_mm = self.motion.position_mm(AxisName::Focus).ok();
-            let in_range = || focus_mm.map_or(solution.equivalent_distance, |at| self.distance_in_range(at, &solution));
-            let distance_mm = distance_mm.unwrap_or_else(in_range);
-            let instruction =
-                format!("Take the diffuser off. In air, put a flat board {}.", self.board_place(&[distance_mm]));
-            let setup = Setup::AirTripleBoard { distances_mm: [distance_mm; 3] };
-            return self.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), setup).await;
+            let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
+            let in_range = || {
+                let reading_mm = self.motion.position_mm(AxisName::Focus).ok()?;
+                plan.boards_at(reading_mm, plan.unknown_delta_v_mm(reading_mm), None).map(|boards| boards.middle_mm())
+            };
+            let distance_mm = distance_mm.or_else(in_range).unwrap_or(plan.solution.equivalent_distance);
+            return self.place(AirBoards::Flat(distance_mm)).await;
         }
         let distance_mm = self.config.object.distance_mm;
         let instruction = format!(

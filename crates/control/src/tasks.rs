@@ -4,15 +4,12 @@ use super::alignment::{Alignment, VERIFY_FRAMES};
 use super::budget::BoardSeen;
 use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
-use super::job::Stage;
+use super::job::{SpacingReading, Stage};
 use super::outcome::Outcome;
+use super::plan::Arrangement;
 use super::request::JobKind;
 use bench::config::{LBoundSource, ShellStep};
 use bench::device::AxisName;
-
-/// The focus axis may have been moved by this much (mm) since the air step for its calibration still to be told from
-/// the axis's reading: what a trim may ask for.
-const KEPT_WITHIN_MM: f64 = 0.2;
 
 /// What an air step left: enough to go on with the shell in a later job.
 #[derive(Debug, Clone, Copy)]
@@ -54,15 +51,16 @@ impl Alignment<'_> {
     }
 
     async fn air_only(&mut self) -> Result<(), JobEnd> {
+        self.sound_plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm)?;
         self.prepare().await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
         }
-        let solution = self.design.joint(self.motion.l_bound_mm());
-        self.findings.solution = Some(solution);
+        let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
+        self.findings.solution = Some(plan.solution);
         self.context.stage(Stage::Air);
-        self.eye.aim_at(solution.e);
-        self.air(&solution).await.map(drop)
+        self.eye.aim_at(plan.solution.e);
+        self.air(&plan).await.map(drop)
     }
 
     async fn shell_only(&mut self) -> Result<(), JobEnd> {
@@ -72,16 +70,18 @@ impl Alignment<'_> {
                 "the shell step needs the calibration of an air step, and none has been made since the focus axis was homed: run air_only or joint_alignment first",
             ));
         };
+        let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
+        let solution = plan.solution;
         let focus_mm = self.motion.position_mm(AxisName::Focus)?;
-        if (focus_mm - kept.focus_mm).abs() > KEPT_WITHIN_MM {
+        // Further than a trim may take it the calibration cannot be told from the axis's reading.
+        if (focus_mm - kept.focus_mm).abs() > plan.most_trim_mm {
             return Err(JobEnd::failed(format!(
                 "the focus axis stands at {focus_mm:.3} mm, too far from {:.3} mm, where the air step left it: move it back or run the air step again",
                 kept.focus_mm
             )));
         }
-        let solution = self.design.joint(self.motion.l_bound_mm());
         let (delta_v_mm, _) = kept.delta_v;
-        if (delta_v_mm - solution.delta_v).abs() > KEPT_WITHIN_MM {
+        if (delta_v_mm - solution.delta_v).abs() > plan.most_trim_mm {
             return Err(JobEnd::failed(format!(
                 "the newest air step brought Δv to {delta_v_mm:.3} mm, too far from the {:.3} mm of the joint solution: run air_only or joint_alignment first",
                 solution.delta_v
@@ -92,11 +92,11 @@ impl Alignment<'_> {
         self.findings.delta_v_air = Some(kept.delta_v);
         // A homing that takes the focus axis along would lose Δv.
         if self.eye.bench().stage(AxisName::E).homes_also().is_none() {
-            self.withdraw_e(self.config.assembly.initial_e_mm).await?;
+            self.withdraw_e(plan.mount_e_mm).await?;
         }
         self.context.log(format!("going on from the air step that left the focus axis at {:.4} mm", kept.focus_mm));
         self.context.stage(Stage::Shell);
-        self.shell(&solution, self.config.assembly.shell_step).await
+        self.shell(&plan, self.config.assembly.shell_step).await
     }
 
     async fn clarity_only(&mut self, e_mm: f64) -> Result<(), JobEnd> {
@@ -106,19 +106,20 @@ impl Alignment<'_> {
                 "e = {e_mm:.3} mm is outside what the e axis may be sent to: {low:.3} to {high:.3} mm"
             )));
         }
+        let plan = self.sound_plan(self.design.clarity(e_mm), e_mm)?;
         self.prepare().await?;
         self.withdraw_e(e_mm).await?;
-        let solution = self.design.clarity(e_mm);
-        self.findings.solution = Some(solution);
+        self.findings.solution = Some(plan.solution);
         self.context.stage(Stage::Air);
-        self.eye.aim_at(solution.e);
-        let levels = self.air(&solution).await?;
-        self.park_e(&levels, e_mm).await?;
+        self.eye.aim_at(e_mm);
+        let boards = self.air(&plan).await?;
+        self.park_e(&plan, boards).await?;
         self.context.stage(Stage::Shell);
-        self.shell(&solution, ShellStep::HoldETrim).await
+        self.shell(&plan, ShellStep::HoldETrim).await
     }
 
     async fn l_bound_only(&mut self) -> Result<(), JobEnd> {
+        self.sound_plan(self.design.joint(self.config.assembly.l_bound_mm), self.config.assembly.initial_e_mm)?;
         self.prepare().await?;
         self.measure_l_bound().await?;
         if let Some(sigma_mm) = self.findings.l_bound_sigma_mm {
@@ -137,17 +138,34 @@ impl Alignment<'_> {
         if !self.eye.has_white() {
             self.white_frame().await?;
         }
-        let solution = self.design.joint(self.motion.l_bound_mm());
-        let middle_mm = distance_mm.unwrap_or(solution.equivalent_distance);
-        let levels = self.place_triple_board(middle_mm).await?;
+        let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
+        let boards = plan.arrangement.about(distance_mm.unwrap_or(plan.solution.equivalent_distance));
+        self.place(boards).await?;
         self.context.doing("calibration: measuring the board");
         // Where the axis's reading is unknown the camera may stand anywhere.
         let reading_mm = self.motion.position_mm(AxisName::Focus).unwrap_or(f64::INFINITY);
-        let hold_b = self.hold_b(reading_mm, &solution);
-        let seen = self.context.unless_cancelled(self.eye.calibrate(&levels, hold_b, VERIFY_FRAMES)).await?;
-        let camera = seen.camera;
+        let (known_b, hold_b) = (self.configured_b(), self.hold_b(reading_mm, &plan));
+        let seen = self.context.unless_cancelled(self.eye.calibrate(boards, known_b, hold_b, VERIFY_FRAMES)).await?;
+        let (camera, distances_mm) = match plan.arrangement {
+            Arrangement::Levels { step_mm } => {
+                (seen.camera, [-step_mm, 0.0, step_mm].map(|step| boards.middle_mm() + step))
+            }
+            Arrangement::InTurn { places_mm } => {
+                let SpacingReading { spacing_px, spacing_sigma_px, .. } = seen.middle.spacing;
+                let here = BoardSeen { distance_mm: boards.middle_mm(), spacing_px, sigma_px: spacing_sigma_px };
+                let scale = boards.middle_mm() / plan.solution.equivalent_distance;
+                let places_mm = places_mm.map(|place| place * scale);
+                match (self.places_in_turn(places_mm, here).await?, self.eye.sight()) {
+                    (Some((boards, _)), Some(sight)) => {
+                        let known_b = sight.b_from(&boards, known_b).map_err(JobEnd::failed)?;
+                        (sight.camera_from(here, known_b), boards.map(|board| board.distance_mm))
+                    }
+                    _ => (seen.camera, [here.distance_mm; 3]),
+                }
+            }
+        };
         self.context.outcome(Outcome::Calibration {
-            distances_mm: levels,
+            distances_mm,
             lens_to_mla_mm: camera.lens_to_mla_mm,
             mla_to_sensor_mm: camera.mla_to_sensor_mm,
             image_distance_mm: camera.image_distance_mm,

@@ -109,14 +109,10 @@ pub(super) fn read_white(
 /// taken, its mode. The array is found, and compared.
 pub(super) fn frame_options(context: &Context) -> FrameOptions {
     let config = &context.config;
-    let mla = config.design().mla;
-    let mla_pitch_px = mla.pitch / config.pixel_pitch().millimetres();
-    let mode = (context.origin != ConfigOrigin::Preset).then_some(mla.mode);
-    FrameOptions {
-        spacing: SpacingOptions { mode, ..SpacingOptions::new(mla_pitch_px) },
-        mosaic: config.sensor.mosaic,
-        ..FrameOptions::new(mla_pitch_px)
-    }
+    let designed = FrameOptions::of_design(&config.design(), config.pixel_pitch().millimetres());
+    let mode = designed.spacing.mode.filter(|_| context.origin != ConfigOrigin::Preset);
+    let spacing = SpacingOptions { mode, ..designed.spacing };
+    FrameOptions { spacing, array: None, mosaic: config.sensor.mosaic, ..designed }
 }
 
 /// What in the frame is not as the configuration says.

@@ -10,9 +10,10 @@ use rand_pcg::Pcg64;
 use super::outcome::{Aligned, BenchOutcome, Ended, Taken};
 use super::{MEASUREMENT_S, PLAIN_STEP_MM, SCALE_SIGMA, SIDE, ZERO_SIGMA_MM};
 use crate::config::{AxisConfig, Config, ShellStep};
-use crate::control::air::{AirDecision, AirGoal, AirLoop, AirObservation};
+use crate::control::air::{AirDecision, AirLoop, AirObservation};
 use crate::control::calibrated::CalibratedCamera;
-use crate::control::shell::{ShellDecision, ShellGoal, ShellLoop, ShellObservation};
+use crate::control::plan::Plan;
+use crate::control::shell::{ShellDecision, ShellLoop, ShellObservation};
 use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frame};
 use crate::sim::renderer::{CameraTruth, Medium};
 use crate::sim::scene::{Board, Scene};
@@ -132,7 +133,7 @@ impl<'a> Bench<'a> {
             0.0,
             PLAIN_STEP_MM[0],
             |reading| Ok(self.delta_v(reading)?.0 - joint.delta_v),
-            assembly.delta_v_tolerance_mm,
+            self.config.tolerances().delta_v_mm,
         )?;
         let target = design.mla.target_spacing() / self.studio.pixel;
         // |l − l_target| that e's tolerance allows.
@@ -142,7 +143,7 @@ impl<'a> Bench<'a> {
             assembly.initial_e_mm,
             PLAIN_STEP_MM[1],
             |reading| Ok((target - self.in_water(focus, reading)?.0) / slope.abs()),
-            assembly.e_tolerance_mm,
+            self.config.tolerances().e_mm,
         )?;
         let delta_v_error_mm = self.focus.truth(focus) - joint.delta_v;
         let spacing_error_px = self.true_spacing(focus, e) - target;
@@ -184,16 +185,9 @@ impl<'a> Bench<'a> {
         let design = &self.studio.design;
         let (assembly, pixel) = (&self.config.assembly, self.studio.pixel);
         let joint = design.joint(assembly.l_bound_mm);
-        let axis = self.focus.config;
-        let mut air_loop = AirLoop::new(AirGoal {
-            delta_v_mm: joint.delta_v,
-            tolerance_mm: assembly.delta_v_tolerance_mm,
-            low_limit_mm: axis.low_limit_mm,
-            high_limit_mm: axis.high_limit_mm,
-            scale_sigma: axis.scale_uncertainty,
-            zero_sigma_mm: axis.zero_uncertainty_mm,
-            backlash_mm: axis.backlash_mm,
-        });
+        let wall_mm = assembly.e_wall_mm(assembly.l_bound_mm);
+        let plan = Plan::new(self.config, joint, wall_mm, assembly.initial_e_mm);
+        let mut air_loop = AirLoop::new(plan.air_goal());
         let (mut focus, mut air) = (0.0, Taken::default());
         while air.moves < MOST_MOVES {
             let (delta_v_mm, sigma_mm) = self.delta_v(focus)?;
@@ -224,25 +218,11 @@ impl<'a> Bench<'a> {
             image_distance_sigma_mm: sigma,
             pixel_mm: pixel,
             window_px: None,
+            aberrations_sigma: self.config.uncertainty.shell_aberrations,
         };
-        let axis = self.e.config;
         let target = design.mla.target_spacing() / pixel;
-        let mut shell_loop = ShellLoop::new(
-            ShellGoal {
-                e_mm: joint.e,
-                wall_mm: assembly.l_bound_mm - assembly.e_tolerance_mm,
-                tolerance_mm: assembly.e_tolerance_mm,
-                spacing_px: target,
-                step: ShellStep::TranslateEThenTrim,
-                high_limit_mm: axis.high_limit_mm,
-                scale_sigma: axis.scale_uncertainty,
-                zero_sigma_mm: axis.zero_uncertainty_mm,
-                backlash_mm: axis.backlash_mm,
-                home_mm: axis.home_position_mm,
-            },
-            camera,
-        );
-        let mut e = assembly.initial_e_mm;
+        let mut shell_loop = ShellLoop::new(plan.shell_goal(target, ShellStep::TranslateEThenTrim), camera);
+        let mut e = plan.mount_e_mm;
         let mut shell = Taken { least_e_mm: self.e.truth(e), ..Taken::default() };
         let mut trim = 0.0;
         let scale = air_loop.model().map_or(1.0, |model| model.scale().0);

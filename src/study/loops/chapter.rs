@@ -19,7 +19,7 @@ pub(super) fn chapter(config: &Config, runs: &[BenchOutcome]) -> Chapter {
     let design = config.design();
     let joint = design.joint(config.assembly.l_bound_mm);
     let target_px = design.mla.target_spacing() / config.pixel_pitch().millimetres();
-    let tolerance = config.assembly.delta_v_tolerance_mm;
+    let tolerance = config.tolerances().delta_v_mm;
     chapter.text.push(format!(
         "{} benches of their own axes (scale ±{:.0} %, zero ±{ZERO_SIGMA_MM} mm, one standard deviation), each aligned by \
          both strategies with the same estimator on {SIDE}×{SIDE} px frames. The paper's strategy reads: adjust further \
@@ -42,7 +42,7 @@ pub(super) fn chapter(config: &Config, runs: &[BenchOutcome]) -> Chapter {
         "Median and greatest over the benches",
         &["loop", "strategy", "moves", "travel, mm", "time, s", "error left, rms", "converged", "past the wall"],
     );
-    let wall = config.assembly.l_bound_mm - config.assembly.e_tolerance_mm;
+    let wall = config.assembly.e_wall_mm(config.assembly.l_bound_mm);
     let mut past = [0usize; 2];
     let mut medians = [[0.0; 2]; 2];
     let names = ["plain", "this program's"];

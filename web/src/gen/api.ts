@@ -594,6 +594,26 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/plan": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /**
+     * Works out how a camera would be aligned on this bench: where it measures, where the boards go, what it is expected to be
+     *     good to, and what stands in the way. Nothing is kept and nothing moves.
+     */
+    post: operations["plan_alignment"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/session": {
     parameters: {
       query?: never;
@@ -1264,8 +1284,8 @@ export interface components {
        * @default {
        *       "blur_limit_px": 1,
        *       "clearance_mm": 0.5,
-       *       "delta_v_tolerance_mm": 0.005,
-       *       "e_tolerance_mm": 0.1,
+       *       "delta_v_tolerance_mm": null,
+       *       "e_tolerance_mm": null,
        *       "initial_e_mm": 30,
        *       "l_bound": "configured",
        *       "l_bound_mm": 0,
@@ -1430,6 +1450,16 @@ export interface components {
        */
       bench: components["schemas"]["Config.BenchConfig"];
       /**
+       * @description Which boards there are in air.
+       * @default {
+       *       "farthest_mm": 5000,
+       *       "greatest_depth_mm": 60,
+       *       "in_air": "auto",
+       *       "level_step_mm": null
+       *     }
+       */
+      boards: components["schemas"]["Config.BoardsConfig"];
+      /**
        * @description The live bridge for Foxglove and Lichtblick.
        * @default {
        *       "listen": "",
@@ -1548,6 +1578,7 @@ export interface components {
        *       "mla_focal_length": 0.002,
        *       "mla_pitch": 0.00001,
        *       "mla_to_sensor": 0.002,
+       *       "shell_aberrations": 0.15,
        *       "shell_decentre_mm": 0.2,
        *       "shell_index": 0.001,
        *       "shell_radii_mm": 0.05,
@@ -1601,16 +1632,16 @@ export interface components {
       clearance_mm: number;
       /**
        * Format: double
-       * @description Δv_TOL, mm.
-       * @default 0.005
+       * @description Δv_TOL, mm; `None` for what [`Config::tolerances`] makes of the design.
+       * @default null
        */
-      delta_v_tolerance_mm: number;
+      delta_v_tolerance_mm: number | null;
       /**
        * Format: double
-       * @description Tolerance of e, mm.
-       * @default 0.1
+       * @description Tolerance of e, mm; `None` as above.
+       * @default null
        */
-      e_tolerance_mm: number;
+      e_tolerance_mm: number | null;
       /**
        * Format: double
        * @description e at which the shell is mounted, mm.
@@ -1927,6 +1958,35 @@ export interface components {
     };
     /** @description Whether the bench is real. */
     "Config.BenchDriver": "simulated" | "hardware";
+    /** @description `[boards]` */
+    "Config.BoardsConfig": {
+      /**
+       * Format: double
+       * @description How far from the lens a board in air may stand, mm.
+       * @default 5000
+       */
+      farthest_mm: number;
+      /**
+       * Format: double
+       * @description From the nearest to the furthest level of a triple-level board, mm, at most.
+       * @default 60
+       */
+      greatest_depth_mm: number;
+      /**
+       * @description Which boards stand before the lens in air.
+       * @default auto
+       */
+      in_air: components["schemas"]["Config.BoardsInAir"];
+      /**
+       * Format: double
+       * @description Distance between the levels of the triple-level board that there is, mm; `None` where one is made as the plan
+       *     wants it.
+       * @default null
+       */
+      level_step_mm: number | null;
+    };
+    /** @description Which boards stand before the lens in air. */
+    "Config.BoardsInAir": "auto" | "triple_level" | "flat_in_turn";
     /**
      * @description `[bench.simulation.bubbles]`: bubbles of air in the water, drops of water in air, between camera and board. Those
      *     that would touch the board or lie behind it are not there; before a diffuser none is.
@@ -2848,6 +2908,12 @@ export interface components {
       mla_to_sensor: number;
       /**
        * Format: double
+       * @description Of what the shell's aberrations add to the spacing over the estimator's window, as a share of it.
+       * @default 0.15
+       */
+      shell_aberrations: number;
+      /**
+       * Format: double
        * @description Of where the shell's centre is beside the lens's axis, each way, mm.
        * @default 0.2
        */
@@ -3117,6 +3183,8 @@ export interface components {
        * @default in_force
        */
       base: components["schemas"]["DraftBase"];
+      /** @description Which boards there are in air. */
+      boards?: components["schemas"]["Config.BoardsConfig"];
       /** @description The main lens. */
       main_lens?: components["schemas"]["Config.MainLensConfig"];
       /** @description The microlens array. */
@@ -4028,6 +4096,17 @@ export interface components {
       /** @description The secret. It is shown here and never again. */
       secret: string;
     };
+    /** @description A key of the configuration that keeps an alignment from its end. */
+    Obstacle: {
+      /** @description The key, dotted. */
+      key: string;
+      /** @description What it would have to be, in words. */
+      needed: string;
+      /** @description Its value now, in words. */
+      value: string;
+      /** @description Why, in a sentence. */
+      why: string;
+    };
     /** @description Something that keeps a draft from being the bench's camera. */
     ObstacleView: {
       /** @description The key of the configuration, dotted from the root. */
@@ -4227,6 +4306,128 @@ export interface components {
        */
       elapsed_s: number | null;
       plan: components["schemas"]["FaultPlan"] | null;
+    };
+    /** @description What a joint alignment will do, worked out before anything moves. */
+    PlanView: {
+      /**
+       * Format: double
+       * @description What the shell's aberrations add to the spacing in focus over the estimator's window, px.
+       */
+      aberrations_px: number;
+      /** @description What these assume, in words. */
+      assumed: string;
+      /** @description Those, from the nearest to the furthest. */
+      boards: components["schemas"]["PlannedBoard"][];
+      /** @description Which boards stand before the lens in air. */
+      boards_in_air: components["schemas"]["PlannedBoards"];
+      /**
+       * Format: double
+       * @description Δv aimed at, mm.
+       */
+      delta_v_mm: number;
+      /**
+       * Format: double
+       * @description The same of Δv by the picture alone, mm.
+       */
+      delta_v_sigma_mm: number;
+      /**
+       * Format: double
+       * @description Tolerance of Δv, mm.
+       */
+      delta_v_tolerance_mm: number;
+      /**
+       * Format: double
+       * @description How long it takes besides the operator, about, s.
+       */
+      duration_s: number;
+      /**
+       * Format: double
+       * @description e aimed at, mm.
+       */
+      e_mm: number;
+      /**
+       * Format: double
+       * @description First move of the e axis, mm.
+       */
+      e_probe_mm: number;
+      /**
+       * Format: double
+       * @description The same of e by picture and axis, mm.
+       */
+      e_sigma_mm: number;
+      /**
+       * Format: double
+       * @description Tolerance of e, mm.
+       */
+      e_tolerance_mm: number;
+      /**
+       * Format: double
+       * @description Where the first board in air stands, mm: where the focus axis is after its homing, another may be in range.
+       */
+      first_board_mm?: number | null;
+      /**
+       * Format: double
+       * @description First move of the focus axis, mm.
+       */
+      focus_probe_mm: number;
+      /**
+       * Format: double
+       * @description e at which the shell is mounted, mm.
+       */
+      mount_e_mm: number;
+      /**
+       * Format: double
+       * @description Spacing through the shell there, px.
+       */
+      mount_spacing_px: number;
+      /** @description What does. */
+      obstacles: components["schemas"]["Obstacle"][];
+      /** @description What the operator is asked to do. */
+      operator_steps: components["schemas"]["PlannedStep"][];
+      /** @description Where the design's numbers come from. */
+      origin: string;
+      /** @description Whether nothing stands in its way. */
+      possible: boolean;
+      /**
+       * Format: double
+       * @description Standard uncertainty expected of a spacing, px.
+       */
+      spacing_sigma_px: number;
+      /**
+       * Format: double
+       * @description Spacing aimed at in air, px.
+       */
+      spacing_target_px: number;
+      /**
+       * Format: double
+       * @description By how much the spacing may be off its target at the end, px.
+       */
+      spacing_tolerance_px: number;
+    };
+    /** @description A board in air and what is to be seen of it at the solution's Δv. */
+    PlannedBoard: {
+      /**
+       * Format: double
+       * @description From the main lens's principal point, mm.
+       */
+      distance_mm: number;
+      /**
+       * Format: double
+       * @description Its spacing, px.
+       */
+      spacing_px: number;
+    };
+    /**
+     * @description Which boards a plan has in air.
+     * @enum {string}
+     */
+    PlannedBoards: "triple_level" | "flat_in_turn";
+    /** @description What the operator is asked to do, in the order of the job. */
+    PlannedStep: {
+      /** @description The step's name, as the job asks for it. */
+      name: string;
+      /** @description The value to be set, with its unit; null where there is none. */
+      value?: string | null;
     };
     /** @description A serial port that is there. */
     PortFound: {
@@ -8182,6 +8383,101 @@ export interface operations {
       };
       /** @description Who asks is not known */
       401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  plan_alignment: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["DraftRequest"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["PlanView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No camera can be like that: `problems` says why, key by key */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must */
+      422: {
         headers: {
           [name: string]: unknown;
         };

@@ -20,6 +20,8 @@ class Config(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How the camera is put together, and to which tolerances."""
     bench: BenchConfig | UnsetType = UNSET
     """Stages, camera and limits."""
+    boards: BoardsConfig | UnsetType = UNSET
+    """Which boards there are in air."""
     foxglove: FoxgloveConfig | UnsetType = UNSET
     """The live bridge for Foxglove and Lichtblick."""
     history: HistoryConfig | UnsetType = UNSET
@@ -75,10 +77,10 @@ class AssemblyConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """δ: diameter of the blur disc still called sharp, px."""
     clearance_mm: float | UnsetType = UNSET
     """Clearance added to a measured l_bound, mm (at least three times its uncertainty is taken)."""
-    delta_v_tolerance_mm: float | UnsetType = UNSET
-    """Δv_TOL, mm."""
-    e_tolerance_mm: float | UnsetType = UNSET
-    """Tolerance of e, mm."""
+    delta_v_tolerance_mm: float | None = None
+    """Δv_TOL, mm; `None` for what [`Config::tolerances`] makes of the design."""
+    e_tolerance_mm: float | None = None
+    """Tolerance of e, mm; `None` as above."""
     initial_e_mm: float | UnsetType = UNSET
     """e at which the shell is mounted, mm."""
     l_bound: LBoundSource | UnsetType = UNSET
@@ -170,6 +172,32 @@ class BenchDriver(str, Enum):
     """Twins of stages and camera; loud about it everywhere, and never a fallback for missing hardware."""
     HARDWARE = "hardware"
     """Stages over serial and a camera over V4L2."""
+
+
+class BoardsConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`[boards]`"""
+
+    farthest_mm: float | UnsetType = UNSET
+    """How far from the lens a board in air may stand, mm."""
+    greatest_depth_mm: float | UnsetType = UNSET
+    """From the nearest to the furthest level of a triple-level board, mm, at most."""
+    in_air: BoardsInAir | UnsetType = UNSET
+    """Which boards stand before the lens in air."""
+    level_step_mm: float | None = None
+    """Distance between the levels of the triple-level board that there is, mm; `None` where one is made as the plan
+    wants it.
+    """
+
+
+class BoardsInAir(str, Enum):
+    """Which boards stand before the lens in air."""
+
+    AUTO = "auto"
+    """Whichever of the others suits the camera, by the plan."""
+    TRIPLE_LEVEL = "triple_level"
+    """One board of three levels side by side."""
+    FLAT_IN_TURN = "flat_in_turn"
+    """One flat board, put to three places in turn."""
 
 
 class BubblesConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -688,6 +716,8 @@ class UncertaintyConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Of D_MLA, as a share of it."""
     mla_to_sensor: float | UnsetType = UNSET
     """Of b, as a share of it."""
+    shell_aberrations: float | UnsetType = UNSET
+    """Of what the shell's aberrations add to the spacing over the estimator's window, as a share of it."""
     shell_decentre_mm: float | UnsetType = UNSET
     """Of where the shell's centre is beside the lens's axis, each way, mm."""
     shell_index: float | UnsetType = UNSET

@@ -449,6 +449,8 @@ class DraftRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How the camera is put together, and to which tolerances."""
     base: DraftBase | UnsetType = UNSET
     """What they are laid over."""
+    boards: configuration.BoardsConfig | UnsetType = UNSET
+    """Which boards there are in air."""
     main_lens: configuration.MainLensConfig | UnsetType = UNSET
     """The main lens."""
     mla: configuration.MlaConfig | UnsetType = UNSET
@@ -1125,6 +1127,19 @@ class MoveRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Where to, in the axis's own coordinate, mm."""
 
 
+class Obstacle(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A key of the configuration that keeps an alignment from its end."""
+
+    key: str
+    """The key, dotted."""
+    needed: str
+    """What it would have to be, in words."""
+    value: str
+    """Its value now, in words."""
+    why: str
+    """Why, in a sentence."""
+
+
 class ObstacleView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Something that keeps a draft from being the bench's camera."""
 
@@ -1274,6 +1289,82 @@ class PlanInForce(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """For how long it has been in force, s."""
     plan: FaultPlan | None
     """The plan; `null` where none is."""
+
+
+class PlanView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a joint alignment will do, worked out before anything moves."""
+
+    aberrations_px: float
+    """What the shell's aberrations add to the spacing in focus over the estimator's window, px."""
+    assumed: str
+    """What these assume, in words."""
+    boards: list[PlannedBoard]
+    """Those, from the nearest to the furthest."""
+    boards_in_air: PlannedBoards
+    """Which boards stand before the lens in air."""
+    delta_v_mm: float
+    """Δv aimed at, mm."""
+    delta_v_sigma_mm: float
+    """The same of Δv by the picture alone, mm."""
+    delta_v_tolerance_mm: float
+    """Tolerance of Δv, mm."""
+    duration_s: float
+    """How long it takes besides the operator, about, s."""
+    e_mm: float
+    """e aimed at, mm."""
+    e_probe_mm: float
+    """First move of the e axis, mm."""
+    e_sigma_mm: float
+    """The same of e by picture and axis, mm."""
+    e_tolerance_mm: float
+    """Tolerance of e, mm."""
+    first_board_mm: float | None = None
+    """Where the first board in air stands, mm: where the focus axis is after its homing, another may be in range."""
+    focus_probe_mm: float
+    """First move of the focus axis, mm."""
+    mount_e_mm: float
+    """e at which the shell is mounted, mm."""
+    mount_spacing_px: float
+    """Spacing through the shell there, px."""
+    obstacles: list[Obstacle]
+    """What does."""
+    operator_steps: list[PlannedStep]
+    """What the operator is asked to do."""
+    origin: str
+    """Where the design's numbers come from."""
+    possible: bool
+    """Whether nothing stands in its way."""
+    spacing_sigma_px: float
+    """Standard uncertainty expected of a spacing, px."""
+    spacing_target_px: float
+    """Spacing aimed at in air, px."""
+    spacing_tolerance_px: float
+    """By how much the spacing may be off its target at the end, px."""
+
+
+class PlannedBoard(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A board in air and what is to be seen of it at the solution's Δv."""
+
+    distance_mm: float
+    """From the main lens's principal point, mm."""
+    spacing_px: float
+    """Its spacing, px."""
+
+
+class PlannedBoards(str, Enum):
+    """Which boards a plan has in air."""
+
+    TRIPLE_LEVEL = "triple_level"
+    FLAT_IN_TURN = "flat_in_turn"
+
+
+class PlannedStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the operator is asked to do, in the order of the job."""
+
+    name: str
+    """The step's name, as the job asks for it."""
+    value: str | None = None
+    """The value to be set, with its unit; null where there is none."""
 
 
 class PortFound(Struct, frozen=True, kw_only=True, omit_defaults=True):

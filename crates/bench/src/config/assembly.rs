@@ -3,6 +3,18 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::Config;
+
+/// By how much Δv may change the spacing where its tolerance is not configured, px: a twentieth of the blur that is
+/// called sharp.
+const DELTA_V_SPACING_PX: f64 = 0.045;
+/// The same of e, whose crossing is what a run ends with, px.
+pub const E_SPACING_PX: f64 = 0.016;
+/// No tolerance of e is wider where it is not configured, mm: beyond it the field of view changes.
+const MOST_E_MM: f64 = 1.0;
+/// How far the e wall lies beyond l_bound where no tolerance of e is configured, mm.
+const WALL_MM: f64 = 0.1;
+
 /// Where l_bound comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -48,10 +60,10 @@ pub struct AssemblyConfig {
     pub clearance_mm: f64,
     /// e at which the shell is mounted, mm.
     pub initial_e_mm: f64,
-    /// Δv_TOL, mm.
-    pub delta_v_tolerance_mm: f64,
-    /// Tolerance of e, mm.
-    pub e_tolerance_mm: f64,
+    /// Δv_TOL, mm; `None` for what [`Config::tolerances`] makes of the design.
+    pub delta_v_tolerance_mm: Option<f64>,
+    /// Tolerance of e, mm; `None` as above.
+    pub e_tolerance_mm: Option<f64>,
     /// δ: diameter of the blur disc still called sharp, px.
     pub blur_limit_px: f64,
     /// What the shell step may change.
@@ -67,8 +79,8 @@ impl Default for AssemblyConfig {
             l_bound: LBoundSource::Configured,
             clearance_mm: 0.5,
             initial_e_mm: 30.0,
-            delta_v_tolerance_mm: 0.005,
-            e_tolerance_mm: 0.1,
+            delta_v_tolerance_mm: None,
+            e_tolerance_mm: None,
             blur_limit_px: 1.0,
             shell_step: ShellStep::TranslateEThenTrim,
             spacing_target: SpacingTarget::Exact,
@@ -77,9 +89,44 @@ impl Default for AssemblyConfig {
 }
 
 impl AssemblyConfig {
-    /// The e wall for an l_bound (mm): l_bound less the e tolerance. No command and no overshoot may pass it.
+    /// The e wall for an l_bound (mm): l_bound less the configured e tolerance, or less 0.1 mm. No command and no
+    /// overshoot may pass it.
     #[must_use]
     pub fn e_wall_mm(&self, l_bound_mm: f64) -> f64 {
-        l_bound_mm - self.e_tolerance_mm
+        l_bound_mm - self.e_tolerance_mm.unwrap_or(WALL_MM)
     }
+}
+
+/// To what Δv and e are to be set.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tolerances {
+    /// Δv_TOL, mm.
+    pub delta_v_mm: f64,
+    /// Tolerance of e, mm.
+    pub e_mm: f64,
+}
+
+impl Config {
+    /// The tolerances as configured; where they are not, what changes the spacing of the joint solution by
+    /// [`DELTA_V_SPACING_PX`] and [`E_SPACING_PX`], rounded to 1, 2 or 5 times a power of ten.
+    #[must_use]
+    pub fn tolerances(&self) -> Tolerances {
+        let design = self.design();
+        let solution = design.joint(self.assembly.l_bound_mm);
+        let by_delta_v = design.mla.spacing_slope(design.mla.a()) / self.pixel_pitch().millimetres();
+        // From Gauss: the image moves by (v / L)² of what the object does.
+        let by_e = by_delta_v * (solution.image_distance / solution.equivalent_distance).powi(2);
+        let assembly = &self.assembly;
+        Tolerances {
+            delta_v_mm: assembly.delta_v_tolerance_mm.unwrap_or_else(|| rounded(DELTA_V_SPACING_PX / by_delta_v)),
+            e_mm: assembly.e_tolerance_mm.unwrap_or_else(|| rounded(E_SPACING_PX / by_e).min(MOST_E_MM)),
+        }
+    }
+}
+
+/// The number nearest in ratio of those that are 1, 2 or 5 times a power of ten.
+fn rounded(value: f64) -> f64 {
+    let decade = 10f64.powf(value.log10().floor());
+    let off = |step: &&f64| (value / decade / **step).ln().abs();
+    [1.0, 2.0, 5.0, 10.0].iter().min_by(|a, b| off(a).total_cmp(&off(b))).map_or(value, |step| step * decade)
 }

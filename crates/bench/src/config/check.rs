@@ -232,10 +232,23 @@ impl Config {
         faults.positive("object.distance_mm", object.distance_mm);
         faults.positive("object.air_distance_mm", object.air_distance_mm);
 
+        let boards = &self.boards;
+        faults.positive("boards.greatest_depth_mm", boards.greatest_depth_mm);
+        faults.positive("boards.farthest_mm", boards.farthest_mm);
+        if let Some(step) = boards.level_step_mm {
+            faults.positive("boards.level_step_mm", step);
+        }
+
         let assembly = &self.assembly;
         faults.not_negative("assembly.clearance_mm", assembly.clearance_mm);
-        faults.positive("assembly.delta_v_tolerance_mm", assembly.delta_v_tolerance_mm);
-        faults.positive("assembly.e_tolerance_mm", assembly.e_tolerance_mm);
+        for (key, tolerance) in [
+            ("assembly.delta_v_tolerance_mm", assembly.delta_v_tolerance_mm),
+            ("assembly.e_tolerance_mm", assembly.e_tolerance_mm),
+        ] {
+            if let Some(tolerance) = tolerance {
+                faults.positive(key, tolerance);
+            }
+        }
         faults.positive("assembly.blur_limit_px", assembly.blur_limit_px);
     }
 
@@ -250,7 +263,7 @@ impl Config {
         } else if wall < low {
             faults.add(
                 "assembly.l_bound_mm",
-                format!("puts the e wall (l_bound_mm less e_tolerance_mm) at {wall}, beyond {travel}"),
+                format!("puts the e wall (l_bound_mm less e_tolerance_mm, or less 0.1) at {wall}, beyond {travel}"),
             );
         } else if CameraDesign::fov_optimal_e(l_bound) > high {
             faults.add("bench.e.high_limit_mm", format!("the joint solution's e = 0 is beyond {travel}"));

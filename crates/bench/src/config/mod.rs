@@ -9,6 +9,7 @@
 mod alpaca;
 mod assembly;
 mod bench;
+mod boards;
 mod camera;
 mod capture;
 mod check;
@@ -32,8 +33,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use alpaca::AlpacaConfig;
-pub use assembly::{AssemblyConfig, LBoundSource, ShellStep, SpacingTarget};
+pub use assembly::{AssemblyConfig, E_SPACING_PX, LBoundSource, ShellStep, SpacingTarget, Tolerances};
 pub use bench::{AxisConfig, BenchConfig, BenchDriver, ControllerConfig, ControllerDriver, Side};
+pub use boards::{BoardsConfig, BoardsInAir};
 pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellConfig, WaterConfig};
 pub use capture::{CameraConfig, CameraDriver, ControlValue};
 pub use edit::{Change, EditError, Forbidden, LOCKED};
@@ -70,6 +72,8 @@ pub struct Config {
     pub water: WaterConfig,
     /// The object distances.
     pub object: ObjectConfig,
+    /// Which boards there are in air.
+    pub boards: BoardsConfig,
     /// How the camera is put together, and to which tolerances.
     pub assembly: AssemblyConfig,
     /// How well what is configured above is known.

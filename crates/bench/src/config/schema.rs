@@ -22,6 +22,9 @@ const NEAR: f64 = 0.6;
 pub(super) fn schema() -> Table {
     let mut full = Config::default();
     full.main_lens.principal_from_mount_mm = Some(0.0);
+    full.boards.level_step_mm = Some(0.0);
+    full.assembly.delta_v_tolerance_mm = Some(0.0);
+    full.assembly.e_tolerance_mm = Some(0.0);
     full.main_lens.principal_from_mount_sigma_mm = Some(0.0);
     full.water = WaterConfig {
         refractive_index: Some(1.0),

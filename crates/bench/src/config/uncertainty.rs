@@ -34,6 +34,8 @@ pub struct UncertaintyConfig {
     pub shell_index: f64,
     /// Of where the shell's centre is beside the lens's axis, each way, mm.
     pub shell_decentre_mm: f64,
+    /// Of what the shell's aberrations add to the spacing over the estimator's window, as a share of it.
+    pub shell_aberrations: f64,
 }
 
 impl Default for UncertaintyConfig {
@@ -52,6 +54,7 @@ impl Default for UncertaintyConfig {
             shell_radii_mm: 0.05,
             shell_index: 0.001,
             shell_decentre_mm: 0.2,
+            shell_aberrations: 0.15,
         }
     }
 }
@@ -59,7 +62,7 @@ impl Default for UncertaintyConfig {
 impl UncertaintyConfig {
     /// Each with its key.
     #[must_use]
-    pub const fn keyed(&self) -> [(&'static str, f64); 13] {
+    pub const fn keyed(&self) -> [(&'static str, f64); 14] {
         [
             ("uncertainty.focal_length", self.focal_length),
             ("uncertainty.mla_pitch", self.mla_pitch),
@@ -74,6 +77,7 @@ impl UncertaintyConfig {
             ("uncertainty.shell_radii_mm", self.shell_radii_mm),
             ("uncertainty.shell_index", self.shell_index),
             ("uncertainty.shell_decentre_mm", self.shell_decentre_mm),
+            ("uncertainty.shell_aberrations", self.shell_aberrations),
         ]
     }
 }

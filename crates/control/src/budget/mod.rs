@@ -123,9 +123,11 @@ impl Budget {
     /// it saw fits nothing.
     #[must_use]
     pub fn of(config: &Config, seen: &Evidence, e_target_mm: f64) -> Option<Self> {
-        let model = Model::new(config, seen)?;
+        let mut model = Model::new(config, seen)?;
         let (measurements, measured) = model.measured();
-        let adjusted = Adjusted::find(model.unknowns(), &measured, |unknowns| model.predicted(unknowns))?;
+        let find = |model: &Model<'_>| Adjusted::find(model.unknowns(), &measured, |at| model.predicted(at));
+        model.expand_about(&find(&model)?.unknowns);
+        let adjusted = find(&model)?;
         let found = model.results(&adjusted.unknowns)?;
         let rows = slopes(&adjusted.unknowns, found.len(), |unknowns| {
             model.results(unknowns).map_or_else(|| DVector::zeros(found.len()), |found| DVector::from_row_slice(&found))
@@ -139,8 +141,8 @@ impl Budget {
                 both => adjusted.covariance_of(&gradient[i], &gradient[j]) / both,
             })
         });
-        let assembly = &config.assembly;
-        let tolerance = [assembly.delta_v_tolerance_mm, assembly.e_tolerance_mm, assembly.blur_limit_px];
+        let tolerances = config.tolerances();
+        let tolerance = [tolerances.delta_v_mm, tolerances.e_mm, config.assembly.blur_limit_px];
         let wanted = [config.design().clarity(found[1]).delta_v, e_target_mm, 0.0];
         let verdict = |k: usize| Verdict::of(found[k] - wanted[k], sigma[k], tolerance[k]);
         let parts = parts(&model, &measurements, &adjusted, &gradient, tolerance);

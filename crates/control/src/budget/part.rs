@@ -20,6 +20,7 @@ pub(super) enum Part {
     ShellIndex,
     /// The square of how far the shell's centre is beside the lens's axis.
     Decentre,
+    Aberrations,
     EZero,
     EScale,
 }
@@ -41,6 +42,7 @@ impl Part {
                 Self::InnerRadius,
                 Self::ShellIndex,
                 Self::Decentre,
+                Self::Aberrations,
                 Self::EZero,
                 Self::EScale,
             ])
@@ -66,6 +68,7 @@ impl Part {
             Self::OuterRadius | Self::InnerRadius => known.shell_radii_mm,
             Self::ShellIndex => known.shell_index,
             Self::Decentre => known.shell_decentre_mm,
+            Self::Aberrations => known.shell_aberrations,
             Self::EZero => axis.zero_uncertainty_mm,
             Self::EScale => axis.scale_uncertainty,
         }
@@ -74,7 +77,7 @@ impl Part {
     /// Its unit with a space before it; nothing of a pure number.
     pub(super) const fn unit(self) -> &'static str {
         match self {
-            Self::WaterIndex | Self::ShellIndex | Self::EScale => "",
+            Self::WaterIndex | Self::ShellIndex | Self::Aberrations | Self::EScale => "",
             Self::Decentre => " mm²",
             _ => " mm",
         }
@@ -95,6 +98,7 @@ impl Part {
             Self::OuterRadius | Self::InnerRadius => "radii of the shell",
             Self::ShellIndex => "index of the shell",
             Self::Decentre => "decentring of the shell",
+            Self::Aberrations => "aberrations of the shell",
             Self::EZero => "zero of the e axis",
             Self::EScale => "scale of the e axis",
         }
@@ -115,6 +119,7 @@ impl Part {
             Self::OuterRadius | Self::InnerRadius => "uncertainty.shell_radii_mm",
             Self::ShellIndex => "uncertainty.shell_index",
             Self::Decentre => "uncertainty.shell_decentre_mm",
+            Self::Aberrations => "uncertainty.shell_aberrations",
             Self::EZero => "bench.e.zero_uncertainty_mm",
             Self::EScale => "bench.e.scale_uncertainty",
         }
@@ -135,6 +140,7 @@ impl Part {
             Self::OuterRadius | Self::InnerRadius => "measure the shell with a spherometer",
             Self::ShellIndex => "have the material's index at the light's wavelength",
             Self::Decentre => "centre the shell",
+            Self::Aberrations => "a smaller aperture, or a larger shell",
             Self::EZero => "a better home switch, or l_bound measured",
             Self::EScale => "calibrate the axis",
         }

@@ -88,6 +88,7 @@ impl Service {
                     image_distance_sigma_mm: air.image_distance_sigma_mm,
                     pixel_mm: self.eye.pixel_mm(),
                     window_px: air.window_px,
+                    aberrations_sigma: self.config.uncertainty.shell_aberrations,
                 },
                 delta_v: (air.delta_v_mm, air.delta_v_sigma_mm),
                 boards: boards(&air.boards),

@@ -10,7 +10,7 @@ use super::spacing::{
     Spacing, SpacingError, SpacingFrame, SpacingMap, SpacingOptions, measure_spacing, measure_spacing_map,
 };
 use super::vignetting::{Light, ProfileFit, Vignetting, VignettingError};
-use crate::optics::ArrayKind;
+use crate::optics::{ArrayKind, CameraDesign};
 use crate::raw::{CfaPattern, RawImage};
 
 /// Why a frame could not be measured.
@@ -35,13 +35,16 @@ pub enum MeasurementError {
     },
     /// The frame shows another pitch than the caller's array has.
     #[error(
-        "the frame's micro-image pitch of {found_px:.2} px does not belong to an MLA pitch of {mla_pitch_px:.2} px, which it must exceed by 0 to 10 %: it shows another array, or mla.pitch_mm or sensor.pixel_um are others"
+        "the frame's micro-image pitch of {found_px:.2} px does not belong to an MLA pitch of {mla_pitch_px:.2} px, which it must exceed by 0 to {:.0} %: it shows another array, or mla.pitch_mm or sensor.pixel_um are others",
+        (most - 1.0) * 100.0
     )]
     OtherPitch {
         /// Micro-image pitch found, px.
         found_px: f64,
         /// D_MLA of the caller's array, px.
         mla_pitch_px: f64,
+        /// Greatest that it may be, in MLA pitches.
+        most: f64,
     },
     /// The white frame is of another setting.
     #[error(transparent)]
@@ -83,7 +86,7 @@ impl WhiteModel {
     /// As [`WhiteModel::new`].
     pub fn of(white: &RawImage, options: &FrameOptions) -> Result<Self, MeasurementError> {
         let white = &*evened(white, options.mosaic);
-        Self::with(white, expected_grid(white, options.spacing.mla_pitch_px)?)
+        Self::with(white, expected_grid(white, options)?)
     }
 
     fn with(white: &RawImage, grid: Grid) -> Result<Self, MeasurementError> {
@@ -106,6 +109,8 @@ pub struct FrameOptions {
     pub mosaic: Option<CfaPattern>,
     /// What every single micro-image makes of the spacing is wanted too.
     pub map: bool,
+    /// Greatest pitch of micro-images that the array can have, in MLA pitches: they exceed its own by b/d.
+    pub most_pitch: f64,
 }
 
 impl FrameOptions {
@@ -118,6 +123,20 @@ impl FrameOptions {
             white_at_this_setting: false,
             mosaic: None,
             map: false,
+            most_pitch: MOST_PITCH,
+        }
+    }
+
+    /// What a design says of a camera's frames. `pixel_mm` is the side of a pixel.
+    #[must_use]
+    pub fn of_design(design: &CameraDesign, pixel_mm: f64) -> Self {
+        let pitch_px = design.mla.pitch / pixel_mm;
+        let exceeds = design.mla.b() / design.air_lens_to_mla();
+        Self {
+            spacing: SpacingOptions { mode: Some(design.mla.mode), ..SpacingOptions::new(pitch_px) },
+            array: Some(design.mla.array),
+            most_pitch: MOST_PITCH.max(1.0 + MOST_EXCESS * exceeds),
+            ..Self::new(pitch_px)
         }
     }
 }
@@ -150,23 +169,21 @@ pub struct PreparedFrame {
     pub light: Arc<Light>,
 }
 
-/// Micro-image pitches, in MLA pitches, that can be those of an MLA: they exceed its own by b/d, a few per cent.
-const PITCHES: [f64; 2] = [0.98, 1.1];
+/// Least pitch of micro-images, in MLA pitches, that can be that of an MLA; and the greatest where no design says more.
+const LEAST_PITCH: f64 = 0.98;
+const MOST_PITCH: f64 = 1.1;
+/// How many times b/d micro-images may exceed the MLA's pitch: d and b are not yet set.
+const MOST_EXCESS: f64 = 1.3;
 
-/// Whether micro-images of this pitch can be those of an MLA of that pitch (both px). Where they cannot, capture range and
-/// target mean nothing for the frame.
-fn pitches_belong(micro_image_pitch_px: f64, mla_pitch_px: f64) -> bool {
-    (PITCHES[0]..PITCHES[1]).contains(&(micro_image_pitch_px / mla_pitch_px))
-}
-
-/// The grid of a frame of an MLA of this pitch, px: what is there at a pitch that it can have goes before anything else,
-/// and whatever else there is comes before nothing.
+/// The grid of a frame whose micro-images' pitch the options know: what is there at a pitch that it can have goes before
+/// anything else, and whatever else there is comes before nothing.
 ///
 /// # Errors
 /// [`GridError`] where there is no lattice of any pitch.
-pub fn expected_grid(image: &RawImage, mla_pitch_px: f64) -> Result<Grid, GridError> {
+pub fn expected_grid(image: &RawImage, options: &FrameOptions) -> Result<Grid, GridError> {
     let any = GridOptions::default();
-    let [least, most] = PITCHES.map(|share| (share * mla_pitch_px).clamp(any.pitch_px[0], any.pitch_px[1]));
+    let [least, most] = [LEAST_PITCH, options.most_pitch]
+        .map(|share| (share * options.spacing.mla_pitch_px).clamp(any.pitch_px[0], any.pitch_px[1]));
     let expected = (least < most).then(|| find_grid(image, &GridOptions { pitch_px: [least, most], ..any }));
     expected.and_then(Result::ok).map_or_else(|| find_grid(image, &any), Ok)
 }
@@ -176,9 +193,10 @@ pub(super) fn check_array(grid: &Grid, options: &FrameOptions) -> Result<(), Mea
     if let Some(wanted) = options.array.filter(|&wanted| wanted != grid.array) {
         return Err(MeasurementError::OtherArray { found: grid.array, wanted });
     }
-    let mla_pitch_px = options.spacing.mla_pitch_px;
-    if !pitches_belong(grid.pitch_px(), mla_pitch_px) {
-        return Err(MeasurementError::OtherPitch { found_px: grid.pitch_px(), mla_pitch_px });
+    let (found_px, mla_pitch_px, most) = (grid.pitch_px(), options.spacing.mla_pitch_px, options.most_pitch);
+    // Where they cannot be the array's, capture range and target mean nothing for the frame.
+    if !(LEAST_PITCH..most).contains(&(found_px / mla_pitch_px)) {
+        return Err(MeasurementError::OtherPitch { found_px, mla_pitch_px, most });
     }
     Ok(())
 }
@@ -217,7 +235,7 @@ impl Setting {
             several => Cow::Owned(mean(several)?),
         };
         let even = &*evened(&mean, options.mosaic);
-        let grid = expected_grid(even, options.spacing.mla_pitch_px)?;
+        let grid = expected_grid(even, options)?;
         let light = Arc::new(Vignetting::from_textured(even, &grid)?.over(&grid));
         Ok(Self { light, grid, fit: None })
     }

@@ -9,7 +9,7 @@ use super::fit::Model;
 use super::frame::Frame;
 use super::phases::Phases;
 use super::profile::{Effort, Known, matched_best};
-use super::search::{CLEAN_SCATTER, SCALE_CHANGE_MAX};
+use super::search::{CLEAN_SCATTER, PITCH_FOLLOWED};
 use super::{Grid, GridError, MicroImage};
 use crate::imaging::vignetting::Vignetting;
 use crate::raw::RawImage;
@@ -73,7 +73,7 @@ impl GridCheck {
     /// no movement.
     #[must_use]
     pub fn state(&self) -> GridState {
-        if self.coherence < COHERENCE_LOST || self.scale_change.abs() > SCALE_CHANGE_MAX {
+        if self.coherence < COHERENCE_LOST || self.scale_change.abs() > PITCH_FOLLOWED {
             GridState::Lost
         } else if self.displacement_px > Self::TOLERANCE_PX.max(3.0 * self.displacement_sigma_px) {
             GridState::Moved
@@ -108,7 +108,7 @@ pub fn check_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) -> 
         return Err(too_few());
     }
     let phases = Phases::new(grid, &lenses, &demodulator.harmonics);
-    let together = phases.brought_together(SCALE_CHANGE_MAX);
+    let together = phases.brought_together(PITCH_FOLLOWED);
     let coherence = phases.coherence_about(&together);
     // Texture shifts the phases, and the mean profile hardly: in a clean frame they are the better of the two.
     let clean = phases.scatter_about(&together) < CLEAN_SCATTER * grid.pitch_px();

@@ -35,7 +35,7 @@ use crate::optics::ArrayKind;
 pub(super) use phases::median;
 
 pub use check::{GridCheck, GridState, check_grid};
-pub use search::{find_grid, lens_residuals, refine_grid};
+pub use search::{PITCH_FOLLOWED, find_grid, lens_residuals, refine_grid};
 pub use sigma::GridSigma;
 
 /// Where the micro-images are: a lattice, `centre + i basis[0] + j basis[1]`, with a smooth departure from it where

@@ -37,7 +37,7 @@ const PITCH_SLACK: f64 = 1.02;
 /// Finest pitch at which micro-images can be told from each other, px.
 const FINEST_PX: f64 = 4.0;
 /// Largest relative change of the pitch that [`refine_grid`] takes for the same grid.
-pub(super) const SCALE_CHANGE_MAX: f64 = 0.01;
+pub const PITCH_FOLLOWED: f64 = 0.01;
 
 /// Finds the grid of a white or textured frame: array type, pitch, rotation and place, without being told any of them.
 ///
@@ -129,7 +129,7 @@ pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) ->
     if lenses.is_empty() {
         return Err(too_few());
     }
-    let together = Phases::new(grid, &lenses, &Harmonics::new(grid).waves).brought_together(SCALE_CHANGE_MAX);
+    let together = Phases::new(grid, &lenses, &Harmonics::new(grid).waves).brought_together(PITCH_FOLLOWED);
     let mut followed = together.clone();
     for _ in 0..3 {
         let Some(fit) = fit_once(&frame, &followed, whole, Model::ScaleShift) else { return Err(too_few()) };
@@ -145,7 +145,7 @@ pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) ->
     let refined = placed(&frame, followed, &[together, grid.clone()], known, Model::ScaleShift);
     let refined = Grid { coherence: judged(&frame, refined.clone(), whole).coherence, ..refined };
     let change = refined.pitch_px() / grid.pitch_px() - 1.0;
-    if change.abs() > SCALE_CHANGE_MAX {
+    if change.abs() > PITCH_FOLLOWED {
         return Err(misfit(format!("its pitch would change by {:.2} %", 100.0 * change)));
     }
     if refined.coherence < COHERENCE_KNOWN_LEAST {

@@ -303,12 +303,8 @@ impl LiveMeter {
         self.engine.start_from(&grid)?;
         let shares = self.vignetting.render(&grid);
         let frame = SpacingFrame::new(raw, mosaic, &shares, &grid)?;
-        let options = SpacingOptions {
-            mla_pitch_px: self.options.mla_pitch_px,
-            mode: self.options.mode,
-            start_px: None,
-            field_held: self.options.field_held,
-        };
+        let LiveOptions { mla_pitch_px, mode, field_held, .. } = self.options;
+        let options = SpacingOptions { mode, field_held, ..SpacingOptions::new(mla_pitch_px) };
         let found = find_spacing(&[frame], &options).map_err(|failed| self.with_white(failed, raw, &grid))?;
         self.engine.state = Some(State::new(found.spacings_px[0], found.field_px));
         ended(LivePart::Search);

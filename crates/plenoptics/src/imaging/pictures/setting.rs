@@ -66,7 +66,7 @@ impl Setting {
             Some(white) if options.white_at_this_setting => (white.grid.clone(), white.vignetting.clone()),
             Some(white) => (refine_grid(even, &white.grid, Some(&white.vignetting))?, white.vignetting.clone()),
             None => {
-                let grid = expected_grid(even, options.spacing.mla_pitch_px)?;
+                let grid = expected_grid(even, options)?;
                 let profile = Vignetting::from_textured(even, &grid)?;
                 (grid, profile)
             }

@@ -86,13 +86,15 @@ pub struct SpacingOptions {
     /// Tilt x, tilt y (px per half frame width) and curvature (px per half width squared) where they are known and not
     /// to be fitted.
     pub field_held: Option<[f64; 3]>,
+    /// Nothing moves, by other frames of the same pose: one that looks smeared is measured all the same.
+    pub at_rest: bool,
 }
 
 impl SpacingOptions {
     /// Nothing known but the MLA pitch (px).
     #[must_use]
     pub const fn new(mla_pitch_px: f64) -> Self {
-        Self { mla_pitch_px, mode: None, start_px: None, field_held: None }
+        Self { mla_pitch_px, mode: None, start_px: None, field_held: None, at_rest: false }
     }
 }
 
@@ -208,7 +210,7 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
     let sigma_random_px = regions.sigmas_random_px[0];
     let several_boards = are_several(covariance[0][0], sigma_random_px);
     covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, fitted.free[0].sigma);
-    if !several_boards {
+    if !several_boards && !options.at_rest {
         let mut smears = frames.iter().zip(&solver.radii).filter_map(|(f, &radius)| smear::smear(f, model, radius));
         if let Some(smear) = smears.find(|s| s.square > SMEAR_SIGNIFICANCE * s.sigma.hypot(SMEAR_SIGMA)) {
             return Err(SpacingError::Moved { change_px: smear.square.sqrt() });

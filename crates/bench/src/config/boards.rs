@@ -1,0 +1,37 @@
+//! `[boards]`: which boards there are for the air step, and the room that they have.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which boards stand before the lens in air.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BoardsInAir {
+    /// Whichever of the others suits the camera, by the plan.
+    Auto,
+    /// One board of three levels side by side.
+    TripleLevel,
+    /// One flat board, put to three places in turn.
+    FlatInTurn,
+}
+
+/// `[boards]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BoardsConfig {
+    /// Which boards stand before the lens in air.
+    pub in_air: BoardsInAir,
+    /// Distance between the levels of the triple-level board that there is, mm; `None` where one is made as the plan
+    /// wants it.
+    pub level_step_mm: Option<f64>,
+    /// From the nearest to the furthest level of a triple-level board, mm, at most.
+    pub greatest_depth_mm: f64,
+    /// How far from the lens a board in air may stand, mm.
+    pub farthest_mm: f64,
+}
+
+impl Default for BoardsConfig {
+    fn default() -> Self {
+        Self { in_air: BoardsInAir::Auto, level_step_mm: None, greatest_depth_mm: 60.0, farthest_mm: 5000.0 }
+    }
+}

@@ -1,0 +1,120 @@
+//! Which boards stand before the lens in air, and how far apart.
+
+use super::capture::Capture;
+use bench::config::{BoardsInAir, Config};
+use plenoptics::optics::mla::micro_image_pitch;
+use plenoptics::optics::{CameraDesign, Solution};
+
+/// Difference of the spacings of neighbouring levels side by side, in MLA pitches: told apart many times over, and all
+/// of them still sharp.
+const LEVELS_APART: f64 = 0.044;
+/// The same in pixels, at the least, for levels to be told apart side by side.
+const LEVELS_APART_PX: f64 = 1.1;
+/// The same where one board is put to three places in turn: each is seen alone, and b is told by what lies between them.
+const PLACES_APART: f64 = 0.08;
+/// Micro-images that a level's strip has to be wide: at its boundaries they see two boards.
+const STRIP_MICRO_IMAGES: f64 = 6.0;
+
+/// Boards before the lens in air; distances from the main lens's principal point, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AirBoards {
+    /// Three levels side by side, from the nearest to the furthest.
+    Levels([f64; 3]),
+    /// One flat board.
+    Flat(f64),
+}
+
+impl AirBoards {
+    /// Distance of the middle one, mm.
+    #[must_use]
+    pub const fn middle_mm(&self) -> f64 {
+        match self {
+            Self::Levels([_, middle, _]) | Self::Flat(middle) => *middle,
+        }
+    }
+}
+
+/// How the boards of the air step are arranged about a distance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Arrangement {
+    /// Three levels side by side, so far apart, mm.
+    Levels {
+        /// From one to the next, mm.
+        step_mm: f64,
+    },
+    /// One flat board, put to these places in turn, from the nearest to the furthest, mm.
+    InTurn {
+        /// The places, mm; the middle one is the solution's.
+        places_mm: [f64; 3],
+    },
+}
+
+impl Arrangement {
+    /// The boards about a distance, mm.
+    #[must_use]
+    pub fn about(&self, middle_mm: f64) -> AirBoards {
+        match *self {
+            Self::Levels { step_mm } => AirBoards::Levels([middle_mm - step_mm, middle_mm, middle_mm + step_mm]),
+            Self::InTurn { .. } => AirBoards::Flat(middle_mm),
+        }
+    }
+
+    /// The one that suits a camera at a solution; as configured where that is.
+    /// `parked_mm` is how far e is moved while the boards stand.
+    pub(super) fn of(config: &Config, solution: &Solution, capture: &Capture, parked_mm: f64) -> Self {
+        let design = config.design();
+        let step_mm = config.boards.level_step_mm.unwrap_or_else(|| level_step_mm(&design, solution));
+        let levels = Self::Levels { step_mm };
+        let in_turn = Self::InTurn { places_mm: places_mm(solution, capture) };
+        match config.boards.in_air {
+            BoardsInAir::TripleLevel => levels,
+            BoardsInAir::FlatInTurn => in_turn,
+            // While e goes far the levels would leave the range in which they are told apart.
+            BoardsInAir::Auto if parked_mm <= step_mm && levels.suits(config, &design, solution, capture) => levels,
+            BoardsInAir::Auto => in_turn,
+        }
+    }
+
+    /// Whether levels so far apart can be made, stand, and are told apart side by side.
+    fn suits(&self, config: &Config, design: &CameraDesign, solution: &Solution, capture: &Capture) -> bool {
+        let Self::Levels { step_mm } = *self else { return true };
+        let (middle, delta_v) = (solution.equivalent_distance, solution.delta_v);
+        let across =
+            f64::from(config.sensor.width_px.max(config.sensor.height_px)) * config.pixel_pitch().millimetres();
+        let pitch = micro_image_pitch(design.mla.pitch, design.lens_to_mla(delta_v), design.mla.b());
+        let apart = LEVELS_APART * design.mla.pitch / config.pixel_pitch().millimetres();
+        2.0 * step_mm <= config.boards.greatest_depth_mm
+            && apart >= LEVELS_APART_PX
+            && across / pitch >= 3.0 * STRIP_MICRO_IMAGES
+            && [middle - step_mm, middle + step_mm].iter().all(|&level| capture.sees(level, delta_v, 0.0))
+    }
+}
+
+/// The step between levels whose spacings lie [`LEVELS_APART`], mm: to a half, or to two digits where it is short.
+fn level_step_mm(design: &CameraDesign, solution: &Solution) -> f64 {
+    let by_distance = design.mla.spacing_slope(design.mla.a())
+        * (solution.image_distance / solution.equivalent_distance).powi(2)
+        / design.mla.pitch;
+    let step = LEVELS_APART / by_distance;
+    let unit = if step >= 4.0 { 0.5 } else { 0.1 };
+    ((step / unit).round() * unit).max(unit)
+}
+
+/// Three places whose spacings lie [`PLACES_APART`], the middle one the solution's; where the lens sees no further, both
+/// others are nearer.
+fn places_mm(solution: &Solution, capture: &Capture) -> [f64; 3] {
+    let middle = solution.equivalent_distance;
+    let spacing = capture.spacing(middle, solution.delta_v);
+    // The nearer a board, the larger its spacing.
+    let place = |spacing: f64| {
+        let distance = capture.distance_mm(spacing, solution.delta_v)?;
+        (capture.holds(spacing) && capture.stands(distance)).then_some((distance * 10.0).round() / 10.0)
+    };
+    let sought = |way: f64| (0..8).find_map(|k| place(spacing + way * PLACES_APART * 0.8f64.powi(k)));
+    match (sought(1.0), sought(-1.0)) {
+        (Some(near), Some(far)) => [near, middle, far],
+        (Some(near), None) => [near, f64::midpoint(near, middle), middle],
+        (None, Some(far)) => [middle, f64::midpoint(middle, far), far],
+        (None, None) => [middle; 3],
+    }
+}

@@ -1,0 +1,289 @@
+//! What stands in the way of a plan: told before anything moves, with the key that would have to be otherwise.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::boards::Arrangement;
+use super::precision::Precision;
+use super::{FREE_PROBES, Plan, spacing_in_water};
+use crate::calibrated::CalibratedCamera;
+use bench::config::{BoardsInAir, Config};
+use plenoptics::optics::mla::micro_image_pitch;
+
+/// Fewer micro-images across the frame than this are no field.
+const LEAST_ACROSS: f64 = 8.0;
+/// Micro-images smaller than this are not measured, px.
+const LEAST_PITCH_PX: f64 = 10.0;
+/// Standard uncertainties by which the spacings of neighbouring levels have to differ.
+const LEVELS_TOLD: f64 = 10.0;
+/// Most that the shell's aberrations may add to the spacing, px.
+const MOST_EXCESS_PX: f64 = 0.7;
+/// So many times larger at most is a shell proposed.
+const MOST_LARGER: f64 = 5.0;
+/// The way from where the shell is mounted to the optimum must be at least this long, mm, for e to be led by the picture.
+const LEAST_WAY_MM: f64 = 0.3;
+
+/// A key of the configuration that keeps an alignment from its end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Obstacle {
+    /// The key, dotted.
+    pub key: String,
+    /// Its value now, in words.
+    pub value: String,
+    /// What it would have to be, in words.
+    pub needed: String,
+    /// Why, in a sentence.
+    pub why: String,
+}
+
+impl std::fmt::Display for Obstacle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} is {}, and would have to be {}: {}", self.key, self.value, self.needed, self.why)
+    }
+}
+
+fn obstacle(key: &str, value: impl ToString, needed: impl Into<String>, why: impl Into<String>) -> Obstacle {
+    Obstacle { key: key.to_owned(), value: value.to_string(), needed: needed.into(), why: why.into() }
+}
+
+/// Upwards to a tenth.
+fn up(value: f64) -> f64 {
+    (value * 10.0).ceil() / 10.0
+}
+
+impl Plan {
+    /// What stands in its way, in the order in which it would be met.
+    pub(crate) fn obstacles(&self, config: &Config) -> Vec<Obstacle> {
+        let mut found = Vec::new();
+        self.check_camera(config, &mut found);
+        // Of a camera that cannot be measured nothing else can be said.
+        if found.is_empty() {
+            self.check_focus_travel(config, &mut found);
+            self.check_boards(config, &mut found);
+            self.check_aberrations(config, &mut found);
+            self.check_way_in(config, &mut found);
+            self.check_tolerance(config, &mut found);
+        }
+        found
+    }
+
+    fn check_camera(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let mla = &self.design.mla;
+        let pitch_px = mla.pitch / config.pixel_pitch().millimetres();
+        if pitch_px < LEAST_PITCH_PX {
+            let least = LEAST_PITCH_PX * config.pixel_pitch().millimetres();
+            found.push(obstacle(
+                "mla.pitch_mm",
+                mla.pitch,
+                format!("at least {least:.4}"),
+                format!("micro-images of {pitch_px:.1} px are too small to be measured"),
+            ));
+        }
+        let target = mla.target_spacing() / mla.pitch;
+        let [low, high] = self.capture.range();
+        if !self.capture.holds(target) {
+            let resolutions = [low, high].map(|end| (1.0 / (1.0 - end)).abs());
+            found.push(obstacle(
+                "mla.angular_resolution",
+                mla.angular_resolution,
+                format!(
+                    "from {:.2} to {:.2}",
+                    resolutions[0].min(resolutions[1]),
+                    resolutions[0].max(resolutions[1])
+                ),
+                format!(
+                    "the spacing in focus, {target:.2} of the MLA's pitch, is outside of what is found in a frame, {low:.2} to {high:.2}"
+                ),
+            ));
+        }
+        let pitch = micro_image_pitch(mla.pitch, self.design.lens_to_mla(self.solution.delta_v), mla.b());
+        for (key, pixels) in
+            [("sensor.width_px", config.sensor.width_px), ("sensor.height_px", config.sensor.height_px)]
+        {
+            let needed = (LEAST_ACROSS * pitch / config.pixel_pitch().millimetres()).ceil();
+            if f64::from(pixels) < needed {
+                found.push(obstacle(
+                    key,
+                    pixels,
+                    format!("at least {needed}"),
+                    format!("a field of fewer than {LEAST_ACROSS} micro-images across says nothing"),
+                ));
+            }
+        }
+    }
+
+    fn check_focus_travel(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let (axis, delta_v) = (&config.bench.focus, self.solution.delta_v);
+        let unknown = self.focus.unknown_mm(delta_v);
+        let why = format!(
+            "Δv = {delta_v:.3} mm is wanted, and may lie {unknown:.2} mm beside the axis's reading (zero_uncertainty_mm and twice scale_uncertainty)"
+        );
+        let (least, most) = (delta_v - unknown, delta_v + unknown);
+        if most > axis.high_limit_mm {
+            let needed = format!("at least {:.1}", up(most));
+            found.push(obstacle("bench.focus.high_limit_mm", axis.high_limit_mm, needed, why.clone()));
+        }
+        if least < axis.low_limit_mm {
+            let needed = format!("at most {:.1}", -up(-least));
+            found.push(obstacle("bench.focus.low_limit_mm", axis.low_limit_mm, needed, why));
+        }
+        let free = FREE_PROBES * self.focus_probe_mm;
+        let why = format!("the first move after the homing needs {free:.2} mm free on both sides");
+        if axis.home_position_mm - axis.low_limit_mm < free {
+            let needed = format!("at most {:.2}", axis.home_position_mm - free);
+            found.push(obstacle("bench.focus.low_limit_mm", axis.low_limit_mm, needed, why.clone()));
+        }
+        if axis.high_limit_mm - axis.home_position_mm < free {
+            let needed = format!("at least {:.2}", axis.home_position_mm + free);
+            found.push(obstacle("bench.focus.high_limit_mm", axis.high_limit_mm, needed, why));
+        }
+    }
+
+    fn check_boards(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let (wanted, nearest) = (self.solution.equivalent_distance, self.capture.nearest_mm());
+        let focal_length = self.design.main_lens.focal_length;
+        if wanted < nearest {
+            found.push(obstacle(
+                "main_lens.focal_length_mm",
+                focal_length,
+                format!("at most {:.1}", focal_length * wanted / nearest),
+                format!(
+                    "behind the shell the board appears {wanted:.1} mm from the lens, where no board can be put in air"
+                ),
+            ));
+            return;
+        }
+        if wanted > config.boards.farthest_mm {
+            found.push(obstacle(
+                "boards.farthest_mm",
+                config.boards.farthest_mm,
+                format!("at least {:.0}", wanted.ceil()),
+                "the board in air stands where the one in water appears",
+            ));
+            return;
+        }
+        let start = self.focus.home_mm;
+        if self.boards_at(start, self.focus.unknown_mm(start), None).is_none() {
+            let anywhere = self.capture.anywhere().place_mm(wanted, start, self.focus.unknown_mm(start));
+            found.push(match anywhere {
+                Some(place) => obstacle(
+                    "boards.farthest_mm",
+                    config.boards.farthest_mm,
+                    format!("at least {:.0}", place.ceil()),
+                    "where the focus axis stands after its homing no nearer board is in the range of focus",
+                ),
+                None => obstacle(
+                    "bench.focus.zero_uncertainty_mm",
+                    config.bench.focus.zero_uncertainty_mm,
+                    format!("at most {:.3}", self.known_enough_mm(start)),
+                    "the range of focus is so short that no board is within it wherever the axis may stand after its homing",
+                ),
+            });
+        }
+        if let (BoardsInAir::TripleLevel, Arrangement::Levels { step_mm }) = (config.boards.in_air, self.arrangement) {
+            let spacing = |place: f64| self.capture.spacing(place, self.solution.delta_v);
+            let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
+            let apart_px = (spacing(wanted) - spacing(wanted + step_mm)).abs() * pitch_px;
+            let needed_px = LEVELS_TOLD * Precision::of(config, self).spacing_px;
+            let in_range = [wanted - step_mm, wanted + step_mm]
+                .iter()
+                .all(|&level| self.capture.sees(level, self.solution.delta_v, 0.0));
+            if apart_px < needed_px || !in_range {
+                found.push(obstacle(
+                    "boards.in_air",
+                    "\"triple_level\"",
+                    "\"flat_in_turn\", or boards.level_step_mm another",
+                    if in_range {
+                        format!(
+                            "levels {step_mm} mm apart differ by {apart_px:.3} px only, and {needed_px:.3} px are to be told"
+                        )
+                    } else {
+                        format!("levels {step_mm} mm apart do not all lie in the range of focus")
+                    },
+                ));
+            }
+        }
+    }
+
+    /// How well Δv must be known at a reading (mm) for some board to be in range, mm.
+    fn known_enough_mm(&self, reading_mm: f64) -> f64 {
+        let seen = |within: f64| self.boards_at(reading_mm, within, None).is_some();
+        let mut within = self.focus.unknown_mm(reading_mm);
+        while within > 1e-3 && !seen(within) {
+            within *= 0.7;
+        }
+        within
+    }
+
+    /// Whether the shell can be mounted where the picture through it can be measured.
+    fn check_way_in(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let goal = self.solution.e;
+        let seen = |e_mm: f64| self.capture.holds(spacing_in_water(&self.design, &self.solution, e_mm));
+        // Where e is to be held there is no way to it.
+        let held = self.wanted_mount_e_mm <= goal;
+        if (held || self.mount_e_mm - goal >= LEAST_WAY_MM) && seen(self.mount_e_mm) {
+            return;
+        }
+        let steps = 400;
+        let reach = (0..=steps)
+            .map(|k| goal + f64::from(k) / f64::from(steps) * (self.wanted_mount_e_mm - goal).max(0.0))
+            .take_while(|&e_mm| seen(e_mm))
+            .last()
+            .map_or(0.0, |e_mm| e_mm - goal);
+        found.push(obstacle(
+            "bench.e.zero_uncertainty_mm",
+            config.bench.e.zero_uncertainty_mm,
+            format!("less than {:.2}, with bench.e.scale_uncertainty to match", (0.5 * reach).max(0.01)),
+            format!(
+                "through the shell the board is in the range of focus only within {reach:.2} mm of e = {goal:.2} mm, and the axis is known to ±{:.2} mm there",
+                self.e.unknown_mm(goal + reach)
+            ),
+        ));
+    }
+
+    /// What the shell's aberrations add to the spacing in focus over the estimator's window, px.
+    pub(super) fn aberrations_px(&self, config: &Config) -> f64 {
+        let e_mm = self.solution.e;
+        CalibratedCamera::designed(config, e_mm).excess_px(e_mm, 0.0)
+    }
+
+    /// Whether the lens is too fast for the shell: what rays far from the axis add to the spacing is known to a share of it.
+    fn check_aberrations(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let excess_px = |config: &Config| self.aberrations_px(config).abs();
+        let now_px = excess_px(config);
+        if now_px <= MOST_EXCESS_PX {
+            return;
+        }
+        let mut larger = config.clone();
+        let radius_mm = config.shell.outer_radius_mm;
+        while excess_px(&larger) > MOST_EXCESS_PX && larger.shell.outer_radius_mm < MOST_LARGER * radius_mm {
+            larger.shell.outer_radius_mm *= 1.05;
+            larger.shell.inner_radius_mm *= 1.05;
+        }
+        found.push(obstacle(
+            "shell.outer_radius_mm",
+            radius_mm,
+            format!("at least {:.0}, or main_lens.focal_length_mm shorter", larger.shell.outer_radius_mm.ceil()),
+            format!(
+                "an aperture of {:.1} mm is so large for the shell that its aberrations add {now_px:.2} px to the spacing, and no more than {MOST_EXCESS_PX} px can be allowed for",
+                self.solution.aperture
+            ),
+        ));
+    }
+
+    fn check_tolerance(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let precision = Precision::of(config, self);
+        let needed = 2.5 * precision.delta_v_mm;
+        if self.delta_v_tolerance_mm < needed {
+            found.push(obstacle(
+                "assembly.delta_v_tolerance_mm",
+                self.delta_v_tolerance_mm,
+                format!("at least {needed:.4}"),
+                format!(
+                    "Δv is expected to be good to {:.4} mm (a spacing to {:.4} px), and twice that has to lie within the tolerance",
+                    precision.delta_v_mm, precision.spacing_px
+                ),
+            ));
+        }
+    }
+}

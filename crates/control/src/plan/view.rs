@@ -1,0 +1,243 @@
+//! A plan as a caller sees it: what the command line prints, the API serves, and a job's log begins with.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::boards::{AirBoards, Arrangement};
+use super::obstacle::Obstacle;
+use super::precision::Precision;
+use super::{Plan, spacing_in_water};
+use bench::config::{Config, ConfigOrigin};
+
+/// A frame and its measurement, s, by the megapixel; and the least.
+const MEASURED_S_PER_MEGAPIXEL: f64 = 0.35;
+/// Frame, settling and the pauses of a move in pieces, s, by the measurement.
+const PAUSES_S: f64 = 1.0;
+/// Measurements in air and through the shell that an alignment takes as a rule.
+const MEASUREMENTS: f64 = 12.0;
+
+/// Which boards a plan has in air.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PlannedBoards {
+    /// Three levels side by side.
+    TripleLevel,
+    /// One flat board, put to three places in turn.
+    FlatInTurn,
+}
+
+/// A board in air and what is to be seen of it at the solution's Δv.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlannedBoard {
+    /// From the main lens's principal point, mm.
+    pub distance_mm: f64,
+    /// Its spacing, px.
+    pub spacing_px: f64,
+}
+
+/// What the operator is asked to do, in the order of the job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlannedStep {
+    /// The step's name, as the job asks for it.
+    pub name: String,
+    /// The value to be set, with its unit; null where there is none.
+    pub value: Option<String>,
+}
+
+/// What a joint alignment will do, worked out before anything moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlanView {
+    /// Where the design's numbers come from.
+    pub origin: String,
+    /// Whether nothing stands in its way.
+    pub possible: bool,
+    /// What does.
+    pub obstacles: Vec<Obstacle>,
+    /// Δv aimed at, mm.
+    pub delta_v_mm: f64,
+    /// e aimed at, mm.
+    pub e_mm: f64,
+    /// Spacing aimed at in air, px.
+    pub spacing_target_px: f64,
+    /// Which boards stand before the lens in air.
+    pub boards_in_air: PlannedBoards,
+    /// Those, from the nearest to the furthest.
+    pub boards: Vec<PlannedBoard>,
+    /// Where the first board in air stands, mm: where the focus axis is after its homing, another may be in range.
+    pub first_board_mm: Option<f64>,
+    /// e at which the shell is mounted, mm.
+    pub mount_e_mm: f64,
+    /// Spacing through the shell there, px.
+    pub mount_spacing_px: f64,
+    /// What the shell's aberrations add to the spacing in focus over the estimator's window, px.
+    pub aberrations_px: f64,
+    /// Tolerance of Δv, mm.
+    pub delta_v_tolerance_mm: f64,
+    /// Tolerance of e, mm.
+    pub e_tolerance_mm: f64,
+    /// By how much the spacing may be off its target at the end, px.
+    pub spacing_tolerance_px: f64,
+    /// First move of the focus axis, mm.
+    pub focus_probe_mm: f64,
+    /// First move of the e axis, mm.
+    pub e_probe_mm: f64,
+    /// Standard uncertainty expected of a spacing, px.
+    pub spacing_sigma_px: f64,
+    /// The same of Δv by the picture alone, mm.
+    pub delta_v_sigma_mm: f64,
+    /// The same of e by picture and axis, mm.
+    pub e_sigma_mm: f64,
+    /// What these assume, in words.
+    pub assumed: String,
+    /// What the operator is asked to do.
+    pub operator_steps: Vec<PlannedStep>,
+    /// How long it takes besides the operator, about, s.
+    pub duration_s: f64,
+}
+
+impl PlanView {
+    /// The plan of a joint alignment by a checked configuration.
+    #[must_use]
+    pub fn of(config: &Config, origin: &ConfigOrigin) -> Self {
+        let assembly = &config.assembly;
+        let solution = config.design().joint(assembly.l_bound_mm);
+        let plan = Plan::new(config, solution, assembly.e_wall_mm(assembly.l_bound_mm), assembly.initial_e_mm);
+        plan.view(config, origin.describe(config))
+    }
+}
+
+impl Plan {
+    /// In a sentence.
+    pub(crate) fn summary(&self, config: &Config) -> String {
+        let view = self.view(config, String::new());
+        let list = |of: fn(&PlannedBoard) -> String| view.boards.iter().map(of).collect::<Vec<_>>().join(", ");
+        let boards = match view.boards_in_air {
+            PlannedBoards::TripleLevel => "levels of one board at",
+            PlannedBoards::FlatInTurn => "one flat board in turn at",
+        };
+        format!(
+            "plan: Δv = {:.4} mm to ±{} mm and e = {:.3} mm to ±{} mm; in air {boards} {} mm, whose spacings are {} px; the shell is mounted at e = {:.1} mm, where the spacing is {:.2} px; a spacing is expected to be good to {:.4} px, which is {:.4} mm of Δv and {:.3} mm of e ({})",
+            view.delta_v_mm,
+            view.delta_v_tolerance_mm,
+            view.e_mm,
+            view.e_tolerance_mm,
+            list(|board| format!("{:.1}", board.distance_mm)),
+            list(|board| format!("{:.2}", board.spacing_px)),
+            view.mount_e_mm,
+            view.mount_spacing_px,
+            view.spacing_sigma_px,
+            view.delta_v_sigma_mm,
+            view.e_sigma_mm,
+            view.assumed
+        )
+    }
+
+    fn view(&self, config: &Config, origin: String) -> PlanView {
+        let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
+        let solution = &self.solution;
+        let precision = Precision::of(config, self);
+        let obstacles = self.obstacles(config);
+        let (boards_in_air, places) = match self.arrangement {
+            Arrangement::Levels { step_mm } => {
+                (PlannedBoards::TripleLevel, [-step_mm, 0.0, step_mm].map(|step| solution.equivalent_distance + step))
+            }
+            Arrangement::InTurn { places_mm } => (PlannedBoards::FlatInTurn, places_mm),
+        };
+        let boards = places.map(|distance_mm| PlannedBoard {
+            distance_mm,
+            spacing_px: self.capture.spacing(distance_mm, solution.delta_v) * pitch_px,
+        });
+        let first = self.first_boards();
+        PlanView {
+            origin,
+            possible: obstacles.is_empty(),
+            obstacles,
+            delta_v_mm: solution.delta_v,
+            e_mm: solution.e,
+            spacing_target_px: self.design.mla.target_spacing() / config.pixel_pitch().millimetres(),
+            boards_in_air,
+            boards: boards.to_vec(),
+            first_board_mm: first.map(|boards| boards.middle_mm()),
+            mount_e_mm: self.mount_e_mm,
+            mount_spacing_px: spacing_in_water(&self.design, solution, self.mount_e_mm) * pitch_px,
+            aberrations_px: self.aberrations_px(config),
+            delta_v_tolerance_mm: self.delta_v_tolerance_mm,
+            e_tolerance_mm: self.e_tolerance_mm,
+            spacing_tolerance_px: self.spacing_tolerance_px,
+            focus_probe_mm: self.focus_probe_mm,
+            e_probe_mm: self.e_probe_mm,
+            spacing_sigma_px: precision.spacing_px,
+            delta_v_sigma_mm: precision.delta_v_mm,
+            e_sigma_mm: precision.e_mm,
+            assumed: format!(
+                "noise of {:.1} grey levels of 255, a texture as rich as the printed boards', {:.0} micro-images",
+                precision.noise_levels,
+                f64::from(config.sensor.width_px) * f64::from(config.sensor.height_px) / (pitch_px * pitch_px)
+            ),
+            operator_steps: self.operator_steps(config, first),
+            duration_s: self.duration_s(config),
+        }
+    }
+
+    /// Where boards stand first: where the focus axis is after its homing.
+    fn first_boards(&self) -> Option<AirBoards> {
+        let start = self.focus.home_mm;
+        self.boards_at(start, self.focus.unknown_mm(start), None)
+    }
+
+    fn operator_steps(&self, config: &Config, first: Option<AirBoards>) -> Vec<PlannedStep> {
+        let step = |name: &str, value: Option<String>| PlannedStep { name: name.to_owned(), value };
+        let boards = |boards: AirBoards| match boards {
+            AirBoards::Levels([near, middle, far]) => {
+                step("triple_board_in_air", Some(format!("{near:.1}, {middle:.1}, {far:.1} mm")))
+            }
+            AirBoards::Flat(distance) => step("board_in_air", Some(format!("{distance:.1} mm"))),
+        };
+        let solution = &self.solution;
+        let at_solution = self.arrangement.about(solution.equivalent_distance);
+        let mut steps = vec![step("white_frame", None)];
+        steps.extend(first.map(boards));
+        if !self.grid_followed(self.focus.home_mm, solution.delta_v) {
+            steps.push(step("white_frame", None));
+            steps.push(boards(at_solution));
+        } else if first != Some(at_solution) {
+            steps.push(boards(at_solution));
+        }
+        let ring = self.design.main_lens.ring_f_number(solution.aperture);
+        steps.push(step("aperture", Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture))));
+        let mut standing = solution.equivalent_distance;
+        if let Arrangement::InTurn { places_mm } = self.arrangement {
+            let others = places_mm.into_iter().filter(|&place| place != solution.equivalent_distance);
+            for place in others {
+                steps.push(boards(AirBoards::Flat(place)));
+                standing = place;
+            }
+        }
+        steps.extend(self.boards_while_parking(standing).into_iter().map(AirBoards::Flat).map(boards));
+        steps.push(step("shell_and_water", Some(format!("{:.1} mm", config.object.distance_mm))));
+        steps
+    }
+
+    /// Where a board is put anew while e is moved from its home to where the shell is mounted.
+    fn boards_while_parking(&self, standing_mm: f64) -> Vec<f64> {
+        let (mut places, mut standing, mut from) = (Vec::new(), standing_mm, self.e.home_mm);
+        while (self.mount_e_mm - from).abs() > self.e_tolerance_mm {
+            let Some((place, way)) = self.board_along(standing, self.mount_e_mm - from) else { break };
+            if place != standing {
+                places.push(place);
+            }
+            (standing, from) = (place + way, from + way);
+        }
+        places
+    }
+
+    fn duration_s(&self, config: &Config) -> f64 {
+        let (focus, e) = (&config.bench.focus, &config.bench.e);
+        let homing: f64 =
+            [focus, e].iter().map(|axis| (axis.high_limit_mm - axis.low_limit_mm) / axis.speed_mm_per_s / 2.0).sum();
+        let e_way = (e.home_position_mm - self.solution.e).abs() / e.speed_mm_per_s;
+        let focus_way = (self.solution.delta_v - focus.home_position_mm).abs() / focus.speed_mm_per_s;
+        let megapixels = f64::from(config.sensor.width_px) * f64::from(config.sensor.height_px) / 1e6;
+        homing + 2.0 * (e_way + focus_way) + MEASUREMENTS * (PAUSES_S + MEASURED_S_PER_MEGAPIXEL * megapixels)
+    }
+}

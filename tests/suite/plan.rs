@@ -1,0 +1,185 @@
+//! What an alignment will do, and what stands in its way: said before anything moves.
+
+use std::process::Command;
+
+use plenalign::config::{BoardsInAir, Config, ConfigOrigin};
+use plenalign::control::job::{JobKind, JobRequest, JobState};
+use plenalign::control::plan::{PlanView, PlannedBoards};
+use plenalign::optics::MlaMode;
+use serde_json::{Value, json};
+
+use super::bench::{run, service, small_config};
+use super::daemon::Daemon;
+use super::fakes::fakes;
+
+fn plan(config: &Config) -> PlanView {
+    PlanView::of(config, &ConfigOrigin::Preset)
+}
+
+#[track_caller]
+fn close(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance, "{found} instead of {expected}");
+}
+
+#[test]
+fn the_preset_is_aligned_as_it_always_was() {
+    let plan = plan(&Config::default());
+    assert!(plan.possible, "{:?}", plan.obstacles);
+    assert_eq!(plan.boards_in_air, PlannedBoards::TripleLevel);
+    let places: Vec<f64> = plan.boards.iter().map(|board| board.distance_mm).collect();
+    close(places[1], 167.17, 0.01);
+    assert_eq!([places[1] - places[0], places[2] - places[1]].map(|step| (step * 1e6).round() / 1e6), [8.0, 8.0]);
+    close(plan.boards[1].spacing_px, plan.spacing_target_px, 1e-9);
+    close(plan.first_board_mm.unwrap(), places[1], 1e-9);
+    assert_eq!((plan.mount_e_mm, plan.delta_v_tolerance_mm, plan.e_tolerance_mm), (30.0, 0.005, 0.1));
+    close(plan.mount_spacing_px, 12.68, 0.01);
+    close(plan.focus_probe_mm, 0.5, 0.01);
+    close(plan.e_probe_mm, 0.5, 0.02);
+    // Near what the estimator says of such frames.
+    assert!((0.002..0.003).contains(&plan.spacing_sigma_px), "{}", plan.spacing_sigma_px);
+    close(plan.delta_v_sigma_mm, plan.spacing_sigma_px / 8.7, 1e-5);
+    let asked: Vec<&str> = plan.operator_steps.iter().map(|step| step.name.as_str()).collect();
+    assert_eq!(asked, ["white_frame", "triple_board_in_air", "aperture", "shell_and_water"]);
+}
+
+/// The levels follow the camera: what lies between their spacings is the same share of its pitch.
+#[test]
+fn levels_lie_apart_by_what_the_camera_sees() {
+    for (focal_length, resolution) in [(20.0, 3.13), (12.0, 3.13), (35.0, 3.13), (20.0, 5.0)] {
+        let mut config = Config::default();
+        config.main_lens.focal_length_mm = focal_length;
+        config.mla.angular_resolution = resolution;
+        config.bench.focus.high_limit_mm = 40.0;
+        let plan = plan(&config);
+        let pitch_px = 1000.0 * config.mla.pitch_mm / config.sensor.pixel_um;
+        for pair in plan.boards.windows(2) {
+            let apart = (pair[0].spacing_px - pair[1].spacing_px) / pitch_px;
+            assert!((0.03..0.13).contains(&apart), "f {focal_length} N {resolution}: {apart} of the pitch, {plan:?}");
+            // More than ten of the uncertainties that are expected.
+            assert!(apart * pitch_px > 10.0 * plan.spacing_sigma_px);
+        }
+    }
+}
+
+#[test]
+fn a_shell_is_mounted_where_the_picture_through_it_can_be_measured() {
+    let mut config = Config::default();
+    config.main_lens.focal_length_mm = 35.0;
+    config.mla.angular_resolution = 2.4;
+    config.bench.focus.high_limit_mm = 60.0;
+    let plan = plan(&config);
+    assert!(plan.possible, "{:?}", plan.obstacles);
+    assert!(plan.mount_e_mm < 30.0 && plan.mount_e_mm > 0.3, "{}", plan.mount_e_mm);
+    let pitch_px = 1000.0 * config.mla.pitch_mm / config.sensor.pixel_um;
+    assert!(plan.mount_spacing_px > 0.35 * pitch_px, "{}", plan.mount_spacing_px);
+    assert_eq!(plan.boards_in_air, PlannedBoards::FlatInTurn, "levels would not stay in range while e is moved");
+}
+
+/// What a configuration is refused for.
+fn refused(change: impl FnOnce(&mut Config)) -> (String, String) {
+    let mut config = Config::default();
+    change(&mut config);
+    config.validate().unwrap();
+    let plan = plan(&config);
+    assert!(!plan.possible);
+    let first = &plan.obstacles[0];
+    (first.key.clone(), first.needed.clone())
+}
+
+#[test]
+fn what_stands_in_the_way_is_named_with_what_it_would_have_to_be() {
+    let (key, needed) = refused(|config| config.bench.focus.high_limit_mm = 2.0);
+    assert_eq!((key.as_str(), needed.as_str()), ("bench.focus.high_limit_mm", "at least 2.7"));
+    let (key, _) = refused(|config| config.bench.focus.low_limit_mm = -0.5);
+    assert_eq!(key, "bench.focus.low_limit_mm");
+    let (key, needed) = refused(|config| config.boards.farthest_mm = 150.0);
+    assert_eq!((key.as_str(), needed.as_str()), ("boards.farthest_mm", "at least 168"));
+    let (key, _) = refused(|config| config.sensor.width_px = 200);
+    assert_eq!(key, "sensor.width_px");
+    let (key, _) = refused(|config| config.mla.angular_resolution = 1.5);
+    assert_eq!(key, "mla.angular_resolution");
+    let (key, _) = refused(|config| config.assembly.delta_v_tolerance_mm = Some(1e-4));
+    assert_eq!(key, "assembly.delta_v_tolerance_mm");
+    let (key, _) = refused(|config| {
+        config.boards.in_air = BoardsInAir::TripleLevel;
+        config.boards.level_step_mm = Some(0.05);
+    });
+    assert_eq!(key, "boards.in_air");
+    // What is asked for is enough.
+    let mut enough = Config::default();
+    enough.bench.focus.high_limit_mm = 2.7;
+    assert!(plan(&enough).possible);
+}
+
+/// A job that cannot come to its end is not begun: nothing is homed and nobody is asked.
+#[tokio::test(start_paused = true)]
+async fn nothing_moves_for_what_is_refused() {
+    for kind in [JobKind::JointAlignment, JobKind::AirOnly, JobKind::ClarityOnly, JobKind::LBoundMeasurement] {
+        let mut config = small_config(1);
+        config.bench.focus.high_limit_mm = 1.5;
+        let service = service(config).await;
+        let job = run(&service, JobRequest::of(kind)).await;
+        let reason = job.reason.unwrap();
+        assert_eq!(job.state, JobState::Failed, "{reason}");
+        assert!(reason.contains("bench.focus.high_limit_mm is 1.5, and would have to be at least"), "{reason}");
+        assert!(service.bench_view().axes.iter().all(|axis| !axis.homed), "{kind:?} homed an axis");
+        assert!(!job.log.iter().any(|line| line.message.contains("operator step")), "{:?}", job.log);
+    }
+}
+
+/// The job does what the plan said: as many steps of the operator, by the same names and values.
+#[tokio::test(start_paused = true)]
+async fn a_job_asks_for_what_its_plan_said() {
+    let mut flat = small_config(2);
+    flat.boards.in_air = BoardsInAir::FlatInTurn;
+    let mut keplerian = small_config(3);
+    keplerian.mla.mode = MlaMode::Keplerian;
+    for config in [flat, keplerian] {
+        let planned = plan(&config);
+        let job = run(&service(config).await, JobRequest::of(JobKind::JointAlignment)).await;
+        assert_eq!(job.state, JobState::Converged, "{:?}", job.reason);
+        let asked: Vec<&str> =
+            job.log.iter().map(|line| &*line.message).filter(|line| line.contains("confirmed")).collect();
+        assert_eq!(asked.len(), planned.operator_steps.len(), "{asked:?} {planned:?}");
+        let said = job.log.iter().map(|line| &*line.message).filter(|line| line.starts_with("operator step"));
+        let said: Vec<&str> = said.filter(|line| !line.contains("confirmed")).collect();
+        for (step, said) in planned.operator_steps.iter().zip(said) {
+            let value = step.value.as_deref().unwrap_or("white").split([' ', ',']).next().unwrap();
+            assert!(said.contains(value), "{step:?}: {said}");
+        }
+        assert!(job.log.iter().any(|line| line.message.starts_with("plan: Δv = ")), "{:?}", job.log);
+    }
+}
+
+#[test]
+fn the_command_says_it_and_ends_by_it() {
+    let plenalign = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_plenalign")).arg("plan").args(arguments).output().expect("the program starts")
+    };
+    let output = plenalign(&[]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && text.contains("Nothing stands in the way."), "{text}");
+    assert!(text.contains("three levels side by side") && text.contains("at 159.2 mm: spacing "), "{text}");
+    let output = plenalign(&["--json", "--set", "bench.focus.high_limit_mm=2"]);
+    let view: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(view["obstacles"][0]["key"], "bench.focus.high_limit_mm");
+}
+
+#[tokio::test]
+async fn it_is_served_for_the_camera_in_force_and_for_drafts() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let ask = async |body: Value| -> Value {
+        let response = daemon.post("/api/v1/plan", &body).await;
+        assert_eq!(response.status(), 200);
+        response.json().await.unwrap()
+    };
+    let in_force = ask(json!({})).await;
+    assert_eq!(in_force["boards_in_air"], "triple_level");
+    let flat = ask(json!({ "boards": { "in_air": "flat_in_turn" } })).await;
+    assert_eq!(flat["boards_in_air"], "flat_in_turn");
+    let places: Vec<&Value> = flat["boards"].as_array().unwrap().iter().map(|board| &board["distance_mm"]).collect();
+    assert_eq!(places.len(), 3);
+    let refused = daemon.post("/api/v1/plan", &json!({ "boards": { "in_air": "none" } })).await;
+    assert_eq!(refused.status(), 409);
+}
