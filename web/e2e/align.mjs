@@ -57,7 +57,34 @@ try {
   await open(page, "Alignment");
   assert(await page.locator("#start").isDisabled());
   await resetStop(page, "the bench is clear");
+
+  step("before it starts it says what it will ask for");
+  const plan = page.locator("#plan");
+  await plan.locator("summary", { hasText: "You are asked 4 times" }).click();
+  const asked = await plan.locator("ol li").allInnerTexts();
+  assert.match(asked[1], /Triple-level board in air: 159\.2, 167\.2, 175\.2 mm/);
   await photograph(page, "start");
+
+  step("what cannot be aligned cannot be started, and says why");
+  await page.route("**/api/v1/plan", async (route) => {
+    const response = await route.fetch();
+    const whole = await response.json();
+    const obstacle = {
+      key: "bench.focus.high_limit_mm",
+      value: "2",
+      needed: "at least 2.7",
+      why: "too short",
+    };
+    await route.fulfill({ response, json: { ...whole, possible: false, obstacles: [obstacle] } });
+  });
+  await page.locator("#kind").selectOption("homing");
+  await page.locator("#kind").selectOption("joint_alignment");
+  await plan.getByText("is 2, and would have to be at least 2.7: too short").waitFor();
+  assert(await page.locator("#start").isDisabled());
+  await page.unroute("**/api/v1/plan");
+  await page.locator("#kind").selectOption("homing");
+  await page.locator("#kind").selectOption("joint_alignment");
+  await plan.locator("summary").waitFor();
 
   step("STOP in mid-run ends the job and stops the axes");
   await page.locator("#start").click();

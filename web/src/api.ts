@@ -21,6 +21,7 @@ import type {
   JobList,
   JobRequest,
   NewToken,
+  Plan,
   Problem,
   ShellState,
   Side,
@@ -151,6 +152,8 @@ export const jobs = (query: URLSearchParams) => request<JobList>("GET", `/api/v1
 export const design = () => request<Design>("GET", "/api/v1/design");
 export const draftDesign = (base: DraftBase, sections: Sections) =>
   request<Draft>("POST", "/api/v1/design", { base, ...sections });
+/** How the camera in force would be aligned. */
+export const plan = () => request<Plan>("POST", "/api/v1/plan", {});
 export const devices = () => request<Devices>("GET", "/api/v1/devices");
 export const faults = () => request<Faults>("GET", "/api/v1/simulation/faults");
 /** What is not named goes right. */

@@ -38,6 +38,7 @@ export type Show = Schemas["Show"];
 export type Part = Required<Schemas["Viewport"]>;
 export type Design = Schemas["DesignView"];
 export type Draft = Schemas["DraftView"];
+export type Plan = Schemas["PlanView"];
 export type DraftBase = Schemas["DraftBase"];
 export type DraftState = Schemas["DraftStateView"];
 export type DraftStateName = Schemas["DraftStateName"];

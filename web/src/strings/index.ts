@@ -7,6 +7,7 @@ import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
+import { plan } from "./plan";
 import { settings } from "./settings";
 
 export const strings = {
@@ -21,6 +22,7 @@ export const strings = {
   byHand,
   shell,
   job,
+  plan,
   form,
   iterations,
   report,

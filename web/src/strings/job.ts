@@ -35,14 +35,14 @@ export const job = {
     l_bound_measurement: "Measures the least e that the lens’s barrel allows (l_bound).",
     focus_sweep: "Measures the spacing at equal steps of one axis, which then goes back where it was.",
     spacing_watch: "Measures the spacing over time, with nothing moved: drift and scatter.",
-    calibration: "Finds d and b from a triple-level board in air, with nothing moved.",
+    calibration: "Finds d and b from boards in air, with nothing moved.",
     homing: "Finds the home switches. Positions are unknown before it.",
   } satisfies Record<JobKind, string>,
   steps: {
     joint_alignment: [
       "Both axes are homed, e away from the shell.",
       "You hold a diffuser before the lens for the white frame.",
-      "You put the triple-level board where the page says.",
+      "You put the board, or boards, where the page says.",
       "Δv is moved until it is within tolerance, verified twice.",
       "You mount the shell and fill the tank.",
       "e is moved until the spacing meets its target, never past the wall.",

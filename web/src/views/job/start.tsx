@@ -16,6 +16,7 @@ import { strings } from "../../strings";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Scene } from "../scene";
+import { PlanSummary, usePlan } from "./plan";
 import { Choice, Toggle } from "../toggle";
 
 /** Before what is typed is worked out, ms. */
@@ -23,6 +24,9 @@ const REST_MS = 200;
 const AXES = ["focus", "e"] as const;
 /** Kinds that go where the joint solution says. */
 const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
+
+/** Kinds that begin by the joint solution's plan. */
+const PLANNED: JobKind[] = ["joint_alignment"];
 
 /** Chooses a job, says what it will do, and starts it. */
 export function StartJob({ state, act }: Scene) {
@@ -32,9 +36,15 @@ export function StartJob({ state, act }: Scene) {
   const checked = check(draft, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
   const means = implied(draft, state.bench?.axes ?? [], unit);
+  // Of the design's own alignment; another e has another one.
+  const plan = usePlan(PLANNED.includes(draft.kind));
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const ready =
-    Boolean(state.bench) && !state.bench?.stop.latched && state.link === "open" && may(state, "control");
+    Boolean(state.bench) &&
+    !state.bench?.stop.latched &&
+    state.link === "open" &&
+    may(state, "control") &&
+    plan?.possible !== false;
   const submit = async (event: Event) => {
     event.preventDefault();
     setTried(true);
@@ -70,6 +80,7 @@ export function StartJob({ state, act }: Scene) {
         ))}
       </ol>
       <Aim kind={draft.kind} design={state.design} eMm={eOf(draft, unit)} unit={unit} />
+      {plan && <PlanSummary plan={plan} unit={unit} />}
       {FIELDS[draft.kind].map((field) => {
         if (field.is === "number") {
           return (
