@@ -4,8 +4,9 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-use plenalign::config::Config;
+use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::job::{JobSnapshot, JobState};
+use plenalign::control::plan::PlanView;
 use plenalign::optics::{ArrayKind, MlaMode};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -102,7 +103,8 @@ fn names_a_key(reason: &str) -> Option<Vec<String>> {
 
 fn judged(config: &Config, job: &JobSnapshot) -> Became {
     let reason = job.reason.clone().unwrap_or_default();
-    let moved = job.log.iter().any(|line| line.message.contains("homing") || line.message.contains("operator step"));
+    let moved =
+        job.log.iter().any(|line| line.message.starts_with("homing the") || line.message.contains("operator step"));
     match job.state {
         JobState::Converged => {}
         _ if !moved => {
@@ -164,6 +166,23 @@ async fn five_cameras_align() {
 #[tokio::test(start_paused = true)]
 async fn five_more_cameras_align() {
     assert_eq!(aligned(6..=10).await, 5);
+}
+
+/// The cameras that are shipped as examples, with as much of their sensors as is rendered in a blink.
+#[tokio::test(start_paused = true)]
+async fn the_example_cameras_align() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/examples/cameras");
+    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    assert!(files.len() >= 4, "{files:?}");
+    for file in files {
+        let mut config = Config::load(&file).unwrap();
+        assert!(PlanView::of(&config, &ConfigOrigin::Preset).possible, "{}", file.display());
+        (config.sensor.width_px, config.sensor.height_px) = (600, 600);
+        config.bench.simulation.rays = 16;
+        let became = judged(&config, &align(&service(config.clone()).await).await);
+        assert!(matches!(became, Became::Converged), "{}: {became:?}", file.display());
+    }
 }
 
 /// The seeds that an environment variable asks for.

@@ -11,6 +11,7 @@ use super::job::{IterationKind, SpacingReading};
 use super::plan::{AirBoards, Arrangement, Plan};
 use super::sight::{CameraSeen, HoldB};
 use super::tasks::AirStep;
+use bench::config::BoardsInAir;
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::Solution;
 use plenoptics::units::Millimetres;
@@ -39,8 +40,8 @@ impl Alignment<'_> {
     }
 
     /// The air step. Returns what stands before the lens at its end.
-    pub(super) async fn air(&mut self, plan: &Plan) -> Result<AirBoards, JobEnd> {
-        let solution = &plan.solution;
+    pub(super) async fn air(&mut self, plan: &mut Plan) -> Result<AirBoards, JobEnd> {
+        let solution = plan.solution;
         let mut air = AirLoop::new(plan.air_goal());
         self.findings.known_b = Some(self.configured_b());
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
@@ -63,11 +64,18 @@ impl Alignment<'_> {
             let near = (reading_mm - solution.delta_v).abs() <= plan.aperture_within_mm;
             if near && !aperture_set {
                 // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
-                self.set_aperture(solution, standing).await?;
+                self.set_aperture(&solution, standing).await?;
                 aperture_set = true;
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
-            let (observation, seen) = self.observe_air(standing, plan, frames).await?;
+            let (observation, seen) = match self.observe_air(standing, plan, frames).await {
+                Err(JobEnd::Unmeasurable { why }) if self.may_change_to_flat(standing) => {
+                    self.context.log(format!("{why}: a flat board is put to three places in turn instead"));
+                    (*plan, boards) = (plan.with_flat_board(), None);
+                    continue;
+                }
+                looked => looked?,
+            };
             let decision = air.next(observation);
             let here = air.here().unwrap_or(observation);
             self.findings.moves_air = moves_before + air.moves();
@@ -119,6 +127,11 @@ impl Alignment<'_> {
         let white = self.eye.white_frame().ok_or_else(|| JobEnd::failed("no white frame has been taken"))?;
         let taken_at = white.focus.position.map(Millimetres::value);
         Ok(taken_at.is_some_and(|taken_at| !plan.grid_followed(taken_at, reading_mm)))
+    }
+
+    /// Whether a flat board may stand in for what stands before the lens.
+    fn may_change_to_flat(&self, standing: AirBoards) -> bool {
+        self.config.boards.in_air == BoardsInAir::Auto && matches!(standing, AirBoards::Levels(_))
     }
 
     /// b as configured and its standard uncertainty, mm.

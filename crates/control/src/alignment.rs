@@ -16,8 +16,9 @@ use bench::config::{Config, LBoundSource, Side};
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::{CameraDesign, Solution};
 
-/// So far (mm) e may be moved with the shell off: the boards, which stay where they are, can then still be measured.
-const FOLLOWED_IN_AIR_MM: f64 = 5.0;
+/// So many lengths of its first move e may be moved with the shell off: the boards, which stay where they are, can then
+/// still be measured.
+const FOLLOWED_IN_AIR: f64 = 10.0;
 /// Frames combined in a verifying measurement.
 pub(super) const VERIFY_FRAMES: u32 = 2;
 /// Measurements of a loop before it is cut off, whatever its decisions.
@@ -85,17 +86,17 @@ pub(super) struct Alignment<'a> {
 impl Alignment<'_> {
     /// The joint alignment.
     pub(super) async fn joint(&mut self) -> Result<(), JobEnd> {
-        self.sound_plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm)?;
+        let mut plan = self.joint_plan()?;
         self.prepare().await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
+            plan = self.joint_plan()?;
         }
-        let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
-        self.withdraw_e(plan.mount_e_mm).await?;
+        self.withdraw_e(&plan).await?;
         self.findings.solution = Some(plan.solution);
         self.context.stage(Stage::Air);
         self.eye.aim_at(plan.solution.e);
-        let boards = self.air(&plan).await?;
+        let boards = self.air(&mut plan).await?;
         self.park_e(&plan, boards).await?;
         self.context.stage(Stage::Shell);
         self.shell(&plan, self.config.assembly.shell_step).await
@@ -120,12 +121,12 @@ impl Alignment<'_> {
         self.white_frame().await
     }
 
-    /// Takes e back from where an earlier alignment left it nearer to the shell than it is to be parked (mm), by homing: that
+    /// Takes e back from where an earlier alignment left it nearer to the shell than it is to be parked, by homing: that
     /// way is the same whatever the axis's coordinate is like, and makes its zero new. An axis that homes on the shell's side
     /// is left where it is.
-    pub(super) async fn withdraw_e(&mut self, parked_mm: f64) -> Result<(), JobEnd> {
-        let nearer_mm = parked_mm - self.motion.position_mm(AxisName::E)?;
-        if nearer_mm <= FOLLOWED_IN_AIR_MM || self.config.bench.e.home_side != Side::High {
+    pub(super) async fn withdraw_e(&mut self, plan: &Plan) -> Result<(), JobEnd> {
+        let nearer_mm = plan.mount_e_mm - self.motion.position_mm(AxisName::E)?;
+        if nearer_mm <= FOLLOWED_IN_AIR * plan.e_probe_mm || self.config.bench.e.home_side != Side::High {
             return Ok(());
         }
         self.context.log(format!(
@@ -206,7 +207,12 @@ impl Alignment<'_> {
         Plan::new(self.config, solution, self.motion.e_wall_mm(), mount_e_mm)
     }
 
-    /// The same, said, and refused where something stands in its way: before anything moves or the operator is asked.
+    /// The [sound plan](Self::sound_plan) of the joint solution for l_bound as it is known.
+    pub(super) fn joint_plan(&self) -> Result<Plan, JobEnd> {
+        self.sound_plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm)
+    }
+
+    /// A [plan](Self::plan), said, and refused where something stands in its way: before anything moves or the operator is asked.
     pub(super) fn sound_plan(&self, solution: Solution, mount_e_mm: f64) -> Result<Plan, JobEnd> {
         let plan = self.plan(solution, mount_e_mm);
         match &plan.obstacles(self.config)[..] {

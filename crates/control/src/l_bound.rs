@@ -12,9 +12,9 @@ impl Alignment<'_> {
     /// px/mm of e only, there by ten times as much.
     pub(super) async fn measure_l_bound(&mut self) -> Result<(), JobEnd> {
         self.context.stage(Stage::LBound);
-        let plan = self.plan(self.design.joint(self.config.assembly.l_bound_mm), self.config.assembly.initial_e_mm);
+        let mut plan = self.plan(self.design.joint(self.config.assembly.l_bound_mm), self.config.assembly.initial_e_mm);
         self.findings.solution = Some(plan.solution);
-        self.air(&plan).await?;
+        self.air(&mut plan).await?;
         let Some(camera) = self.findings.camera else {
             return Err(JobEnd::failed("l_bound needs the calibration in air"));
         };

@@ -13,8 +13,9 @@ const SIGMAS: f64 = 4.0;
 const BOARD_PLACED_WITHIN: f64 = 0.02;
 /// Radius of a window that is as good as flat, mm.
 const FLAT_MM: f64 = 1e5;
-/// Radii by which a shell may be another than the configured one, mm, and how finely they are looked through.
-const OTHER_RADIUS_MM: [f64; 2] = [-25.0, 250.0];
+/// By which shares of its outer radius a shell may be another than the configured one, and how finely they are looked
+/// through.
+const OTHER_RADIUS: [f64; 2] = [-0.42, 4.2];
 const RADIUS_STEPS: u32 = 550;
 /// Distances at which a board may have been forgotten, as shares of the one asked for.
 const OTHER_DISTANCE: [f64; 2] = [0.1, 5.0];
@@ -126,7 +127,7 @@ impl ShellLook<'_> {
             let (shell, e_mm) = self.with_radius(larger);
             shell.equivalent_distance(self.camera.design.object_distance, e_mm) - equivalent_mm
         };
-        let [low, high] = OTHER_RADIUS_MM;
+        let [low, high] = OTHER_RADIUS.map(|share| share * self.camera.design.shell.outer_radius);
         let step = (high - low) / f64::from(RADIUS_STEPS);
         let crossings = (0..RADIUS_STEPS).map(|index| low + step * f64::from(index)).filter_map(|from| {
             let (a, b) = (off(from), off(from + step));

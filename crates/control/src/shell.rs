@@ -17,7 +17,7 @@ const CONFIRMED_SIGMA_MM: f64 = 0.4;
 /// Measurements at one pose before the uncertainty is called too large.
 const MAX_MEASUREMENTS_AT_A_POSE: u32 = 11;
 /// Moves of either axis before the loop gives up, the probe not counted.
-const MAX_MOVES: u32 = 7;
+const MAX_MOVES: u32 = 9;
 /// Standard uncertainties of e that a move keeps away from the wall: where the picture cannot tell e, only as much of the
 /// way is gone as the axis alone is good for.
 const WALL_SIGMAS: f64 = 3.0;

@@ -51,16 +51,16 @@ impl Alignment<'_> {
     }
 
     async fn air_only(&mut self) -> Result<(), JobEnd> {
-        self.sound_plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm)?;
+        let mut plan = self.joint_plan()?;
         self.prepare().await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
+            plan = self.joint_plan()?;
         }
-        let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
         self.findings.solution = Some(plan.solution);
         self.context.stage(Stage::Air);
         self.eye.aim_at(plan.solution.e);
-        self.air(&plan).await.map(drop)
+        self.air(&mut plan).await.map(drop)
     }
 
     async fn shell_only(&mut self) -> Result<(), JobEnd> {
@@ -92,7 +92,7 @@ impl Alignment<'_> {
         self.findings.delta_v_air = Some(kept.delta_v);
         // A homing that takes the focus axis along would lose Δv.
         if self.eye.bench().stage(AxisName::E).homes_also().is_none() {
-            self.withdraw_e(plan.mount_e_mm).await?;
+            self.withdraw_e(&plan).await?;
         }
         self.context.log(format!("going on from the air step that left the focus axis at {:.4} mm", kept.focus_mm));
         self.context.stage(Stage::Shell);
@@ -106,13 +106,13 @@ impl Alignment<'_> {
                 "e = {e_mm:.3} mm is outside what the e axis may be sent to: {low:.3} to {high:.3} mm"
             )));
         }
-        let plan = self.sound_plan(self.design.clarity(e_mm), e_mm)?;
+        let mut plan = self.sound_plan(self.design.clarity(e_mm), e_mm)?;
         self.prepare().await?;
-        self.withdraw_e(e_mm).await?;
+        self.withdraw_e(&plan).await?;
         self.findings.solution = Some(plan.solution);
         self.context.stage(Stage::Air);
         self.eye.aim_at(e_mm);
-        let boards = self.air(&plan).await?;
+        let boards = self.air(&mut plan).await?;
         self.park_e(&plan, boards).await?;
         self.context.stage(Stage::Shell);
         self.shell(&plan, ShellStep::HoldETrim).await

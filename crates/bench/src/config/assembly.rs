@@ -108,7 +108,8 @@ pub struct Tolerances {
 
 impl Config {
     /// The tolerances as configured; where they are not, what changes the spacing of the joint solution by
-    /// [`DELTA_V_SPACING_PX`] and [`E_SPACING_PX`], rounded to 1, 2 or 5 times a power of ten.
+    /// [`DELTA_V_SPACING_PX`] and [`E_SPACING_PX`], Δv's no less than a step of its axis, rounded to 1, 2 or 5 times a power
+    /// of ten.
     #[must_use]
     pub fn tolerances(&self) -> Tolerances {
         let design = self.design();
@@ -118,7 +119,10 @@ impl Config {
         let by_e = by_delta_v * (solution.image_distance / solution.equivalent_distance).powi(2);
         let assembly = &self.assembly;
         Tolerances {
-            delta_v_mm: assembly.delta_v_tolerance_mm.unwrap_or_else(|| rounded(DELTA_V_SPACING_PX / by_delta_v)),
+            // No finer than the axis can be set.
+            delta_v_mm: assembly
+                .delta_v_tolerance_mm
+                .unwrap_or_else(|| rounded((DELTA_V_SPACING_PX / by_delta_v).max(1.0 / self.bench.focus.steps_per_mm))),
             e_mm: assembly.e_tolerance_mm.unwrap_or_else(|| rounded(E_SPACING_PX / by_e).min(MOST_E_MM)),
         }
     }

@@ -123,11 +123,9 @@ impl Budget {
     /// it saw fits nothing.
     #[must_use]
     pub fn of(config: &Config, seen: &Evidence, e_target_mm: f64) -> Option<Self> {
-        let mut model = Model::new(config, seen)?;
+        let model = Model::new(config, seen)?;
         let (measurements, measured) = model.measured();
-        let find = |model: &Model<'_>| Adjusted::find(model.unknowns(), &measured, |at| model.predicted(at));
-        model.expand_about(&find(&model)?.unknowns);
-        let adjusted = find(&model)?;
+        let adjusted = Adjusted::find(model.unknowns(), &measured, |unknowns| model.predicted(unknowns))?;
         let found = model.results(&adjusted.unknowns)?;
         let rows = slopes(&adjusted.unknowns, found.len(), |unknowns| {
             model.results(unknowns).map_or_else(|| DVector::zeros(found.len()), |found| DVector::from_row_slice(&found))

@@ -13,27 +13,8 @@ use crate::calibrated::CalibratedCamera;
 /// Standard uncertainty of d before the boards were looked at, mm: next to nothing is known of it.
 const LENS_TO_MLA_SIGMA_MM: f64 = 10.0;
 
-/// By how much e and d are moved for the slopes of what the window adds, mm.
-const EXCESS_E_MM: f64 = 0.2;
-const EXCESS_D_MM: f64 = 0.005;
-
-/// What the estimator's window adds to the spacing near the axis, about a pose.
-struct Excess {
-    e_mm: f64,
-    lens_to_mla_mm: f64,
-    px: f64,
-    /// By e, px/mm.
-    by_e: f64,
-    /// By d, px/mm.
-    by_d: f64,
-}
-
-impl Excess {
-    fn at(&self, e_mm: f64, lens_to_mla_mm: f64) -> f64 {
-        self.px + self.by_e * (e_mm - self.e_mm) + self.by_d * (lens_to_mla_mm - self.lens_to_mla_mm)
-    }
-}
-
+/// What a spacing is uncertain by out of focus, as a share of what it differs by from the one in focus.
+const BLUR_SHARE: f64 = 0.01;
 /// An alignment's equations. Unknown are the parts, in units of their standard uncertainties, and d at the end of the air
 /// step, in units of [`LENS_TO_MLA_SIGMA_MM`].
 pub(super) struct Model<'a> {
@@ -44,8 +25,8 @@ pub(super) struct Model<'a> {
     pub(super) parts: Vec<(Part, f64)>,
     /// The square of the decentre that is likeliest, mm².
     decentre_squared: f64,
-    /// By how much the estimator's window exceeds the axis at every pose of the shell step.
-    excess: Vec<Excess>,
+    /// By how much the estimator's window exceeds the axis at every pose of the shell step, px.
+    excess_px: Vec<f64>,
     /// What a decentred shell does at each of them.
     decentring: Vec<Decentring>,
 }
@@ -61,7 +42,7 @@ impl<'a> Model<'a> {
             seen,
             parts: Vec::new(),
             decentre_squared: 0.0,
-            excess: Vec::new(),
+            excess_px: Vec::new(),
             decentring: decentring?,
         };
         let decentre = model.decentre()?;
@@ -72,26 +53,15 @@ impl<'a> Model<'a> {
         };
         let parts = Part::all().into_iter().map(|part| (part, sigma(part)));
         model.parts = parts.filter(|(_, sigma)| *sigma > 0.0).collect();
-        model.expand_about(&DVector::zeros(model.parts.len() + 1));
-        Some(model)
-    }
-
-    /// Works out anew what the window adds, about these unknowns: with a large aperture behind a small shell it changes by
-    /// much with e.
-    pub(super) fn expand_about(&mut self, unknowns: &DVector<f64>) {
-        let camera = CalibratedCamera { window_px: Some(self.seen.window_px), ..self.camera(unknowns) };
-        let excess = self.seen.shell.iter().map(|pose| {
-            let e_mm = self.e_mm(unknowns, pose.e_reading_mm);
-            let at = |e: f64, d: f64| camera.excess_px(e_mm + e, pose.trim_mm + d);
-            Excess {
-                e_mm,
-                lens_to_mla_mm: camera.lens_to_mla_mm,
-                px: at(0.0, 0.0),
-                by_e: (at(EXCESS_E_MM, 0.0) - at(-EXCESS_E_MM, 0.0)) / (2.0 * EXCESS_E_MM),
-                by_d: (at(0.0, EXCESS_D_MM) - at(0.0, -EXCESS_D_MM)) / (2.0 * EXCESS_D_MM),
-            }
+        // Where the spacing says that the camera is: with a large aperture behind a small shell it changes by much out of focus,
+        // and hardly with what else may be off as long as the spacing is the same.
+        let camera = CalibratedCamera { window_px: Some(seen.window_px), ..seen.air };
+        let excess = seen.shell.iter().map(|pose| {
+            let shown_mm = camera.e_mm(pose.spacing_px, pose.trim_mm);
+            camera.excess_px(if shown_mm.is_finite() { shown_mm } else { pose.e_reading_mm }, pose.trim_mm)
         });
-        self.excess = excess.collect();
+        model.excess_px = excess.collect();
+        Some(model)
     }
 
     /// How many unknowns there are.
@@ -152,10 +122,12 @@ impl<'a> Model<'a> {
         let named = |name, value, sigma| (name, Measured { value, sigma });
         let boards = self.seen.boards.iter().map(|b| named("spacings of the boards in air", b.spacing_px, b.sigma_px));
         let pitch = self.seen.pitch.iter().map(|p| named("pitch of the micro-images", p.pitch_px, p.sigma_px));
-        // Beside what all poses share the window is another at each.
+        // Beside what all poses share the window is another at each; and far from focus its shape counts for more.
         let share = self.config.uncertainty.shell_aberrations;
-        let shell = self.seen.shell.iter().zip(&self.excess).map(|(seen, excess)| {
-            named("spacings through the shell", seen.spacing_px, seen.sigma_px.hypot(share * excess.px))
+        let in_focus = self.design.mla.target_spacing() / self.seen.air.pixel_mm;
+        let shell = self.seen.shell.iter().zip(&self.excess_px).map(|(seen, excess_px)| {
+            let blurred = BLUR_SHARE * (seen.spacing_px - in_focus);
+            named("spacings through the shell", seen.spacing_px, seen.sigma_px.hypot(share * excess_px).hypot(blurred))
         });
         boards.chain(pitch).chain(shell).unzip()
     }
@@ -174,10 +146,9 @@ impl<'a> Model<'a> {
             let from_pupil = camera.lens_to_mla_mm + pitch.delta_v_mm + self.off(unknowns, Part::ExitPupil);
             mla::micro_image_pitch(design.mla.pitch, from_pupil, b) / camera.pixel_mm
         });
-        let shell = self.seen.shell.iter().enumerate().map(|(pose, at)| {
-            let excess = self.excess[pose].at(self.e_mm(unknowns, at.e_reading_mm), camera.lens_to_mla_mm);
-            self.paraxial_px(unknowns, &camera, pose) + (1.0 + self.off(unknowns, Part::Aberrations)) * excess
-        });
+        let window = 1.0 + self.off(unknowns, Part::Aberrations);
+        let shell = (0..self.seen.shell.len())
+            .map(|pose| self.paraxial_px(unknowns, &camera, pose) + window * self.excess_px[pose]);
         boards.chain(pitch).chain(shell).collect()
     }
 

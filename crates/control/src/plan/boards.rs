@@ -59,13 +59,18 @@ impl Arrangement {
         }
     }
 
+    /// One flat board in turn.
+    pub(super) fn in_turn(solution: &Solution, capture: &Capture) -> Self {
+        Self::InTurn { places_mm: places_mm(solution, capture) }
+    }
+
     /// The one that suits a camera at a solution; as configured where that is.
     /// `parked_mm` is how far e is moved while the boards stand.
     pub(super) fn of(config: &Config, solution: &Solution, capture: &Capture, parked_mm: f64) -> Self {
         let design = config.design();
         let step_mm = config.boards.level_step_mm.unwrap_or_else(|| level_step_mm(&design, solution));
         let levels = Self::Levels { step_mm };
-        let in_turn = Self::InTurn { places_mm: places_mm(solution, capture) };
+        let in_turn = Self::in_turn(solution, capture);
         match config.boards.in_air {
             BoardsInAir::TripleLevel => levels,
             BoardsInAir::FlatInTurn => in_turn,
@@ -80,10 +85,12 @@ impl Arrangement {
         let Self::Levels { step_mm } = *self else { return true };
         let (middle, delta_v) = (solution.equivalent_distance, solution.delta_v);
         let across =
-            f64::from(config.sensor.width_px.max(config.sensor.height_px)) * config.pixel_pitch().millimetres();
+            f64::from(config.sensor.width_px.min(config.sensor.height_px)) * config.pixel_pitch().millimetres();
         let pitch = micro_image_pitch(design.mla.pitch, design.lens_to_mla(delta_v), design.mla.b());
         let apart = LEVELS_APART * design.mla.pitch / config.pixel_pitch().millimetres();
-        2.0 * step_mm <= config.boards.greatest_depth_mm
+        // Of a mosaic's green pixels a strip has too few to be told from the next.
+        config.sensor.mosaic.is_none()
+            && 2.0 * step_mm <= config.boards.greatest_depth_mm
             && apart >= LEVELS_APART_PX
             && across / pitch >= 3.0 * STRIP_MICRO_IMAGES
             && [middle - step_mm, middle + step_mm].iter().all(|&level| capture.sees(level, delta_v, 0.0))

@@ -26,6 +26,8 @@ const E_PROBE: f64 = 0.006;
 const PROBE_MM: [f64; 2] = [0.02, 1.0];
 /// Between the Δv where boards begin to tell b and the solution, as a difference of the spacing in MLA pitches.
 const B_TOLD_WITHIN: f64 = 0.06;
+/// Share of what a step of the focus axis changes the spacing by that it may be off its target.
+const STEP_SHARE: f64 = 0.75;
 /// Share of d that the focus axis may be off the solution when the aperture is set for it.
 const APERTURE_WITHIN: f64 = 0.023;
 /// Share of the change of pitch over which a grid is followed that a plan relies on.
@@ -120,7 +122,10 @@ impl Plan {
         let focus = AxisRoom::of(&config.bench.focus);
         let e = AxisRoom::of(&config.bench.e);
         let e_off_mm = e.unknown_mm(solution.e) + 1.0;
-        let spacing_tolerance_px = (tolerances.e_mm * by_e * pitch_px).max(bench::config::E_SPACING_PX);
+        // A step of the focus axis is to be told from the next.
+        let step_px = by_delta_v * pitch_px / config.bench.focus.steps_per_mm;
+        let spacing_tolerance_px =
+            (tolerances.e_mm * by_e * pitch_px).max(bench::config::E_SPACING_PX).max(STEP_SHARE * step_px);
         let wanted_mount_e_mm = mount_e_mm;
         let spacing_sigma_px = precision::spacing_sigma_px(config);
         // On its way there the picture in air has shown how far e goes for a reading.
@@ -191,6 +196,12 @@ impl Plan {
             most_trim_mm: self.most_trim_mm,
             departure_mm: self.e_departure_mm,
         }
+    }
+
+    /// The same with one flat board in turn.
+    #[must_use]
+    pub fn with_flat_board(&self) -> Self {
+        Self { arrangement: Arrangement::in_turn(&self.solution, &self.capture), ..*self }
     }
 
     /// The boards to be measured with the camera at Δv (mm), known to `within_mm`: where the solution has them, or, while

@@ -14,6 +14,8 @@ use plenoptics::optics::mla::micro_image_pitch;
 const LEAST_ACROSS: f64 = 8.0;
 /// Micro-images smaller than this are not measured, px.
 const LEAST_PITCH_PX: f64 = 10.0;
+/// Greatest b as a share of d: the micro-images' pitch exceeds the MLA's by as much.
+const MOST_B_OF_D: f64 = 0.2;
 /// Standard uncertainties by which the spacings of neighbouring levels have to differ.
 const LEVELS_TOLD: f64 = 10.0;
 /// Most that the shell's aberrations may add to the spacing, px.
@@ -77,6 +79,18 @@ impl Plan {
                 mla.pitch,
                 format!("at least {least:.4}"),
                 format!("micro-images of {pitch_px:.1} px are too small to be measured"),
+            ));
+        }
+        let (d, b) = (self.design.lens_to_mla(self.solution.delta_v.min(0.0)), mla.b());
+        if b > MOST_B_OF_D * d {
+            let signed = mla.signed_resolution();
+            // v = d + N b.
+            let most_b = MOST_B_OF_D * (d + signed * b) / (1.0 + MOST_B_OF_D * signed);
+            found.push(obstacle(
+                "mla.focal_length_mm",
+                mla.focal_length,
+                format!("at most {:.3}", most_b / (1.0 - 1.0 / signed)),
+                format!("the array would stand {d:.2} mm behind the lens and {b:.2} mm before the sensor: every move of the focus axis would change the micro-images' pitch"),
             ));
         }
         let target = mla.target_spacing() / mla.pitch;
