@@ -107,9 +107,8 @@ pub struct Tolerances {
 }
 
 impl Config {
-    /// The tolerances as configured; where they are not, what changes the spacing of the joint solution by
-    /// [`DELTA_V_SPACING_PX`] and [`E_SPACING_PX`], Δv's no less than a step of its axis, rounded to 1, 2 or 5 times a power
-    /// of ten.
+    /// The tolerances as configured; where they are not, what changes the spacing of the joint solution by 0.045 px (Δv, and no
+    /// less than a step of its axis) and by 0.016 px (e), rounded to 1, 2 or 5 times a power of ten.
     #[must_use]
     pub fn tolerances(&self) -> Tolerances {
         let design = self.design();

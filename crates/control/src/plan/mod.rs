@@ -118,7 +118,6 @@ impl Plan {
         let by_e = by_delta_v * image_by_object;
         let pitch_px = design.mla.pitch / config.pixel_pitch().millimetres();
         let [least, most] = PROBE_MM;
-        // Half of what is free of the way between its ends, at the most.
         let focus = AxisRoom::of(&config.bench.focus);
         let e = AxisRoom::of(&config.bench.e);
         let e_off_mm = e.unknown_mm(solution.e) + 1.0;
@@ -142,8 +141,8 @@ impl Plan {
             delta_v_tolerance_mm: tolerances.delta_v_mm,
             e_tolerance_mm: tolerances.e_mm,
             spacing_tolerance_px,
-            focus_probe_mm: 0.5,
-            e_probe_mm: 0.5,
+            focus_probe_mm: least,
+            e_probe_mm: least,
             b_told_within_mm: B_TOLD_WITHIN / by_delta_v,
             aperture_within_mm: APERTURE_WITHIN * design.lens_to_mla(solution.delta_v),
             most_trim_mm: 2.0 * image_by_object * e_off_mm + 10.0 * tolerances.delta_v_mm,
@@ -153,8 +152,8 @@ impl Plan {
             focus,
             e,
         };
-        let start = plan.slope_at_start();
-        plan.focus_probe_mm = (FOCUS_PROBE / start).clamp(least, most);
+        plan.focus_probe_mm = (FOCUS_PROBE / plan.slope_at_start()).clamp(least, most);
+        // Twice as much has to be free of the wall.
         plan.e_probe_mm =
             (E_PROBE / plan.slope_e(plan.mount_e_mm)).clamp(least, most).min(0.25 * (plan.mount_e_mm - wall_mm));
         plan
