@@ -45,6 +45,9 @@ def test_the_design_and_a_draft(client: plenalign.Client) -> None:
     assert design.joint.delta_v_mm != drafted.design.joint.delta_v_mm
     assert {state.state for state in drafted.states} == set(models.DraftStateName)
     assert client.draft_design(DraftRequest()).design.joint == design.joint
+    plan = client.plan(DraftRequest())
+    assert plan.possible and plan.obstacles == [] and plan.delta_v_mm == design.joint.delta_v_mm
+    assert next(step.name for step in plan.operator_steps) == "white_frame"
 
 
 def test_an_impossible_draft_says_what_is_wrong(client: plenalign.Client) -> None:

@@ -127,7 +127,10 @@ try {
     await page.locator(".meter-scale").waitFor();
     await lengthsIn(page, "µm");
   }
-  await page.locator(".result", { hasText: /Δv\s*22\d\d\.\d ± \d\d\.\d µm, target 22\d\d\.\d µm/ }).waitFor();
+  const deltaV = /Δv\s*(\d{4}\.\d) ± (\d\d\.\d) µm, target (22\d\d\.\d) µm/;
+  await page.locator(".result", { hasText: deltaV }).waitFor();
+  const [, found, sigma, target] = (await page.locator(".result").innerText()).match(deltaV).map(Number);
+  assert(Math.abs(found - target) < 3 * sigma, `Δv ${found} ± ${sigma} µm for ${target} µm`);
   await page.locator(".iterations th", { hasText: "Focus axis, µm" }).waitFor();
   await photograph(page, "micrometres");
   await chooseUnit(page, "mm");

@@ -43,6 +43,7 @@ from .models import (
     MeasurementView,
     PicturesRequest,
     PlanInForce,
+    PlanView,
     ReadingsRequest,
     ResetRequest,
     SingleMeasurement,
@@ -259,6 +260,10 @@ class Client:
     def draft_design(self, draft: DraftRequest) -> DraftView:
         """What a camera comes to that differs from the configured one."""
         return self._transport.ask(op.DRAFT_DESIGN, body=draft, timeout_s=LONG_S).as_(DraftView)
+
+    def plan(self, draft: DraftRequest) -> PlanView:
+        """How a camera would be aligned that differs from the configured one, and what stands in the way."""
+        return self._transport.ask(op.PLAN_ALIGNMENT, body=draft, timeout_s=LONG_S).as_(PlanView)
 
     # The simulated bench.
 
