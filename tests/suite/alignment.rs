@@ -11,7 +11,7 @@ fn truth(job: &JobSnapshot) -> &serde_json::Value {
     job.report.as_ref().unwrap().truth.as_ref().unwrap()
 }
 
-fn number(value: &serde_json::Value, key: &str) -> f64 {
+pub(super) fn number(value: &serde_json::Value, key: &str) -> f64 {
     value[key].as_f64().unwrap_or_else(|| panic!("{key} is no number in {value}"))
 }
 

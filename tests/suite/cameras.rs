@@ -11,6 +11,7 @@ use plenalign::optics::{ArrayKind, MlaMode};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
+use super::alignment::number;
 use super::bench::{align, service};
 
 /// How many pixels a drawn sensor has.
@@ -84,10 +85,6 @@ enum Became {
     Refused(Vec<String>),
     /// What a healthy bench must not come to, in words.
     Wrong(String),
-}
-
-fn number(value: &serde_json::Value, key: &str) -> f64 {
-    value[key].as_f64().unwrap_or_else(|| panic!("{key} is no number in {value}"))
 }
 
 /// Whether a configuration has the key with that value, as an obstacle names it.

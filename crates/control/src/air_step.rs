@@ -7,7 +7,7 @@ use super::budget::BoardSeen;
 use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
 use super::eye::Seen;
-use super::job::{IterationKind, SpacingReading};
+use super::job::IterationKind;
 use super::plan::{AirBoards, Arrangement, Plan};
 use super::sight::{CameraSeen, HoldB};
 use super::tasks::AirStep;
@@ -197,31 +197,25 @@ impl Alignment<'_> {
         let (Arrangement::InTurn { places_mm }, Some(middle)) = (plan.arrangement, self.findings.seen.clone()) else {
             return Ok(standing);
         };
-        let seen_there = |distance_mm: f64, seen: &Seen| {
-            let SpacingReading { spacing_px, spacing_sigma_px, .. } = seen.spacing;
-            BoardSeen { distance_mm, spacing_px, sigma_px: spacing_sigma_px }
-        };
-        let here = seen_there(standing.middle_mm(), &middle);
-        let Some((boards, last)) = self.places_in_turn(places_mm, here).await? else { return Ok(standing) };
-        let Some(sight) = self.eye.sight() else { return Ok(standing) };
-        let known_b = sight.b_from(&boards, self.known_b()).map_err(JobEnd::failed)?;
-        self.context.log(format!("b by the three places: {:.5} ± {:.5} mm", known_b.0, known_b.1));
-        self.findings.known_b = Some(known_b);
-        let camera = sight.camera_from(here, known_b);
+        let here = BoardSeen::at(standing.middle_mm(), &middle.spacing);
+        let Some((camera, last_mm)) = self.camera_in_turn(places_mm, here).await? else { return Ok(standing) };
+        let (b, b_sigma) = self.known_b();
+        self.context.log(format!("b by the three places: {b:.5} ± {b_sigma:.5} mm"));
         let delta_v_mm = self.keep_camera(&camera, middle.window_px);
         self.findings.delta_v_air = Some((delta_v_mm, camera.image_distance_sigma_mm));
-        self.findings.boards = Some(boards);
-        Ok(AirBoards::Flat(last))
+        self.findings.boards = camera.boards;
+        Ok(AirBoards::Flat(last_mm))
     }
 
-    /// Has one flat board put to the other places, and measures it there. Returns all three by rising distance, and where
-    /// the board stands at the end; `None` where there are no other places.
-    pub(super) async fn places_in_turn(
+    /// Has one flat board that was seen put to the other places too, and keeps the b that they tell together. Returns the
+    /// camera by the board as it was seen first, with all three, and where (mm) the board stands at the end; `None` where
+    /// there are no other places.
+    pub(super) async fn camera_in_turn(
         &mut self,
         places_mm: [f64; 3],
         here: BoardSeen,
-    ) -> Result<Option<([BoardSeen; 3], f64)>, JobEnd> {
-        let mut boards = vec![here];
+    ) -> Result<Option<(CameraSeen, f64)>, JobEnd> {
+        let (mut boards, mut last_mm) = (vec![here], here.distance_mm);
         for place_mm in places_mm {
             if boards.len() == places_mm.len() || (place_mm - here.distance_mm).abs() < SAME_PLACE_MM {
                 continue;
@@ -229,13 +223,14 @@ impl Alignment<'_> {
             self.place(AirBoards::Flat(place_mm)).await?;
             self.context.doing(format!("air: measuring the board at {place_mm:.1} mm"));
             let looked = self.eye.calibrate(AirBoards::Flat(place_mm), self.known_b(), None, VERIFY_FRAMES);
-            let SpacingReading { spacing_px, spacing_sigma_px, .. } =
-                self.context.unless_cancelled(looked).await?.middle.spacing;
-            boards.push(BoardSeen { distance_mm: place_mm, spacing_px, sigma_px: spacing_sigma_px });
+            boards.push(BoardSeen::at(place_mm, &self.context.unless_cancelled(looked).await?.middle.spacing));
+            last_mm = place_mm;
         }
-        let last = boards.last().map_or(here.distance_mm, |board| board.distance_mm);
         boards.sort_unstable_by(|one, other| one.distance_mm.total_cmp(&other.distance_mm));
-        Ok(boards.try_into().ok().map(|boards| (boards, last)))
+        let (Ok(boards), Some(sight)) = (<[BoardSeen; 3]>::try_from(boards), self.eye.sight()) else { return Ok(None) };
+        let known_b = sight.b_from(&boards, self.known_b()).map_err(JobEnd::failed)?;
+        self.findings.known_b = Some(known_b);
+        Ok(Some((CameraSeen { boards: Some(boards), ..sight.camera_from(here, known_b) }, last_mm)))
     }
 
     /// Takes e to where the shell is to be mounted, with the shell off: a probe first, and the picture of the boards in

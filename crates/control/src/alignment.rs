@@ -215,15 +215,13 @@ impl Alignment<'_> {
     /// A [plan](Self::plan), said, and refused where something stands in its way: before anything moves or the operator is asked.
     pub(super) fn sound_plan(&self, solution: Solution, mount_e_mm: f64) -> Result<Plan, JobEnd> {
         let plan = self.plan(solution, mount_e_mm);
-        match &plan.obstacles(self.config)[..] {
-            [] => {
-                self.context.log(plan.summary(self.config));
-                Ok(plan)
-            }
-            obstacles => {
-                let said: Vec<String> = obstacles.iter().map(ToString::to_string).collect();
-                Err(JobEnd::failed(format!("this cannot be aligned as it is configured: {}", said.join("; "))))
-            }
+        // The job's log has said where the design comes from.
+        let view = plan.view(self.config, String::new());
+        if !view.possible {
+            let said: Vec<String> = view.obstacles.iter().map(ToString::to_string).collect();
+            return Err(JobEnd::failed(format!("this cannot be aligned as it is configured: {}", said.join("; "))));
         }
+        self.context.log(view.summary());
+        Ok(plan)
     }
 }

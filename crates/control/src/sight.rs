@@ -331,8 +331,7 @@ impl Sight {
         known_b: (f64, f64),
     ) -> Result<(CameraSeen, Measured), Unseen> {
         let (_, measured) = self.measured(images, false)?;
-        let SpacingReading { spacing_px, spacing_sigma_px, .. } = measured.spacing;
-        Ok((self.camera_from(BoardSeen { distance_mm, spacing_px, sigma_px: spacing_sigma_px }, known_b), measured))
+        Ok((self.camera_from(BoardSeen::at(distance_mm, &measured.spacing), known_b), measured))
     }
 
     /// The camera by one board, with b held at a value and its standard uncertainty (mm).

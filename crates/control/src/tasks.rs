@@ -4,9 +4,9 @@ use super::alignment::{Alignment, VERIFY_FRAMES};
 use super::budget::BoardSeen;
 use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
-use super::job::{SpacingReading, Stage};
+use super::job::Stage;
 use super::outcome::Outcome;
-use super::plan::Arrangement;
+use super::plan::AirBoards;
 use super::request::JobKind;
 use bench::config::{LBoundSource, ShellStep};
 use bench::device::AxisName;
@@ -146,22 +146,14 @@ impl Alignment<'_> {
         let reading_mm = self.motion.position_mm(AxisName::Focus).unwrap_or(f64::INFINITY);
         let (known_b, hold_b) = (self.configured_b(), self.hold_b(reading_mm, &plan));
         let seen = self.context.unless_cancelled(self.eye.calibrate(boards, known_b, hold_b, VERIFY_FRAMES)).await?;
-        let (camera, distances_mm) = match plan.arrangement {
-            Arrangement::Levels { step_mm } => {
-                (seen.camera, [-step_mm, 0.0, step_mm].map(|step| boards.middle_mm() + step))
-            }
-            Arrangement::InTurn { places_mm } => {
-                let SpacingReading { spacing_px, spacing_sigma_px, .. } = seen.middle.spacing;
-                let here = BoardSeen { distance_mm: boards.middle_mm(), spacing_px, sigma_px: spacing_sigma_px };
-                let scale = boards.middle_mm() / plan.solution.equivalent_distance;
-                let places_mm = places_mm.map(|place| place * scale);
-                match (self.places_in_turn(places_mm, here).await?, self.eye.sight()) {
-                    (Some((boards, _)), Some(sight)) => {
-                        let known_b = sight.b_from(&boards, known_b).map_err(JobEnd::failed)?;
-                        (sight.camera_from(here, known_b), boards.map(|board| board.distance_mm))
-                    }
-                    _ => (seen.camera, [here.distance_mm; 3]),
-                }
+        let places_mm = plan.places_about(boards.middle_mm());
+        let (camera, distances_mm) = match boards {
+            AirBoards::Levels(levels_mm) => (seen.camera, levels_mm),
+            AirBoards::Flat(distance_mm) => {
+                let here = BoardSeen::at(distance_mm, &seen.middle.spacing);
+                let camera = self.camera_in_turn(places_mm, here).await?.map_or(seen.camera, |(camera, _)| camera);
+                let seen_at = |boards: [BoardSeen; 3]| boards.map(|board| board.distance_mm);
+                (camera, camera.boards.map_or([distance_mm; 3], seen_at))
             }
         };
         self.context.outcome(Outcome::Calibration {

@@ -113,9 +113,11 @@ impl Config {
     pub fn tolerances(&self) -> Tolerances {
         let design = self.design();
         let solution = design.joint(self.assembly.l_bound_mm);
-        let by_delta_v = design.mla.spacing_slope(design.mla.a()) / self.pixel_pitch().millimetres();
-        // From Gauss: the image moves by (v / L)² of what the object does.
-        let by_e = by_delta_v * (solution.image_distance / solution.equivalent_distance).powi(2);
+        let [by_delta_v, by_e] = [
+            design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v),
+            design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v),
+        ]
+        .map(|slope| slope.abs() / self.pixel_pitch().millimetres());
         let assembly = &self.assembly;
         Tolerances {
             // No finer than the axis can be set.

@@ -15,6 +15,13 @@ pub struct BoardSeen {
     pub sigma_px: f64,
 }
 
+impl BoardSeen {
+    /// One at a distance (mm), by its spacing.
+    pub(crate) const fn at(distance_mm: f64, seen: &SpacingReading) -> Self {
+        Self { distance_mm, spacing_px: seen.spacing_px, sigma_px: seen.spacing_sigma_px }
+    }
+}
+
 /// The pitch of a white frame's micro-images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PitchSeen {

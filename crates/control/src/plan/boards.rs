@@ -99,10 +99,8 @@ impl Arrangement {
 
 /// The step between levels whose spacings lie [`LEVELS_APART`], mm: to a half, or to two digits where it is short.
 fn level_step_mm(design: &CameraDesign, solution: &Solution) -> f64 {
-    let by_distance = design.mla.spacing_slope(design.mla.a())
-        * (solution.image_distance / solution.equivalent_distance).powi(2)
-        / design.mla.pitch;
-    let step = LEVELS_APART / by_distance;
+    let by_distance = design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v).abs();
+    let step = LEVELS_APART * design.mla.pitch / by_distance;
     let unit = if step >= 4.0 { 0.5 } else { 0.1 };
     ((step / unit).round() * unit).max(unit)
 }

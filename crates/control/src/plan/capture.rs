@@ -8,6 +8,9 @@ const MARGIN: f64 = 0.02;
 /// No board is put nearer to the lens than so many focal lengths.
 const NEAREST_FOCAL_LENGTHS: f64 = 1.15;
 
+/// How finely places are looked for.
+const SPACINGS: u32 = 12;
+
 /// The capture range of a design, and the distances at which boards may stand.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Capture {
@@ -89,6 +92,3 @@ impl Capture {
         std::iter::once(wanted_mm).chain(places).find(|&place| self.sees(place, delta_v_mm, within_mm))
     }
 }
-
-/// How finely places are looked for.
-const SPACINGS: u32 = 12;

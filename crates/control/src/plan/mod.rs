@@ -37,6 +37,15 @@ const PLAY_MM: f64 = 0.5;
 /// Standard uncertainties of an axis's scale that a plan allows for.
 const SCALE_SIGMAS: f64 = 2.0;
 
+/// How often a way of e in air is shortened until a board can be measured at both of its ends.
+const MOST_PIECES: i32 = 10;
+/// Standard uncertainties of two spacings that a way of e in air is good to.
+const PARKED_SIGMAS: f64 = 5.0;
+/// Most that e is ever taken from its optimum to meet the criterion, mm: it is there for the field of view.
+const MOST_DEPARTURE_MM: f64 = 1.0;
+/// How finely the e at which the shell is mounted is looked for.
+const MOUNTS: u32 = 60;
+
 /// How an alignment that aims at a solution is led.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan {
@@ -113,9 +122,12 @@ impl Plan {
         let design = config.design();
         let capture = Capture::new(design, config.boards.farthest_mm);
         let tolerances = config.tolerances();
-        let by_delta_v = design.mla.spacing_slope(design.mla.a()) / design.mla.pitch;
-        let image_by_object = (solution.image_distance / solution.equivalent_distance).powi(2);
-        let by_e = by_delta_v * image_by_object;
+        let [by_delta_v, by_e] = [
+            design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v),
+            design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v),
+        ]
+        .map(|slope| slope.abs() / design.mla.pitch);
+        let image_by_object = by_e / by_delta_v;
         let pitch_px = design.mla.pitch / config.pixel_pitch().millimetres();
         let [least, most] = PROBE_MM;
         let focus = AxisRoom::of(&config.bench.focus);
@@ -218,6 +230,18 @@ impl Plan {
         self.capture.place_mm(wanted, delta_v_mm, within_mm).map(|place| self.arrangement.about(place))
     }
 
+    /// The levels, or the places of one board, about a distance (mm), by rising distance, mm.
+    #[must_use]
+    pub fn places_about(&self, middle_mm: f64) -> [f64; 3] {
+        match self.arrangement {
+            Arrangement::Levels { step_mm } => [-step_mm, 0.0, step_mm].map(|step| middle_mm + step),
+            Arrangement::InTurn { places_mm } => {
+                let scale = middle_mm / self.solution.equivalent_distance;
+                places_mm.map(|place| place * scale)
+            }
+        }
+    }
+
     /// Whether a grid that was found at one reading of the focus axis is followed to another (both mm).
     #[must_use]
     pub fn grid_followed(&self, from_mm: f64, to_mm: f64) -> bool {
@@ -250,22 +274,23 @@ impl Plan {
         })
     }
 
-    /// How the spacing changes with e there, MLA pitches a millimetre, > 0.
+    /// How the spacing through the shell changes with e there, MLA pitches a millimetre, > 0.
     fn slope_e(&self, e_mm: f64) -> f64 {
-        let step = 1e-3;
-        let spacing = |e_mm: f64| spacing_in_water(&self.design, &self.solution, e_mm);
-        ((spacing(e_mm + step) - spacing(e_mm - step)) / (2.0 * step)).abs()
+        let equivalent = self.design.shell.equivalent_distance(self.design.object_distance, e_mm);
+        self.design.spacing_per_equivalent(equivalent, self.solution.delta_v).abs() / self.design.mla.pitch
+    }
+
+    /// Where boards stand first: where the focus axis is after its homing. `None` where none can be measured.
+    fn first_boards(&self) -> Option<AirBoards> {
+        let start = self.focus.home_mm;
+        self.boards_at(start, self.focus.unknown_mm(start), None)
     }
 
     /// How the spacing of the first board changes with Δv where the focus axis stands after its homing, MLA pitches a
     /// millimetre, > 0.
     fn slope_at_start(&self) -> f64 {
-        let (reading, step) = (self.focus.home_mm, 1e-3);
-        let place = self
-            .boards_at(reading, self.focus.unknown_mm(reading), None)
-            .map_or(self.solution.equivalent_distance, |boards| boards.middle_mm());
-        let spacing = |delta_v: f64| self.capture.spacing(place, delta_v);
-        ((spacing(reading + step) - spacing(reading - step)) / (2.0 * step)).abs()
+        let place = self.first_boards().map_or(self.solution.equivalent_distance, |boards| boards.middle_mm());
+        self.design.spacing_per_delta_v(place, self.focus.home_mm).abs() / self.design.mla.pitch
     }
 }
 
@@ -298,12 +323,3 @@ fn mount_at(
         .find(|&e_mm| seen(e_mm))
         .map_or(goal, |e_mm| (e_mm * 10.0).floor() / 10.0)
 }
-
-/// How often a way of e in air is shortened until a board can be measured at both of its ends.
-const MOST_PIECES: i32 = 10;
-/// Standard uncertainties of two spacings that a way of e in air is good to.
-const PARKED_SIGMAS: f64 = 5.0;
-/// Most that e is ever taken from its optimum to meet the criterion, mm: it is there for the field of view.
-const MOST_DEPARTURE_MM: f64 = 1.0;
-/// How finely the e at which the shell is mounted is looked for.
-const MOUNTS: u32 = 60;

@@ -55,7 +55,7 @@ fn up(value: f64) -> f64 {
 
 impl Plan {
     /// What stands in its way, in the order in which it would be met.
-    pub(crate) fn obstacles(&self, config: &Config) -> Vec<Obstacle> {
+    pub(super) fn obstacles(&self, config: &Config) -> Vec<Obstacle> {
         let mut found = Vec::new();
         self.check_camera(config, &mut found);
         // Of a camera that cannot be measured nothing else can be said.
@@ -177,7 +177,7 @@ impl Plan {
             return;
         }
         let start = self.focus.home_mm;
-        if self.boards_at(start, self.focus.unknown_mm(start), None).is_none() {
+        if self.first_boards().is_none() {
             let anywhere = self.capture.anywhere().place_mm(wanted, start, self.focus.unknown_mm(start));
             found.push(match anywhere {
                 Some(place) => obstacle(

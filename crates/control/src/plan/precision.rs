@@ -43,7 +43,9 @@ impl Precision {
     pub(super) fn of(config: &Config, plan: &Plan) -> Self {
         let spacing_px = spacing_sigma_px(config);
         let pitch_px = plan.design.mla.pitch / config.pixel_pitch().millimetres();
-        let by_delta_v = plan.design.mla.spacing_slope(plan.design.mla.a()) / plan.design.mla.pitch * pitch_px;
+        let solution = &plan.solution;
+        let by_delta_v = plan.design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v).abs()
+            / config.pixel_pitch().millimetres();
         let by_e = plan.slope_e(plan.solution.e) * pitch_px;
         let (picture_mm, axis_mm) = (spacing_px / by_e, plan.e.unknown_mm(plan.solution.e));
         Self {

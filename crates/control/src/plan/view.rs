@@ -9,7 +9,7 @@ use super::precision::Precision;
 use super::{Plan, spacing_in_water};
 use bench::config::{Config, ConfigOrigin};
 
-/// A frame and its measurement, s, by the megapixel; and the least.
+/// A frame and its measurement, s, by the megapixel.
 const MEASURED_S_PER_MEGAPIXEL: f64 = 0.35;
 /// Frame, settling and the pauses of a move in pieces, s, by the measurement.
 const PAUSES_S: f64 = 1.0;
@@ -104,46 +104,44 @@ impl PlanView {
         let plan = Plan::new(config, solution, assembly.e_wall_mm(assembly.l_bound_mm), assembly.initial_e_mm);
         plan.view(config, origin.describe(config))
     }
-}
 
-impl Plan {
     /// In a sentence.
-    pub(crate) fn summary(&self, config: &Config) -> String {
-        let view = self.view(config, String::new());
-        let list = |of: fn(&PlannedBoard) -> String| view.boards.iter().map(of).collect::<Vec<_>>().join(", ");
-        let boards = match view.boards_in_air {
+    pub(crate) fn summary(&self) -> String {
+        let list = |of: fn(&PlannedBoard) -> String| self.boards.iter().map(of).collect::<Vec<_>>().join(", ");
+        let boards = match self.boards_in_air {
             PlannedBoards::TripleLevel => "levels of one board at",
             PlannedBoards::FlatInTurn => "one flat board in turn at",
         };
         format!(
             "plan: Δv = {:.4} mm to ±{} mm and e = {:.3} mm to ±{} mm; in air {boards} {} mm, whose spacings are {} px; the shell is mounted at e = {:.1} mm, where the spacing is {:.2} px; a spacing is expected to be good to {:.4} px, which is {:.4} mm of Δv and {:.3} mm of e ({})",
-            view.delta_v_mm,
-            view.delta_v_tolerance_mm,
-            view.e_mm,
-            view.e_tolerance_mm,
+            self.delta_v_mm,
+            self.delta_v_tolerance_mm,
+            self.e_mm,
+            self.e_tolerance_mm,
             list(|board| format!("{:.1}", board.distance_mm)),
             list(|board| format!("{:.2}", board.spacing_px)),
-            view.mount_e_mm,
-            view.mount_spacing_px,
-            view.spacing_sigma_px,
-            view.delta_v_sigma_mm,
-            view.e_sigma_mm,
-            view.assumed
+            self.mount_e_mm,
+            self.mount_spacing_px,
+            self.spacing_sigma_px,
+            self.delta_v_sigma_mm,
+            self.e_sigma_mm,
+            self.assumed
         )
     }
+}
 
-    fn view(&self, config: &Config, origin: String) -> PlanView {
+impl Plan {
+    /// As a caller sees it; `origin` is where the design's numbers come from.
+    pub(crate) fn view(&self, config: &Config, origin: String) -> PlanView {
         let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
         let solution = &self.solution;
         let precision = Precision::of(config, self);
         let obstacles = self.obstacles(config);
-        let (boards_in_air, places) = match self.arrangement {
-            Arrangement::Levels { step_mm } => {
-                (PlannedBoards::TripleLevel, [-step_mm, 0.0, step_mm].map(|step| solution.equivalent_distance + step))
-            }
-            Arrangement::InTurn { places_mm } => (PlannedBoards::FlatInTurn, places_mm),
+        let boards_in_air = match self.arrangement {
+            Arrangement::Levels { .. } => PlannedBoards::TripleLevel,
+            Arrangement::InTurn { .. } => PlannedBoards::FlatInTurn,
         };
-        let boards = places.map(|distance_mm| PlannedBoard {
+        let boards = self.places_about(solution.equivalent_distance).map(|distance_mm| PlannedBoard {
             distance_mm,
             spacing_px: self.capture.spacing(distance_mm, solution.delta_v) * pitch_px,
         });
@@ -177,12 +175,6 @@ impl Plan {
             operator_steps: self.operator_steps(config, first),
             duration_s: self.duration_s(config),
         }
-    }
-
-    /// Where boards stand first: where the focus axis is after its homing.
-    fn first_boards(&self) -> Option<AirBoards> {
-        let start = self.focus.home_mm;
-        self.boards_at(start, self.focus.unknown_mm(start), None)
     }
 
     fn operator_steps(&self, config: &Config, first: Option<AirBoards>) -> Vec<PlannedStep> {
