@@ -216,7 +216,7 @@ impl Bench {
                 AirDecision::Probe { to_mm } | AirDecision::Move { to_mm } => focus = to_mm,
                 AirDecision::MoreFrames | AirDecision::Verify => {}
                 AirDecision::Done => break (camera, boards),
-                AirDecision::NotConverged { why } => return Err(why),
+                AirDecision::TooUncertain { why } | AirDecision::NotConverged { why } => return Err(why),
                 AirDecision::Fault(fault) => return Err(fault.to_string()),
             }
         };

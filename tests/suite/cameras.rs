@@ -8,11 +8,12 @@ use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::job::{JobSnapshot, JobState};
 use plenalign::control::plan::PlanView;
 use plenalign::optics::{ArrayKind, MlaMode};
+use plenalign::raw::CfaPattern;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::alignment::number;
-use super::bench::{align, service};
+use super::bench::{align, service, small_config};
 
 /// How many pixels a drawn sensor has.
 #[derive(Debug, Clone, Copy)]
@@ -179,6 +180,32 @@ async fn the_example_cameras_align() {
         config.bench.simulation.rays = 16;
         let became = judged(&config, &align(&service(config.clone()).await).await);
         assert!(matches!(became, Became::Converged), "{}: {became:?}", file.display());
+    }
+}
+
+/// Sensors that are not square, with colour filters and of other depths; arrays turned as far as they can be, and with
+/// lenses of several focal lengths.
+#[tokio::test(start_paused = true)]
+async fn other_sensors_and_arrays_align() {
+    let colour = {
+        let mut config = small_config(21);
+        (config.sensor.width_px, config.sensor.height_px) = (680, 520);
+        config.sensor.mosaic = Some(CfaPattern::Rggb);
+        config.bench.simulation.bits = 12;
+        config
+    };
+    let several = {
+        let mut config = small_config(22);
+        (config.sensor.width_px, config.sensor.height_px) = (500, 640);
+        config.mla.array = ArrayKind::Hexagonal;
+        config.bench.simulation.microlenses.focal_factors = vec![1.0, 1.06, 0.94];
+        config.bench.simulation.array_rotation_deg = Some(20.0);
+        config.bench.simulation.bits = 16;
+        config
+    };
+    for config in [colour, several] {
+        let became = judged(&config, &align(&service(config.clone()).await).await);
+        assert!(matches!(became, Became::Converged), "{:?}: {became:?}", config.sensor);
     }
 }
 

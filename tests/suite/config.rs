@@ -65,7 +65,7 @@ fn the_shipped_file_shows_every_key() {
             _ => format!("{line}\n"),
         })
         .collect();
-    assert_eq!(uncommented, 21);
+    assert_eq!(uncommented, 23);
     // Only the water, given twice over, is at fault then.
     let faults = faults(&every);
     assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
@@ -288,6 +288,8 @@ fn impossible_values_are_refused_with_the_reason() {
         ("[assembly]\ne_tolerance_mm = 0", "assembly.e_tolerance_mm", "greater than 0"),
         ("[assembly]\ndelta_v_tolerance_mm = -1", "assembly.delta_v_tolerance_mm", "greater than 0"),
         ("[boards]\nlevel_step_mm = 0", "boards.level_step_mm", "greater than 0"),
+        ("[boards]\nside_mm = -1", "boards.side_mm", "greater than 0"),
+        ("[boards]\ntank_mm = 0", "boards.tank_mm", "greater than 0"),
         ("[boards]\nfarthest_mm = 0", "boards.farthest_mm", "greater than 0"),
         ("[boards]\ngreatest_depth_mm = 0", "boards.greatest_depth_mm", "greater than 0"),
         ("[boards]\nin_air = \"four\"", "boards.in_air", "triple_level"),

@@ -94,4 +94,5 @@ mod view_api;
 mod view_cli;
 mod viewport;
 mod vignetting;
+mod way_in;
 mod websocket;

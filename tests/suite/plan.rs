@@ -105,6 +105,14 @@ fn what_stands_in_the_way_is_named_with_what_it_would_have_to_be() {
         config.boards.level_step_mm = Some(0.05);
     });
     assert_eq!(key, "boards.in_air");
+    let (key, needed) = refused(|config| config.boards.tank_mm = Some(700.0));
+    assert_eq!((key.as_str(), needed.as_str()), ("boards.tank_mm", "at least 800, or object.distance_mm 700 at most"));
+    let (key, needed) = refused(|config| config.boards.side_mm = Some(80.0));
+    assert_eq!(key, "boards.side_mm");
+    let side_mm: f64 = needed.trim_start_matches("at least ").parse().unwrap();
+    let mut wide = Config::default();
+    (wide.boards.side_mm, wide.boards.tank_mm) = (Some(side_mm), Some(800.0));
+    assert!(plan(&wide).possible);
     // What is asked for is enough.
     let mut enough = Config::default();
     enough.bench.focus.high_limit_mm = 2.7;

@@ -59,6 +59,11 @@ pub enum AirDecision {
     Verify,
     /// The criterion is met and verified.
     Done,
+    /// The boards do not tell Δv well enough; others may.
+    TooUncertain {
+        /// Why, in words.
+        why: String,
+    },
     /// The criterion cannot be met.
     NotConverged {
         /// Why, in words.
@@ -118,6 +123,11 @@ impl AirLoop {
     #[must_use]
     pub fn here(&self) -> Option<AirObservation> {
         self.pose.as_ref().map(|pose| pose.combined)
+    }
+
+    /// Forgets what other boards showed at this pose.
+    pub fn boards_changed(&mut self) {
+        (self.pose, self.previous) = (None, None);
     }
 
     /// Takes in a measurement and decides.
@@ -187,7 +197,7 @@ impl AirLoop {
                 return AirDecision::MoreFrames;
             }
             if 2.0 * sigma_mm >= goal.tolerance_mm {
-                return AirDecision::NotConverged {
+                return AirDecision::TooUncertain {
                     why: format!(
                         "uncertainty: Δv is {:.4} ± {sigma_mm:.4} mm after {measurements} measurements, which cannot be told to lie within {:.4} mm of {:.4} mm",
                         here.delta_v_mm, goal.tolerance_mm, goal.delta_v_mm
@@ -297,7 +307,7 @@ mod tests {
     #[test]
     fn too_large_an_uncertainty_is_said() {
         let (decisions, _) = run(GOAL, |x| x, |_| 0.008);
-        let Some(AirDecision::NotConverged { why }) = decisions.last() else {
+        let Some(AirDecision::TooUncertain { why }) = decisions.last() else {
             panic!("{decisions:?}");
         };
         assert!(why.starts_with("uncertainty"), "{why}");

@@ -19,6 +19,12 @@ use plenoptics::units::Millimetres;
 /// Places nearer to one another than this are one, mm.
 const SAME_PLACE_MM: f64 = 0.05;
 
+/// What is done where the levels of a board cannot be told well enough.
+const IN_TURN: &str = "a flat board is put to three places in turn instead";
+
+/// What boards in air say of Δv, and the middle one as it was seen.
+pub(super) type InAir = (AirObservation, Seen);
+
 impl Alignment<'_> {
     /// Puts boards where they are measured with the camera at a Δv (mm), known to `within_mm`; those that stand there and
     /// serve stay.
@@ -61,7 +67,7 @@ impl Alignment<'_> {
             }
             let standing = self.boards_in_range(boards, expected, plan).await?;
             boards = Some(standing);
-            let near = (reading_mm - solution.delta_v).abs() <= plan.aperture_within_mm;
+            let near = (expected.0 - solution.delta_v).abs() <= plan.aperture_within_mm;
             if near && !aperture_set {
                 // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
                 self.set_aperture(&solution, standing).await?;
@@ -70,9 +76,13 @@ impl Alignment<'_> {
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
             let (observation, seen) = match self.observe_air(standing, plan, frames).await {
                 Err(JobEnd::Unmeasurable { why }) if self.may_change_to_flat(standing) => {
-                    self.context.log(format!("{why}: a flat board is put to three places in turn instead"));
+                    self.context.log(format!("{why}: {IN_TURN}"));
                     (*plan, boards) = (plan.with_flat_board(), None);
                     continue;
+                }
+                // Later what was predicted from the pictures before would have to be wrong.
+                Err(JobEnd::Unmeasurable { why }) if air.model().is_none() => {
+                    self.way_in_air(standing, plan, why).await?
                 }
                 looked => looked?,
             };
@@ -114,7 +124,14 @@ impl Alignment<'_> {
                     ));
                     return Ok(standing);
                 }
-                AirDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
+                AirDecision::TooUncertain { why } if self.may_change_to_flat(standing) => {
+                    self.context.log(format!("{why}: {IN_TURN}"));
+                    (*plan, boards, kind, predicted) = (plan.with_flat_board(), None, IterationKind::Verify, None);
+                    air.boards_changed();
+                }
+                AirDecision::TooUncertain { why } | AirDecision::NotConverged { why } => {
+                    return Err(JobEnd::NotConverged { why });
+                }
                 AirDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
             }
         }
@@ -123,7 +140,7 @@ impl Alignment<'_> {
 
     /// Whether the focus axis stands too far (mm, by its reading) from where the white frame was taken for its grid to be
     /// followed.
-    fn white_is_far(&self, reading_mm: f64, plan: &Plan) -> Result<bool, JobEnd> {
+    pub(super) fn white_is_far(&self, reading_mm: f64, plan: &Plan) -> Result<bool, JobEnd> {
         let white = self.eye.white_frame().ok_or_else(|| JobEnd::failed("no white frame has been taken"))?;
         let taken_at = white.focus.position.map(Millimetres::value);
         Ok(taken_at.is_some_and(|taken_at| !plan.grid_followed(taken_at, reading_mm)))
@@ -150,12 +167,7 @@ impl Alignment<'_> {
         })
     }
 
-    async fn observe_air(
-        &mut self,
-        boards: AirBoards,
-        plan: &Plan,
-        frames: u32,
-    ) -> Result<(AirObservation, Seen), JobEnd> {
+    pub(super) async fn observe_air(&mut self, boards: AirBoards, plan: &Plan, frames: u32) -> Result<InAir, JobEnd> {
         let reading = self.motion.position_mm(AxisName::Focus)?;
         // Before the first measurement the axis's own reading is the best guess.
         let guess = self.findings.delta_v_air.map_or(reading, |(delta_v, _)| delta_v);

@@ -20,6 +20,8 @@ use super::tasks::AirStep;
 use bench::config::{Config, SpacingTarget};
 use bench::device::{AxisPose, Bench, DeviceError, Frame, Setup};
 use bench::telemetry;
+use plenoptics::imaging::clarity::{self, Sharpness};
+use plenoptics::imaging::measurement::evened;
 use plenoptics::optics::CameraDesign;
 use plenoptics::raw::RawImage;
 use plenoptics::units::Millimetres;
@@ -377,6 +379,12 @@ impl Eye {
         let sight = self.need_sight()?;
         let frame = self.frame().await?;
         blocking(move || sight.misfit(&frame.image)).await
+    }
+
+    /// How sharp the raw frame is that the camera gives at rest.
+    pub(super) async fn sharpness(&self) -> Result<Sharpness, JobEnd> {
+        let (frame, mosaic) = (self.frame().await?, self.config.sensor.mosaic);
+        blocking(move || Ok(clarity::sharpness(&evened(&frame.image, mosaic)))).await
     }
 
     /// Measures the spacing of the flat board over so many frames.

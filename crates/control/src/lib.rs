@@ -56,6 +56,7 @@ mod stopping;
 mod survey;
 mod tasks;
 mod watchers;
+mod way_in;
 pub use bench_name::bench_name;
 pub use confirm_key::Shown;
 pub use jobs::Acceptance;

@@ -33,6 +33,8 @@ pub(super) struct ShellLook<'a> {
     pub(super) e_mm: f64,
     /// Δv less that of the air step, mm.
     pub(super) trim_mm: f64,
+    /// By how much that may be off, mm.
+    pub(super) trim_bound_mm: f64,
 }
 
 impl ShellLook<'_> {
@@ -40,7 +42,7 @@ impl ShellLook<'_> {
     pub(super) fn contradiction(&self, seen: &SpacingReading) -> Option<String> {
         let shown = self.camera.e_mm(seen.spacing_px, self.trim_mm);
         let sigma = self.camera.e_sigma_mm(self.e_mm, self.trim_mm, seen.spacing_sigma_px);
-        let allowed = self.axis_bound_mm() + self.board_bound_mm() + SIGMAS * sigma;
+        let allowed = self.axis_bound_mm() + self.board_bound_mm() + self.trim_as_e_mm() + SIGMAS * sigma;
         if (shown - self.e_mm).abs() <= allowed {
             return None;
         }
@@ -75,6 +77,12 @@ impl ShellLook<'_> {
     fn axis_bound_mm(&self) -> f64 {
         let from_home = (self.e_mm - self.axis.home_position_mm).abs();
         self.axis.zero_uncertainty_mm + self.axis.backlash_mm + 3.0 * self.axis.scale_uncertainty * from_home
+    }
+
+    /// By how much e would have to be off to look like a trim that is, mm.
+    fn trim_as_e_mm(&self) -> f64 {
+        let by_trim = self.camera.slope_delta_v(self.e_mm, self.trim_mm) / self.camera.slope_e(self.e_mm, self.trim_mm);
+        by_trim.abs() * self.trim_bound_mm
     }
 
     /// By how much a board that is put up with care may change e as the picture has it, mm.
@@ -183,7 +191,7 @@ mod tests {
         let (camera, axis) = (preset(), Config::default().bench.e);
         let (mut other, mut e) = (camera, E_MM);
         change(&mut other.design, &mut e);
-        let look = ShellLook { camera: &camera, axis: &axis, e_mm: E_MM, trim_mm: 0.0 };
+        let look = ShellLook { camera: &camera, axis: &axis, e_mm: E_MM, trim_mm: 0.0, trim_bound_mm: 0.0 };
         look.contradiction(&reading(other.spacing_px(e, 0.0)))
     }
 
@@ -220,7 +228,7 @@ mod tests {
     #[test]
     fn a_turned_board_is_told_from_a_tilted_lens() {
         let (camera, axis) = (preset(), Config::default().bench.e);
-        let look = ShellLook { camera: &camera, axis: &axis, e_mm: E_MM, trim_mm: 0.0 };
+        let look = ShellLook { camera: &camera, axis: &axis, e_mm: E_MM, trim_mm: 0.0, trim_bound_mm: 0.0 };
         let tilted = SpacingReading { tilt_x_px: 0.2, ..reading(12.0) };
         assert_eq!(look.turned_board(&tilted, &tilted, 2.0), None);
         let turned = look.turned_board(&reading(12.0), &tilted, 2.0).unwrap();

@@ -23,7 +23,7 @@ impl Alignment<'_> {
             AirDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
             AirDecision::Verify => "within tolerance: measure again to verify".to_owned(),
             AirDecision::Done => "within tolerance, verified".to_owned(),
-            AirDecision::NotConverged { why } => format!("not converged: {why}"),
+            AirDecision::TooUncertain { why } | AirDecision::NotConverged { why } => format!("not converged: {why}"),
             AirDecision::Fault(fault) => fault.to_string(),
         };
         self.context.record(Iteration {

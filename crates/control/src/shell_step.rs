@@ -50,8 +50,19 @@ impl Alignment<'_> {
             let focus_scale = self.findings.focus_scale.unwrap_or(1.0);
             let trim_mm = (self.motion.position_mm(AxisName::Focus)? - focus_at_air) * focus_scale;
             let seen = self.spacing_at_rest(kind, frames).await;
-            let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm };
-            let seen = if std::mem::take(&mut first_look) { as_configured(&look, seen)? } else { seen? };
+            let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm, trim_bound_mm: 0.0 };
+            let seen = match seen {
+                Err(JobEnd::Unmeasurable { why }) if first_look => {
+                    return Err(self.look_through_shell(&look, plan, why).await);
+                }
+                seen => seen?,
+            };
+            // Before anything moves on the strength of it.
+            if std::mem::take(&mut first_look)
+                && let Some(why) = look.contradiction(&seen.spacing)
+            {
+                return Err(JobEnd::failed(why));
+            }
             if let Some(picture) = &seen.picture {
                 // The first stays; of the others the last.
                 self.context.keep_picture(if self.findings.eog_before.is_none() { "before" } else { "after" }, picture);
@@ -145,18 +156,5 @@ impl Alignment<'_> {
         self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
         self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to_mm))).await?;
         Ok(())
-    }
-}
-
-/// The first picture through the shell, or why it cannot be measured, where it contradicts nothing of what was asked to be
-/// set up: before anything moves on the strength of it.
-fn as_configured(look: &ShellLook<'_>, seen: Result<Seen, JobEnd>) -> Result<Seen, JobEnd> {
-    let seen = seen.map_err(|end| match end {
-        JobEnd::Unmeasurable { why } => JobEnd::failed(look.unmeasurable(&why)),
-        end => end,
-    })?;
-    match look.contradiction(&seen.spacing) {
-        Some(why) => Err(JobEnd::failed(why)),
-        None => Ok(seen),
     }
 }

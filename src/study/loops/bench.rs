@@ -205,7 +205,7 @@ impl<'a> Bench<'a> {
                     air.converged = true;
                     break;
                 }
-                AirDecision::NotConverged { .. } | AirDecision::Fault(_) => break,
+                AirDecision::TooUncertain { .. } | AirDecision::NotConverged { .. } | AirDecision::Fault(_) => break,
             }
         }
         let delta_v_error_mm = self.focus.truth(focus) - joint.delta_v;

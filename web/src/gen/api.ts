@@ -1455,7 +1455,9 @@ export interface components {
        *       "farthest_mm": 5000,
        *       "greatest_depth_mm": 60,
        *       "in_air": "auto",
-       *       "level_step_mm": null
+       *       "level_step_mm": null,
+       *       "side_mm": null,
+       *       "tank_mm": null
        *     }
        */
       boards: components["schemas"]["Config.BoardsConfig"];
@@ -1984,6 +1986,18 @@ export interface components {
        * @default null
        */
       level_step_mm: number | null;
+      /**
+       * Format: double
+       * @description Shortest side of the boards, mm; `None` where they fill the field wherever they stand.
+       * @default null
+       */
+      side_mm: number | null;
+      /**
+       * Format: double
+       * @description From the shell's outer vertex to the tank's far wall, mm; `None` where the board in water has all the room it needs.
+       * @default null
+       */
+      tank_mm: number | null;
     };
     /** @description Which boards stand before the lens in air. */
     "Config.BoardsInAir": "auto" | "triple_level" | "flat_in_turn";

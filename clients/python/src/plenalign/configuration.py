@@ -187,6 +187,12 @@ class BoardsConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Distance between the levels of the triple-level board that there is, mm; `None` where one is made as the plan
     wants it.
     """
+    side_mm: float | None = None
+    """Shortest side of the boards, mm; `None` where they fill the field wherever they stand."""
+    tank_mm: float | None = None
+    """From the shell's outer vertex to the tank's far wall, mm; `None` where the board in water has all the room it
+    needs.
+    """
 
 
 class BoardsInAir(str, Enum):

@@ -1,4 +1,4 @@
-//! `[boards]`: which boards there are for the air step, and the room that they have.
+//! `[boards]`: which boards there are, and the room that they have.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -28,10 +28,21 @@ pub struct BoardsConfig {
     pub greatest_depth_mm: f64,
     /// How far from the lens a board in air may stand, mm.
     pub farthest_mm: f64,
+    /// Shortest side of the boards, mm; `None` where they fill the field wherever they stand.
+    pub side_mm: Option<f64>,
+    /// From the shell's outer vertex to the tank's far wall, mm; `None` where the board in water has all the room it needs.
+    pub tank_mm: Option<f64>,
 }
 
 impl Default for BoardsConfig {
     fn default() -> Self {
-        Self { in_air: BoardsInAir::Auto, level_step_mm: None, greatest_depth_mm: 60.0, farthest_mm: 5000.0 }
+        Self {
+            in_air: BoardsInAir::Auto,
+            level_step_mm: None,
+            greatest_depth_mm: 60.0,
+            farthest_mm: 5000.0,
+            side_mm: None,
+            tank_mm: None,
+        }
     }
 }

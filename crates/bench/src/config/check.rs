@@ -235,8 +235,14 @@ impl Config {
         let boards = &self.boards;
         faults.positive("boards.greatest_depth_mm", boards.greatest_depth_mm);
         faults.positive("boards.farthest_mm", boards.farthest_mm);
-        if let Some(step) = boards.level_step_mm {
-            faults.positive("boards.level_step_mm", step);
+        for (key, length) in [
+            ("boards.level_step_mm", boards.level_step_mm),
+            ("boards.side_mm", boards.side_mm),
+            ("boards.tank_mm", boards.tank_mm),
+        ] {
+            if let Some(length) = length {
+                faults.positive(key, length);
+            }
         }
 
         let assembly = &self.assembly;

@@ -23,6 +23,8 @@ pub(super) fn schema() -> Table {
     let mut full = Config::default();
     full.main_lens.principal_from_mount_mm = Some(0.0);
     full.boards.level_step_mm = Some(0.0);
+    full.boards.side_mm = Some(0.0);
+    full.boards.tank_mm = Some(0.0);
     full.assembly.delta_v_tolerance_mm = Some(0.0);
     full.assembly.e_tolerance_mm = Some(0.0);
     full.main_lens.principal_from_mount_sigma_mm = Some(0.0);

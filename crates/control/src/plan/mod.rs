@@ -22,6 +22,9 @@ use plenoptics::optics::{CameraDesign, Mla, Solution};
 /// By how much the first, short move of an axis changes the spacing, in MLA pitches: enough to be seen many times over.
 const FOCUS_PROBE: f64 = 0.016;
 const E_PROBE: f64 = 0.006;
+/// By how much a step of the search for a picture that can be measured changes the spacing near focus, in MLA pitches: the
+/// range that is measured is several times as wide.
+const SEARCH_STEP: f64 = 0.1;
 /// Least and greatest first move, mm: a first move is short whatever the picture could show.
 const PROBE_MM: [f64; 2] = [0.02, 1.0];
 /// Between the Δv where boards begin to tell b and the solution, as a difference of the spacing in MLA pitches.
@@ -67,6 +70,8 @@ pub struct Plan {
     pub focus_probe_mm: f64,
     /// First move of the e axis, mm.
     pub e_probe_mm: f64,
+    /// From one place of the focus axis to the next where the picture is looked for that can be measured, mm.
+    pub search_step_mm: f64,
     /// Further from the solution than this (mm of Δv) the boards cannot tell b.
     pub b_told_within_mm: f64,
     /// The focus axis is so near to the solution, mm, when the aperture is set.
@@ -155,6 +160,7 @@ impl Plan {
             spacing_tolerance_px,
             focus_probe_mm: least,
             e_probe_mm: least,
+            search_step_mm: SEARCH_STEP / by_delta_v,
             b_told_within_mm: B_TOLD_WITHIN / by_delta_v,
             aperture_within_mm: APERTURE_WITHIN * design.lens_to_mla(solution.delta_v),
             most_trim_mm: 2.0 * image_by_object * e_off_mm + 10.0 * tolerances.delta_v_mm,

@@ -62,6 +62,7 @@ impl Plan {
         if found.is_empty() {
             self.check_focus_travel(config, &mut found);
             self.check_boards(config, &mut found);
+            self.check_room(config, &mut found);
             self.check_aberrations(config, &mut found);
             self.check_way_in(config, &mut found);
             self.check_tolerance(config, &mut found);
@@ -216,6 +217,42 @@ impl Plan {
                     },
                 ));
             }
+        }
+    }
+
+    /// Whether the boards fill the field where they stand, and the tank holds the one in water.
+    fn check_room(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let (boards, water_mm) = (&config.boards, config.object.distance_mm);
+        if let Some(tank_mm) = boards.tank_mm.filter(|&tank_mm| tank_mm < water_mm) {
+            found.push(obstacle(
+                "boards.tank_mm",
+                tank_mm,
+                format!("at least {water_mm}, or object.distance_mm {tank_mm} at most"),
+                format!("the board in water stands {water_mm} mm from the shell's outer vertex"),
+            ));
+        }
+        let Some(side_mm) = boards.side_mm else { return };
+        let (sensor, solution) = (config.sensor_extent(), &self.solution);
+        let extent = sensor.width.max(sensor.height);
+        let in_water = self.design.half_width_in_water(extent, solution.delta_v, solution.e).map_or(f64::NAN, f64::abs);
+        let [.., farthest_mm] = self.places_about(solution.equivalent_distance);
+        let in_air = self.design.half_width_in_air(extent, solution.delta_v, farthest_mm);
+        // Of a field whose edge no light reaches nothing can be said.
+        let needed_mm = 2.0 * in_water.max(in_air);
+        if side_mm < needed_mm {
+            let wider = if in_water > in_air {
+                format!("{water_mm} mm from the shell in water")
+            } else {
+                format!("{farthest_mm:.1} mm from the lens in air")
+            };
+            found.push(obstacle(
+                "boards.side_mm",
+                side_mm,
+                format!("at least {:.0}", needed_mm.ceil()),
+                format!(
+                    "the field is {needed_mm:.0} mm wide {wider}, and what is seen beside a board is measured with it"
+                ),
+            ));
         }
     }
 

@@ -3,6 +3,7 @@
 use super::depth::{DepthMap, DepthState};
 use super::grid::Grid;
 use super::view::{Patches, View};
+use crate::raw::RawImage;
 
 /// Energy of gradient of a view scaled to [0, 255], Eq. 20.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +44,36 @@ pub fn gradient_energy(view: &View) -> f64 {
         }
     }
     sum / (w.saturating_sub(1) * h.saturating_sub(1)) as f64
+}
+
+/// How sharp a raw frame is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sharpness {
+    /// Energy of gradient (Eq. 20), mean per pixel, grey levels of 255 squared: of the micro-images' rims, of the texture
+    /// in them, and of noise, of which only the second changes with focus.
+    pub energy: f64,
+    /// What noise changes it by, standard, grey levels squared: at most, as how it differs over the frame says.
+    pub sigma: f64,
+}
+
+/// How sharp a raw frame is, the micro-images left as they are: comparable between frames of one board in one light.
+#[must_use]
+pub fn sharpness(raw: &RawImage) -> Sharpness {
+    let (w, h) = (raw.width(), raw.height());
+    let samples = raw.to_f32();
+    let scale = (255.0 / f64::from(raw.white_level())).powi(2);
+    let (mut sum, mut square) = (0.0, 0.0);
+    for y in 0..h.saturating_sub(1) {
+        let (row, below) = (&samples[y * w..][..w], &samples[(y + 1) * w..][..w]);
+        for (pair, under) in row.windows(2).zip(below) {
+            let energy = f64::from(pair[1] - pair[0]).powi(2) + f64::from(under - pair[0]).powi(2);
+            sum += energy;
+            square += energy * energy;
+        }
+    }
+    let count = (w.saturating_sub(1) * h.saturating_sub(1)) as f64;
+    let mean = sum / count;
+    Sharpness { energy: scale * mean, sigma: scale * ((square / count - mean * mean) / count).max(0.0).sqrt() }
 }
 
 /// The least and the greatest of some values.
@@ -170,6 +201,20 @@ mod tests {
         assert_eq!(eog(&plain).sum, 0.0);
         let ramp = View::grey(256, 2, (0..512).map(|k| (k % 256) as f32).collect());
         assert!((eog(&ramp).mean_per_pixel - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn sharpness_is_the_raw_frames_own_whatever_its_depth() {
+        let stripes = |light: u16| (0..64 * 64).map(move |k| if k % 64 % 8 < 4 { 100 } else { 100 + light });
+        let eight = sharpness(&RawImage::from_u8(64, 64, stripes(51).map(|level| level as u8).collect()));
+        // Of 63 steps along a row 15 go over an edge.
+        assert!((eight.energy - 15.0 / 63.0 * 51.0 * 51.0).abs() < 1e-6, "{eight:?}");
+        let sixteen = sharpness(&RawImage::from_u16(64, 64, 16, stripes(51).map(|level| level * 257).collect()));
+        assert!((sixteen.energy / eight.energy - 1.0).abs() < 1e-6, "{sixteen:?}");
+        let fainter = sharpness(&RawImage::from_u8(64, 64, stripes(20).map(|level| level as u8).collect()));
+        assert!(eight.energy - fainter.energy > 4.0 * eight.sigma.hypot(fainter.sigma));
+        let plain = sharpness(&RawImage::from_u8(64, 64, vec![80; 64 * 64]));
+        assert_eq!((plain.energy, plain.sigma), (0.0, 0.0));
     }
 
     /// Patches of a grid 4 px apart, each darker by a step than the last one: what is within them is what is measured.

@@ -25,8 +25,8 @@ const AXES = ["focus", "e"] as const;
 /** Kinds that go where the joint solution says. */
 const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
 
-/** Kinds that begin by the joint solution's plan. */
-const PLANNED: JobKind[] = ["joint_alignment"];
+/** Kinds that begin by the joint solution's plan: what stands in its way stands in theirs. */
+const PLANNED: JobKind[] = ["joint_alignment", "air_only", "l_bound_measurement"];
 
 /** Chooses a job, says what it will do, and starts it. */
 export function StartJob({ state, act }: Scene) {
@@ -36,7 +36,6 @@ export function StartJob({ state, act }: Scene) {
   const checked = check(draft, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
   const means = implied(draft, state.bench?.axes ?? [], unit);
-  // Of the design's own alignment; another e has another one.
   const plan = usePlan(PLANNED.includes(draft.kind));
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const ready =
@@ -80,7 +79,9 @@ export function StartJob({ state, act }: Scene) {
         ))}
       </ol>
       <Aim kind={draft.kind} design={state.design} eMm={eOf(draft, unit)} unit={unit} />
-      {plan && <PlanSummary plan={plan} unit={unit} />}
+      {plan && (draft.kind === "joint_alignment" || !plan.possible) && (
+        <PlanSummary plan={plan} unit={unit} />
+      )}
       {FIELDS[draft.kind].map((field) => {
         if (field.is === "number") {
           return (
