@@ -139,7 +139,13 @@ async fn became(seed: u64, sensor: Sensor) -> Became {
     if let Err(error) = config.validate() {
         return Became::Refused(error.violations().iter().map(|fault| fault.key.clone()).collect());
     }
-    judged(&config, &align(&service(config.clone()).await).await)
+    let job = align(&service(config.clone()).await).await;
+    let became = judged(&config, &job);
+    if matches!(became, Became::Wrong(_)) {
+        println!("seed {seed}:\n{}", toml::to_string(&config).unwrap());
+        job.log.iter().for_each(|line| println!("{}", line.message));
+    }
+    became
 }
 
 /// Aligns the cameras of these seeds; what is wrong with any is said at the end. Returns how many converged.

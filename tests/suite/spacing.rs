@@ -12,6 +12,7 @@ use plenalign::imaging::measurement::{
     FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frame, measure_frames,
 };
 use plenalign::imaging::spacing::SpacingError;
+use plenalign::optics::MlaMode;
 use plenalign::raw::{self, RawImage};
 use plenalign::sim::exposure::{Noise, expose};
 use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
@@ -65,6 +66,44 @@ fn referee_frames_in_water_measure_to_the_window_of_the_exact_spacing() {
 fn referee_frames_measure_without_a_white_frame() {
     check_referee("air_square", false, 0.02);
     check_referee("water_clarity_e30", false, 0.02);
+}
+
+/// Behind a short lens the aperture's picture is not much larger than a microlens, and with a small N masks lie where it
+/// has begun to cut off: nowhere is its edge straight.
+#[test]
+fn large_microlenses_close_behind_a_short_lens_are_measured_as_well() {
+    let (pixel_mm, size) = (0.0045, 600);
+    for mode in [MlaMode::Galilean, MlaMode::Keplerian] {
+        let mut config = Config::default();
+        config.main_lens.focal_length_mm = 12.6;
+        config.mla.mode = mode;
+        config.mla.pitch_mm = 0.255;
+        config.mla.angular_resolution = 2.25;
+        let b = 5.13 * config.mla.pitch_mm;
+        config.mla.focal_length_mm = match mode {
+            MlaMode::Galilean => b / (1.0 - 1.0 / 2.25),
+            MlaMode::Keplerian => b / (1.0 + 1.0 / 2.25),
+        };
+        config.object.air_distance_mm = 1000.0;
+        let design = config.design();
+        for distance in [1000.0, 700.0] {
+            let camera = CameraTruth::from_design(&design, 0.0, Medium::Air, pixel_mm, size, size);
+            let rays = RenderOptions { rays: 32, seed: 2 };
+            let noise = Noise { read_noise_levels: 2.0, ..Noise::default() };
+            let texel = texel_for(&design, Medium::Air, distance, pixel_mm);
+            let map = Arc::new(TextureMap::generate(Texture::Natural, texel, 9));
+            let white = expose(&render(&camera, &Scene::Diffuser, rays), size, size, &noise, 3);
+            let raw = expose(&render(&camera, &Scene::Board(Board::new(distance, map)), rays), size, size, &noise, 4);
+            let options = FrameOptions::of_design(&design, pixel_mm);
+            let white = WhiteModel::of(&white, &options).unwrap();
+            let seen = measure_frame(&raw, Some(&white), &options).unwrap().spacing;
+            let error = seen.on_axis_px - design.spacing_at(distance, 0.0) / pixel_mm;
+            assert!(
+                error.abs() < 3.0 * seen.sigma_px && seen.sigma_px < 0.03,
+                "{mode:?} at {distance}: {error:+.4} {seen:?}"
+            );
+        }
+    }
 }
 
 /// A frame of the reference camera, and its white frame at another Δv.

@@ -199,7 +199,7 @@ impl AirLoop {
             if 2.0 * sigma_mm >= goal.tolerance_mm {
                 return AirDecision::TooUncertain {
                     why: format!(
-                        "uncertainty: Δv is {:.4} ± {sigma_mm:.4} mm after {measurements} measurements, which cannot be told to lie within {:.4} mm of {:.4} mm",
+                        "uncertainty: Δv is {:.4} ± {sigma_mm:.4} mm after {measurements} measurements, which cannot be told to lie within {:.4} mm of {:.4} mm: are the boards where they were asked for, in the light, and is the aperture as it was set?",
                         here.delta_v_mm, goal.tolerance_mm, goal.delta_v_mm
                     ),
                 };

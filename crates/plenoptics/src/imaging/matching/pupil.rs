@@ -26,6 +26,9 @@ const STEP: f64 = 0.02;
 const TELLING: [f64; 2] = [0.4, 0.9];
 /// Rings that have to tell.
 const LEAST_RINGS: usize = 3;
+/// Rounds of the edge's fit, and the step of its derivatives, px.
+const FIT_ROUNDS: usize = 12;
+const FIT_STEP_PX: f64 = 0.01;
 /// Half the distance, px, of two points that spread as far as a pixel does.
 const HALF_PIXEL: f64 = 0.288_675;
 /// Blur (px) at which a picture is moved by half of what the middle of its blur is: what is finer than the blur goes by
@@ -160,11 +163,13 @@ fn radius(ring: usize, pitch: f64) -> f64 {
     0.5 * STEP * pitch * ring as f64
 }
 
-/// Where the aperture's edge lies.
+/// What a pixel sees through: the part of its microlens within the aperture, both as discs about the places that a pixel
+/// at the micro-image's centre, and one elsewhere, have on the microlens.
 #[derive(Debug, Clone, Copy)]
 struct Edge {
-    /// Radius of the pixels for which it halves the microlens, px.
-    middle: f64,
+    /// Radius of the aperture's picture, px: a pixel so far out sees through half of its microlens, or a little less.
+    aperture: f64,
+    /// While the aperture's edge passes over the whole microlens a pixel moves by this, px.
     width: f64,
 }
 
@@ -172,40 +177,81 @@ impl Edge {
     /// The share of light at a radius (px), how far outwards the rest of the microlens has its middle, in its diameters,
     /// and how far outwards the light has its middle on the pixel, px.
     fn at(&self, r: f64) -> [f64; 3] {
-        let place = |r: f64| (2.0 * (r - self.middle) / self.width).clamp(-1.0, 1.0);
-        let [inner, outer] = [r - HALF_PIXEL, r + HALF_PIXEL].map(|r| left(place(r)).max(0.02));
-        let x = place(r);
-        let share = left(x).max(0.02);
-        [share, (1.0 - x * x).powf(1.5) / (3.0 * PI * share), HALF_PIXEL * (outer - inner) / (outer + inner)]
+        let [inner, outer] = [r - HALF_PIXEL, r + HALF_PIXEL].map(|r| self.left(r.abs())[0].max(0.02));
+        let [share, middle] = self.left(r);
+        [share.max(0.02), middle / self.width, HALF_PIXEL * (outer - inner) / (outer + inner)]
+    }
+
+    /// The share of light at a radius (px) and how far outwards what is left of the microlens has its middle, px.
+    fn left(&self, r: f64) -> [f64; 2] {
+        let (lens, aperture) = (0.5 * self.width, self.aperture);
+        let whole = lens.min(aperture).powi(2);
+        if r <= (aperture - lens).abs() {
+            // One disc lies within the other.
+            return [1.0, if aperture < lens { r } else { 0.0 }];
+        }
+        if r >= aperture + lens {
+            return [0.0, 0.0];
+        }
+        // The discs' rims cross on a chord; on either side of it lies a segment of one of them.
+        let chord = (r * r + lens * lens - aperture * aperture) / (2.0 * r);
+        let ([of_lens, about_lens], [of_aperture, about_aperture]) =
+            (segment(lens, chord), segment(aperture, r - chord));
+        let area = of_lens + of_aperture;
+        [area / (PI * whole), (about_lens + r * of_aperture - about_aperture) / area.max(1e-12)]
+    }
+
+    /// The one that fits the shares of light by ring best, from this one on.
+    fn fitted(mut self, rings: &[(f64, f64)]) -> Self {
+        for _ in 0..FIT_ROUNDS {
+            // Normal equations of the two radii.
+            let (mut normal, mut right) = ([0.0; 3], [0.0; 2]);
+            for &(r, share) in rings {
+                let along = |edge: Self| edge.left(r)[0];
+                let off = share - along(self);
+                let [up, down] = [FIT_STEP_PX, -FIT_STEP_PX];
+                let by_aperture = along(Self { aperture: self.aperture + up, ..self })
+                    - along(Self { aperture: self.aperture + down, ..self });
+                let by_width =
+                    along(Self { width: self.width + up, ..self }) - along(Self { width: self.width + down, ..self });
+                let [a, w] = [by_aperture, by_width].map(|by| by / (2.0 * FIT_STEP_PX));
+                normal = [normal[0] + a * a, normal[1] + a * w, normal[2] + w * w];
+                right = [right[0] + a * off, right[1] + w * off];
+            }
+            let determinant = normal[0] * normal[2] - normal[1] * normal[1];
+            if determinant <= 1e-12 * normal[0] * normal[2] {
+                break;
+            }
+            let most = 0.2 * self.width;
+            self.aperture += ((right[0] * normal[2] - right[1] * normal[1]) / determinant).clamp(-most, most);
+            self.width += ((right[1] * normal[0] - right[0] * normal[1]) / determinant).clamp(-most, most);
+        }
+        self
     }
 }
 
-/// Share of a disc beyond a chord at x of its radius from its centre.
-fn left(x: f64) -> f64 {
-    (x.acos() - x * (1.0 - x * x).sqrt()) / PI
+/// Area of a disc's segment beyond a chord at a distance from its centre, px², and its moment about the centre, px³.
+fn segment(radius: f64, chord: f64) -> [f64; 2] {
+    let x = (chord / radius).clamp(-1.0, 1.0);
+    let rest = (1.0 - x * x).sqrt();
+    [radius.powi(2) * (x.acos() - x * rest), 2.0 / 3.0 * radius.powi(3) * rest.powi(3)]
 }
 
 /// Where the aperture's edge lies, from the shares of light by ring.
 fn edge(shares: &[f64], pitch: f64) -> Option<Edge> {
-    let (mut n, mut sums) = (0usize, [0.0; 4]);
-    for (k, &share) in shares.iter().enumerate().filter(|(_, share)| (TELLING[0]..TELLING[1]).contains(*share)) {
-        let (mut low, mut high) = (-1.0, 1.0);
-        for _ in 0..30 {
-            let x = f64::midpoint(low, high);
-            if left(x) > share { low = x } else { high = x }
-        }
-        let (r, x) = (radius(k, pitch), low);
-        n += 1;
-        sums = [sums[0] + r, sums[1] + x, sums[2] + r * r, sums[3] + r * x];
-    }
-    if n < LEAST_RINGS {
-        return None;
-    }
-    let count = n as f64;
-    let slope = (sums[3] - sums[0] * sums[1] / count) / (sums[2] - sums[0] * sums[0] / count).max(1e-9);
-    let edge = Edge { middle: (sums[0] - sums[1] / slope) / count, width: 2.0 / slope };
+    let telling: Vec<(f64, f64)> = shares
+        .iter()
+        .enumerate()
+        .filter(|(_, share)| (TELLING[0]..TELLING[1]).contains(*share))
+        .map(|(k, &share)| (radius(k, pitch), share))
+        .collect();
+    let (&[first, .., last], true) = (&telling[..], telling.len() >= LEAST_RINGS) else { return None };
+    // As if the light fell evenly from all to nothing.
+    let slope = (first.1 - last.1) / (last.0 - first.0);
+    let half = last.0 + (last.1 - 0.5) / slope;
+    let edge = Edge { aperture: half, width: 0.8 / slope }.fitted(&telling);
     // A microlens of no real array is passed over in less than a tenth of the pitch, or not within it.
-    (slope > 0.0 && (0.1..1.0).contains(&(edge.width / pitch))).then_some(edge)
+    (slope > 0.0 && edge.aperture > 0.0 && (0.1..1.0).contains(&(edge.width / pitch))).then_some(edge)
 }
 
 #[cfg(test)]
@@ -215,9 +261,9 @@ mod tests {
 
     const PITCH: f64 = 40.0;
 
-    /// The profile of an aperture whose edge halves the microlens of pixels at `middle` and passes it over `width` (px).
-    fn profile(middle: f64, width: f64) -> Pupil {
-        let edge = Edge { middle, width };
+    /// The profile of an aperture with a picture of this radius, whose edge passes over a microlens in `width` (px).
+    fn profile(aperture: f64, width: f64) -> Pupil {
+        let edge = Edge { aperture, width };
         let share =
             |centre: [f64; 2], [x, y]: [usize; 2]| edge.at((x as f64 - centre[0]).hypot(y as f64 - centre[1]))[0];
         let centres: Vec<[f64; 2]> =
@@ -227,29 +273,31 @@ mod tests {
 
     #[test]
     fn the_edge_is_found_in_its_profile() {
-        for (middle, width) in [(20.0, 12.0), (20.0, 18.0), (17.0, 9.0)] {
-            let found = profile(middle, width).width.unwrap();
-            assert!((found / width - 1.0).abs() < 0.05, "{found} for {width}");
+        for (aperture, width) in [(20.0, 12.0), (20.0, 18.0), (17.0, 9.0), (18.0, 22.0), (17.0, 24.0)] {
+            let found = profile(aperture, width).width.unwrap();
+            assert!((found / width - 1.0).abs() < 0.02, "{found} for {width}");
         }
         assert_eq!(profile(40.0, 10.0).width, None, "nothing is cut off");
     }
 
     #[test]
     fn what_is_left_of_a_disc_has_its_middle_where_sums_have_it() {
-        for x in [-0.9, -0.4, 0.0, 0.5] {
+        for (aperture, r) in [(40.0, 32.0), (12.0, 7.0), (12.0, 13.0), (7.0, 2.0), (7.0, 9.0), (25.0, 3.0)] {
+            let edge = Edge { aperture, width: 20.0 };
             let (mut count, mut sum, mut all) = (0.0, 0.0, 0.0);
             for k in 0..400 * 400 {
-                let [u, v] = [k % 400, k / 400].map(|n| (f64::from(n) + 0.5) / 200.0 - 1.0);
-                if u.hypot(v) < 1.0 {
-                    all += 1.0;
-                    if u > x {
+                let [x, y] = [k % 400, k / 400].map(|n| (f64::from(n) + 0.5) / 20.0 - 10.0);
+                if x.hypot(y) < 10.0 {
+                    all += f64::from(u8::from(x.hypot(y) < aperture));
+                    if (x - r).hypot(y) < aperture {
                         count += 1.0;
-                        sum += u;
+                        sum += x;
                     }
                 }
             }
-            let [share, outwards, _] = Edge { middle: 0.0, width: 2.0 }.at(x);
-            assert!((share - count / all).abs() < 2e-3 && (outwards - 0.5 * sum / count).abs() < 2e-3, "at {x}");
+            let [share, outwards, _] = edge.at(r);
+            assert!((share - count / all).abs() < 2e-3, "{share} of an aperture of {aperture} at {r}");
+            assert!((outwards - sum / count / 20.0).abs() < 2e-3, "{outwards} of an aperture of {aperture} at {r}");
         }
     }
 
