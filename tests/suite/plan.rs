@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use plenalign::config::{BoardsInAir, Config, ConfigOrigin};
+use plenalign::config::{BoardsInAir, Config, ConfigOrigin, LBoundSource};
 use plenalign::control::job::{JobKind, JobRequest, JobState};
 use plenalign::control::plan::{PlanView, PlannedBoards};
 use plenalign::optics::MlaMode;
@@ -113,6 +113,26 @@ fn what_stands_in_the_way_is_named_with_what_it_would_have_to_be() {
     let mut wide = Config::default();
     (wide.boards.side_mm, wide.boards.tank_mm) = (Some(side_mm), Some(800.0));
     assert!(plan(&wide).possible);
+    let (key, needed) = refused(|config| config.bench.e.steps_per_mm = 10.0);
+    assert_eq!((key.as_str(), needed.as_str()), ("bench.e.steps_per_mm", "at least 50"));
+    let (key, needed) = refused(|config| config.bench.focus.max_step_mm = 0.4);
+    assert_eq!((key.as_str(), needed.as_str()), ("bench.focus.max_step_mm", "at least 1.11"));
+    // No tolerance is finer than a step of the axis.
+    let (key, needed) = refused(|config| config.assembly.delta_v_tolerance_mm = Some(0.001));
+    assert_eq!((key.as_str(), needed.as_str()), ("assembly.delta_v_tolerance_mm", "at least 0.0019"));
+    for (step_mm, depth_mm) in [(2.0, 60.0), (8.0, 10.0)] {
+        let (key, needed) = refused(|config| {
+            config.boards.in_air = BoardsInAir::TripleLevel;
+            (config.boards.level_step_mm, config.boards.greatest_depth_mm) = (Some(step_mm), depth_mm);
+        });
+        assert_eq!(key, "boards.in_air");
+        // The step that is named serves.
+        let other = needed.split_once("boards.level_step_mm ").map(|(_, other)| other.parse().unwrap());
+        let mut config = Config::default();
+        config.boards.in_air = BoardsInAir::TripleLevel;
+        (config.boards.level_step_mm, config.boards.greatest_depth_mm) = (other, depth_mm);
+        assert_eq!(plan(&config).possible, other.is_some(), "{needed}");
+    }
     // What is asked for is enough.
     let mut enough = Config::default();
     enough.bench.focus.high_limit_mm = 2.7;
@@ -142,7 +162,9 @@ async fn a_job_asks_for_what_its_plan_said() {
     flat.boards.in_air = BoardsInAir::FlatInTurn;
     let mut keplerian = small_config(3);
     keplerian.mla.mode = MlaMode::Keplerian;
-    for config in [flat, keplerian] {
+    let mut measured = small_config(4);
+    measured.assembly.l_bound = LBoundSource::Measure;
+    for config in [flat, keplerian, measured] {
         let planned = plan(&config);
         let job = run(&service(config).await, JobRequest::of(JobKind::JointAlignment)).await;
         assert_eq!(job.state, JobState::Converged, "{:?}", job.reason);
@@ -152,7 +174,8 @@ async fn a_job_asks_for_what_its_plan_said() {
         let said = job.log.iter().map(|line| &*line.message).filter(|line| line.starts_with("operator step"));
         let said: Vec<&str> = said.filter(|line| !line.contains("confirmed")).collect();
         for (step, said) in planned.operator_steps.iter().zip(said) {
-            let value = step.value.as_deref().unwrap_or("white").split([' ', ',']).next().unwrap();
+            let named = step.name.replace('_', " ");
+            let value = step.value.as_deref().map_or(&*named, |value| value.split([' ', ',']).next().unwrap());
             assert!(said.contains(value), "{step:?}: {said}");
         }
         assert!(job.log.iter().any(|line| line.message.starts_with("plan: Δv = ")), "{:?}", job.log);

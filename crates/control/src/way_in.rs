@@ -1,6 +1,7 @@
 //! The way in from far: where a picture cannot be measured, the sharpness of the raw frame leads the focus axis to where
 //! one can. That axis takes array and sensor along behind the lens, so it touches nothing, with the shell on either.
 
+use super::air::AirObservation;
 use super::air_step::InAir;
 use super::alignment::Alignment;
 use super::context::JobEnd;
@@ -17,6 +18,8 @@ const MOST_PLACES: usize = 24;
 const CHANGED_SIGMAS: f64 = 4.0;
 /// Places after which the picture must have changed.
 const CHANGED_AFTER: usize = 4;
+/// Share of a move by which the picture may differ from it and still have followed.
+const FOLLOWS_WITHIN: f64 = 0.3;
 /// Shorter ways of the focus axis than this lead nowhere new, mm.
 const SAME_PLACE_MM: f64 = 1e-6;
 
@@ -109,10 +112,23 @@ impl Alignment<'_> {
                 self.white_frame().await?;
                 self.place(boards).await?;
             }
+            let here = match self.observe_air(boards, plan, 1).await {
+                Err(JobEnd::Unmeasurable { .. }) => continue,
+                seen => seen?.0,
+            };
+            // Far out of focus a spacing may be a chance: the picture has to follow.
+            let back_mm = if reading_mm > plan.solution.delta_v { -plan.focus_probe_mm } else { plan.focus_probe_mm };
+            self.context.doing("way in: does the picture follow?");
+            let to = Millimetres(reading_mm + back_mm);
+            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, to)).await?;
             match self.observe_air(boards, plan, 1).await {
                 Err(JobEnd::Unmeasurable { .. }) => {}
-                seen => return seen,
+                Err(end) => return Err(end),
+                Ok(there) if follows(&here, &there.0) => return Ok(there),
+                Ok(_) => self.context.log("a picture can be measured, but does not follow the axis"),
             }
+            let back = Millimetres(reading_mm);
+            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, back)).await?;
         }
     }
 
@@ -196,6 +212,14 @@ impl Alignment<'_> {
             WayDecision::Lost { why } => Ok(Err(why)),
         }
     }
+}
+
+/// Whether the picture followed the axis from one place to another.
+fn follows(from: &AirObservation, to: &AirObservation) -> bool {
+    let moved_mm = to.reading_mm - from.reading_mm;
+    let sigma_mm = from.sigma_mm.hypot(to.sigma_mm);
+    let off_mm = to.delta_v_mm - from.delta_v_mm - moved_mm;
+    off_mm.abs() <= (FOLLOWS_WITHIN * moved_mm.abs()).max(CHANGED_SIGMAS * sigma_mm) && sigma_mm < 0.5 * moved_mm.abs()
 }
 
 #[cfg(test)]

@@ -18,6 +18,10 @@ const LEAST_PITCH_PX: f64 = 10.0;
 const MOST_B_OF_D: f64 = 0.2;
 /// Standard uncertainties by which the spacings of neighbouring levels have to differ.
 const LEVELS_TOLD: f64 = 10.0;
+/// Least difference of the spacings of neighbouring levels, px, at which they are told apart side by side.
+const LEVELS_TOLD_PX: f64 = 0.9;
+/// Coarsest axes.
+const LEAST_STEPS_PER_MM: f64 = 50.0;
 /// Most that the shell's aberrations may add to the spacing, px.
 const MOST_EXCESS_PX: f64 = 0.7;
 /// So many times larger at most is a shell proposed.
@@ -53,6 +57,17 @@ fn up(value: f64) -> f64 {
     (value * 10.0).ceil() / 10.0
 }
 
+/// A bound to so many places, moved inwards: what is said to be enough is.
+fn at_least(value: f64, places: i32) -> f64 {
+    let unit = 10f64.powi(places);
+    (value * unit).ceil() / unit
+}
+
+fn at_most(value: f64, places: i32) -> f64 {
+    let unit = 10f64.powi(places);
+    (value * unit).floor() / unit
+}
+
 impl Plan {
     /// What stands in its way, in the order in which it would be met.
     pub(super) fn obstacles(&self, config: &Config) -> Vec<Obstacle> {
@@ -61,6 +76,7 @@ impl Plan {
         // Of a camera that cannot be measured nothing else can be said.
         if found.is_empty() {
             self.check_focus_travel(config, &mut found);
+            self.check_steps(config, &mut found);
             self.check_boards(config, &mut found);
             self.check_room(config, &mut found);
             self.check_aberrations(config, &mut found);
@@ -78,7 +94,7 @@ impl Plan {
             found.push(obstacle(
                 "mla.pitch_mm",
                 mla.pitch,
-                format!("at least {least:.4}"),
+                format!("at least {}", at_least(least, 4)),
                 format!("micro-images of {pitch_px:.1} px are too small to be measured"),
             ));
         }
@@ -90,7 +106,7 @@ impl Plan {
             found.push(obstacle(
                 "mla.focal_length_mm",
                 mla.focal_length,
-                format!("at most {:.3}", most_b / (1.0 - 1.0 / signed)),
+                format!("at most {}", at_most(most_b / (1.0 - 1.0 / signed), 3)),
                 format!("the array would stand {d:.2} mm behind the lens and {b:.2} mm before the sensor: every move of the focus axis would change the micro-images' pitch"),
             ));
         }
@@ -102,9 +118,9 @@ impl Plan {
                 "mla.angular_resolution",
                 mla.angular_resolution,
                 format!(
-                    "from {:.2} to {:.2}",
-                    resolutions[0].min(resolutions[1]),
-                    resolutions[0].max(resolutions[1])
+                    "from {} to {}",
+                    at_least(resolutions[0].min(resolutions[1]), 2),
+                    at_most(resolutions[0].max(resolutions[1]), 2)
                 ),
                 format!(
                     "the spacing in focus, {target:.2} of the MLA's pitch, is outside of what is found in a frame, {low:.2} to {high:.2}"
@@ -154,6 +170,32 @@ impl Plan {
         }
     }
 
+    /// Whether the axes' steps are as fine as an arrival is told by, and long enough at once for a first move.
+    fn check_steps(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        for (name, axis, room, probe_mm) in [
+            ("focus", &config.bench.focus, &self.focus, self.focus_probe_mm),
+            ("e", &config.bench.e, &self.e, self.e_probe_mm),
+        ] {
+            if axis.steps_per_mm < LEAST_STEPS_PER_MM {
+                found.push(obstacle(
+                    &format!("bench.{name}.steps_per_mm"),
+                    axis.steps_per_mm,
+                    format!("at least {LEAST_STEPS_PER_MM}"),
+                    "an axis has arrived within a hundredth of a millimetre, which half a step must not exceed",
+                ));
+            }
+            if room.most_mm < probe_mm {
+                let least = at_least(axis.max_step_mm + probe_mm - room.most_mm, 2);
+                found.push(obstacle(
+                    &format!("bench.{name}.max_step_mm"),
+                    axis.max_step_mm,
+                    format!("at least {least}"),
+                    format!("the first move is {probe_mm:.2} mm long, and play is taken up besides"),
+                ));
+            }
+        }
+    }
+
     fn check_boards(&self, config: &Config, found: &mut Vec<Obstacle>) {
         let (wanted, nearest) = (self.solution.equivalent_distance, self.capture.nearest_mm());
         let focal_length = self.design.main_lens.focal_length;
@@ -196,28 +238,49 @@ impl Plan {
             });
         }
         if let (BoardsInAir::TripleLevel, Arrangement::Levels { step_mm }) = (config.boards.in_air, self.arrangement) {
-            let spacing = |place: f64| self.capture.spacing(place, self.solution.delta_v);
-            let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
-            let apart_px = (spacing(wanted) - spacing(wanted + step_mm)).abs() * pitch_px;
-            let needed_px = LEVELS_TOLD * Precision::of(config, self).spacing_px;
-            let in_range = [wanted - step_mm, wanted + step_mm]
-                .iter()
-                .all(|&level| self.capture.sees(level, self.solution.delta_v, 0.0));
-            if apart_px < needed_px || !in_range {
-                found.push(obstacle(
-                    "boards.in_air",
-                    "\"triple_level\"",
-                    "\"flat_in_turn\", or boards.level_step_mm another",
-                    if in_range {
-                        format!(
-                            "levels {step_mm} mm apart differ by {apart_px:.3} px only, and {needed_px:.3} px are to be told"
-                        )
-                    } else {
-                        format!("levels {step_mm} mm apart do not all lie in the range of focus")
-                    },
-                ));
-            }
+            self.check_levels(config, step_mm, found);
         }
+    }
+
+    /// Whether levels so far apart (mm) can be made, stand, are in range and are told apart.
+    fn check_levels(&self, config: &Config, step_mm: f64, found: &mut Vec<Obstacle>) {
+        let wanted = self.solution.equivalent_distance;
+        let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
+        let needed_px = (LEVELS_TOLD * Precision::of(config, self).spacing_px).max(LEVELS_TOLD_PX);
+        let why = |step_mm: f64| {
+            let spacing = |place: f64| self.capture.spacing(place, self.solution.delta_v);
+            let apart_px = (spacing(wanted) - spacing(wanted + step_mm)).abs() * pitch_px;
+            let seen = |level: &f64| self.capture.sees(*level, self.solution.delta_v, 0.0);
+            if 2.0 * step_mm > config.boards.greatest_depth_mm {
+                Some(format!(
+                    "levels {step_mm} mm apart are {} mm deep, and boards.greatest_depth_mm is {}",
+                    2.0 * step_mm,
+                    config.boards.greatest_depth_mm
+                ))
+            } else if wanted + step_mm > config.boards.farthest_mm {
+                Some(format!(
+                    "the furthest level would stand at {:.0} mm, and boards.farthest_mm is {}",
+                    wanted + step_mm,
+                    config.boards.farthest_mm
+                ))
+            } else if ![wanted - step_mm, wanted + step_mm].iter().all(seen) {
+                Some(format!("levels {step_mm} mm apart do not all lie in the range of focus"))
+            } else if apart_px < needed_px {
+                Some(format!(
+                    "levels {step_mm} mm apart differ by {apart_px:.3} px only, and {needed_px:.3} px are told apart side by side"
+                ))
+            } else {
+                None
+            }
+        };
+        let Some(now) = why(step_mm) else { return };
+        // The longest step that would do.
+        let other = (1..=2000).rev().map(|k| 0.5 * f64::from(k)).find(|&step_mm| why(step_mm).is_none());
+        let needed = other.map_or_else(
+            || "\"flat_in_turn\"".to_owned(),
+            |step_mm| format!("\"flat_in_turn\", or boards.level_step_mm {step_mm}"),
+        );
+        found.push(obstacle("boards.in_air", "\"triple_level\"", needed, now));
     }
 
     /// Whether the boards fill the field where they stand, and the tank holds the one in water.
@@ -314,7 +377,11 @@ impl Plan {
         found.push(obstacle(
             "shell.outer_radius_mm",
             radius_mm,
-            format!("at least {:.0}, or main_lens.focal_length_mm shorter", larger.shell.outer_radius_mm.ceil()),
+            format!(
+                "at least {:.0} with shell.inner_radius_mm {:.0}, or main_lens.focal_length_mm shorter",
+                larger.shell.outer_radius_mm.ceil(),
+                larger.shell.outer_radius_mm.ceil() * larger.shell.inner_radius_mm / larger.shell.outer_radius_mm
+            ),
             format!(
                 "an aperture of {:.1} mm is so large for the shell that its aberrations add {now_px:.2} px to the spacing, and no more than {MOST_EXCESS_PX} px can be allowed for",
                 self.solution.aperture
@@ -324,14 +391,15 @@ impl Plan {
 
     fn check_tolerance(&self, config: &Config, found: &mut Vec<Obstacle>) {
         let precision = Precision::of(config, self);
-        let needed = 2.5 * precision.delta_v_mm;
+        let half_step_mm = 0.5 / config.bench.focus.steps_per_mm;
+        let needed = half_step_mm + 2.5 * precision.delta_v_mm;
         if self.delta_v_tolerance_mm < needed {
             found.push(obstacle(
                 "assembly.delta_v_tolerance_mm",
                 self.delta_v_tolerance_mm,
-                format!("at least {needed:.4}"),
+                format!("at least {}", at_least(needed, 4)),
                 format!(
-                    "Δv is expected to be good to {:.4} mm (a spacing to {:.4} px), and twice that has to lie within the tolerance",
+                    "Δv is expected to be good to {:.4} mm (a spacing to {:.4} px), and twice that, beside half a step of the focus axis ({half_step_mm:.4} mm), has to lie within the tolerance",
                     precision.delta_v_mm, precision.spacing_px
                 ),
             ));

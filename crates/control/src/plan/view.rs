@@ -7,7 +7,7 @@ use super::boards::{AirBoards, Arrangement};
 use super::obstacle::Obstacle;
 use super::precision::Precision;
 use super::{Plan, spacing_in_water};
-use bench::config::{Config, ConfigOrigin};
+use bench::config::{Config, ConfigOrigin, LBoundSource};
 
 /// A frame and its measurement, s, by the megapixel.
 const MEASURED_S_PER_MEGAPIXEL: f64 = 0.35;
@@ -42,6 +42,21 @@ pub struct PlannedStep {
     pub name: String,
     /// The value to be set, with its unit; null where there is none.
     pub value: Option<String>,
+}
+
+impl PlannedStep {
+    fn new(name: &str, value: Option<String>) -> Self {
+        Self { name: name.to_owned(), value }
+    }
+
+    fn boards(boards: AirBoards) -> Self {
+        match boards {
+            AirBoards::Levels([near, middle, far]) => {
+                Self::new("triple_board_in_air", Some(format!("{near:.1}, {middle:.1}, {far:.1} mm")))
+            }
+            AirBoards::Flat(distance) => Self::new("board_in_air", Some(format!("{distance:.1} mm"))),
+        }
+    }
 }
 
 /// What a joint alignment will do, worked out before anything moves.
@@ -178,36 +193,42 @@ impl Plan {
     }
 
     fn operator_steps(&self, config: &Config, first: Option<AirBoards>) -> Vec<PlannedStep> {
-        let step = |name: &str, value: Option<String>| PlannedStep { name: name.to_owned(), value };
-        let boards = |boards: AirBoards| match boards {
-            AirBoards::Levels([near, middle, far]) => {
-                step("triple_board_in_air", Some(format!("{near:.1}, {middle:.1}, {far:.1} mm")))
-            }
-            AirBoards::Flat(distance) => step("board_in_air", Some(format!("{distance:.1} mm"))),
-        };
+        let (in_air, standing) = self.steps_in_air(first);
+        let in_water = Some(format!("{:.1} mm", config.object.distance_mm));
+        let mut steps = vec![PlannedStep::new("white_frame", None)];
+        if config.assembly.l_bound == LBoundSource::Measure {
+            // The air step of the l_bound that is configured first; then all axes are homed again.
+            steps.extend(in_air.iter().cloned());
+            steps.push(PlannedStep::new("least_e_by_hand", in_water.clone()));
+            steps.push(PlannedStep::new("shell_off", None));
+        }
+        steps.extend(in_air);
+        steps.extend(self.boards_while_parking(standing).into_iter().map(AirBoards::Flat).map(PlannedStep::boards));
+        steps.push(PlannedStep::new("shell_and_water", in_water));
+        steps
+    }
+
+    /// The steps of an air step, and where (mm) the board stands at its end.
+    fn steps_in_air(&self, first: Option<AirBoards>) -> (Vec<PlannedStep>, f64) {
         let solution = &self.solution;
         let at_solution = self.arrangement.about(solution.equivalent_distance);
-        let mut steps = vec![step("white_frame", None)];
-        steps.extend(first.map(boards));
+        let mut steps: Vec<PlannedStep> = first.map(PlannedStep::boards).into_iter().collect();
         if !self.grid_followed(self.focus.home_mm, solution.delta_v) {
-            steps.push(step("white_frame", None));
-            steps.push(boards(at_solution));
+            steps.push(PlannedStep::new("white_frame", None));
+            steps.push(PlannedStep::boards(at_solution));
         } else if first != Some(at_solution) {
-            steps.push(boards(at_solution));
+            steps.push(PlannedStep::boards(at_solution));
         }
         let ring = self.design.main_lens.ring_f_number(solution.aperture);
-        steps.push(step("aperture", Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture))));
+        steps.push(PlannedStep::new("aperture", Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture))));
         let mut standing = solution.equivalent_distance;
         if let Arrangement::InTurn { places_mm } = self.arrangement {
-            let others = places_mm.into_iter().filter(|&place| place != solution.equivalent_distance);
-            for place in others {
-                steps.push(boards(AirBoards::Flat(place)));
+            for place in places_mm.into_iter().filter(|&place| place != solution.equivalent_distance) {
+                steps.push(PlannedStep::boards(AirBoards::Flat(place)));
                 standing = place;
             }
         }
-        steps.extend(self.boards_while_parking(standing).into_iter().map(AirBoards::Flat).map(boards));
-        steps.push(step("shell_and_water", Some(format!("{:.1} mm", config.object.distance_mm))));
-        steps
+        (steps, standing)
     }
 
     /// Where a board is put anew while e is moved from its home to where the shell is mounted.
@@ -230,6 +251,10 @@ impl Plan {
         let e_way = (e.home_position_mm - self.solution.e).abs() / e.speed_mm_per_s;
         let focus_way = (self.solution.delta_v - focus.home_position_mm).abs() / focus.speed_mm_per_s;
         let megapixels = f64::from(config.sensor.width_px) * f64::from(config.sensor.height_px) / 1e6;
-        homing + 2.0 * (e_way + focus_way) + MEASUREMENTS * (PAUSES_S + MEASURED_S_PER_MEGAPIXEL * megapixels)
+        // A frame counts that was begun once both axes had settled.
+        let settled_ms = focus.settle_ms.max(e.settle_ms) as f64;
+        let frame_s = 2.0 / config.bench.camera.frame_rate_hz;
+        let measured_s = PAUSES_S + settled_ms / 1000.0 + frame_s + MEASURED_S_PER_MEGAPIXEL * megapixels;
+        homing + 2.0 * (e_way + focus_way) + MEASUREMENTS * measured_s
     }
 }
