@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-use plenalign::config::{Config, ConfigOrigin};
+use plenalign::config::{Config, ConfigOrigin, Texture};
 use plenalign::control::job::{JobSnapshot, JobState};
 use plenalign::control::plan::PlanView;
 use plenalign::optics::{ArrayKind, MlaMode};
@@ -189,8 +189,8 @@ async fn the_example_cameras_align() {
     }
 }
 
-/// Sensors that are not square, with colour filters and of other depths; arrays turned as far as they can be, and with
-/// lenses of several focal lengths.
+/// Sensors that are not square, with colour filters and of other depths; arrays turned as far as they can be, with lenses
+/// of several focal lengths, and before print.
 #[tokio::test(start_paused = true)]
 async fn other_sensors_and_arrays_align() {
     let colour = {
@@ -209,7 +209,20 @@ async fn other_sensors_and_arrays_align() {
         config.bench.simulation.bits = 16;
         config
     };
-    for config in [colour, several] {
+    // Print under a hexagonal array hides the lattice's own phases.
+    let print = {
+        let mut config = small_config(1);
+        config.main_lens.focal_length_mm = 35.0;
+        config.mla.array = ArrayKind::Hexagonal;
+        (config.mla.pitch_mm, config.mla.focal_length_mm, config.mla.angular_resolution) = (0.12, 0.6, 4.0);
+        (config.sensor.pixel_um, config.sensor.width_px, config.sensor.height_px) = (4.5, 640, 640);
+        (config.shell.outer_radius_mm, config.shell.inner_radius_mm) = (90.0, 80.0);
+        (config.object.distance_mm, config.object.air_distance_mm) = (1200.0, 1500.0);
+        config.bench.focus.high_limit_mm = 14.0;
+        config.bench.simulation.texture = Texture::Charuco;
+        config
+    };
+    for config in [colour, several, print] {
         let became = judged(&config, &align(&service(config.clone()).await).await);
         assert!(matches!(became, Became::Converged), "{:?}: {became:?}", config.sensor);
     }

@@ -69,8 +69,8 @@ impl Arrangement {
     pub(super) fn of(config: &Config, solution: &Solution, capture: &Capture, parked_mm: f64) -> Self {
         let design = config.design();
         let step_mm = config.boards.level_step_mm.unwrap_or_else(|| {
-            let deepest = (config.boards.greatest_depth_mm).floor() / 2.0;
-            level_step_mm(&design, solution).min(deepest.max(0.1))
+            let deepest_mm = 0.5 * config.boards.greatest_depth_mm;
+            level_step_mm(&design, solution).min(deepest_mm)
         });
         let levels = Self::Levels { step_mm };
         let in_turn = Self::in_turn(solution, capture);
@@ -90,8 +90,8 @@ impl Arrangement {
         let across =
             f64::from(config.sensor.width_px.min(config.sensor.height_px)) * config.pixel_pitch().millimetres();
         let pitch = micro_image_pitch(design.mla.pitch, design.lens_to_mla(delta_v), design.mla.b());
-        let spacing = |place: f64| capture.spacing(place, delta_v) * design.mla.pitch;
-        let apart = (spacing(middle) - spacing(middle + step_mm)).abs() / config.pixel_pitch().millimetres();
+        let apart =
+            capture.levels_apart(middle, step_mm, delta_v) * design.mla.pitch / config.pixel_pitch().millimetres();
         // Of a mosaic's green pixels a strip has too few to be told from the next.
         config.sensor.mosaic.is_none()
             && 2.0 * step_mm <= config.boards.greatest_depth_mm

@@ -47,6 +47,13 @@ impl Capture {
         self.design.spacing_at(distance_mm, delta_v_mm) / self.design.mla.pitch
     }
 
+    /// By how much the spacings of neighbouring levels differ (in MLA pitches) that stand a step apart (mm) about a
+    /// distance (mm), the mean of both, with the camera at Δv (mm).
+    pub(super) fn levels_apart(&self, middle_mm: f64, step_mm: f64, delta_v_mm: f64) -> f64 {
+        let spacing = |distance_mm: f64| self.spacing(distance_mm, delta_v_mm);
+        0.5 * (spacing(middle_mm - step_mm) - spacing(middle_mm + step_mm)).abs()
+    }
+
     /// Whether a board at a distance (mm) can be measured wherever Δv is, as far as it is known: give or take
     /// `within_mm`.
     pub(super) fn sees(&self, distance_mm: f64, delta_v_mm: f64, within_mm: f64) -> bool {

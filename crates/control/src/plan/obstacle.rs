@@ -248,8 +248,7 @@ impl Plan {
         let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
         let needed_px = (LEVELS_TOLD * Precision::of(config, self).spacing_px).max(LEVELS_TOLD_PX);
         let why = |step_mm: f64| {
-            let spacing = |place: f64| self.capture.spacing(place, self.solution.delta_v);
-            let apart_px = (spacing(wanted) - spacing(wanted + step_mm)).abs() * pitch_px;
+            let apart_px = self.capture.levels_apart(wanted, step_mm, self.solution.delta_v) * pitch_px;
             let seen = |level: &f64| self.capture.sees(*level, self.solution.delta_v, 0.0);
             if 2.0 * step_mm > config.boards.greatest_depth_mm {
                 Some(format!(

@@ -148,7 +148,12 @@ pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) ->
     if change.abs() > PITCH_FOLLOWED {
         return Err(misfit(format!("its pitch would change by {:.2} %", 100.0 * change)));
     }
-    if refined.coherence < COHERENCE_KNOWN_LEAST {
+    // Print under a hexagonal array has phases of its own. The white frame's profile, once it fits, says as much as they.
+    let profile_fits = || {
+        let fit = white.and_then(|white| white.fit(image, &refined).ok());
+        refined.coherence >= HOPELESS && fit.is_some_and(|fit| fit.fits())
+    };
+    if refined.coherence < COHERENCE_KNOWN_LEAST && !profile_fits() {
         return Err(misfit(format!("coherence {:.2}, at least {COHERENCE_KNOWN_LEAST} is needed", refined.coherence)));
     }
     let sigma = GridSigma { rotation_rad: grid.sigma.rotation_rad, ..refined.sigma };
