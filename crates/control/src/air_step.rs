@@ -59,10 +59,7 @@ impl Alignment<'_> {
                 let (delta_v, sigma) = model.predict(reading_mm);
                 (delta_v, 2.0 * sigma)
             });
-            if self.white_is_far(reading_mm, plan)? {
-                self.context
-                    .log("so far from where it was taken the white frame's grid no longer fits: another is taken");
-                self.white_frame().await?;
+            if self.retook_far_white(reading_mm, plan).await? {
                 boards = None;
             }
             let standing = self.boards_in_range(boards, expected, plan).await?;
@@ -138,12 +135,17 @@ impl Alignment<'_> {
         Err(JobEnd::failed("the air loop did not end; this is a defect of the program"))
     }
 
-    /// Whether the focus axis stands too far (mm, by its reading) from where the white frame was taken for its grid to be
-    /// followed.
-    pub(super) fn white_is_far(&self, reading_mm: f64, plan: &Plan) -> Result<bool, JobEnd> {
+    /// Has another white frame taken where the focus axis stands too far (mm, by its reading) from where it was taken for
+    /// its grid to be followed. Whether it was: the boards are gone then.
+    pub(super) async fn retook_far_white(&mut self, reading_mm: f64, plan: &Plan) -> Result<bool, JobEnd> {
         let white = self.eye.white_frame().ok_or_else(|| JobEnd::failed("no white frame has been taken"))?;
         let taken_at = white.focus.position.map(Millimetres::value);
-        Ok(taken_at.is_some_and(|taken_at| !plan.grid_followed(taken_at, reading_mm)))
+        let far = taken_at.is_some_and(|taken_at| !plan.grid_followed(taken_at, reading_mm));
+        if far {
+            self.context.log("so far from where it was taken the white frame's grid no longer fits: another is taken");
+            self.white_frame().await?;
+        }
+        Ok(far)
     }
 
     /// Whether a flat board may stand in for what stands before the lens.

@@ -108,8 +108,7 @@ impl Alignment<'_> {
                 return Err(JobEnd::Unmeasurable { why: format!("{why}; {lost}") });
             }
             let reading_mm = self.motion.position_mm(AxisName::Focus)?;
-            if self.white_is_far(reading_mm, plan)? {
-                self.white_frame().await?;
+            if self.retook_far_white(reading_mm, plan).await? {
                 self.place(boards).await?;
             }
             let here = match self.observe_air(boards, plan, 1).await {
@@ -134,13 +133,10 @@ impl Alignment<'_> {
 
     /// What to look at where the first picture through the shell cannot be measured: with the focus axis led to where it
     /// can, the picture says what is not as it was asked for. The axis goes back to where it stood.
-    pub(super) async fn look_through_shell(&mut self, look: &ShellLook<'_>, plan: &Plan, why: String) -> JobEnd {
+    pub(super) async fn look_through_shell(&self, look: &ShellLook<'_>, plan: &Plan, why: String) -> JobEnd {
         self.context
             .log(format!("{why}: the focus axis is led by the picture's sharpness, to see what is before the lens"));
-        match self.named_through_shell(look, plan, &why).await {
-            Ok(found) => JobEnd::failed(found),
-            Err(end) => end,
-        }
+        self.named_through_shell(look, plan, &why).await.map_or_else(|end| end, JobEnd::failed)
     }
 
     async fn named_through_shell(&self, look: &ShellLook<'_>, plan: &Plan, why: &str) -> Result<String, JobEnd> {

@@ -86,19 +86,48 @@ impl Arrangement {
     /// Whether levels so far apart can be made, stand, and are told apart side by side.
     fn suits(&self, config: &Config, design: &CameraDesign, solution: &Solution, capture: &Capture) -> bool {
         let Self::Levels { step_mm } = *self else { return true };
-        let (middle, delta_v) = (solution.equivalent_distance, solution.delta_v);
         let across =
             f64::from(config.sensor.width_px.min(config.sensor.height_px)) * config.pixel_pitch().millimetres();
-        let pitch = micro_image_pitch(design.mla.pitch, design.lens_to_mla(delta_v), design.mla.b());
-        let apart =
-            capture.levels_apart(middle, step_mm, delta_v) * design.mla.pitch / config.pixel_pitch().millimetres();
+        let pitch = micro_image_pitch(design.mla.pitch, design.lens_to_mla(solution.delta_v), design.mla.b());
         // Of a mosaic's green pixels a strip has too few to be told from the next.
         config.sensor.mosaic.is_none()
-            && 2.0 * step_mm <= config.boards.greatest_depth_mm
-            && apart >= LEVELS_APART_PX
             && across / pitch >= 3.0 * STRIP_MICRO_IMAGES
-            && [middle - step_mm, middle + step_mm].iter().all(|&level| capture.sees(level, delta_v, 0.0))
+            && levels_fault(config, solution, capture, step_mm, LEVELS_APART_PX).is_none()
     }
+}
+
+/// Why levels a step apart (mm) cannot be made, stand, be in the range of focus or be told apart, in words. Neighbours are
+/// told apart whose spacings differ by `least_px` or more.
+pub(super) fn levels_fault(
+    config: &Config,
+    solution: &Solution,
+    capture: &Capture,
+    step_mm: f64,
+    least_px: f64,
+) -> Option<String> {
+    let (boards, middle_mm) = (&config.boards, solution.equivalent_distance);
+    let levels = format!("levels {step_mm} mm apart");
+    let (depth_mm, furthest_mm) = (2.0 * step_mm, middle_mm + step_mm);
+    if depth_mm > boards.greatest_depth_mm {
+        return Some(format!(
+            "{levels} are {depth_mm} mm deep, and boards.greatest_depth_mm is {}",
+            boards.greatest_depth_mm
+        ));
+    }
+    if furthest_mm > boards.farthest_mm {
+        return Some(format!(
+            "the furthest level would stand at {furthest_mm:.0} mm, and boards.farthest_mm is {}",
+            boards.farthest_mm
+        ));
+    }
+    let seen = |level: &f64| capture.sees(*level, solution.delta_v, 0.0);
+    if ![middle_mm - step_mm, furthest_mm].iter().all(seen) {
+        return Some(format!("{levels} do not all lie in the range of focus"));
+    }
+    let pitch_px = config.mla.pitch_mm / config.pixel_pitch().millimetres();
+    let apart_px = capture.levels_apart(middle_mm, step_mm, solution.delta_v) * pitch_px;
+    (apart_px < least_px)
+        .then(|| format!("{levels} differ by {apart_px:.3} px only, and {least_px:.3} px are told apart side by side"))
 }
 
 /// The step between levels whose spacings lie [`LEVELS_APART`], mm: to a half, or to two digits where it is short.

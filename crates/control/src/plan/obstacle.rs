@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::boards::Arrangement;
+use super::boards::{Arrangement, levels_fault};
 use super::precision::Precision;
 use super::{FREE_PROBES, Plan, spacing_in_water};
 use crate::calibrated::CalibratedCamera;
@@ -52,17 +52,13 @@ fn obstacle(key: &str, value: impl ToString, needed: impl Into<String>, why: imp
     Obstacle { key: key.to_owned(), value: value.to_string(), needed: needed.into(), why: why.into() }
 }
 
-/// Upwards to a tenth.
-fn up(value: f64) -> f64 {
-    (value * 10.0).ceil() / 10.0
-}
-
-/// A bound to so many places, moved inwards: what is said to be enough is.
+/// A lower bound to so many places, rounded upwards: what is said to be enough is.
 fn at_least(value: f64, places: i32) -> f64 {
     let unit = 10f64.powi(places);
     (value * unit).ceil() / unit
 }
 
+/// An upper bound to so many places, rounded downwards.
 fn at_most(value: f64, places: i32) -> f64 {
     let unit = 10f64.powi(places);
     (value * unit).floor() / unit
@@ -151,11 +147,11 @@ impl Plan {
         );
         let (least, most) = (delta_v - unknown, delta_v + unknown);
         if most > axis.high_limit_mm {
-            let needed = format!("at least {:.1}", up(most));
+            let needed = format!("at least {:.1}", at_least(most, 1));
             found.push(obstacle("bench.focus.high_limit_mm", axis.high_limit_mm, needed, why.clone()));
         }
         if least < axis.low_limit_mm {
-            let needed = format!("at most {:.1}", -up(-least));
+            let needed = format!("at most {:.1}", at_most(least, 1));
             found.push(obstacle("bench.focus.low_limit_mm", axis.low_limit_mm, needed, why));
         }
         let free = FREE_PROBES * self.focus_probe_mm;
@@ -244,34 +240,8 @@ impl Plan {
 
     /// Whether levels so far apart (mm) can be made, stand, are in range and are told apart.
     fn check_levels(&self, config: &Config, step_mm: f64, found: &mut Vec<Obstacle>) {
-        let wanted = self.solution.equivalent_distance;
-        let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
         let needed_px = (LEVELS_TOLD * Precision::of(config, self).spacing_px).max(LEVELS_TOLD_PX);
-        let why = |step_mm: f64| {
-            let apart_px = self.capture.levels_apart(wanted, step_mm, self.solution.delta_v) * pitch_px;
-            let seen = |level: &f64| self.capture.sees(*level, self.solution.delta_v, 0.0);
-            if 2.0 * step_mm > config.boards.greatest_depth_mm {
-                Some(format!(
-                    "levels {step_mm} mm apart are {} mm deep, and boards.greatest_depth_mm is {}",
-                    2.0 * step_mm,
-                    config.boards.greatest_depth_mm
-                ))
-            } else if wanted + step_mm > config.boards.farthest_mm {
-                Some(format!(
-                    "the furthest level would stand at {:.0} mm, and boards.farthest_mm is {}",
-                    wanted + step_mm,
-                    config.boards.farthest_mm
-                ))
-            } else if ![wanted - step_mm, wanted + step_mm].iter().all(seen) {
-                Some(format!("levels {step_mm} mm apart do not all lie in the range of focus"))
-            } else if apart_px < needed_px {
-                Some(format!(
-                    "levels {step_mm} mm apart differ by {apart_px:.3} px only, and {needed_px:.3} px are told apart side by side"
-                ))
-            } else {
-                None
-            }
-        };
+        let why = |step_mm: f64| levels_fault(config, &self.solution, &self.capture, step_mm, needed_px);
         let Some(now) = why(step_mm) else { return };
         // The longest step that would do.
         let other = (1..=2000).rev().map(|k| 0.5 * f64::from(k)).find(|&step_mm| why(step_mm).is_none());

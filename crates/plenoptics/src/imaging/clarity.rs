@@ -35,15 +35,18 @@ pub fn eog(view: &View) -> Eog {
 #[must_use]
 pub fn gradient_energy(view: &View) -> f64 {
     let (w, h) = (view.width, view.height);
-    let values = view.luminance();
-    let mut sum = 0.0;
-    for y in 0..h.saturating_sub(1) {
-        let (row, below) = (&values[y * w..][..w], &values[(y + 1) * w..][..w]);
-        for (pair, under) in row.windows(2).zip(below) {
-            sum += f64::from(pair[1] - pair[0]).powi(2) + f64::from(under - pair[0]).powi(2);
-        }
-    }
+    let sum: f64 = gradient_squares(&view.luminance(), [w, h]).sum();
     sum / (w.saturating_sub(1) * h.saturating_sub(1)) as f64
+}
+
+/// The terms of Eq. 20, row by row: of every pixel that has a right and a lower neighbour.
+fn gradient_squares(values: &[f32], [w, h]: [usize; 2]) -> impl Iterator<Item = f64> + '_ {
+    (0..h.saturating_sub(1)).flat_map(move |y| {
+        let (row, below) = (&values[y * w..][..w], &values[(y + 1) * w..][..w]);
+        row.windows(2)
+            .zip(below)
+            .map(|(pair, under)| f64::from(pair[1] - pair[0]).powi(2) + f64::from(under - pair[0]).powi(2))
+    })
 }
 
 /// How sharp a raw frame is.
@@ -60,16 +63,11 @@ pub struct Sharpness {
 #[must_use]
 pub fn sharpness(raw: &RawImage) -> Sharpness {
     let (w, h) = (raw.width(), raw.height());
-    let samples = raw.to_f32();
     let scale = (255.0 / f64::from(raw.white_level())).powi(2);
     let (mut sum, mut square) = (0.0, 0.0);
-    for y in 0..h.saturating_sub(1) {
-        let (row, below) = (&samples[y * w..][..w], &samples[(y + 1) * w..][..w]);
-        for (pair, under) in row.windows(2).zip(below) {
-            let energy = f64::from(pair[1] - pair[0]).powi(2) + f64::from(under - pair[0]).powi(2);
-            sum += energy;
-            square += energy * energy;
-        }
+    for energy in gradient_squares(&raw.to_f32(), [w, h]) {
+        sum += energy;
+        square += energy * energy;
     }
     let count = (w.saturating_sub(1) * h.saturating_sub(1)) as f64;
     let mean = sum / count;
