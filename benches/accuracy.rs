@@ -105,7 +105,8 @@ fn measured(case: &Case, seed: u64) -> Result<(Spacing, f64, f64), String> {
     };
     let white = frame(&Scene::Diffuser, 2 * seed);
     let raw = frame(&Scene::Board(Board::new(distance, map)), 2 * seed + 1);
-    let options = FrameOptions { mosaic: config.sensor.mosaic, ..FrameOptions::new(design.mla.pitch / PIXEL_MM) };
+    let mut options = FrameOptions { mosaic: config.sensor.mosaic, ..FrameOptions::new(design.mla.pitch / PIXEL_MM) };
+    options.spacing.bound = true;
     let white = WhiteModel::of(&white, &options).map_err(|error| error.to_string())?;
     let start = Instant::now();
     let spacing = measure_frame(&raw, Some(&white), &options).map_err(|error| error.to_string())?.spacing;
@@ -142,7 +143,7 @@ fn main() -> ExitCode {
         let rms = mean(&|(_, error, _)| error * error).sqrt();
         let sigma = mean(&|(spacing, ..)| spacing.sigma_px);
         let random = mean(&|(spacing, ..)| spacing.sigma_random_px);
-        let bound = mean(&|(spacing, ..)| spacing.sigma_bound_px);
+        let bound = mean(&|(spacing, ..)| spacing.sigma_bound_px.unwrap_or(f64::NAN));
         let covered = mean(&|(spacing, error, _)| f64::from(u8::from(error.abs() < 2.0 * spacing.sigma_px)));
         println!(
             "{:30}  {:6}  {:7}  {:6.2}  {:6.2}  {:6.2}  {:6.2}  {:6.2}  {:5.1} %  {:6.1}",

@@ -111,7 +111,7 @@ pub(super) fn frame_options(context: &Context) -> FrameOptions {
     let config = &context.config;
     let designed = FrameOptions::of_design(&config.design(), config.pixel_pitch().millimetres());
     let mode = designed.spacing.mode.filter(|_| context.origin != ConfigOrigin::Preset);
-    let spacing = SpacingOptions { mode, ..designed.spacing };
+    let spacing = SpacingOptions { mode, bound: true, ..designed.spacing };
     FrameOptions { spacing, array: None, mosaic: config.sensor.mosaic, ..designed }
 }
 

@@ -20,7 +20,7 @@ struct SpacingReport {
     /// Noise alone.
     on_axis_sigma_random_px: f64,
     /// The Cramér–Rao bound for the latter.
-    on_axis_sigma_bound_px: f64,
+    on_axis_sigma_bound_px: Option<f64>,
     tilt_x_px: f64,
     tilt_y_px: f64,
     curvature_px: f64,
@@ -255,8 +255,10 @@ impl Report {
         row(
             "from noise alone",
             format!(
-                "± {:.4} px, Cramér–Rao bound {:.4} px, noise {:.2} grey levels",
-                spacing.on_axis_sigma_random_px, spacing.on_axis_sigma_bound_px, spacing.noise_grey_levels
+                "± {:.4} px, Cramér–Rao bound {} px, noise {:.2} grey levels",
+                spacing.on_axis_sigma_random_px,
+                spacing.on_axis_sigma_bound_px.map_or("not known".to_owned(), |bound| format!("{bound:.4}")),
+                spacing.noise_grey_levels
             ),
         );
         let sigma = |term: usize| spacing.covariance_px2[term][term].sqrt();

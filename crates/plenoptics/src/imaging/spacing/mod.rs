@@ -33,6 +33,8 @@ mod search;
 mod smear;
 mod solve;
 
+use std::slice;
+
 use serde::Serialize;
 
 pub use error::SpacingError;
@@ -44,6 +46,7 @@ pub use super::matching::masks::{MASK_FRACTION, nominal_mask_radius};
 use super::matching::model::{BLOCKS, FIELD_TERMS, Model, USUAL_TERMS};
 pub use super::matching::normal::LEAST_PAIRS;
 use super::matching::normal::{LEAST_CORRELATION, noise_scale};
+use super::matching::plan::GOLDEN;
 use super::matching::pupil::Corrected;
 use crate::optics::MlaMode;
 use search::{Candidate, Found};
@@ -70,6 +73,10 @@ const SMEAR_SIGMA: f64 = 0.1;
 /// How many standard uncertainties it must stand above none to be refused: from a change of two thirds of a pixel on.
 const SMEAR_SIGNIFICANCE: f64 = 4.0;
 
+/// Pairs that go before the others where these are many, and how far (px) their last step may still be from rest.
+const FORERUNNERS: usize = 1500;
+const FORERUNNERS_AT_REST_PX: f64 = 0.005;
+
 /// Scatter of the spacing between blocks of the field that one board does not have, px: it has 0.01 to 0.04, three boards
 /// 8 mm apart have 0.4 to 1.2.
 const SEVERAL_PX: f64 = 0.1;
@@ -88,13 +95,15 @@ pub struct SpacingOptions {
     pub field_held: Option<[f64; 3]>,
     /// Nothing moves, by other frames of the same pose: one that looks smeared is measured all the same.
     pub at_rest: bool,
+    /// The Cramér–Rao bound is wanted, too.
+    pub bound: bool,
 }
 
 impl SpacingOptions {
     /// Nothing known but the MLA pitch (px).
     #[must_use]
     pub const fn new(mla_pitch_px: f64) -> Self {
-        Self { mla_pitch_px, mode: None, start_px: None, field_held: None, at_rest: false }
+        Self { mla_pitch_px, mode: None, start_px: None, field_held: None, at_rest: false, bound: false }
     }
 }
 
@@ -109,8 +118,9 @@ pub struct Spacing {
     /// Its standard uncertainty from pixel noise alone, px.
     pub sigma_random_px: f64,
     /// The Cramér–Rao bound, px: no unbiased estimator's `sigma_random_px` is less for the pixels within the masks,
-    /// texture, every micro-image's gain and offset, and the field terms being unknown too.
-    pub sigma_bound_px: f64,
+    /// texture, every micro-image's gain and offset, and the field terms being unknown too. `None` where it was not asked
+    /// for.
+    pub sigma_bound_px: Option<f64>,
     /// t_x: rise of the spacing along x, px per half frame width.
     pub tilt_x_px: f64,
     /// t_y: rise of the spacing along y (down), px per half frame width.
@@ -216,12 +226,13 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
             return Err(SpacingError::Moved { change_px: smear.square.sqrt() });
         }
     }
-    let sigma_bound_px = bound::bound(solver, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise })?;
+    let bound = || bound::bound(solver, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise });
+    let sigma_bound_px = if options.bound { Some(slope * bound()?) } else { None };
     let spacing = Spacing {
         on_axis_px: regions.spacings_px[0],
         sigma_px: covariance[0][0].sqrt(),
         sigma_random_px,
-        sigma_bound_px: slope * sigma_bound_px,
+        sigma_bound_px,
         tilt_x_px: regions.field_px[0],
         tilt_y_px: regions.field_px[1],
         curvature_px: regions.field_px[2],
@@ -292,6 +303,10 @@ fn fit<'a>(
     let reach = 0.15 * options.mla_pitch_px;
     let noise = frames.first().map_or(0.0, |f| f.noise);
     let directions = frames.first().map_or(0, |f| f.plan.direction_count);
+    let usual: Vec<usize> = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..USUAL_TERMS).collect();
+    if let ([_], [frame]) = (starts, frames) {
+        model = led(frame, model, &usual, reach);
+    }
     let mut solver = Solver::new(frames, frames.iter().map(SpacingFrame::jobs).collect());
     solver.mask(&model);
     let mut outcome = solver.iterate(&mut model, reach, 0.05, 10);
@@ -310,7 +325,7 @@ fn fit<'a>(
             solver.normal.check_texture(noise, directions)?;
         }
         solver.noise_scale = scale;
-        model.free = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..USUAL_TERMS).collect();
+        model.free = usual;
         solver.mask(&model);
         outcome = solver.iterate(&mut model, reach, 2e-4, 20);
         while outcome == Outcome::Converged && starts.len() == 1 && options.field_held.is_none() {
@@ -353,6 +368,28 @@ fn fit<'a>(
         residual_ratio: normal.residual,
     };
     Ok(Fitted { regions, model, free, solver })
+}
+
+/// A model brought near to where all pairs will have it by a part of a frame's pairs, where they are many; the same where
+/// these do not settle.
+fn led(frame: &SpacingFrame, start: Model, usual: &[usize], reach: f64) -> Model {
+    let pairs = frame.pairs();
+    if pairs.len() < 4 * FORERUNNERS {
+        return start;
+    }
+    let share = FORERUNNERS as f64 / pairs.len() as f64;
+    let few = (0u32..).zip(&pairs).filter(|(k, _)| (f64::from(*k) * GOLDEN).fract() < share);
+    let jobs = few.map(|(_, &pair)| frame.plan.job(&[pair])).collect();
+    let mut solver = Solver::new(slice::from_ref(frame), vec![jobs]);
+    let mut model = start.clone();
+    for (tolerance, free) in [(0.05, &[][..]), (FORERUNNERS_AT_REST_PX, usual)] {
+        model.free = free.to_vec();
+        solver.mask(&model);
+        if solver.iterate(&mut model, reach, tolerance, 10) != Outcome::Converged {
+            return start;
+        }
+    }
+    Model { free: Vec::new(), ..model }
 }
 
 /// Where to start iterating: the caller's value where neighbours match there, else what a search finds.

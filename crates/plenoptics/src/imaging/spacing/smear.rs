@@ -10,8 +10,14 @@
 //! by (c²/24 p²) (x_A² − x_B²) times the texture's second derivative: the factor is a linear fit to their difference.
 //! A shift or a stretch of one against the other is the first derivative's, which textures do not confuse with it.
 
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_pcg::Pcg32;
+
+use super::SMEAR_SIGMA;
 use super::frame::SpacingFrame;
 use crate::imaging::matching::model::{BLOCKS, Model};
+use crate::imaging::matching::plan::Pair;
 use crate::imaging::matching::run::each;
 use crate::imaging::matching::smeared::{Smeared, of_pair};
 
@@ -19,6 +25,11 @@ use crate::imaging::matching::smeared::{Smeared, of_pair};
 const BENDS_PX: f64 = 2.0;
 /// Pixels about one that its second derivative is made of: beyond the micro-image's edge they show something else.
 const REACH_PX: f64 = 3.0;
+/// Pairs that are looked at before it is asked whether they tell enough.
+const PAIRS: usize = 600;
+/// Standard uncertainty (px²) from which on more pairs add nothing that the estimator's own limit leaves room for.
+const SURE: f64 = 0.5 * SMEAR_SIGMA;
+
 /// By how much the spacing changed during the exposure, as far as the frame shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Smear {
@@ -34,7 +45,24 @@ pub(super) struct Smear {
 /// blur is another than in the micro-image's middle; and at its edge filters reach what a neighbour shows.
 pub(super) fn smear(frame: &SpacingFrame, model: &Model, radius: f64) -> Option<Smear> {
     let radius = radius.min(frame.whole_radius()).min(0.5 * frame.pitch - REACH_PX);
-    let pairs = frame.pairs();
+    let mut pairs = frame.pairs();
+    // Neighbours show much the same: those that are looked at lie anywhere.
+    pairs.shuffle(&mut Pcg32::seed_from_u64(1));
+    let square = 24.0 * (frame.pitch - model.spacings[0]).powi(2);
+    let mut blocks = [Smeared::default(); BLOCKS * BLOCKS];
+    let mut smear = None;
+    for pairs in pairs.chunks(PAIRS) {
+        add(&mut blocks, frame, model, radius, pairs);
+        smear = solved(&blocks).map(|[loss, sigma]| Smear { square: square * loss, sigma: square * sigma });
+        if smear.is_some_and(|smear| smear.sigma <= SURE) {
+            break;
+        }
+    }
+    smear
+}
+
+/// Adds what pairs say to the blocks of the field that they lie in.
+fn add(blocks: &mut [Smeared], frame: &SpacingFrame, model: &Model, radius: f64, pairs: &[Pair]) {
     let ends: Vec<[u32; 2]> = pairs.iter().map(|pair| [pair.first, pair.second]).collect();
     let found = frame.at(model, radius.max(1.0) + BENDS_PX, 1.0, |pass| {
         each(pass, &ends, |k, tiles| {
@@ -47,7 +75,6 @@ pub(super) fn smear(frame: &SpacingFrame, model: &Model, radius: f64) -> Option<
             [there, back]
         })
     });
-    let mut blocks = [Smeared::default(); BLOCKS * BLOCKS];
     for (pair, sums) in pairs.iter().zip(&found) {
         let block = &mut blocks[usize::from(pair.block)];
         for sums in sums {
@@ -55,11 +82,6 @@ pub(super) fn smear(frame: &SpacingFrame, model: &Model, radius: f64) -> Option<
             block.energy += sums.energy;
         }
     }
-    let patch = frame.pitch - model.spacings[0];
-    solved(&blocks).map(|[loss, sigma]| {
-        let square = 24.0 * patch * patch;
-        Smear { square: square * loss, sigma: square * sigma }
-    })
 }
 
 /// The factor that fits all blocks best, and its standard uncertainty from the scatter between them.
