@@ -9,6 +9,7 @@ use super::App;
 use super::error::{Problem, Result};
 use crate::control::design::DesignView;
 use crate::control::events::MeasurementView;
+use crate::control::recent::RecentView;
 
 /// The newest measurement.
 #[utoipa::path(
@@ -21,6 +22,17 @@ use crate::control::events::MeasurementView;
 )]
 pub(super) async fn measurement(State(app): State<App>) -> Result<Json<MeasurementView>> {
     app.service.measurement().map(Json).ok_or_else(Problem::no_measurement)
+}
+
+/// The last two minutes, for charts that begin full.
+///
+/// What nobody watches is not measured: it is there as far as somebody looked.
+#[utoipa::path(
+    get, path = "/api/v1/recent", operation_id = "get_recent", tag = "bench",
+    responses((status = 200, body = RecentView))
+)]
+pub(super) async fn recent(State(app): State<App>) -> Json<RecentView> {
+    Json(app.service.recent())
 }
 
 /// The design of the configured camera: clarity and joint optimisation, and what follows from them.

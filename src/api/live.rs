@@ -39,7 +39,7 @@ use crate::device::Frame;
 use crate::telemetry::{self, ViewerKind, Viewing};
 
 /// Between signs of life.
-const TICK: Duration = Duration::from_secs(2);
+const TICK: Duration = Duration::from_secs(1);
 /// A viewer that takes nothing for so long is cut off.
 const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 /// What of it is left to a viewer once the program ends; as much again for its farewell.

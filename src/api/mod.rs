@@ -275,6 +275,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(tokens::create, tokens::list))
         .routes(routes!(tokens::revoke))
         .routes(routes!(info::measurement))
+        .routes(routes!(info::recent))
         .routes(routes!(measurements::measure, measurements::list))
         .routes(routes!(config::get, config::put))
         .routes(routes!(config::schema))

@@ -89,6 +89,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     // An administrator, or who shows the key of the job's lease: the handler looks.
     ("POST", "/api/v1/jobs/{id}/confirm-key", CONTROL),
     ("GET", "/api/v1/measurement", VIEW),
+    ("GET", "/api/v1/recent", VIEW),
     // Nothing moves by it.
     (MEASURE.0, MEASURE.1, VIEW),
     ("GET", MEASURE.1, VIEW),

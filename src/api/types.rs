@@ -235,7 +235,7 @@ pub enum ServerMessage {
         /// The measurement.
         measurement: Box<MeasurementView>,
     },
-    /// Nothing need have changed: a sign of life, every other second.
+    /// Nothing need have changed: a sign of life, every second.
     Tick {
         /// Number of the newest change.
         seq: u64,

@@ -105,6 +105,23 @@ async fn a_move_ends_with_its_lease_and_the_next_ones_does_not() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn that_a_stop_ended_a_move_is_no_news_once_it_is_reset_and_where_the_axis_was_is_kept() {
+    let service = homed().await;
+    let (_, permit) = taken(&service, "ada", 3600);
+    service.move_axis(&permit, AxisName::E, Millimetres(1.0)).await.unwrap();
+    elapse(Duration::from_millis(900)).await;
+    service.stop(Instant::now(), "ada").await;
+    free(&service, AxisName::E).await;
+    let view = service.axis_view(AxisName::E);
+    assert_eq!(view.failure.as_deref(), Some("the e axis was stopped"));
+    service.reset_stop("ada", "the bench is clear").await.unwrap().unwrap();
+    assert_eq!(service.axis_view(AxisName::E).failure, None);
+    // A chart that begins now ends where the axis stands.
+    assert_eq!(service.recent().positions.last().unwrap().e_mm, view.position_mm);
+    service.shut_down().await;
+}
+
+#[tokio::test(start_paused = true)]
 async fn homing_cut_short_is_not_homed_because_control_ended() {
     for end in ENDS {
         let service = homed().await;

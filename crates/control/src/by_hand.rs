@@ -15,11 +15,28 @@ use super::service::Service;
 use super::{Acceptance, Refusal, ServiceError};
 use bench::config::Side;
 use bench::device::jog::{Grip, deadman};
-use bench::device::{AxisName, StopDelivery};
+use bench::device::{AxisName, DeviceError, StopDelivery};
 use plenoptics::units::Millimetres;
 
 /// How long a jog goes on from a request.
 const JOG_HOLD: Duration = Duration::from_millis(300);
+
+/// Why a command by hand did not end as commanded.
+pub(super) struct Failure {
+    pub(super) why: String,
+    /// Whether a stop was why.
+    stopped: bool,
+}
+
+impl From<ServiceError> for Failure {
+    fn from(error: ServiceError) -> Self {
+        let stopped = matches!(
+            error,
+            ServiceError::Refused(Refusal::Stopped) | ServiceError::Device(DeviceError::Stopped { .. })
+        );
+        Self { why: error.to_string(), stopped }
+    }
+}
 
 /// A jog under way.
 pub(super) struct Jogging {
@@ -30,8 +47,13 @@ pub(super) struct Jogging {
 }
 
 impl Service {
-    pub(super) fn failures(&self) -> MutexGuard<'_, HashMap<AxisName, String>> {
+    pub(super) fn failures(&self) -> MutexGuard<'_, HashMap<AxisName, Failure>> {
         self.failures.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// That a stop ended a command is no news once the stop has been reset: whoever did so has seen to it.
+    pub(super) fn forget_stopped(&self) {
+        self.failures().retain(|_, failure| !failure.stopped);
     }
 
     /// Carries a command by hand out in a task of its own, which holds its claim to the end.
@@ -46,11 +68,11 @@ impl Service {
         let service = Arc::clone(self);
         tokio::spawn(async move {
             let failure = match AssertUnwindSafe(command).catch_unwind().await {
-                Ok(ended) => ended.err().map(|error| error.to_string()),
+                Ok(ended) => ended.err().map(Failure::from),
                 Err(panic) => {
                     // Nobody watches what the axis does now.
                     service.motion.stop_axis(claim.axis()).await;
-                    Some(broken(&*panic))
+                    Some(Failure { why: broken(&*panic), stopped: false })
                 }
             };
             service.ended_by_hand(claim, failure);
@@ -58,10 +80,10 @@ impl Service {
     }
 
     /// Keeps how a command by hand ended, then gives the axis free: whoever finds it free knows how.
-    fn ended_by_hand(&self, claim: Claim, failure: Option<String>) {
+    fn ended_by_hand(&self, claim: Claim, failure: Option<Failure>) {
         let axis = claim.axis();
         if let Some(failure) = failure {
-            tracing::warn!(%axis, %failure, "a command by hand did not end as commanded");
+            tracing::warn!(%axis, failure = failure.why, "a command by hand did not end as commanded");
             self.failures().insert(axis, failure);
         }
         drop(claim);

@@ -40,7 +40,8 @@ pub struct AxisView {
     pub limit_switch: bool,
     /// Why it cannot move now.
     pub fault: Option<String>,
-    /// Why the last move or homing by hand did not end as commanded; absent once another is commanded.
+    /// Why the last move or homing by hand did not end as commanded; absent once another is commanded, and where a stop was
+    /// why, once that is reset.
     pub failure: Option<String>,
     /// What differs between controller and configuration.
     pub disagreements: Vec<String>,

@@ -39,6 +39,7 @@ pub mod outcome;
 pub mod plan;
 pub mod pose;
 mod press;
+pub mod recent;
 mod record;
 pub mod recording;
 mod refusal;

@@ -312,6 +312,7 @@ impl Service {
 
     /// Hands a reading to who reads, and to a job's recording. Nobody is waited for.
     fn publish_reading(&self, reading: Reading) {
+        self.recent.reading(&reading);
         self.journal.happened(|| Happening::Read(Box::new(words::meter_reading(&reading))));
         if self.readings.each.receiver_count() > 0 {
             // Whoever has gone meanwhile is no error.

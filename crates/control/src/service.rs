@@ -10,7 +10,7 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
-use super::by_hand::Jogging;
+use super::by_hand::{Failure, Jogging};
 use super::confirm_key::ConfirmKeys;
 use super::context::Job;
 use super::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView};
@@ -22,6 +22,7 @@ use super::look::Looks;
 use super::meter::Readings;
 use super::motion::{Motion, Stops};
 use super::press::Presses;
+use super::recent::Recent;
 use super::simulated::PlanInForce;
 use super::stopping::KEEP_ALLOWED;
 use super::{Refusal, ServiceError};
@@ -59,12 +60,13 @@ pub struct Service {
     pub(super) events: broadcast::Sender<Event>,
     pub(super) jobs: Mutex<Vec<Arc<Job>>>,
     pub(super) measurement: Mutex<Option<MeasurementView>>,
+    pub(super) recent: Recent,
     /// One frame at a time is measured for who asks.
     pub(super) measuring: tokio::sync::Mutex<()>,
     /// One frame at a time is made ready for pictures.
     pub(super) looks: tokio::sync::Mutex<Looks>,
     /// Why the last command by hand of an axis did not end as commanded.
-    pub(super) failures: Mutex<HashMap<AxisName, String>>,
+    pub(super) failures: Mutex<HashMap<AxisName, Failure>>,
     pub(super) jogs: Mutex<HashMap<AxisName, Jogging>>,
     pub(super) presses: Presses,
     pub(super) confirm_keys: ConfirmKeys,
@@ -105,6 +107,7 @@ impl Service {
             events,
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
+            recent: Recent::default(),
             measuring: tokio::sync::Mutex::default(),
             looks: tokio::sync::Mutex::default(),
             failures: Mutex::default(),
@@ -216,7 +219,7 @@ impl Service {
             jog_speed_mm_per_s: self.motion.jog_speed_mm_per_s(axis),
             limit_switch: state.limit_switch,
             fault,
-            failure: self.failures().get(&axis).cloned(),
+            failure: self.failures().get(&axis).map(|failure| failure.why.clone()),
             disagreements: info.disagreements,
         }
     }

@@ -44,6 +44,9 @@ impl Service {
         let (motion, turns, view) = (Arc::clone(&self.motion), reset.turns(), reset.view());
         let written = self.journal.write_stop(move || (motion.turns() == turns).then_some(view)).await;
         let done = written.is_ok() && self.motion.reset_stop(reset);
+        if done {
+            self.forget_stopped();
+        }
         // Behind what was written, and behind what a stop had to write meanwhile: the latch as it is.
         self.kept_soon().await;
         drop(recalled);

@@ -156,11 +156,14 @@ impl Service {
     }
 
     pub(super) fn publish_bench(&self) {
+        let bench = self.bench_view();
+        self.recent.bench(&bench);
         // Nobody listening is no error.
-        let _ = self.events.send(Event::Bench { bench: Box::new(self.bench_view()) });
+        let _ = self.events.send(Event::Bench { bench: Box::new(bench) });
     }
 
     pub(super) fn publish_measurement(&self, measurement: MeasurementView) {
+        self.recent.measurement(&measurement);
         *self.measurement.lock().unwrap_or_else(PoisonError::into_inner) = Some(measurement.clone());
         let _ = self.events.send(Event::Measurement { measurement });
     }

@@ -614,6 +614,26 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/recent": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * The last two minutes, for charts that begin full.
+     * @description What nobody watches is not measured: it is there as far as somebody looked.
+     */
+    get: operations["get_recent"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/session": {
     parameters: {
       query?: never;
@@ -1062,7 +1082,10 @@ export interface components {
       disagreements: string[];
       /** @description Driver's name. */
       driver: string;
-      /** @description Why the last move or homing by hand did not end as commanded; absent once another is commanded. */
+      /**
+       * @description Why the last move or homing by hand did not end as commanded; absent once another is commanded, and where a stop was
+       *     why, once that is reset.
+       */
       failure?: string | null;
       /** @description Why it cannot move now. */
       fault?: string | null;
@@ -1264,6 +1287,19 @@ export interface components {
       online: boolean;
       /** @description Whether frames of old are played from files: nothing of what is seen is now. */
       replay: boolean;
+    };
+    /** @description How clear the picture was. */
+    ClarityThen: {
+      /**
+       * Format: date-time
+       * @description When the frame was taken, RFC 3339.
+       */
+      at: string;
+      /**
+       * Format: double
+       * @description Energy of gradient of the central view, mean per pixel; absent where no view could be made.
+       */
+      eog?: number | null;
     };
     /**
      * Config
@@ -4472,6 +4508,24 @@ export interface components {
        */
       medium: components["schemas"]["Medium"];
     };
+    /** @description Where the axes stood. */
+    PositionsThen: {
+      /**
+       * Format: date-time
+       * @description When, RFC 3339.
+       */
+      at: string;
+      /**
+       * Format: double
+       * @description Readback of the e axis, mm; absent while unknown.
+       */
+      e_mm?: number | null;
+      /**
+       * Format: double
+       * @description Readback of the focus axis, mm; absent while unknown.
+       */
+      focus_mm?: number | null;
+    };
     /** @description A problem as RFC 9457 has it, with members of its own beside the standard ones. */
     Problem: {
       /** @description What was wrong here, and what would be right. */
@@ -4529,6 +4583,20 @@ export interface components {
     Readiness: {
       /** @description Always true: what is not ready answers 503. */
       ready: boolean;
+    };
+    /** @description The last two minutes, as far as somebody looked; oldest first. */
+    RecentView: {
+      /** @description In every frame measured in whole. */
+      clarities: components["schemas"]["ClarityThen"][];
+      /**
+       * Format: date-time
+       * @description The daemon's clock when this was said, RFC 3339.
+       */
+      now: string;
+      /** @description Whenever the bench's state changed: between two, the axes stood where the former says, or moved to the latter. */
+      positions: components["schemas"]["PositionsThen"][];
+      /** @description In every frame read, at most four a second; where none was read, in those measured in whole. */
+      spacings: components["schemas"]["SpacingThen"][];
     };
     /** @description A job's recording. */
     Recording: {
@@ -5118,6 +5186,29 @@ export interface components {
        * @description Exact rays averaged over the estimator's window, px; `null` before the first measurement.
        */
       window_px?: number | null;
+    };
+    /** @description What the spacing of one frame was. */
+    SpacingThen: {
+      /**
+       * Format: date-time
+       * @description When the frame was taken, RFC 3339.
+       */
+      at: string;
+      /**
+       * Format: double
+       * @description The spacing, px.
+       */
+      spacing_px: number;
+      /**
+       * Format: double
+       * @description Its standard uncertainty, px.
+       */
+      spacing_sigma_px: number;
+      /**
+       * Format: double
+       * @description The spacing wanted, px.
+       */
+      spacing_target_px: number;
     };
     /** @description Least, quartiles and greatest of something. */
     Spread: {
@@ -8492,6 +8583,43 @@ export interface operations {
       };
       /** @description The request does not say what it must */
       422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_recent: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["RecentView"];
+        };
+      };
+      /** @description Who asks is not known */
+      401: {
         headers: {
           [name: string]: unknown;
         };

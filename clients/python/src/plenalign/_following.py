@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ._pb import frame_pb2
 
 SILENCE_S = 10.0
-"""The daemon gives a sign of life every other second: after so long without one it is lost."""
+"""The daemon gives a sign of life every second: after so long without one it is lost."""
 LONGEST_MESSAGE = 256 * 1024 * 1024
 CONNECT_S = 5.0
 _TYPES = frozenset({"snapshot", "gap", "bench", "job", "measurement", "tick", "problem"})

@@ -55,6 +55,7 @@ LIST_MEASUREMENTS = Operation("GET", "/api/v1/measurements", query=("limit", "cu
 MEASURE = Operation("POST", "/api/v1/measurements")
 GET_OPENAPI = Operation("GET", "/api/v1/openapi.json")
 PLAN_ALIGNMENT = Operation("POST", "/api/v1/plan")
+GET_RECENT = Operation("GET", "/api/v1/recent")
 SIGN_OUT = Operation("DELETE", "/api/v1/session")
 GET_SESSION = Operation("GET", "/api/v1/session")
 SIGN_IN = Operation("POST", "/api/v1/session")

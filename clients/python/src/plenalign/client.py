@@ -45,6 +45,7 @@ from .models import (
     PlanInForce,
     PlanView,
     ReadingsRequest,
+    RecentView,
     ResetRequest,
     SingleMeasurement,
     StopReport,
@@ -230,6 +231,10 @@ class Client:
     def measurement(self) -> MeasurementView:
         """The newest measurement of the live picture or of a job; `NotFoundError` before there is one."""
         return self._transport.ask(op.GET_MEASUREMENT).as_(MeasurementView)
+
+    def recent(self) -> RecentView:
+        """The last two minutes: positions, spacings and clarity, as far as somebody looked; oldest first."""
+        return self._transport.ask(op.GET_RECENT).as_(RecentView)
 
     def measure(self, *, settled: bool = True, max_age_ms: int | None = None) -> SingleMeasurement:
         """Measures one frame, and moves nothing.

@@ -90,7 +90,9 @@ class AxisView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     driver: str
     """Driver's name."""
     failure: str | None = None
-    """Why the last move or homing by hand did not end as commanded; absent once another is commanded."""
+    """Why the last move or homing by hand did not end as commanded; absent once another is commanded, and where a
+    stop was why, once that is reset.
+    """
     fault: str | None = None
     """Why it cannot move now."""
     high_limit_mm: float
@@ -237,6 +239,15 @@ class CameraView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Whether frames arrive."""
     replay: bool
     """Whether frames of old are played from files: nothing of what is seen is now."""
+
+
+class ClarityThen(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How clear the picture was."""
+
+    at: datetime
+    """When the frame was taken, RFC 3339."""
+    eog: float | None = None
+    """Energy of gradient of the central view, mean per pixel; absent where no view could be made."""
 
 
 class ConfigCheck(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1393,6 +1404,17 @@ class PoseView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """
 
 
+class PositionsThen(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where the axes stood."""
+
+    at: datetime
+    """When, RFC 3339."""
+    e_mm: float | None = None
+    """Readback of the e axis, mm; absent while unknown."""
+    focus_mm: float | None = None
+    """Readback of the focus axis, mm; absent while unknown."""
+
+
 class Problem(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A problem as RFC 9457 has it, with members of its own beside the standard ones."""
 
@@ -1437,6 +1459,21 @@ class Readiness(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     ready: bool
     """Always true: what is not ready answers 503."""
+
+
+class RecentView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The last two minutes, as far as somebody looked; oldest first."""
+
+    clarities: list[ClarityThen]
+    """In every frame measured in whole."""
+    now: datetime
+    """The daemon's clock when this was said, RFC 3339."""
+    positions: list[PositionsThen]
+    """Whenever the bench's state changed: between two, the axes stood where the former says, or moved to the
+    latter.
+    """
+    spacings: list[SpacingThen]
+    """In every frame read, at most four a second; where none was read, in those measured in whole."""
 
 
 class Recording(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1682,7 +1719,7 @@ class MeasurementMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
 
 class TickMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="tick"):
-    """Nothing need have changed: a sign of life, every other second."""
+    """Nothing need have changed: a sign of life, every second."""
 
     boot_id: UUID
     """Identity of this run of the program."""
@@ -1811,6 +1848,19 @@ class SpacingTargets(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Eq. 16, which holds for rays near the axis, px."""
     window_px: float | None = None
     """Exact rays averaged over the estimator's window, px; `null` before the first measurement."""
+
+
+class SpacingThen(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the spacing of one frame was."""
+
+    at: datetime
+    """When the frame was taken, RFC 3339."""
+    spacing_px: float
+    """The spacing, px."""
+    spacing_sigma_px: float
+    """Its standard uncertainty, px."""
+    spacing_target_px: float
+    """The spacing wanted, px."""
 
 
 class Spread(Struct, frozen=True, kw_only=True, omit_defaults=True):

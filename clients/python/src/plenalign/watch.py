@@ -22,7 +22,7 @@ AGAIN_S = 0.5
 class Watch:
     """Messages from the daemon, to be iterated over, in a `with` block.
 
-    First a `SnapshotMessage` with everything, then a message for each change and a `TickMessage` every other second.
+    First a `SnapshotMessage` with everything, then a message for each change and a `TickMessage` every second.
     When the connection breaks, a new one goes on where the old one ended; where the daemon no longer has what was
     missed, or was started anew, a `GapMessage` and a new snapshot come. After `reconnect_s` without a connection
     `ConnectionLostError` is raised.
