@@ -15,6 +15,9 @@ preview_rays = 1
 preview_rate_hz = 2.0
 `);
 
+/** Silence of 3 s, and a second to show it. */
+const LOST_MS = 4000;
+
 const daemon = start(place);
 const browser = await browse();
 
@@ -194,6 +197,30 @@ try {
   await ben.page.getByRole("button", { name: "Release control" }).click();
   await ana.page.locator(".lease[data-lease=free]").waitFor();
 
+  step(
+    "a daemon that is frozen is said to be lost within 3 s, what may be old is marked so, and no command is offered",
+  );
+  await open(ana.page, "Live");
+  daemon.process.kill("SIGSTOP");
+  await ana.page.locator(".link[data-link=lost]").waitFor({ timeout: LOST_MS });
+  await ana.page.locator(".lease[data-lease=unclear]").waitFor();
+  await ana.page.locator(".axes .tag.old", { hasText: /^OLD · \d+ s$/ }).waitFor();
+  for (const button of await ana.page
+    .locator(".lease button, .axes form button, .axes .shell button")
+    .all()) {
+    assert(await button.isDisabled(), `${await button.innerText()} is offered`);
+  }
+  await open(ana.page, "Alignment");
+  assert(await ana.page.locator("#start").isDisabled());
+  step("but STOP is tried, and said not to be delivered");
+  assert(await ana.page.locator("#stop").isEnabled());
+  await ana.page.locator("#stop").click();
+  await ana.page.locator(".stop-failed", { hasText: "STOP WAS NOT DELIVERED" }).waitFor({ timeout: LOST_MS });
+  await open(ana.page, "Live");
+  await photograph(ana.page, "frozen");
+  daemon.process.kill("SIGCONT");
+  await ana.page.locator(".link").waitFor({ state: "detached", timeout: 20_000 });
+
   step("nothing on any page keeps out who cannot see or has no mouse");
   for (const name of ["Live", "Alignment", "Design", "History", "Settings"]) {
     await open(ana.page, name);
@@ -206,6 +233,57 @@ try {
       }
     }
   }
+
+  step(
+    "the first token is made after a question, stays in sight, and signs its maker in; everybody else is asked for one",
+  );
+  await open(ana.page, "Settings");
+  const tokens = ana.page.locator(".tokens");
+  await tokens.getByText("whoever reaches the daemon may command it").waitFor();
+  await tokens.locator("#token-name").fill("Ana");
+  await tokens.getByRole("button", { name: "may look and stop" }).click();
+  await tokens.getByRole("button", { name: "Make a token" }).click();
+  await tokens.locator(".ask", { hasText: "you lock yourself out" }).waitFor();
+  await photograph(ana.page, "first-token-asked");
+  await tokens.getByRole("button", { name: "Don’t" }).click();
+  await tokens.getByRole("button", { name: "may do everything" }).click();
+  await tokens.getByRole("button", { name: "Make a token" }).click();
+  await tokens
+    .locator(".ask", { hasText: /everybody is asked for one.* signs in with it by itself/ })
+    .waitFor();
+  await tokens.locator(".ask .primary").click();
+  const secret = ana.page.locator("header #secret code");
+  await secret.waitFor();
+  await ana.page.locator(".who", { hasText: "Ana" }).waitFor();
+  await ben.page.locator("#sign-in").waitFor();
+  await ana.page.locator(".token-list li", { hasText: "Ana" }).waitFor();
+  await ana.page.setViewportSize({ width: 360, height: 740 });
+  await drawn(ana.page);
+  const box = await secret.boundingBox();
+  assert(
+    box.x >= 0 && box.x + box.width <= 360 && box.y >= 0 && box.y + box.height <= 740,
+    "it is half off-screen",
+  );
+  await open(ana.page, "Live");
+  await ana.page.locator(".axes").waitFor();
+  await photograph(ana.page, "first-token");
+  await accessible(ana.page);
+  await ana.page.context().grantPermissions(["clipboard-read", "clipboard-write"]);
+  await ana.page.locator("#copy-secret").click();
+  await ana.page.locator("#secret", { hasText: "Copied." }).waitFor();
+  const key = await ana.page.evaluate(() => navigator.clipboard.readText());
+  assert.equal(key, await secret.innerText());
+  await ana.page.locator("#secret-kept").click();
+  await secret.waitFor({ state: "detached" });
+
+  step("by it others get in; whoever revokes the last one is told that everybody is locked out");
+  await ben.page.locator("#sign-in input").fill(key);
+  await ben.page.locator("#sign-in button").click();
+  await ben.page.locator(".who", { hasText: "Ana" }).waitFor();
+  await open(ana.page, "Settings");
+  await tokens.getByRole("button", { name: "Revoke the token of Ana" }).click();
+  await tokens.locator(".ask", { hasText: /you lock yourself out.*everybody is locked out/ }).waitFor();
+  await tokens.getByRole("button", { name: "Keep it" }).click();
 
   for (const { own } of [ana, ben]) assert.deepEqual(own(), []);
 

@@ -3,8 +3,8 @@
 /** This page's clock less the daemon's, ms, by each of the newest ticks. */
 export type Clock = readonly number[];
 
-/** So few that a clock that is set is soon followed: ticks come every 2 s. */
-const KEPT = 10;
+/** So few that a clock that is set is soon followed: ticks come every second. */
+const KEPT = 20;
 
 export const unknown: Clock = [];
 

@@ -12,9 +12,15 @@ import {
   type ServerMessage,
   type ViewerMessage,
 } from "./wire";
-import { SILENCE_MS, type Link } from "./state";
+import type { Link } from "./state";
 import type { Wish } from "./wish";
 
+/** Signs of life come every second: after so many checks in silence the connection is lost, which is within 3 s of it.
+ *  Checks, unlike clocks, stand still in a computer that sleeps, and do not run ahead of messages that wait to be read. */
+const CHECK_MS = 250;
+const CHECKS = 11;
+/** Until a connection is there, so many are waited for. */
+const CHECKS_CONNECTING = 20;
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
 /** Pictures on the way: one is drawn while the next one travels. */
@@ -50,7 +56,8 @@ export class Live {
   private socket: WebSocket | null = null;
   private retry: ReturnType<typeof setTimeout> | null = null;
   private retryMs = FIRST_RETRY_MS;
-  private heardAt = 0;
+  /** Checks since anything came. */
+  private silent = 0;
   private wanted = false;
   /** What drawing a picture has taken of late, ms. */
   private drawingMs = 0;
@@ -88,7 +95,7 @@ export class Live {
   /** Keeps none until it is opened again. */
   close(): void {
     this.wanted = false;
-    this.socket?.close();
+    if (this.socket) this.lose(this.socket);
   }
 
   /** Asks for what is to be seen from now on. */
@@ -114,7 +121,7 @@ export class Live {
   }
 
   start(): void {
-    setInterval(() => this.watch(), 1000);
+    setInterval(() => this.watch(), CHECK_MS);
   }
 
   private connect(): void {
@@ -124,30 +131,38 @@ export class Live {
     const socket = new WebSocket(this.url);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    this.heardAt = Date.now();
+    this.silent = 0;
     this.said = Promise.resolve();
     this.reads = false;
     socket.onopen = () => {
+      if (this.socket !== socket) return;
       this.retryMs = FIRST_RETRY_MS;
       this.refused = false;
       this.ask();
     };
     socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => {
-      this.heardAt = Date.now();
+      // What one that was given up still has to say is old.
+      if (this.socket !== socket) return;
+      this.silent = 0;
+      const cameAt = Date.now();
       if (typeof event.data === "string") {
         const message = parseMessage(event.data);
-        if (message && !this.isRefusal(message)) this.listener.message(message, this.heardAt);
+        if (message && !this.isRefusal(message)) this.listener.message(message, cameAt);
       } else {
-        void this.show(socket, new Uint8Array(event.data), this.heardAt);
+        void this.show(socket, new Uint8Array(event.data), cameAt);
       }
     };
-    socket.onclose = () => {
-      if (this.socket !== socket) return;
-      this.socket = null;
-      this.listener.link("lost", this.wanted ? Date.now() + this.retryMs : null);
-      this.retry = setTimeout(() => this.connect(), this.retryMs);
-      this.retryMs = Math.min(this.retryMs * 2, LONGEST_RETRY_MS);
-    };
+    socket.onclose = () => this.lose(socket);
+  }
+
+  /** Gives a connection up at once: its closing may take a minute where the other side does not answer. */
+  private lose(socket: WebSocket): void {
+    if (this.socket !== socket) return;
+    this.socket = null;
+    socket.close();
+    this.listener.link("lost", this.wanted ? Date.now() + this.retryMs : null);
+    this.retry = setTimeout(() => this.connect(), this.retryMs);
+    this.retryMs = Math.min(this.retryMs * 2, LONGEST_RETRY_MS);
   }
 
   /** Whether a message says that the part asked for cannot be had: the whole frame is taken in its place. */
@@ -198,7 +213,10 @@ export class Live {
 
   /** A connection that says nothing is none, whatever TCP thinks. */
   private watch(): void {
-    if (this.socket && Date.now() - this.heardAt > SILENCE_MS) this.socket.close();
+    if (!this.socket) return;
+    this.silent += 1;
+    const allowed = this.socket.readyState === WebSocket.CONNECTING ? CHECKS_CONNECTING : CHECKS;
+    if (this.silent >= allowed) this.lose(this.socket);
   }
 
   private ask(): void {

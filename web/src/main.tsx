@@ -15,7 +15,7 @@ import { overlaysOn } from "./show";
 import { stop, watchStopKey } from "./stopping";
 import type { Report } from "./viewer";
 import { App } from "./views/app";
-import type { Problem } from "./wire";
+import type { NewToken, Problem, TokenRequest } from "./wire";
 import { lookedAt, wishOf } from "./wish";
 
 const ASK_AGAIN_MS = 2000;
@@ -34,7 +34,7 @@ const root = document.getElementById("app");
 const cadence = new Cadence(() => {
   if (!root) return;
   const now = Date.now();
-  render(<App {...{ state, newest, now, update, enter, leave }} />, root);
+  render(<App {...{ state, newest, now, update, enter, leave, makeToken }} />, root);
 });
 const newest = () => state;
 const update = (change: Partial<State>) => set({ ...state, ...change });
@@ -101,8 +101,12 @@ function receiveReport(report: Report): void {
   }
 }
 
+/** A sign-in under way: until it has ended it is not known who one is. */
+let entering: Promise<unknown> | null = null;
+
 /** Finds out who one is; to a stranger the daemon says nothing more, so that nothing is asked of it. */
 async function identify(): Promise<void> {
+  await entering;
   const who = await whoAmI();
   if (who.is === "known") {
     set({ ...state, session: who.session });
@@ -111,8 +115,8 @@ async function identify(): Promise<void> {
   if (who.is === "stranger") {
     eyepiece.close();
     // Nothing that was shown to somebody is left for the next one.
-    const { problem, route, preferences } = state;
-    set({ ...initial, problem, route, preferences, session: "stranger" });
+    const { problem, route, preferences, made } = state;
+    set({ ...initial, problem, route, preferences, made, session: "stranger" });
     eyepiece.forget();
     return;
   }
@@ -131,6 +135,20 @@ async function enter(key: string): Promise<Problem | null> {
   const problem = await signIn(key);
   if (problem === null) await identify();
   return problem;
+}
+
+/** With the first token everybody is asked for one: this browser signs in with it before it is turned away. */
+async function makeToken(token: TokenRequest): Promise<api.Result<NewToken>> {
+  const { session } = state;
+  const first = session !== null && session !== "stranger" && !session.demanded;
+  const making = api.makeToken(token);
+  const signing = making.then((made) => (first && made.ok ? signIn(made.value.secret) : null));
+  entering = signing;
+  const [made, problem] = await Promise.all([making, signing]);
+  entering = null;
+  if (made.ok) set({ ...state, made: made.value, problem });
+  if (first) await identify();
+  return made;
 }
 
 async function leave(): Promise<void> {
@@ -157,6 +175,8 @@ watchStopKey(
   () => state.session !== "stranger",
   () => void stop(update),
 );
+// Its secret is shown only now: a reload would lose it.
+window.addEventListener("beforeunload", (event) => state.made && event.preventDefault());
 window.addEventListener("hashchange", () => {
   takeConfirmKey();
   update({ route: routeOf(location.hash), problem: null });

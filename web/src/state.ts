@@ -12,6 +12,7 @@ import type {
   Job,
   JobState,
   Measurement,
+  NewToken,
   PictureFacts,
   Problem,
   Scope,
@@ -58,6 +59,8 @@ export interface State {
   problem: Problem | null;
   /** A stop that could not be delivered: nothing else hides it. */
   stopFailed: Problem | null;
+  /** A token just made, whose secret nobody has said yet to have kept. */
+  made: NewToken | null;
   /** When the newest reset was that has been read and dismissed. */
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
@@ -95,6 +98,7 @@ export const initial: State = {
   heardAt: null,
   problem: null,
   stopFailed: null,
+  made: null,
   resetSeen: null,
   stopSent: null,
   route: routeOf(""),
@@ -114,8 +118,6 @@ const OLD_MEASUREMENT_MS = 5000;
 const OLD_READING_MS = 1000;
 /** Where the spacing is lost, a search takes longer, and nothing is said meanwhile, ms. */
 const OLD_SEARCH_MS = 5000;
-/** Ticks come every 2 s: after this silence the connection counts as lost, ms. */
-export const SILENCE_MS = 6000;
 
 /** The state after a message. */
 export function receive(state: State, message: ServerMessage, now: number): State {
@@ -322,4 +324,9 @@ const SCOPES: Scope[] = ["view", "control", "admin"];
 export function may(state: State, scope: Scope): boolean {
   if (state.session === null || state.session === "stranger") return false;
   return SCOPES.indexOf(state.session.scope) >= SCOPES.indexOf(scope);
+}
+
+/** Whether a command that needs `scope` is offered now: it is allowed, and the daemon is there to be told. */
+export function able(state: State, scope: Scope): boolean {
+  return state.link === "open" && may(state, scope);
 }

@@ -2,24 +2,42 @@
 
 import * as api from "./api";
 import { jog } from "./jogging";
+import { strings } from "./strings";
 import type { State } from "./state";
 import { meaning, type StopKey } from "./stop-key";
+import type { Problem } from "./wire";
 
 const TRIES = 3;
 const REST_MS = 250;
+/** A stop takes milliseconds: one that is not answered by then is said not to be, while it goes on being tried. */
+const LATE_MS = 1000;
+
+const unanswered: Problem = {
+  type: "about:blank",
+  title: strings.noAnswer,
+  status: 0,
+  detail: strings.stop.tried,
+};
 
 /** Sends the stop until the daemon has it, or three times. */
 export async function stop(update: (change: Partial<State>) => void): Promise<void> {
   jog.release();
+  const late = setTimeout(() => update({ stopFailed: unanswered }), LATE_MS);
+  const result = await deliver(update);
+  clearTimeout(late);
+  if (!result.ok) return update({ stopFailed: result.problem });
+  const { focus, e, kept } = result.value;
+  return update({ stopFailed: null, stopSent: { focus, e, kept } });
+}
+
+async function deliver(update: (change: Partial<State>) => void): ReturnType<typeof api.stopAll> {
   let result = await api.stopAll();
   for (let tried = 1; tried < TRIES && !result.ok && result.problem.status === 0; tried += 1) {
     update({ stopFailed: result.problem });
     await new Promise((resolve) => setTimeout(resolve, REST_MS));
     result = await api.stopAll();
   }
-  if (!result.ok) return update({ stopFailed: result.problem });
-  const { focus, e, kept } = result.value;
-  return update({ stopFailed: null, stopSent: { focus, e, kept } });
+  return result;
 }
 
 /** Has the stop key stop the bench, before anything else on the page sees it. */

@@ -6,6 +6,7 @@ import type { FrameReading, Part, PictureFacts } from "../src/wire";
 import type { Wish } from "../src/wish";
 
 class Socket {
+  static readonly CONNECTING = 0;
   static readonly OPEN = 1;
   static newest: Socket;
   readyState = Socket.OPEN;
@@ -87,6 +88,7 @@ describe("the live connection", () => {
       },
     });
     live.want(wish);
+    live.start();
     live.open();
     socket().onopen?.();
   });
@@ -205,6 +207,36 @@ describe("the live connection", () => {
     // Asked to, it begins anew.
     socket().onclose?.();
     expect(links[2]).toEqual(["lost", 500]);
+  });
+
+  it("is lost after less than 3 s of silence, whatever becomes of its closing, and is deaf to what comes of it then", () => {
+    const tick = JSON.stringify({ type: "tick", seq: 1, boot_id: "b", now: "2026-01-01T00:00:00Z" });
+    const old = socket();
+    for (let second = 0; second < 10; second += 1) {
+      vi.advanceTimersByTime(1000);
+      old.onmessage?.({ data: tick });
+    }
+    expect(links).toEqual([]);
+    vi.advanceTimersByTime(2400);
+    expect(links).toEqual([]);
+    vi.advanceTimersByTime(599);
+    expect(links.map(([link]) => link)).toEqual(["lost"]);
+    const before = heard.length;
+    old.onmessage?.({ data: tick });
+    old.onclose?.();
+    expect(heard.length).toBe(before);
+    expect(links.length).toBe(1);
+  });
+
+  it("waits a little longer for a connection to be made, and then tries anew", () => {
+    socket().onclose?.();
+    vi.advanceTimersByTime(500);
+    const made = Socket.made;
+    socket().readyState = Socket.CONNECTING;
+    vi.advanceTimersByTime(4500);
+    expect(Socket.made).toBe(made);
+    vi.advanceTimersByTime(1600);
+    expect(Socket.made).toBe(made + 1);
   });
 
   it("tries nothing again when it was closed on purpose", () => {

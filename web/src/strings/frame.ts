@@ -13,6 +13,7 @@ export const frame = {
   connecting: "Connecting…",
   lost: "CONNECTION LOST",
   lostMore: "What is shown below is old. STOP may not get through: use the switch on the bench.",
+  old: (span: string) => `OLD · ${span}`,
   retryIn: (span: string) => `Trying again in ${span}`,
   retrying: "Trying again…",
   retryNow: "Try now",
@@ -55,6 +56,7 @@ export const stop = {
   hadStopped: (by: string, time: string) => `stopped at ${time}${by && ` by ${by}`}`,
   failed: "STOP WAS NOT DELIVERED",
   failedMore: "Use the hardware emergency stop.",
+  tried: "The page goes on trying.",
   again: "Stop again",
   delivery: { confirmed: "stopped", sent: "sent, not confirmed", undeliverable: "NOT DELIVERABLE" },
 };

@@ -1,7 +1,8 @@
 import { useEffect } from "preact/hooks";
+import type { Result } from "../api";
 import { strings } from "../strings";
 import type { State } from "../state";
-import type { Problem } from "../wire";
+import type { NewToken, Problem, TokenRequest } from "../wire";
 import { Header } from "./header";
 import { DesignPage } from "./design/page";
 import { HistoryPage } from "./history/page";
@@ -9,6 +10,7 @@ import { AlignmentPage } from "./job/page";
 import { LivePage } from "./live/page";
 import { ProblemLine } from "./problem";
 import type { Act, Scene } from "./scene";
+import { Secret } from "./secret";
 import { SettingsPage } from "./settings/page";
 import { SignIn } from "./sign-in";
 
@@ -19,6 +21,7 @@ interface Props {
   update: (change: Partial<State>) => void;
   enter: (key: string) => Promise<Problem | null>;
   leave: () => Promise<void>;
+  makeToken: (token: TokenRequest) => Promise<Result<NewToken>>;
 }
 
 const VIEWS = {
@@ -29,7 +32,7 @@ const VIEWS = {
   settings: SettingsPage,
 } as const;
 
-export function App({ state, newest, now, update, enter, leave }: Props) {
+export function App({ state, newest, now, update, enter, leave, makeToken }: Props) {
   const act: Act = async (request) => {
     const result = await request;
     update({ problem: result.ok ? null : result.problem });
@@ -48,6 +51,7 @@ export function App({ state, newest, now, update, enter, leave }: Props) {
             <h1>{strings.title}</h1>
           </div>
           {state.problem && <ProblemLine problem={state.problem} dismiss={() => update({ problem: null })} />}
+          {state.made && <Secret made={state.made} kept={() => update({ made: null })} />}
         </header>
         <main class="alone">
           <SignIn enter={enter} />
@@ -55,7 +59,7 @@ export function App({ state, newest, now, update, enter, leave }: Props) {
       </>
     );
   }
-  const scene: Scene = { state, newest, now, update, act };
+  const scene: Scene = { state, newest, now, update, act, makeToken };
   const View = VIEWS[state.route.page];
   return (
     <>

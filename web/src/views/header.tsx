@@ -6,6 +6,7 @@ import { Absences } from "./absences";
 import { Lease } from "./bench/lease";
 import { ProblemLine } from "./problem";
 import type { Scene } from "./scene";
+import { Secret } from "./secret";
 import { Who } from "./sign-in";
 import { Stop, StopNotices } from "./stop";
 
@@ -68,6 +69,7 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
           </p>
         </div>
       )}
+      {state.made && <Secret made={state.made} kept={() => update({ made: null })} />}
       {state.problem && (
         <ProblemLine
           problem={state.problem}

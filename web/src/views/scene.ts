@@ -2,6 +2,7 @@
 
 import type { Result } from "../api";
 import type { State } from "../state";
+import type { NewToken, TokenRequest } from "../wire";
 
 /** Carries a request out and shows its problem if it has one; whether it went well. */
 export type Act = (request: Promise<Result<unknown>>) => Promise<boolean>;
@@ -14,4 +15,6 @@ export interface Scene {
   now: number;
   update: (change: Partial<State>) => void;
   act: Act;
+  /** Makes a token, and signs in with it where it is the first. */
+  makeToken: (token: TokenRequest) => Promise<Result<NewToken>>;
 }

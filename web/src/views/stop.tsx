@@ -1,7 +1,7 @@
 import { useState } from "preact/hooks";
 import * as api from "../api";
 import { clock } from "../format";
-import { may, newsOfReset } from "../state";
+import { able, newsOfReset } from "../state";
 import { stop } from "../stopping";
 import { strings } from "../strings";
 import type { Bench } from "../wire";
@@ -89,7 +89,7 @@ function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
               onInput={(event) => setWhy(event.currentTarget.value)}
             />
           </label>
-          <button type="submit" id="reset-now" disabled={why.trim() === ""}>
+          <button type="submit" id="reset-now" disabled={why.trim() === "" || !able(state, "control")}>
             {strings.stop.reset}
           </button>
           <button type="button" onClick={() => ask(false)}>
@@ -97,7 +97,7 @@ function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
           </button>
         </form>
       ) : (
-        <button type="button" id="reset" disabled={!may(state, "control")} onClick={() => ask(true)}>
+        <button type="button" id="reset" disabled={!able(state, "control")} onClick={() => ask(true)}>
           {strings.stop.resetAsk}
         </button>
       )}

@@ -4,6 +4,7 @@ import { may } from "../../state";
 import { strings } from "../../strings";
 import { plain } from "../../units";
 import { useState } from "preact/hooks";
+import { Old } from "../old";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
 import { AxisScale } from "./axis";
@@ -24,6 +25,7 @@ export function Bench(scene: Scene) {
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
       <p class="paces">
+        <Old {...scene} />
         <span class="quiet">{strings.byHand.step}</span>
         <Choice
           label={strings.byHand.step}

@@ -33,7 +33,7 @@ export function HandOn({ state, act, job }: Scene & { job: Job }) {
         </label>
       )}
       {mayRenew && (
-        <button type="button" id="renew-key" onClick={() => void renew()}>
+        <button type="button" id="renew-key" disabled={state.link !== "open"} onClick={() => void renew()}>
           {strings.job.renewKey}
         </button>
       )}

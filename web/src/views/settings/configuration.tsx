@@ -139,7 +139,7 @@ export function Configuration({ state, act }: Scene) {
               type="button"
               id="apply"
               class="primary"
-              disabled={changed.length === 0 || !check?.valid}
+              disabled={changed.length === 0 || !check?.valid || state.link !== "open"}
               onClick={() => void apply()}
             >
               {strings.settings.apply}

@@ -1,6 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
-import { may } from "../../state";
+import { able } from "../../state";
 import { strings } from "../../strings";
 import { inUnit, typedMm } from "../../units";
 import type { AxisName, Faults as Wrong } from "../../wire";
@@ -26,7 +26,7 @@ export function Faults({ state, act }: Scene) {
   const words = strings.faults;
   const { unit } = state.preferences;
   const shown = (mm: number) => inUnit(mm, unit);
-  const allowed = may(state, "control");
+  const allowed = able(state, "control");
   const set = (change: Partial<Wrong>) => void show(api.setFaults(change));
   const { serial, camera, scene, disk } = wrong;
   const parts = [serial, camera, scene, disk, wrong.focus, wrong.e];

@@ -2,7 +2,8 @@ import { moment } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { strings } from "../../strings";
-import type { NewToken, Scope, Token } from "../../wire";
+import { able, type State } from "../../state";
+import type { Scope, Token, TokenRequest } from "../../wire";
 import { Ask } from "../ask";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
@@ -10,9 +11,9 @@ import { Choice } from "../toggle";
 const SCOPES: readonly Scope[] = ["view", "control", "admin"];
 
 /** Who gets in. */
-export function Tokens({ act, state }: Scene) {
+export function Tokens({ act, state, makeToken }: Scene) {
   const [tokens, setTokens] = useState<Token[] | null>(null);
-  const [made, setMade] = useState<NewToken | null>(null);
+  const [wanted, want] = useState<TokenRequest | null>(null);
   const [asked, ask] = useState<Token | null>(null);
   const load = () =>
     act(
@@ -22,6 +23,14 @@ export function Tokens({ act, state }: Scene) {
       }),
     );
   useEffect(() => void load(), [state.bootId]);
+  const first = isFirst(state);
+  const here = able(state, "admin");
+  const make = async (token: TokenRequest) => {
+    want(null);
+    const ok = await act(makeToken(token));
+    if (ok) await load();
+    return ok;
+  };
   const revoke = async (token: Token) => {
     ask(null);
     if (await act(api.revokeToken(token))) await load();
@@ -30,11 +39,7 @@ export function Tokens({ act, state }: Scene) {
     <section class="card tokens" aria-label={strings.settings.tokens}>
       <h2>{strings.settings.tokens}</h2>
       <p class="quiet">{strings.settings.tokensMore}</p>
-      {tokens?.length === 0 && (
-        <p>
-          {strings.settings.tokenNone} {strings.settings.tokenFirst}
-        </p>
-      )}
+      {first && <p>{strings.settings.tokenNone}</p>}
       <ul class="token-list">
         {tokens?.map((token) => (
           <li key={token.id}>
@@ -49,6 +54,7 @@ export function Tokens({ act, state }: Scene) {
             <button
               type="button"
               aria-label={strings.settings.tokenRevokeMore(token.name)}
+              disabled={!here}
               onClick={() => ask(token)}
             >
               {strings.settings.tokenRevoke}
@@ -58,32 +64,31 @@ export function Tokens({ act, state }: Scene) {
       </ul>
       {asked && (
         <Ask
-          question={strings.settings.tokenSure(asked.name)}
+          question={[strings.settings.tokenSure(asked.name), ...losses(asked, tokens ?? [], state)].join(" ")}
           yes={strings.settings.tokenYes}
           no={strings.settings.tokenNo}
           answer={(yes) => (yes ? void revoke(asked) : ask(null))}
         />
       )}
-      {made && (
-        <div class="secret" role="status">
-          <p>{strings.settings.tokenSecret(made.name)}</p>
-          <code>{made.secret}</code>
-          <button type="button" onClick={() => setMade(null)}>
-            {strings.close}
-          </button>
-        </div>
+      {wanted && (
+        <Ask
+          question={[
+            strings.settings.tokenFirst,
+            wanted.scope === "admin" ? strings.settings.tokenFirstMore : strings.settings.tokenFirstLess,
+          ].join(" ")}
+          yes={strings.settings.tokenFirstYes}
+          no={strings.settings.tokenFirstNo}
+          answer={(yes) => (yes ? void make(wanted) : want(null))}
+        />
       )}
       <MakeToken
-        make={async (name, scope) => {
-          const ok = await act(
-            api.makeToken({ name, scope }).then((result) => {
-              if (result.ok) setMade(result.value);
-              return result;
-            }),
-          );
-          // With the first token this browser itself may have to sign in: then there is nothing to be listed.
-          if (ok && tokens && tokens.length > 0) await load();
-          return ok;
+        key={String(first)}
+        scope={first ? "admin" : "view"}
+        disabled={!here}
+        make={async (token) => {
+          if (!first) return make(token);
+          want(token);
+          return false;
         }}
       />
     </section>
@@ -94,23 +99,65 @@ function when(at: string | null | undefined, none: string): string {
   return at ? moment(at) : none;
 }
 
-function MakeToken({ make }: { make: (name: string, scope: Scope) => Promise<boolean> }) {
+/** Whether nobody has had to sign in so far: with the first token everybody has to. */
+function isFirst({ session }: State): boolean {
+  return session !== null && session !== "stranger" && !session.demanded;
+}
+
+/** Who loses more by its end than a token. */
+function losses(token: Token, tokens: Token[], { session }: State): string[] {
+  const words = strings.settings;
+  const mine = session !== null && session !== "stranger" && session.signed_in && session.name === token.name;
+  const admins = tokens.filter(({ scope }) => scope === "admin");
+  return [
+    ...(mine ? [words.tokenMine] : []),
+    ...(tokens.length === 1
+      ? [words.tokenLastOne]
+      : token.scope === "admin" && admins.length === 1
+        ? [words.tokenLastAdmin]
+        : []),
+  ];
+}
+
+interface MakeProps {
+  /** The scope that is chosen at first. */
+  scope: Scope;
+  disabled: boolean;
+  /** Whether there is nothing more to be said of it. */
+  make: (token: TokenRequest) => Promise<boolean>;
+}
+
+function MakeToken({ scope: standard, disabled, make }: MakeProps) {
   const [name, setName] = useState("");
-  const [scope, setScope] = useState<Scope>("view");
+  const [scope, setScope] = useState<Scope>(standard);
   return (
     <form
       class="make-token"
       onSubmit={(event) => {
         event.preventDefault();
-        void make(name.trim(), scope).then((ok) => ok && setName(""));
+        void make({ name: name.trim(), scope }).then((ok) => ok && setName(""));
       }}
     >
       <label>
         <span>{strings.settings.tokenName}</span>
-        <input required maxLength={64} value={name} onInput={(event) => setName(event.currentTarget.value)} />
+        <input
+          id="token-name"
+          required
+          maxLength={64}
+          value={name}
+          onInput={(event) => setName(event.currentTarget.value)}
+        />
       </label>
-      <Choice label={strings.settings.tokenScope} of={SCOPES} chosen={scope} choose={setScope} />
-      <button type="submit">{strings.settings.tokenCreate}</button>
+      <Choice
+        label={strings.settings.tokenScope}
+        of={SCOPES}
+        chosen={scope}
+        name={(scope) => strings.signIn.scope[scope]}
+        choose={setScope}
+      />
+      <button type="submit" disabled={disabled}>
+        {strings.settings.tokenCreate}
+      </button>
     </form>
   );
 }

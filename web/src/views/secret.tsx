@@ -1,0 +1,38 @@
+import { useRef, useState } from "preact/hooks";
+import { copy } from "../clipboard";
+import { strings } from "../strings";
+import type { NewToken } from "../wire";
+
+interface Props {
+  made: NewToken;
+  kept: () => void;
+}
+
+/** The secret of a token just made: on every page, until whoever made it says that it is kept. It is shown nowhere else. */
+export function Secret({ made, kept }: Props) {
+  const code = useRef<HTMLElement>(null);
+  const [copied, setCopied] = useState<boolean | null>(null);
+  const words = strings.settings;
+  return (
+    <section class="secret" role="alert" id="secret" aria-label={words.tokenSecret(made.name)}>
+      <p>
+        <b>{words.tokenSecret(made.name)}</b> {words.tokenSecretMore}
+      </p>
+      <code ref={code}>{made.secret}</code>
+      <p class="actions">
+        <button
+          type="button"
+          class="primary"
+          id="copy-secret"
+          onClick={() => code.current && void copy(code.current).then(setCopied)}
+        >
+          {words.tokenCopy}
+        </button>
+        <button type="button" id="secret-kept" onClick={kept}>
+          {words.tokenKept}
+        </button>
+        <span role="status">{copied !== null && (copied ? words.tokenCopied : words.tokenNotCopied)}</span>
+      </p>
+    </section>
+  );
+}
