@@ -18,7 +18,7 @@ import {
 import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
-const OVER = ".job .outcome:is(.converged, .not_converged, .failed, .cancelled)";
+const OVER = ".job .outcome:is(.converged, .succeeded, .not_converged, .failed, .cancelled)";
 // A small sensor, so that it is quick; the operator is this script.
 const place = folder(`
 [sensor]
@@ -99,13 +99,33 @@ try {
   await photograph(page, "stopped");
   await resetStop(page, "the bench is clear");
 
-  step("an alignment runs to its end, through a reload");
+  step("who double-clicks everything cancels nothing, and answers nothing that was not asked");
   await open(page, "Alignment");
-  await page.locator("#note").fill("by clicks");
-  await page.locator("#start").click();
+  await page.locator("#kind").selectOption("spacing_watch");
+  await page.locator(".start [name=duration_s]").fill("1");
+  const answers = confirmations(page);
+  await page.locator("#start").dblclick();
+  await page.locator("#confirm").waitFor({ timeout: 60_000 });
+  await page.locator("#cancel").dblclick();
+  await page.locator(".turn .ask", { hasText: "Cancel the job?" }).waitFor();
+  await page.getByRole("button", { name: "Let it go on" }).dblclick();
+  await page.locator(".turn .ask").waitFor({ state: "detached" });
+  const prompts = await answer(page, (confirm) => confirm.dblclick());
+  await page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
+  assert.equal(answers(), prompts);
+  assert.equal(await page.locator("header .problem").count(), 0);
+
+  step("an alignment runs to its end by the keyboard alone, through a reload");
+  await reach(page, "#kind");
+  await page.keyboard.type("Joint");
+  await reach(page, "#note");
+  await page.keyboard.type("by keys");
+  await page.keyboard.press("Enter");
   await page.locator("#cancel").waitFor();
   await handOver(page);
-  const rows = await seeThrough(page);
+  const keyed = confirmations(page);
+  const { rows, asked: keys } = await seeThrough(page);
+  assert.equal(keyed(), keys, "a prompt was answered twice, or before it could be read");
   const ended = await page.locator(".job").innerText();
   assert.equal(await page.locator(".job .outcome").textContent(), "Converged", ended);
   assert(rows >= 4, `only ${rows} iterations are shown`);
@@ -300,34 +320,95 @@ async function handOver(page) {
   await context.close();
 }
 
-/** Confirms what the job asks for until the job is over; returns how many iterations are shown. */
-async function seeThrough(page) {
-  let photographed = false;
+/** How many prompts have been answered from a page since this was called. */
+function confirmations(page) {
+  let count = 0;
+  page.on("request", (request) => {
+    if (request.method() === "POST" && request.url().endsWith("/confirm")) count += 1;
+  });
+  return () => count;
+}
+
+/** Presses Tab until an element has the focus. */
+async function reach(page, selector) {
+  const there = () =>
+    page.evaluate((selector) => document.activeElement?.matches(selector) ?? false, selector);
+  for (let presses = 0; !(await there()); presses += 1) {
+    assert(presses < 60, `${selector} is not reached by the keyboard`);
+    await page.keyboard.press("Tab");
+  }
+}
+
+/** Answers what a job asks, in one way or another, until it is over; returns how often it asked. */
+async function answer(page, confirm, meanwhile = async () => {}) {
   let asked = 0;
+  let place = null;
   const over = async () => {
     if (await page.locator(OVER).isVisible()) return true;
     assert(daemon.alive, "the daemon ended");
-    const confirm = page.locator("#confirm");
-    if (await confirm.isVisible()) {
-      if (asked++ === 1) await photograph(page, "operator");
+    const button = page.locator("#confirm");
+    if (await button.isVisible()) {
+      asked += 1;
+      const now = await page.evaluate(places);
+      place ??= now;
+      assert.deepEqual(now, place, "the buttons of one prompt are not where those of the other were");
+      await meanwhile(asked);
       const heading = await page.locator(".operator h3").textContent();
-      await confirm.click();
+      await confirm(button);
       await page
         .locator(".operator h3", { hasText: heading })
         .waitFor({ state: "detached", timeout: 15_000 });
     }
-    if (!photographed && (await page.locator(".iterations tbody tr").count()) >= 3) {
-      photographed = true;
-      await photograph(page, "running");
-      await page.reload();
-      await page.locator(".job .outcome").waitFor({ timeout: 10_000 });
-      assert((await page.locator(".iterations tbody tr").count()) >= 3, "a reload loses iterations");
-    }
+    await meanwhile(0);
     return false;
   };
-  await until(over, "the alignment did not end in time", ALIGNMENT_MS);
+  await until(over, "the job did not end in time", ALIGNMENT_MS);
+  return asked;
+}
+
+/** In the page: where the buttons of a prompt are in its card. */
+function places() {
+  const card = document.querySelector(".job").getBoundingClientRect();
+  return ["#confirm", "#cancel"].map((selector) => {
+    const { left, top } = document.querySelector(selector).getBoundingClientRect();
+    return [Math.round(left - card.left), Math.round(top - card.top)];
+  });
+}
+
+/** In the page: clicks whatever prompt appears in the moment in which it does. */
+function hasty() {
+  const clicked = new WeakSet();
+  new MutationObserver(() => {
+    const confirm = document.querySelector("#confirm");
+    if (!confirm || clicked.has(confirm)) return;
+    clicked.add(confirm);
+    confirm.click();
+  }).observe(document.body, { childList: true, subtree: true });
+}
+
+/** Confirms what the job asks for by Enter until the job is over; returns how many iterations are shown, and prompts. */
+async function seeThrough(page) {
+  let photographed = false;
+  await page.evaluate(hasty);
+  const enter = async () => {
+    // Whoever has been at something else goes back; at the next prompt the focus is there.
+    if (!(await page.locator(".turn:focus-within").isVisible())) await reach(page, "#confirm");
+    await page.locator("#confirm:focus").waitFor();
+    await page.locator("#confirm:not([aria-disabled=true])").waitFor();
+    await page.keyboard.press("Enter");
+  };
+  const asked = await answer(page, enter, async (prompt) => {
+    if (prompt === 2) await photograph(page, "operator");
+    if (prompt > 0 || photographed || (await page.locator(".iterations tbody tr").count()) < 3) return;
+    photographed = true;
+    await photograph(page, "running");
+    await page.reload();
+    await page.locator(".job .outcome").waitFor({ timeout: 10_000 });
+    assert((await page.locator(".iterations tbody tr").count()) >= 3, "a reload loses iterations");
+    await page.evaluate(hasty);
+  });
   assert(asked >= 3, `the operator was asked ${asked} times`);
-  return page.locator(".iterations tbody tr").count();
+  return { rows: await page.locator(".iterations tbody tr").count(), asked };
 }
 
 /** Standard deviation of the canvas's grey levels. */

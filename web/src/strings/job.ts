@@ -100,7 +100,11 @@ export const job = {
   } satisfies Record<NumberField["name"], (unit: string) => string>,
   axis: "Axis",
   axes: "Axes",
-  cancel: "Cancel the job",
+  cancel: "Cancel the job…",
+  cancelSure: "Cancel the job? What it has done so far is kept, and the axes stop.",
+  cancelYes: "Cancel it",
+  cancelNo: "Let it go on",
+  itsTurn: "At work: nothing for you to do",
   confirm: "Done",
   noKey: (owner: string) =>
     `Only ${owner || "whoever started the job"} confirms this, or who has been handed the job's confirm key.`,

@@ -1,4 +1,5 @@
 import { useEffect, useRef } from "preact/hooks";
+import { onceHeld, useSettled } from "./settled";
 
 interface Props {
   question: string;
@@ -11,21 +12,36 @@ interface Props {
 
 /**
  * Asks before something is done, in its place on the page: a modal dialogue would put STOP out of reach. The focus goes
- * to the answer that changes nothing.
+ * to the answer that changes nothing; none is taken in its first half second.
  */
 export function Ask({ question, yes, no, answer }: Props) {
   const stay = useRef<HTMLButtonElement>(null);
+  const settled = useSettled(question);
   useEffect(() => stay.current?.focus(), []);
+  const say = (way: number | null) => settled && answer(way !== null, way ?? 0);
   return (
     <div class="ask" role="alertdialog" aria-label={question}>
       <p>{question}</p>
       <p class="actions">
         {(typeof yes === "string" ? [yes] : yes).map((words, way) => (
-          <button key={words} type="button" class="primary" onClick={() => answer(true, way)}>
+          <button
+            key={words}
+            type="button"
+            class="primary"
+            aria-disabled={!settled}
+            onKeyDown={onceHeld}
+            onClick={() => say(way)}
+          >
             {words}
           </button>
         ))}
-        <button ref={stay} type="button" onClick={() => answer(false, 0)}>
+        <button
+          ref={stay}
+          type="button"
+          aria-disabled={!settled}
+          onKeyDown={onceHeld}
+          onClick={() => say(null)}
+        >
           {no}
         </button>
       </p>

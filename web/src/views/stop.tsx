@@ -1,4 +1,4 @@
-import { useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../api";
 import { clock } from "../format";
 import { able, newsOfReset } from "../state";
@@ -6,6 +6,7 @@ import { stop } from "../stopping";
 import { strings } from "../strings";
 import type { Bench } from "../wire";
 import type { Scene } from "./scene";
+import { useSettled } from "./settled";
 
 /** STOP, on every page, for everybody. */
 export function Stop({ state, update }: Scene) {
@@ -59,9 +60,16 @@ function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
   const [asking, ask] = useState(false);
   const [why, setWhy] = useState("");
   const { since, by, unread } = stop;
+  const settled = useSettled(asking ? "asking" : null);
+  const reason = useRef<HTMLInputElement>(null);
+  useEffect(() => (asking ? reason.current?.focus() : undefined), [asking]);
   const submit = async (event: Event) => {
     event.preventDefault();
-    if (await act(api.resetStop(why.trim()))) ask(false);
+    if (await act(api.resetStop(why.trim()))) {
+      ask(false);
+      // What had the focus goes with the stop: whoever is at the keyboard goes on from the page's own content.
+      document.getElementById("content")?.focus({ preventScroll: true });
+    }
   };
   return (
     <div class="stopped" role="alert">
@@ -81,6 +89,7 @@ function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
           <label>
             {strings.stop.why}{" "}
             <input
+              ref={reason}
               id="why"
               required
               maxLength={200}
@@ -92,7 +101,7 @@ function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
           <button type="submit" id="reset-now" disabled={why.trim() === "" || !able(state, "control")}>
             {strings.stop.reset}
           </button>
-          <button type="button" onClick={() => ask(false)}>
+          <button type="button" aria-disabled={!settled} onClick={() => settled && ask(false)}>
             {strings.stop.stay}
           </button>
         </form>

@@ -4,10 +4,13 @@ import { may } from "../../state";
 import { strings } from "../../strings";
 import { Ask } from "../ask";
 import type { Scene } from "../scene";
+import { useSettled } from "../settled";
 
 /** Who may move the axes; how to become it, and how to cease to be. */
 export function Lease({ state, act, now }: Scene) {
   const [asking, ask] = useState(false);
+  // Where control is taken it is given back, too.
+  const settled = useSettled(state.bench?.lease?.id ?? "free");
   const bench = state.bench;
   if (!bench) return null;
   const lease = bench.lease ?? null;
@@ -39,12 +42,16 @@ export function Lease({ state, act, now }: Scene) {
         {words} {more && <span class="quiet">{more}</span>}
       </p>
       {lease === null && commanding && state.link === "open" && (
-        <button type="button" onClick={() => void act(api.takeLease())}>
+        <button type="button" aria-disabled={!settled} onClick={() => settled && void act(api.takeLease())}>
           {strings.lease.take}
         </button>
       )}
       {mine && state.link === "open" && (
-        <button type="button" onClick={() => void act(api.releaseLease())}>
+        <button
+          type="button"
+          aria-disabled={!settled}
+          onClick={() => settled && void act(api.releaseLease())}
+        >
           {strings.lease.release}
         </button>
       )}

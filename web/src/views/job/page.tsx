@@ -7,15 +7,16 @@ import { strings } from "../../strings";
 import { reworded } from "../../units";
 import type { Job } from "../../wire";
 import { Meter } from "../live/meter";
+import { Old } from "../old";
 import type { Scene } from "../scene";
 import { Downloads } from "./downloads";
 import { HandOn } from "./hand-on";
 import { Iterations } from "./iterations";
-import { OperatorStep } from "./operator-step";
 import { Outcome } from "./outcome";
 import { Progress } from "./progress";
 import { Result } from "./result";
 import { StartJob } from "./start";
+import { Turn } from "./turn";
 
 /** A job from its start to its report; one of earlier on where the address names it. */
 export function AlignmentPage(scene: Scene) {
@@ -68,7 +69,7 @@ function useEarlier({ state, act }: Scene, id: string | undefined): Job | null {
 }
 
 function JobCard(scene: Scene & { job: Job }) {
-  const { act, job } = scene;
+  const { job } = scene;
   const over = isFinal(job.state);
   const { unit } = scene.state.preferences;
   return (
@@ -76,26 +77,15 @@ function JobCard(scene: Scene & { job: Job }) {
       <h2>
         {strings.job.kinds[job.kind]}
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
+        {!over && <Old {...scene} />}
       </h2>
       <p class="quiet">
         {strings.job.byWhom(job.owner ?? "", moment(job.created_at))}
         {job.request.note && ` · ${job.request.note}`}
       </p>
+      {!over && <Turn {...scene} />}
       {!over && <Progress job={job} unit={unit} />}
-      <OperatorStep {...scene} />
       {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
-      {!over && (
-        <p class="actions">
-          <button
-            type="button"
-            id="cancel"
-            disabled={job.state === "cancelling"}
-            onClick={() => void act(api.cancelJob(job))}
-          >
-            {strings.job.cancel}
-          </button>
-        </p>
-      )}
       {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}
     </section>

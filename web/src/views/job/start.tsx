@@ -33,6 +33,7 @@ export function StartJob({ state, act }: Scene) {
   const [draft, setDraft] = useState<Draft>(draftOf("joint_alignment"));
   const { unit } = state.preferences;
   const [tried, setTried] = useState(false);
+  const [starting, setStarting] = useState(false);
   const checked = check(draft, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
   const means = implied(draft, state.bench?.axes ?? [], unit);
@@ -47,8 +48,11 @@ export function StartJob({ state, act }: Scene) {
   const submit = async (event: Event) => {
     event.preventDefault();
     setTried(true);
-    if (!checked.ok) return;
-    if (await act(api.startJob(checked.request))) {
+    if (!checked.ok || starting) return;
+    setStarting(true);
+    const started = await act(api.startJob(checked.request));
+    setStarting(false);
+    if (started) {
       setDraft(draftOf(draft.kind));
       setTried(false);
     }

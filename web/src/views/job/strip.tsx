@@ -1,35 +1,27 @@
-import * as api from "../../api";
 import { addressOf } from "../../route";
 import { currentJob, isFinal } from "../../state";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
-import { OperatorStep } from "./operator-step";
+import { Old } from "../old";
 import { Progress } from "./progress";
+import { Turn } from "./turn";
 
 /** The job under way, beside the picture. */
 export function JobStrip(scene: Scene) {
-  const { state, act } = scene;
+  const { state } = scene;
   const job = currentJob(state);
   if (!job) return null;
   const over = isFinal(job.state);
   return (
-    <section class="card strip" data-state={job.state} aria-label={strings.job.title}>
+    <section class="card strip" data-state={job.state} data-over={over} aria-label={strings.job.title}>
       <h2>
         {strings.job.kinds[job.kind]}
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
+        {!over && <Old {...scene} />}
         <a href={addressOf("alignment")}>{strings.job.see}</a>
       </h2>
+      {!over && <Turn {...scene} job={job} />}
       {!over && <Progress job={job} unit={state.preferences.unit} />}
-      <OperatorStep {...scene} job={job} />
-      {!over && (
-        <button
-          type="button"
-          disabled={job.state === "cancelling"}
-          onClick={() => void act(api.cancelJob(job))}
-        >
-          {strings.job.cancel}
-        </button>
-      )}
     </section>
   );
 }

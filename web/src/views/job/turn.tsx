@@ -1,0 +1,135 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+import * as api from "../../api";
+import { keyWithin } from "../../confirm-key";
+import { able, may } from "../../state";
+import { strings } from "../../strings";
+import { reworded } from "../../units";
+import type { Job } from "../../wire";
+import { Ask } from "../ask";
+import type { Scene } from "../scene";
+import { onceHeld, useSettled } from "../settled";
+
+/**
+ * Whose turn it is: what waits for the operator, with the number that matters large, confirmed by whoever has a key of the
+ * job; and the way out of it. Its buttons keep their place from prompt to prompt and between them, above all that varies.
+ */
+export function Turn(scene: Scene & { job: Job }) {
+  const { state, act, job } = scene;
+  const { unit } = state.preferences;
+  const step = job.state === "waiting_for_operator" ? job.operator_step : null;
+  const confirmable = Boolean(step) && mayConfirm(scene);
+  const [sent, send] = useState<number | null>(null);
+  const [leaving, leave] = useState(false);
+  const settled = useSettled(confirmable && step ? step.number : null);
+  const ready = settled && sent !== step?.number && able(state, "control");
+  const box = useRef<HTMLDivElement>(null);
+  const done = useRef<HTMLButtonElement>(null);
+  useEffect(() => keepFocus(box.current, done.current), [job.id, step?.number, confirmable, leaving]);
+  const confirm = async () => {
+    if (!ready || !step) return;
+    send(step.number);
+    // Where it could not be told, it may be pressed again.
+    if (!(await act(api.confirmStep(job, step.number)))) send(null);
+  };
+  return (
+    <div
+      ref={box}
+      class={step ? "turn operator" : "turn"}
+      tabIndex={-1}
+      role="group"
+      aria-live="polite"
+      aria-label={step ? strings.job.operator(step.number) : strings.job.itsTurn}
+    >
+      <h3>{step ? strings.job.operator(step.number) : strings.job.itsTurn}</h3>
+      <p class="actions">
+        {confirmable && (
+          <button
+            ref={done}
+            type="button"
+            id="confirm"
+            class="primary"
+            aria-disabled={!ready}
+            onKeyDown={onceHeld}
+            onClick={() => void confirm()}
+          >
+            {strings.job.confirm}
+          </button>
+        )}
+        <button
+          type="button"
+          id="cancel"
+          disabled={job.state === "cancelling" || !able(state, "control")}
+          onClick={() => leave(true)}
+        >
+          {strings.job.cancel}
+        </button>
+      </p>
+      {leaving && job.state !== "cancelling" && (
+        <Ask
+          question={strings.job.cancelSure}
+          yes={strings.job.cancelYes}
+          no={strings.job.cancelNo}
+          answer={(yes) => {
+            leave(false);
+            if (yes) void act(api.cancelJob(job));
+          }}
+        />
+      )}
+      {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
+      {step && <p>{reworded(step.instruction, unit)}</p>}
+      {step && !confirmable && <GiveKey {...scene} />}
+    </div>
+  );
+}
+
+/** Enter answers a prompt, unless whoever is at the keyboard is at something else; what had the focus may be gone. */
+function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
+  const focused = document.activeElement;
+  const idle = focused === null || focused === document.body || focused === box;
+  if (idle) (done ?? box)?.focus({ preventScroll: true });
+}
+
+/** Whether this tab holds the lease that the job has, or the job's confirm key. */
+function mayConfirm({ state, job }: Scene & { job: Job }): boolean {
+  if (!may(state, "control")) return false;
+  const held = state.bench?.lease ?? null;
+  return api.confirmKeys.of(job.id) !== null || (held?.job === job.id && api.lease.isMine(held));
+}
+
+/** Why nothing can be confirmed here, and a place for the key. */
+function GiveKey({ state, update, job }: Scene & { job: Job }) {
+  const [text, setText] = useState("");
+  const [wrong, setWrong] = useState(false);
+  if (!may(state, "control")) return <p class="quiet">{strings.viewOnly}</p>;
+  const submit = (event: Event) => {
+    event.preventDefault();
+    const key = keyWithin(text);
+    setWrong(key === null);
+    if (key === null) return;
+    api.confirmKeys.keep({ job: job.id, key });
+    update({ problem: null });
+  };
+  return (
+    <form class="give-key" onSubmit={submit}>
+      <p>{strings.job.noKey(job.owner ?? "")}</p>
+      <label>
+        {strings.job.confirmKey}{" "}
+        <input
+          id="confirm-key"
+          type="password"
+          autocomplete="off"
+          required
+          value={text}
+          aria-invalid={wrong}
+          onInput={(event) => setText(event.currentTarget.value)}
+        />
+      </label>
+      <button type="submit">{strings.job.useKey}</button>
+      {wrong && (
+        <span class="fault" role="alert">
+          {strings.job.noSuchKey}
+        </span>
+      )}
+    </form>
+  );
+}
