@@ -187,6 +187,25 @@ try {
   await ana.page.locator("header .problem").waitFor();
   await ana.page.locator("header .problem button").click();
 
+  step("Space stops in a field for numbers, too; that it did is no fault of the axis once the stop is reset");
+  await field.fill("-1.5");
+  await field.press("Enter");
+  await ana.page.locator(".ask .primary").click();
+  await ana.page.locator(".axes .tag", { hasText: "moving" }).waitFor();
+  await field.press("Space");
+  await ana.page.locator(".stopped").waitFor();
+  assert.doesNotMatch(await field.inputValue(), /\s/);
+  const stopped = ana.page.locator(".axis .tag.bad", { hasText: "the focus axis was stopped" });
+  await stopped.waitFor();
+  await resetStop(ana.page, "the way is clear");
+  await stopped.waitFor({ state: "detached" });
+
+  step("after a reload the charts show what the axes did before");
+  await ana.page.reload();
+  await ana.page.locator(".charts canvas").nth(2).waitFor();
+  await until(() => ana.page.evaluate(traced), "the chart of the axes begins empty");
+  await photograph(ana.page, "reloaded");
+
   step("control is taken over, after a question, and the other sees it");
   await ben.page.getByRole("button", { name: "Take over…" }).click();
   await ben.page.locator(".lease .ask", { hasText: "Ana at the bench" }).waitFor();
@@ -336,6 +355,17 @@ async function visit(address) {
   await page.goto(address);
   await page.locator(".axes").waitFor();
   return { page, own };
+}
+
+/** In the page: whether the chart of the axes has a line before the newest fifth of it. */
+function traced() {
+  const canvas = document.querySelectorAll(".charts canvas")[2];
+  const { data, width } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  for (let at = 0; at < data.length; at += 4) {
+    const x = ((at / 4) % width) / width;
+    if (x > 0.25 && x < 0.6 && data[at + 3] > 0 && data[at + 2] - data[at] > 90) return true;
+  }
+  return false;
 }
 
 function hold(page, axis, side) {

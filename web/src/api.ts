@@ -23,6 +23,7 @@ import type {
   NewToken,
   Plan,
   Problem,
+  Recent,
   ShellState,
   Side,
   StopReport,
@@ -149,6 +150,8 @@ export async function renewConfirmKey(job: Job): Promise<Result<ConfirmKeyGrant>
 export const job = (id: string) => request<Job>("GET", `/api/v1/jobs/${id}`);
 export const jobs = (query: URLSearchParams) => request<JobList>("GET", `/api/v1/jobs?${query.toString()}`);
 
+/** The last two minutes, as far as somebody looked. */
+export const recent = () => request<Recent>("GET", "/api/v1/recent");
 export const design = () => request<Design>("GET", "/api/v1/design");
 export const draftDesign = (base: DraftBase, sections: Sections) =>
   request<Draft>("POST", "/api/v1/design", { base, ...sections });

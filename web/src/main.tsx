@@ -10,7 +10,7 @@ import { needle } from "./needle";
 import { keep, recall } from "./preferences";
 import { addressOf, routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI } from "./session";
-import { endsPress, initial, receive, receivePicture, receiveReading, type State } from "./state";
+import { endsPress, initial, receive, receivePicture, receiveReading, remember, type State } from "./state";
 import { overlaysOn } from "./show";
 import { stop, watchStopKey } from "./stopping";
 import type { Report } from "./viewer";
@@ -82,6 +82,7 @@ function receiveReport(report: Report): void {
         void learnDesign();
       }
       set(receive(state, message, cameAt));
+      if (message.type === "snapshot") void learnRecent();
       return;
     }
     case "picture":
@@ -123,6 +124,12 @@ async function identify(): Promise<void> {
   eyepiece.open();
   // Nothing is offered to who is not known: asked again until it is.
   if (who.is === "unclear" && state.session === null) setTimeout(() => void identify(), ASK_AGAIN_MS);
+}
+
+/** The last two minutes; the charts begin empty where they cannot be had. */
+async function learnRecent(): Promise<void> {
+  const recent = await api.recent();
+  if (recent.ok && state.session !== "stranger") set(remember(state, recent.value, Date.now()));
 }
 
 /** The design's figures; the page does without where they cannot be had. */

@@ -4,7 +4,15 @@ import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
 import { best, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import { routeOf, type Route } from "./route";
 import { standard, type Preferences } from "./preferences";
-import { follow, noTrail, type AxesPoint, type ClarityPoint, type SpacingPoint, type Trail } from "./trail";
+import {
+  filled,
+  follow,
+  noTrail,
+  type AxesPoint,
+  type ClarityPoint,
+  type SpacingPoint,
+  type Trail,
+} from "./trail";
 import type {
   Bench,
   Design,
@@ -15,6 +23,7 @@ import type {
   NewToken,
   PictureFacts,
   Problem,
+  Recent,
   Scope,
   ServerMessage,
   Session,
@@ -218,6 +227,34 @@ function withAxes(state: State, bench: Bench, now: number): Trail<AxesPoint> {
     return axis?.homed ? (axis.position_mm ?? null) : null;
   };
   return follow(state.axes, now / 1000, { focusMm: of("focus"), eMm: of("e") });
+}
+
+/** The state with the last two minutes as the daemon knows them, which came at `now`: a page that was just opened has not
+ *  seen them, nor has one that was cut off. */
+export function remember(state: State, recent: Recent, now: number): State {
+  const aheadMs = now - Date.parse(recent.now);
+  const trail = <Then extends { at: string }, Point>(all: Then[], point: (then: Then) => Point) => ({
+    at: all.map(({ at }) => (Date.parse(at) + aheadMs) / 1000),
+    points: all.map(point),
+  });
+  const positions = trail(recent.positions, ({ focus_mm, e_mm }) => ({
+    focusMm: focus_mm ?? null,
+    eMm: e_mm ?? null,
+  }));
+  const spacings = trail(recent.spacings, (then) => ({
+    spacingPx: then.spacing_px,
+    sigmaPx: then.spacing_sigma_px,
+    targetPx: then.spacing_target_px,
+  }));
+  return {
+    ...state,
+    axes: filled(state.axes, positions),
+    spacings: filled(state.spacings, spacings),
+    clarities: filled(
+      state.clarities,
+      trail(recent.clarities, ({ eog }) => eog ?? null),
+    ),
+  };
 }
 
 /** A stop that has been reset is over. */

@@ -26,8 +26,17 @@ export function choosable(event: Pressed): StopKey | null {
 interface Element {
   tagName: string;
   type?: string;
+  inputMode?: string;
   readOnly?: boolean;
   isContentEditable?: boolean;
+}
+
+/** What a number is spelt with. */
+const OF_NUMBERS = /^[\d.,+\-−eE]$/;
+
+/** Whether a field takes numbers only. */
+function isForNumbers({ type, inputMode }: Element): boolean {
+  return type === "number" || inputMode === "decimal" || inputMode === "numeric";
 }
 
 /** Whether what has the focus takes text. */
@@ -40,7 +49,7 @@ export function isTyping(focused: Element | null): boolean {
 
 /**
  * What a key event means: "stop" for the first press of the stop key, "consume" for its repeats and its release, which
- * would else click what has the focus; "pass" for everything else, and for every key while somebody types.
+ * would else click what has the focus; "pass" for everything else, and for what somebody types.
  */
 export function meaning(
   event: Pressed & Pick<KeyboardEvent, "type" | "repeat" | "isComposing">,
@@ -49,6 +58,8 @@ export function meaning(
 ): "stop" | "consume" | "pass" {
   if (event.code !== key.code || event.isComposing || event.altKey || event.ctrlKey || event.metaKey)
     return "pass";
-  if (isTyping(focused)) return "pass";
+  // In a field for numbers what spells none stops, as it does everywhere: whoever moves an axis types there.
+  const spelt = focused && isForNumbers(focused) ? OF_NUMBERS.test(event.key) : true;
+  if (isTyping(focused) && spelt) return "pass";
   return event.type === "keydown" && !event.repeat ? "stop" : "consume";
 }

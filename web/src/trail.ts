@@ -26,6 +26,21 @@ export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): T
   return { at: [...trail.at.slice(from), atS], points: [...trail.points.slice(from), point] };
 }
 
+/** The trail with what is known of it from elsewhere, oldest first: that fills what it lacks before and within. */
+export function filled<Point>(trail: Trail<Point>, known: Trail<Point>): Trail<Point> {
+  const [oldest, newest] = [known.at[0], known.at.at(-1)];
+  if (oldest === undefined || newest === undefined) return trail;
+  const part = (holds: (atS: number) => boolean) => ({
+    at: trail.at.filter(holds),
+    points: trail.points.filter((_, index) => holds(trail.at[index] ?? oldest)),
+  });
+  const [before, after] = [part((atS) => atS < oldest), part((atS) => atS > newest)];
+  return {
+    at: [...before.at, ...known.at, ...after.at],
+    points: [...before.points, ...known.points, ...after.points],
+  };
+}
+
 /** A spacing with its uncertainty and target, px. */
 export interface SpacingPoint {
   spacingPx: number;

@@ -41,6 +41,20 @@ describe("the stop key", () => {
     expect(isTyping(null)).toBe(false);
   });
 
+  it("stops in a field for numbers, too, unless it spells one", () => {
+    const fields = [
+      { tagName: "INPUT", type: "text", inputMode: "decimal" },
+      { tagName: "INPUT", type: "number" },
+    ];
+    const five = { code: "Digit5", name: "5" };
+    for (const field of fields) {
+      expect(meaning(key("Space"), field, SPACE)).toBe("stop");
+      expect(meaning(key("Space", { type: "keyup" }), field, SPACE)).toBe("consume");
+      expect(meaning(key("Digit5", { key: "5" }), field, five)).toBe("pass");
+    }
+    expect(meaning(key("Digit5", { key: "5" }), button, five)).toBe("stop");
+  });
+
   it("leaves every other key, and combinations, alone", () => {
     expect(meaning(key("Enter"), button, SPACE)).toBe("pass");
     expect(meaning(key("Space", { ctrlKey: true }), button, SPACE)).toBe("pass");

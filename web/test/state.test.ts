@@ -12,6 +12,7 @@ import {
   receive,
   receivePicture,
   receiveReading,
+  remember,
   STALE_MS,
   type State,
 } from "../src/state";
@@ -272,6 +273,31 @@ describe("the bench anew", () => {
     const latched = receive(before, said({ stop: { latched: true, since: "2026-01-01T00:00:00Z" } }), 6000);
     expect(latched.stopSent).not.toBeNull();
     expect(receive(latched, said({}), 7000).stopSent).toBeNull();
+  });
+
+  it("fills the charts with what the daemon knows, before the page was opened and while it was cut off", () => {
+    const at = (ms: number) => new Date(ms).toISOString();
+    // The daemon's clock is 1 s behind.
+    const recent = {
+      now: at(99_000),
+      positions: [
+        { at: at(1000), focus_mm: 1, e_mm: null },
+        { at: at(50_000), focus_mm: 2, e_mm: 30 },
+      ],
+      spacings: [{ at: at(3000), spacing_px: 20, spacing_sigma_px: 0.01, spacing_target_px: 19.7 }],
+      clarities: [{ at: at(3000), eog: 7 }],
+    };
+    const state = remember(open(), recent, 100_000);
+    expect(state.axes.at).toEqual([1, 2, 51]);
+    expect(state.axes.points.slice(1)).toEqual([
+      { focusMm: 1, eMm: null },
+      { focusMm: 2, eMm: 30 },
+    ]);
+    expect(state.spacings).toEqual({ at: [4], points: [{ spacingPx: 20, sigmaPx: 0.01, targetPx: 19.7 }] });
+    expect(state.clarities).toEqual({ at: [4], points: [7] });
+    const now = measured();
+    expect(remember(now, { ...recent, spacings: [], clarities: [] }, 100_000).spacings).toBe(now.spacings);
+    expect(remember(now, recent, 100_000).spacings.at).toEqual([4, 5]);
   });
 
   it("keeps clarity beside the spacing, for the charts", () => {

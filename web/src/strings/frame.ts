@@ -39,7 +39,7 @@ export const frame = {
 
 export const stop = {
   stop: "STOP",
-  more: (key: string) => `Stop every axis at once (${key} while you do not type)`,
+  more: (key: string) => `Stop every axis at once (${key}, unless you type text)`,
   key: (key: string) => `or ${key}`,
   stopped: "Stopped",
   stoppedSince: (time: string, by: string) => `Stopped at ${time}${by && ` by ${by}`}`,

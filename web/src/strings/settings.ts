@@ -7,7 +7,7 @@ export const settings = {
   nameMore: "shown to others while you have control",
   unit: "Lengths in",
   stopKey: "Stop key",
-  stopKeyMore: "Stops the bench while you do not type in a field.",
+  stopKeyMore: "Stops the bench, unless it is text that you type.",
   stopKeyChange: "Change",
   stopKeyPress: "Press the key… (Escape leaves it as it is)",
   stopKeyReset: "Back to Space",
