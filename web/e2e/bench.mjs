@@ -25,10 +25,24 @@ try {
   const address = await daemon.address();
   const [ana, ben] = [await visit(address), await visit(address)];
 
+  step("a name is asked for once, to be shown to others");
+  const naming = ana.page.locator(".ask-name");
+  await naming.locator("input").fill("Ana");
+  await photograph(ana.page, "name-asked");
+  await naming.locator("input").press("Enter");
+  await naming.waitFor({ state: "detached" });
+  await ben.page.locator("#no-name").click();
+  for (const { page } of [ana, ben]) {
+    await page.reload();
+    await page.locator(".axes").waitFor();
+    assert.equal(await page.locator(".ask-name").count(), 0, "a name is asked for again");
+  }
+
   step("the space bar is a character while one types");
   await open(ana.page, "Settings");
   await ana.page.locator("#name").click();
-  await ana.page.keyboard.type("Ana at the bench");
+  await ana.page.keyboard.press("End");
+  await ana.page.keyboard.type(" at the bench");
   assert.equal(await ana.page.locator("#name").inputValue(), "Ana at the bench");
   await open(ben.page, "Settings");
   await ben.page.locator("#name").fill("Ben");
@@ -144,11 +158,12 @@ try {
   await ana.page.unroute("**/jog");
   await ana.page.locator(".problem button").first().click();
 
-  step("who has no control is refused in the daemon's words");
-  await press(ben.page, hold(ben.page, "focus", "low"));
-  await ben.page.locator(".problem", { hasText: "Ana at the bench" }).waitFor();
-  await ben.page.mouse.up();
-  await ben.page.locator(".problem button").click();
+  step("who has no control is offered nothing that moves, and told who has it");
+  assert(await hold(ben.page, "focus", "low").isDisabled());
+  await ben.page
+    .locator(".axes", { hasText: "Ana at the bench has control: nothing can be moved" })
+    .waitFor();
+  await ana.page.locator(".lease[data-lease=mine]", { hasText: "as Ana at the bench" }).waitFor();
 
   step("a step goes by what it says");
   const from = await position("focus");
@@ -206,18 +221,28 @@ try {
   await until(() => ana.page.evaluate(traced), "the chart of the axes begins empty");
   await photograph(ana.page, "reloaded");
 
-  step("control is taken over, after a question, and the other sees it");
+  step(
+    "control is taken over, after a question, and the other is told at once: a button held down goes dead",
+  );
+  const low = hold(ana.page, "focus", "low");
+  await press(ana.page, low);
+  const running = await position("focus");
+  await until(async () => (await position("focus")) < running - 0.1, "the axis does not move");
   await ben.page.getByRole("button", { name: "Take over…" }).click();
   await ben.page.locator(".lease .ask", { hasText: "Ana at the bench" }).waitFor();
   await ben.page.getByRole("button", { name: "Take over", exact: true }).click();
   await ben.page.locator(".lease[data-lease=mine]").waitFor();
   await ana.page.locator(".lease[data-lease=others]", { hasText: "Ben has control" }).waitFor();
-  const taken = await position("focus");
-  await press(ana.page, forward);
-  await ana.page.locator("header .problem").waitFor();
+  const lost = ana.page.locator(".control-lost", { hasText: "Ben has taken control from you." });
+  await lost.waitFor();
+  assert.equal(await low.getAttribute("data-held"), "false");
+  assert(await low.isDisabled());
+  await still("focus", "it moves on without control");
   await ana.page.mouse.up();
-  assert(Math.abs((await position("focus")) - taken) < 0.01, "it moved without control");
   await photograph(ana.page, "taken-over");
+  await accessible(ana.page);
+  await lost.locator("button").click();
+  await lost.waitFor({ state: "detached" });
 
   step("given back, it is free for everybody");
   await ben.page.getByRole("button", { name: "Release control" }).click();

@@ -17,7 +17,15 @@ export type Send = <T>(
   key?: string,
 ) => Promise<{ ok: true; value: T } | { ok: false; problem: Problem }>;
 
+/** How control ended that was not given back. */
+export interface ControlLost {
+  /** Who has it now; null where it ran out. */
+  to: string | null;
+}
+
 export class LeaseKeeper {
+  /** Whether the daemon has said that this page has the lease, and it was not given back since. */
+  private had = false;
   private timer: ReturnType<typeof setInterval> | null = null;
   private renewedAt = 0;
 
@@ -37,6 +45,16 @@ export class LeaseKeeper {
   /** Whether a lease seen is the one this page holds. */
   isMine(lease: { id: string } | null): boolean {
     return lease !== null && this.key !== null && lease.id === this.storage.getItem(ID);
+  }
+
+  /** Hears what the daemon says of the lease: that it is this page's, or that this page has lost it. */
+  heard(lease: { id: string; owner: string } | null): "mine" | ControlLost | null {
+    const had = this.had;
+    this.had = this.isMine(lease);
+    if (this.had) return "mine";
+    if (!had) return null;
+    this.forget();
+    return { to: lease?.owner ?? null };
   }
 
   /** Takes the lease where nobody has it. */
@@ -97,6 +115,7 @@ export class LeaseKeeper {
   /** Gives the lease back. */
   async release(): Promise<void> {
     const mine = this.key;
+    this.had = false;
     this.forget();
     if (mine !== null) await this.send("DELETE", "/api/v1/lease", undefined, mine);
   }

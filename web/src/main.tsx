@@ -49,6 +49,16 @@ function set(next: State, everyMs = SOON_MS): void {
   cadence.due(everyMs);
 }
 
+/** The state with how control of the bench was lost to this page; what is held down is let go of by that. */
+function withControl(next: State): State {
+  if (!next.bench || next.bench === state.bench) return next;
+  const heard = api.lease.heard(next.bench.lease ?? null);
+  if (heard === null) return next;
+  if (heard === "mine") return next.controlLost === null ? next : { ...next, controlLost: null };
+  jog.release();
+  return { ...next, controlLost: heard };
+}
+
 /** What follows from the state for those outside of it. */
 function heed(): void {
   const { preferences, session, route } = state;
@@ -81,7 +91,7 @@ function receiveReport(report: Report): void {
         eyepiece.forget();
         void learnDesign();
       }
-      set(receive(state, message, cameAt));
+      set(withControl(receive(state, message, cameAt)));
       if (message.type === "snapshot") void learnRecent();
       return;
     }

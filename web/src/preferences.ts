@@ -9,8 +9,8 @@ export const OVERLAYS = ["grid", "pairs", "error", "saturation"] as const;
 export type Overlay = (typeof OVERLAYS)[number];
 
 export interface Preferences {
-  /** What others are shown as the lease's owner; empty for the name one signed in with. */
-  name: string;
+  /** What others are shown as the lease's owner; empty for the name one signed in with, null before it was asked for. */
+  name: string | null;
   stopKey: StopKey;
   unit: LengthUnit;
   overlays: Overlay[];
@@ -21,7 +21,7 @@ export interface Preferences {
 }
 
 export const standard: Preferences = {
-  name: "",
+  name: null,
   stopKey: SPACE,
   unit: "mm",
   overlays: [],

@@ -2,6 +2,7 @@
 
 import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
 import { best, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
+import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
 import { standard, type Preferences } from "./preferences";
 import {
@@ -70,6 +71,8 @@ export interface State {
   stopFailed: Problem | null;
   /** A token just made, whose secret nobody has said yet to have kept. */
   made: NewToken | null;
+  /** Who has taken control of the bench from this page, until that is dismissed. */
+  controlLost: ControlLost | null;
   /** When the newest reset was that has been read and dismissed. */
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
@@ -108,6 +111,7 @@ export const initial: State = {
   problem: null,
   stopFailed: null,
   made: null,
+  controlLost: null,
   resetSeen: null,
   stopSent: null,
   route: routeOf(""),

@@ -51,6 +51,25 @@ describe("the lease", () => {
   beforeEach(() => void vi.useFakeTimers());
   afterEach(() => void vi.useRealTimers());
 
+  it("is lost to another, or by itself, and not by being given back", async () => {
+    const { send } = daemon();
+    const lease = keeper(send);
+    expect(lease.heard({ id: "x", owner: "Ben" })).toBeNull();
+    await lease.take();
+    // What was on its way when it was taken.
+    expect(lease.heard(null)).toBeNull();
+    expect(lease.heard({ id: "id1", owner: "Ana" })).toBe("mine");
+    expect(lease.heard({ id: "x", owner: "Ben" })).toEqual({ to: "Ben" });
+    expect([lease.key, lease.heard({ id: "x", owner: "Ben" })]).toEqual([null, null]);
+    await lease.takeOver();
+    expect(lease.heard({ id: "id2", owner: "Ana" })).toBe("mine");
+    expect(lease.heard(null)).toEqual({ to: null });
+    await lease.takeOver();
+    expect(lease.heard({ id: "id3", owner: "Ana" })).toBe("mine");
+    await lease.release();
+    expect(lease.heard(null)).toBeNull();
+  });
+
   it("is taken under a name and renewed well within its time to live", async () => {
     const { calls, send } = daemon();
     const lease = keeper(send);

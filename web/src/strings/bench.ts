@@ -6,7 +6,14 @@ export const lease = {
   owner: "a browser",
   unclear: "Who has control is not known.",
   free: "Nobody has control.",
-  mine: "This page has control.",
+  mine: (owner: string) => `This page has control${owner === lease.owner ? "" : `, as ${owner}`}.`,
+  ranOut: "Your control has ended.",
+  taken: (owner: string) => `${owner} has taken control from you.`,
+  lostMore: "What you held down has been let go of, and the axes that it moved have stopped.",
+  askName: "What is your name?",
+  askNameMore: "Others are shown it while you have control.",
+  askNameKeep: "Keep it",
+  askNameNot: "No name",
   held: (owner: string, note?: string | null) => `${owner} has control${note ? ` (${note})` : ""}.`,
   byJob: "until the job ends",
   left: (seconds: number) => `for ${seconds} s unless renewed`,
@@ -63,6 +70,7 @@ export const byHand = {
     high: "The one at the high end",
   } satisfies Record<Side, string>,
   leaveNot: "Don’t move",
+  others: (owner: string) => `${owner} has control: nothing can be moved from here until you have it.`,
   hint: "Press and hold ◀ or ▶; letting go stops the axis.",
 };
 

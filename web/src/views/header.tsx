@@ -3,7 +3,8 @@ import { wait } from "../format";
 import { addressOf, PAGES } from "../route";
 import { strings } from "../strings";
 import { Absences } from "./absences";
-import { Lease } from "./bench/lease";
+import { AskName } from "./ask-name";
+import { ControlGone, Lease } from "./bench/lease";
 import { ProblemLine } from "./problem";
 import type { Scene } from "./scene";
 import { Secret } from "./secret";
@@ -61,6 +62,8 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
         </div>
       )}
       <StopNotices {...scene} />
+      {state.controlLost && <ControlGone {...scene} lost={state.controlLost} />}
+      <AskName {...scene} />
       {bench && state.link === "open" && <Absences bench={bench} />}
       {bench?.history_fault && (
         <div class="problem" role="alert" id="history-fault">

@@ -40,7 +40,7 @@ export function StopNotices(scene: Scene) {
       )}
       {state.bench?.stop.latched && <Stopped {...scene} stop={state.bench.stop} />}
       {reset && (
-        <div class="was-reset" role="status">
+        <div class="was-reset" role="alert">
           <p>
             <b>{strings.stop.wasReset(reset.by, clock(reset.at))}:</b> {reset.why}
             {reset.stopped_at &&
@@ -56,7 +56,7 @@ export function StopNotices(scene: Scene) {
 }
 
 /** Since when the bench is stopped and by whom; and the question why it may move again. */
-function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
+function Stopped({ state, act, update, stop }: Scene & { stop: Bench["stop"] }) {
   const [asking, ask] = useState(false);
   const [why, setWhy] = useState("");
   const { since, by, unread } = stop;
@@ -65,7 +65,11 @@ function Stopped({ state, act, stop }: Scene & { stop: Bench["stop"] }) {
   useEffect(() => (asking ? reason.current?.focus() : undefined), [asking]);
   const submit = async (event: Event) => {
     event.preventDefault();
-    if (await act(api.resetStop(why.trim()))) {
+    const asked = api.resetStop(why.trim());
+    if (await act(asked)) {
+      const answer = await asked;
+      // Whoever has reset it needs no telling.
+      if (answer.ok) update({ resetSeen: answer.value.reset?.at ?? null });
       ask(false);
       // What had the focus goes with the stop: whoever is at the keyboard goes on from the page's own content.
       document.getElementById("content")?.focus({ preventScroll: true });

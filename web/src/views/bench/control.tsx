@@ -1,6 +1,7 @@
 import { PACES, type Pace } from "../../pace";
 import { STEPS_MM } from "../../preferences";
-import { may } from "../../state";
+import * as api from "../../api";
+import { able, may } from "../../state";
 import { strings } from "../../strings";
 import { plain } from "../../units";
 import { useState } from "preact/hooks";
@@ -19,11 +20,14 @@ export function Bench(scene: Scene) {
   if (!bench) return null;
   const { unit, stepMm } = state.preferences;
   const commanding = may(state, "control");
-  const busy = Boolean(bench.job) || bench.stop.latched || state.link !== "open" || !commanding;
+  const { lease } = bench;
+  const others = lease && !api.lease.isMine(lease) ? lease.owner : null;
+  const busy = Boolean(bench.job) || bench.stop.latched || !able(state, "control") || others !== null;
   return (
     <section class="card axes" aria-label={strings.byHand.title}>
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
+      {commanding && others !== null && <p class="quiet">{strings.byHand.others(others)}</p>}
       <p class="paces">
         <Old {...scene} />
         <span class="quiet">{strings.byHand.step}</span>

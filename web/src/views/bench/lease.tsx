@@ -1,6 +1,7 @@
 import { useState } from "preact/hooks";
 import * as api from "../../api";
 import { may } from "../../state";
+import type { ControlLost } from "../../lease";
 import { strings } from "../../strings";
 import { Ask } from "../ask";
 import type { Scene } from "../scene";
@@ -25,7 +26,7 @@ export function Lease({ state, act, now }: Scene) {
       : lease === null
         ? strings.lease.free
         : mine
-          ? strings.lease.mine
+          ? strings.lease.mine(lease.owner)
           : strings.lease.held(lease.owner, lease.note);
   const more =
     lease === null || mine || state.link !== "open"
@@ -71,6 +72,21 @@ export function Lease({ state, act, now }: Scene) {
           }}
         />
       )}
+    </div>
+  );
+}
+
+/** That control was lost, told at once: what was held down has been let go of. */
+export function ControlGone({ lost, update }: Scene & { lost: ControlLost }) {
+  return (
+    <div class="control-lost" role="alert">
+      <p>
+        <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(lost.to)}</b>{" "}
+        {strings.lease.lostMore}
+      </p>
+      <button type="button" onClick={() => update({ controlLost: null })}>
+        {strings.dismiss}
+      </button>
     </div>
   );
 }

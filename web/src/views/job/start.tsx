@@ -11,7 +11,7 @@ import {
   type Draft,
   type NumberField,
 } from "../../job-kinds";
-import { may } from "../../state";
+import { able, may } from "../../state";
 import { strings } from "../../strings";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
@@ -39,11 +39,13 @@ export function StartJob({ state, act }: Scene) {
   const means = implied(draft, state.bench?.axes ?? [], unit);
   const plan = usePlan(PLANNED.includes(draft.kind));
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
+  const held = state.bench?.lease ?? null;
+  const others = held && !api.lease.isMine(held) ? held.owner : null;
   const ready =
     Boolean(state.bench) &&
     !state.bench?.stop.latched &&
-    state.link === "open" &&
-    may(state, "control") &&
+    able(state, "control") &&
+    others === null &&
     plan?.possible !== false;
   const submit = async (event: Event) => {
     event.preventDefault();
@@ -141,6 +143,7 @@ export function StartJob({ state, act }: Scene) {
           {strings.job.start}: {strings.job.kinds[draft.kind]}
         </button>
       </p>
+      {others !== null && <p class="quiet">{strings.byHand.others(others)}</p>}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>
   );

@@ -20,7 +20,7 @@ export function Preferences({ state, update }: Scene) {
         <input
           id="name"
           maxLength={64}
-          value={preferences.name}
+          value={preferences.name ?? ""}
           placeholder={strings.lease.owner}
           onInput={(event) => set({ name: event.currentTarget.value })}
         />

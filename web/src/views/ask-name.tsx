@@ -1,0 +1,39 @@
+import { useState } from "preact/hooks";
+import { may } from "../state";
+import { strings } from "../strings";
+import type { Scene } from "./scene";
+
+/** Asks, once in a browser, what others are to be told who has control here. */
+export function AskName({ state, update }: Scene) {
+  const [text, setText] = useState("");
+  const { preferences, session } = state;
+  const known = session === null || session === "stranger" || session.signed_in;
+  if (preferences.name !== null || known || !may(state, "control")) return null;
+  const name = (name: string) => update({ preferences: { ...preferences, name } });
+  return (
+    <form
+      class="ask-name"
+      onSubmit={(event) => {
+        event.preventDefault();
+        name(text.trim());
+      }}
+    >
+      <label for="your-name">
+        <b>{strings.lease.askName}</b> {strings.lease.askNameMore}
+      </label>
+      <input
+        id="your-name"
+        maxLength={64}
+        autocomplete="name"
+        value={text}
+        onInput={(event) => setText(event.currentTarget.value)}
+      />
+      <button type="submit" disabled={text.trim() === ""}>
+        {strings.lease.askNameKeep}
+      </button>
+      <button type="button" id="no-name" onClick={() => name("")}>
+        {strings.lease.askNameNot}
+      </button>
+    </form>
+  );
+}
