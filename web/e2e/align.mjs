@@ -239,7 +239,12 @@ try {
   await photograph(page, "zoomed");
   await page.getByRole("button", { name: "Whole" }).click();
 
-  step("a daemon that is killed is seen to be gone");
+  step("a daemon that is killed is seen to be gone, in the midst of a job");
+  await open(page, "Alignment");
+  await page.locator("#note").fill("cut short");
+  await page.locator("#start").click();
+  await page.locator(".turn").waitFor();
+  await open(page, "Live");
   daemon.process.kill("SIGKILL");
   await page.locator(".link[data-link=lost]").waitFor({ timeout: 10_000 });
   assert.equal(await page.locator(".picture").getAttribute("data-state"), "stale");
@@ -249,8 +254,13 @@ try {
   await photograph(page, "lost");
 
   step("a stop that is not delivered is told, large");
+  let undelivered = 0;
+  page.on("requestfailed", (request) => {
+    if (new URL(request.url()).pathname === "/api/v1/stop") undelivered += 1;
+  });
   await page.locator("#stop").click();
   await page.locator(".stop-failed").waitFor({ timeout: 10_000 });
+  await until(() => undelivered === 3, "the stop is not tried again");
 
   step("and is seen to be back, with nothing of the old run left");
   await daemon.ended;
@@ -262,8 +272,20 @@ try {
     .catch(() => {});
   await page.locator(".link").waitFor({ state: "detached", timeout: 20_000 });
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
+  await page.locator(".stop-failed").waitFor({ state: "detached" });
+  await page.locator("header .problem", { hasText: "The bench is not stopped" }).waitFor();
+  await page.locator("header .problem button").click();
+
+  step("what was interrupted is shown, with the way on");
   await open(page, "Alignment");
-  await page.locator(".job[data-state=none]").waitFor({ timeout: 10_000 });
+  const cut = page.locator(".job[data-state=interrupted]", { hasText: "cut short" });
+  await cut.getByText("the axes have to be homed again").waitFor({ timeout: 10_000 });
+  await cut.locator(".way-on li", { hasText: "Whether the shell is on is not known" }).waitFor();
+  await photograph(page, "interrupted");
+  await accessible(page);
+  await page.reload();
+  await cut.locator("#start-again").click();
+  await page.locator(".job[data-state=running]", { hasText: "cut short" }).waitFor();
   daemon.process.kill("SIGTERM");
   assert.equal(await daemon.ended, 0, "the daemon's exit code after SIGTERM");
 

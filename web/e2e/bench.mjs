@@ -271,6 +271,9 @@ try {
   await photograph(ana.page, "frozen");
   daemon.process.kill("SIGCONT");
   await ana.page.locator(".link").waitFor({ state: "detached", timeout: 20_000 });
+  step("which is over when the connection is back, and known to have been late");
+  await ana.page.locator(".stop-failed").waitFor({ state: "detached" });
+  await resetStop(ana.page, "it came late");
 
   step("nothing on any page keeps out who cannot see or has no mouse");
   for (const name of ["Live", "Alignment", "Design", "History", "Settings"]) {

@@ -29,7 +29,14 @@ function takeConfirmKey(): void {
 }
 
 takeConfirmKey();
-let state: State = { ...initial, route: routeOf(location.hash), preferences: recall(localStorage) };
+/** The newest reset of the stop that was read here is no news after a reload. */
+const RESET_SEEN = "plenalign.reset-seen";
+let state: State = {
+  ...initial,
+  route: routeOf(location.hash),
+  preferences: recall(localStorage),
+  resetSeen: sessionStorage.getItem(RESET_SEEN),
+};
 const root = document.getElementById("app");
 const cadence = new Cadence(() => {
   if (!root) return;
@@ -44,6 +51,8 @@ function set(next: State, everyMs = SOON_MS): void {
   const before = state;
   state = next;
   if (next.preferences !== before.preferences) keep(localStorage, next.preferences);
+  if (next.resetSeen !== null && next.resetSeen !== before.resetSeen)
+    sessionStorage.setItem(RESET_SEEN, next.resetSeen);
   if (endsPress(before, next)) jog.release();
   heed();
   cadence.due(everyMs);
@@ -190,7 +199,7 @@ watchJog((problem) => update({ problem }));
 watchStopKey(
   () => state.preferences.stopKey,
   () => state.session !== "stranger",
-  () => void stop(update),
+  () => void stop(update, newest),
 );
 // Its secret is shown only now: a reload would lose it.
 window.addEventListener("beforeunload", (event) => state.made && event.preventDefault());

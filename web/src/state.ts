@@ -5,6 +5,7 @@ import { best, frameReading, missing, reading, type Best, type Missing, type Rea
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
 import { standard, type Preferences } from "./preferences";
+import { strings } from "./strings";
 import {
   filled,
   follow,
@@ -148,6 +149,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         version: message.version,
         bench: message.bench,
         stopSent: withStop(state, message.bench),
+        ...withOutage(state, message.bench, true),
         jobs: message.jobs,
         ...withSnapshot(message.measurement ?? null, now),
         axes: withAxes(state, message.bench, now),
@@ -159,6 +161,7 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         seq,
         bench: message.bench,
         stopSent: withStop(state, message.bench),
+        ...withOutage(state, message.bench, Boolean(state.bench?.stop.unread)),
         axes: withAxes(state, message.bench, now),
         // With the shell on it is another camera: what was best without says nothing.
         ...(state.bench && state.bench.shell !== message.bench.shell ? { best: null } : {}),
@@ -260,6 +263,21 @@ export function remember(state: State, recent: Recent, now: number): State {
     ),
   };
 }
+
+/** That a stop was not delivered is over once it is known whether the bench is stopped; where it is not, that is said. */
+function withOutage({ stopFailed }: State, { stop }: Bench, isNews: boolean): Partial<State> {
+  if (stopFailed === null || stop.unread) return {};
+  if (stop.latched) return { stopFailed: null };
+  // While the connection lasts, it may still be on its way.
+  return isNews ? { stopFailed: null, problem: notStopped } : {};
+}
+
+const notStopped: Problem = {
+  type: "about:blank",
+  title: strings.stop.notStopped,
+  status: 0,
+  detail: strings.stop.notStoppedMore,
+};
 
 /** A stop that has been reset is over. */
 function withStop(state: State, bench: Bench): State["stopSent"] {

@@ -20,9 +20,12 @@ const unanswered: Problem = {
 };
 
 /** Sends the stop until the daemon has it, or three times. */
-export async function stop(update: (change: Partial<State>) => void): Promise<void> {
+export async function stop(update: (change: Partial<State>) => void, newest: () => State): Promise<void> {
   jog.release();
-  const late = setTimeout(() => update({ stopFailed: unanswered }), LATE_MS);
+  const late = setTimeout(() => {
+    // It has arrived where the bench is known to be stopped, although the answer has not.
+    if (newest().link !== "open" || !newest().bench?.stop.latched) update({ stopFailed: unanswered });
+  }, LATE_MS);
   const result = await deliver(update);
   clearTimeout(late);
   if (!result.ok) return update({ stopFailed: result.problem });

@@ -324,6 +324,33 @@ describe("a stop and its reset", () => {
     expect(endsPress(withStop({ reset }), withStop({ reset: again }))).toBe(true);
   });
 
+  it("leave nothing to be said of a stop that was not delivered, once it is known whether the bench is stopped", () => {
+    const stopFailed = { type: "about:blank", title: "t", status: 0, detail: "d" };
+    const cut: State = { ...open(), link: "lost", stopFailed };
+    const back = (latched: boolean) =>
+      receive(
+        cut,
+        { ...snapshot(9), bench: { ...bench, stop: { ...bench.stop, latched } } } as ServerMessage,
+        0,
+      );
+    expect(back(true)).toMatchObject({ stopFailed: null, problem: null });
+    expect(back(false)).toMatchObject({ stopFailed: null, problem: { title: "The bench is not stopped" } });
+    expect(receive(open(), snapshot(9), 0).problem).toBeNull();
+
+    // A daemon that has just begun does not know how an earlier run left it.
+    const said = (stop: Partial<Bench["stop"]>) => ({ ...bench, stop: { ...bench.stop, ...stop } });
+    const unread = receive(
+      cut,
+      { ...snapshot(9), bench: said({ latched: true, unread: "not yet" }) } as ServerMessage,
+      0,
+    );
+    expect(unread).toMatchObject({ stopFailed, problem: null });
+    const read: ServerMessage = { type: "bench", seq: 10, boot_id: boot, bench: said({ latched: false }) };
+    expect(receive(unread, read, 0)).toMatchObject({ stopFailed: null, problem: { status: 0 } });
+    // And one that has been there all the time need not have heard of it yet.
+    expect(receive({ ...open(), stopFailed }, read, 0)).toMatchObject({ stopFailed, problem: null });
+  });
+
   it("are news for ten minutes, until they are dismissed or the bench is stopped again", () => {
     const now = Date.parse(at);
     expect(newsOfReset(open(), now)).toBeNull();

@@ -56,6 +56,8 @@ export const stop = {
   hadStopped: (by: string, time: string) => `stopped at ${time}${by && ` by ${by}`}`,
   failed: "STOP WAS NOT DELIVERED",
   failedMore: "Use the hardware emergency stop.",
+  notStopped: "The bench is not stopped",
+  notStoppedMore: "The connection is back, and the STOP that you gave meanwhile has not arrived.",
   tried: "The page goes on trying.",
   again: "Stop again",
   delivery: { confirmed: "stopped", sent: "sent, not confirmed", undeliverable: "NOT DELIVERABLE" },

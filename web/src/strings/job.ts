@@ -138,6 +138,17 @@ export const job = {
     failed: "Failed",
     interrupted: "Interrupted",
   } satisfies Record<JobState, string>,
+  wayOn: {
+    title: "The way on",
+    look: "Look at the bench: the axes stand wherever they were, and nothing goes on by itself.",
+    reset: "Reset the stop.",
+    shell:
+      "Whether the shell is on is not known any more, and counts as on: say so on the page Live, under “Shell”.",
+    again: "Start it again: it homes the axes, and measures anew.",
+    airFirst:
+      "Its air step was forgotten with the daemon’s end: take the shell off, and start a joint alignment below.",
+    start: "Start again",
+  },
   report: "Report to print",
   csv: "Iterations, CSV",
   json: "Everything, JSON",

@@ -1,14 +1,14 @@
 import { useState } from "preact/hooks";
-import { may } from "../state";
+import { able } from "../state";
 import { strings } from "../strings";
 import type { Scene } from "./scene";
 
 /** Asks, once in a browser, what others are to be told who has control here. */
 export function AskName({ state, update }: Scene) {
   const [text, setText] = useState("");
-  const { preferences, session } = state;
-  const known = session === null || session === "stranger" || session.signed_in;
-  if (preferences.name !== null || known || !may(state, "control")) return null;
+  const { preferences } = state;
+  const known = state.session !== null && state.session !== "stranger" && state.session.signed_in;
+  if (preferences.name !== null || known || !able(state, "control")) return null;
   const name = (name: string) => update({ preferences: { ...preferences, name } });
   return (
     <form

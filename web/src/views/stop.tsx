@@ -9,10 +9,10 @@ import type { Scene } from "./scene";
 import { useSettled } from "./settled";
 
 /** STOP, on every page, for everybody. */
-export function Stop({ state, update }: Scene) {
+export function Stop({ state, update, newest }: Scene) {
   const key = state.preferences.stopKey.name;
   return (
-    <button type="button" id="stop" title={strings.stop.more(key)} onClick={() => void stop(update)}>
+    <button type="button" id="stop" title={strings.stop.more(key)} onClick={() => void stop(update, newest)}>
       {strings.stop.stop} <small>{strings.stop.key(key)}</small>
     </button>
   );
@@ -20,7 +20,7 @@ export function Stop({ state, update }: Scene) {
 
 /** That the bench is stopped, or that it could not be, and who reset it last. */
 export function StopNotices(scene: Scene) {
-  const { state, update, now } = scene;
+  const { state, update, newest, now } = scene;
   const reset = newsOfReset(state, now);
   return (
     <>
@@ -30,7 +30,7 @@ export function StopNotices(scene: Scene) {
             <b>{strings.stop.failed}.</b> {strings.stop.failedMore} {state.stopFailed.title}:{" "}
             {state.stopFailed.detail}
           </p>
-          <button type="button" onClick={() => void stop(update)}>
+          <button type="button" onClick={() => void stop(update, newest)}>
             {strings.stop.again}
           </button>
           <button type="button" onClick={() => update({ stopFailed: null })}>

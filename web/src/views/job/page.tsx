@@ -11,6 +11,7 @@ import { Old } from "../old";
 import type { Scene } from "../scene";
 import { Downloads } from "./downloads";
 import { HandOn } from "./hand-on";
+import { useInterrupted, WayOn } from "./interrupted";
 import { Iterations } from "./iterations";
 import { Outcome } from "./outcome";
 import { Progress } from "./progress";
@@ -24,7 +25,8 @@ export function AlignmentPage(scene: Scene) {
   const asked = state.route.jobs[0];
   const { unit } = state.preferences;
   const earlier = useEarlier(scene, asked);
-  const present = currentJob(state);
+  const interrupted = useInterrupted(scene);
+  const present = currentJob(state) ?? interrupted;
   const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
   const running = present !== null && !isFinal(present.state);
   return (
@@ -35,7 +37,7 @@ export function AlignmentPage(scene: Scene) {
             {strings.job.earlier} <a href={addressOf("alignment")}>{strings.job.backToNow}</a>
           </p>
         )}
-        {job && <JobCard {...scene} job={job} />}
+        {job && <JobCard {...scene} job={job} present={job === present} />}
         {!job && (
           <p class="card job" data-state="none">
             {strings.job.none}
@@ -68,8 +70,8 @@ function useEarlier({ state, act }: Scene, id: string | undefined): Job | null {
   return earlier?.id === id ? earlier : null;
 }
 
-function JobCard(scene: Scene & { job: Job }) {
-  const { job } = scene;
+function JobCard(scene: Scene & { job: Job; present: boolean }) {
+  const { job, present } = scene;
   const over = isFinal(job.state);
   const { unit } = scene.state.preferences;
   return (
@@ -86,6 +88,7 @@ function JobCard(scene: Scene & { job: Job }) {
       {!over && <Turn {...scene} />}
       {!over && <Progress job={job} unit={unit} />}
       {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
+      {present && job.state === "interrupted" && <WayOn {...scene} />}
       {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}
     </section>
