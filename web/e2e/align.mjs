@@ -336,7 +336,7 @@ async function handOver(page) {
     "a key was sent in a path",
   );
   await other.reload();
-  await other.locator("#confirm").click();
+  await other.locator("#confirm").dblclick();
   await page.locator(".operator h3", { hasText: heading }).waitFor({ state: "detached", timeout: 15_000 });
   assert.deepEqual(theirs(), []);
   await context.close();

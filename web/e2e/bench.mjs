@@ -385,13 +385,13 @@ async function visit(address) {
   return { page, own };
 }
 
-/** In the page: whether the chart of the axes has a line before the newest fifth of it. */
+/** In the page: whether the chart of the axes has a line where what was 20 s and more ago is. */
 function traced() {
   const canvas = document.querySelectorAll(".charts canvas")[2];
   const { data, width } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   for (let at = 0; at < data.length; at += 4) {
     const x = ((at / 4) % width) / width;
-    if (x > 0.25 && x < 0.6 && data[at + 3] > 0 && data[at + 2] - data[at] > 90) return true;
+    if (x > 0.5 && x < 0.75 && data[at + 3] > 0 && data[at + 2] - data[at] > 90) return true;
   }
   return false;
 }

@@ -3,6 +3,7 @@ import type { Result } from "../api";
 import { strings } from "../strings";
 import type { State } from "../state";
 import type { NewToken, Problem, TokenRequest } from "../wire";
+import { AskName } from "./ask-name";
 import { Header } from "./header";
 import { DesignPage } from "./design/page";
 import { HistoryPage } from "./history/page";
@@ -64,6 +65,7 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
   return (
     <>
       <Header {...scene} leave={() => void leave()} />
+      <AskName {...scene} />
       <main id="content" tabIndex={-1} data-link={state.link} data-page={state.route.page}>
         <View {...scene} />
       </main>

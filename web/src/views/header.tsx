@@ -3,7 +3,6 @@ import { wait } from "../format";
 import { addressOf, PAGES } from "../route";
 import { strings } from "../strings";
 import { Absences } from "./absences";
-import { AskName } from "./ask-name";
 import { ControlGone, Lease } from "./bench/lease";
 import { ProblemLine } from "./problem";
 import type { Scene } from "./scene";
@@ -63,7 +62,6 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
       )}
       <StopNotices {...scene} />
       {state.controlLost && <ControlGone {...scene} lost={state.controlLost} />}
-      <AskName {...scene} />
       {bench && state.link === "open" && <Absences bench={bench} />}
       {bench?.history_fault && (
         <div class="problem" role="alert" id="history-fault">
