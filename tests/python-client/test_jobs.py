@@ -66,7 +66,12 @@ def test_a_watch_of_the_spacing(homed: plenalign.Client, tmp_path: Path) -> None
         ended = job.wait(timeout_s=120)
     assert isinstance(ended.outcome, SpacingWatchOutcome)
     assert ended.outcome.measured == len(job.iterations()) == len(job.measurements())
-    assert homed.measurement().frame_seq == job.measurements()[-1].frame_seq
+    newest = job.measurements()[-1]
+    assert homed.measurement().frame_seq == newest.frame_seq
+    recent = homed.recent()
+    assert [then.at for then in recent.clarities][-1] == newest.captured_at <= recent.now
+    assert recent.spacings
+    assert recent.positions[-1].focus_mm == pytest.approx(newest.focus_mm)
     lines = [line for line in job.save(tmp_path / "watch.csv").read_text().splitlines() if not line.startswith("#")]
     assert len(list(csv.DictReader(lines))) == ended.outcome.measured
 
