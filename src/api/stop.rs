@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::App;
 use super::error::{Problem, Result};
-use super::extract::JsonBody;
+use super::extract::{JsonBody, Query};
 use super::metrics::Arrived;
 use super::types::ResetRequest;
 use crate::access::{AuditRecord, LOCAL, Principal};
@@ -16,16 +16,32 @@ use crate::control::StopReport;
 use crate::control::events::StopView;
 use crate::control::lease::words;
 
+/// Who stops.
+#[derive(Debug, serde::Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Stopping {
+    /// Who, where no token says so: shown to everybody. It is beside the path, where it is read with it: a stop waits for
+    /// nothing. What could not be shown is left out, and refuses no stop.
+    owner: Option<String>,
+}
+
 /// Stops every axis at once and latches: motion is refused until the stop is reset.
 ///
 /// Answers in every state of the bench, and says for each axis how far the stop got.
-#[utoipa::path(post, path = "/api/v1/stop", operation_id = "stop", tag = "stop", responses((status = 200, body = StopReport)))]
+#[utoipa::path(
+    post, path = "/api/v1/stop", operation_id = "stop", tag = "stop", params(Stopping),
+    responses((status = 200, body = StopReport))
+)]
 pub(super) async fn stop(
     State(app): State<App>,
     Extension(Arrived(at)): Extension<Arrived>,
     Extension(principal): Extension<Principal>,
+    asked: Result<Query<Stopping>>,
 ) -> Json<StopReport> {
-    let report = app.service.stop(at, &principal.name).await;
+    let owner = asked.ok().and_then(|Query(Stopping { owner })| owner);
+    // Who has a token is known by it.
+    let owner = owner.filter(|owner| principal.name == LOCAL && words("owner", owner).is_ok());
+    let report = app.service.stop(at, owner.as_ref().unwrap_or(&principal.name)).await;
     // After the axes: nothing comes before them.
     let detail = json!({ "focus": report.focus, "e": report.e, "kept": report.kept });
     app.gate.audit(AuditRecord::of(&principal, "stop", detail));

@@ -54,6 +54,25 @@ async fn a_reset_without_a_reason_is_refused_and_releases_nothing() {
 }
 
 #[tokio::test]
+async fn who_stops_without_a_token_may_say_who_and_is_never_refused() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let (long, twice) = ("x".repeat(201), "?owner=Ada&owner=Ben".to_owned());
+    for (query, by) in [
+        ("?owner=Ada%20am%20M%C3%BCnster".to_owned(), "Ada am Münster"),
+        ("?owner=%20".to_owned(), "local"),
+        (format!("?owner={long}"), "local"),
+        (twice, "local"),
+        ("?who=Ada".to_owned(), "local"),
+    ] {
+        let answer = daemon.request(Method::POST, &format!("{STOP}{query}")).send().await.unwrap();
+        assert_eq!(answer.status(), 200, "{query}");
+        let stop = bench(&daemon).await["stop"].clone();
+        assert_eq!((&stop["latched"], &stop["by"]), (&json!(true), &json!(by)), "{query}");
+        assert_eq!(reset(&daemon, &json!({ "why": "a test" })).await.status(), 200);
+    }
+}
+
+#[tokio::test]
 async fn who_stopped_who_reset_and_why_are_seen_and_audited() {
     let daemon = Daemon::start(fakes().bench).await;
     daemon.request(Method::POST, STOP).send().await.unwrap();

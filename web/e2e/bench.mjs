@@ -54,7 +54,7 @@ try {
   await ana.page.locator("#reset").waitFor();
   assert.equal((await bench()).stop.latched, true);
   assert.equal((await bench()).lease ?? null, null, "the space bar clicked the button under the focus");
-  await ana.page.locator(".stopped", { hasText: /Stopped at .* by local/ }).waitFor();
+  await ana.page.locator(".stopped", { hasText: /Stopped at .* by Ana at the bench/ }).waitFor();
   await photograph(ana.page, "stopped-by");
 
   step("whoever resets it says why, and everybody sees who and why");

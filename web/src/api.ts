@@ -40,6 +40,8 @@ const TAKEOVER_MS = 30_000;
 /** The daemon's deadman has ended a jog long before; a stop that is not answered by then is sent anew. */
 const SHORT_MS = 3000;
 
+const STOP = "/api/v1/stop";
+
 interface Asked {
   body?: unknown;
   headers?: Record<string, string>;
@@ -70,7 +72,7 @@ async function exchange<T>(
 }
 
 function request<T>(method: string, path: string, body?: unknown, key?: string): Promise<Result<T>> {
-  const short = path.endsWith("/jog") || path.endsWith("/stop");
+  const short = path.endsWith("/jog") || path.startsWith(STOP);
   const timeoutMs = short ? SHORT_MS : path.endsWith("/takeover") ? TAKEOVER_MS : TIMEOUT_MS;
   return exchange<T>(method, path, {
     body,
@@ -97,8 +99,9 @@ export const releaseLease = async () => {
   return done(null);
 };
 
-export const stopAll = () => request<StopReport>("POST", "/api/v1/stop");
-export const resetStop = (why: string) => request<Bench["stop"]>("DELETE", "/api/v1/stop", { why, owner });
+export const stopAll = () =>
+  request<StopReport>("POST", `${STOP}?${new URLSearchParams({ owner }).toString()}`);
+export const resetStop = (why: string) => request<Bench["stop"]>("DELETE", STOP, { why, owner });
 
 export const home = (axis: AxisName) => lease.command<Bench>("POST", `/api/v1/axes/${axis}/home`);
 export const leaveSwitch = (axis: AxisName, pressed: Side) =>

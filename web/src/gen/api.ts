@@ -9384,7 +9384,13 @@ export interface operations {
   };
   stop: {
     parameters: {
-      query?: never;
+      query?: {
+        /**
+         * @description Who, where no token says so: shown to everybody. It is beside the path, where it is read with it: a stop waits for
+         *     nothing. What could not be shown is left out, and refuses no stop.
+         */
+        owner?: string;
+      };
       header?: never;
       path?: never;
       cookie?: never;
@@ -9401,6 +9407,15 @@ export interface operations {
       };
       /** @description Who asks is not known */
       401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
         headers: {
           [name: string]: unknown;
         };
