@@ -16,7 +16,8 @@ interface Props {
  */
 export function Ask({ question, yes, no, answer }: Props) {
   const stay = useRef<HTMLButtonElement>(null);
-  const settled = useSettled(question);
+  // Its words may go on changing: a position in them does.
+  const settled = useSettled("asked");
   useEffect(() => stay.current?.focus(), []);
   const say = (way: number | null) => settled && answer(way !== null, way ?? 0);
   return (

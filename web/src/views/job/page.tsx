@@ -85,7 +85,7 @@ function JobCard(scene: Scene & { job: Job; present: boolean }) {
         {strings.job.byWhom(job.owner ?? "", moment(job.created_at))}
         {job.request.note && ` · ${job.request.note}`}
       </p>
-      {!over && <Turn {...scene} />}
+      {!over && <Turn key={job.id} {...scene} />}
       {!over && <Progress job={job} unit={unit} />}
       {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
       {present && job.state === "interrupted" && <WayOn {...scene} />}

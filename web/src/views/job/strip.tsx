@@ -20,7 +20,7 @@ export function JobStrip(scene: Scene) {
         {!over && <Old {...scene} />}
         <a href={addressOf("alignment")}>{strings.job.see}</a>
       </h2>
-      {!over && <Turn {...scene} job={job} />}
+      {!over && <Turn key={job.id} {...scene} job={job} />}
       {!over && <Progress job={job} unit={state.preferences.unit} />}
     </section>
   );

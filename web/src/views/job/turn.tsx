@@ -24,7 +24,7 @@ export function Turn(scene: Scene & { job: Job }) {
   const ready = settled && sent !== step?.number && able(state, "control");
   const box = useRef<HTMLDivElement>(null);
   const done = useRef<HTMLButtonElement>(null);
-  useEffect(() => keepFocus(box.current, done.current), [job.id, step?.number, confirmable, leaving]);
+  useEffect(() => keepFocus(box.current, done.current), [step?.number, confirmable, leaving]);
   const confirm = async () => {
     if (!ready || !step) return;
     send(step.number);

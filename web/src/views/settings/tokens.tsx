@@ -64,6 +64,7 @@ export function Tokens({ act, state, makeToken }: Scene) {
       </ul>
       {asked && (
         <Ask
+          key={asked.id}
           question={[strings.settings.tokenSure(asked.name), ...losses(asked, tokens ?? [], state)].join(" ")}
           yes={strings.settings.tokenYes}
           no={strings.settings.tokenNo}
