@@ -1102,6 +1102,8 @@ export interface components {
     };
     /** @description The state of the whole bench. */
     BenchView: {
+      /** @description Whether a shell step can go on from the newest air step: the camera has kept its focus since. */
+      air_step_holds?: boolean;
       /** @description Focus axis and e axis. */
       axes: components["schemas"]["AxisView"][];
       /** @description The camera. */
@@ -1115,12 +1117,19 @@ export interface components {
       e_wall_mm: number;
       /** @description Why the history cannot be written, which keeps every axis still; absent while it can. */
       history_fault?: string | null;
+      /** @description What stands before the lens. */
+      in_view?: components["schemas"]["InView"];
       /**
        * Format: uuid
        * @description The job under way, by its id.
        */
       job?: string | null;
       lease?: components["schemas"]["LeaseView"] | null;
+      /**
+       * Format: date-time
+       * @description Since when shell and what stands before the lens are as they are, RFC 3339: a frame taken before shows another scene.
+       */
+      set_up_at?: string;
       /** @description Whether the shell is on. */
       shell: components["schemas"]["ShellState"];
       /** @description Whether the bench is simulated. */
@@ -3398,6 +3407,11 @@ export interface components {
       /** @description Version of the program. */
       version: string;
     };
+    /**
+     * @description What stands before the lens, as far as the program knows.
+     * @enum {string}
+     */
+    InView: "unknown" | "flat_board" | "stepped_board" | "other";
     /** @description Near and far end of an interval; `null` for infinity. */
     Interval: {
       /**
@@ -4024,6 +4038,12 @@ export interface components {
       spacing_target_px: number;
       /** @description What says so; a measurement of a version that did not tell has Eq. 16's. */
       spacing_target_source?: components["schemas"]["TargetSource"];
+      /**
+       * Format: double
+       * @description By how much the spacing may be off that where a job accepts it, px; null in measurements of versions that did not
+       *     tell it.
+       */
+      spacing_tolerance_px?: number | null;
       /**
        * Format: double
        * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
