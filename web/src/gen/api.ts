@@ -4528,7 +4528,8 @@ export interface components {
       step: number;
       /**
        * Format: double
-       * @description Time left by the steps so far, the operator's time not counted, s; `null` before the first step has ended.
+       * @description Time left when the step began, the operator's not counted, s: by how long this bench has taken for what was asked for.
+       *     `null` where it has never done that, or has taken longer by now.
        */
       time_left_s?: number | null;
     };

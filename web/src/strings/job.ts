@@ -76,7 +76,8 @@ export const job = {
     homing: ["The axes run to their switches, e away from the shell."],
   } satisfies Record<JobKind, string[]>,
   aim: "It aims at",
-  aimOf: (deltaV: string, e: string, spacing: string) => `Δv ${deltaV}, e ${e}, spacing ${spacing}`,
+  aimOf: (deltaV: string, e: string, spacing: string) =>
+    `Δv ${deltaV}, e ${e}, spacing ${spacing}`,
   sweepMeans: (positions: number, apart: string) => `${positions} positions, ${apart} apart`,
   watchMeans: (count: number) => `About ${count} measurements`,
   aimClarity: (deltaV: string, e: string) => `Δv ${deltaV} at e ${e} (another e has another Δv)`,
@@ -114,7 +115,7 @@ export const job = {
   renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
   progress: (step: number, of: number) => `step ${step} of about ${of}`,
-  left: (text: string) => `about ${text} left`,
+  left: (text: string) => `about ${text} left, your part apart`,
   figure: (of: string, value: string) => `${of} ${value}`,
   figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
   of: (name: string) => (name === "delta_v_mm" ? "Δv" : "spacing"),
@@ -225,7 +226,7 @@ export const report = {
   axesAt: (focus: string, e: string) => `focus ${focus}, e ${e}`,
   tiltOf: (x: string, y: string) => `${x} along x, ${y} along y`,
   targetsOf: (paraxial: string, chief: string, window: string) =>
-    `${paraxial} near the axis (Eq. 16), ${chief} for the chief rays, ${window} in the estimator's window`,
+    `${paraxial}, ${chief} for the chief rays, ${window} in the estimator's window`,
   unknown: "unknown",
   change: (before: string, after: string) => `${before} before, ${after} after`,
   fromTo: (low: string, high: string) => `${low} to ${high}`,

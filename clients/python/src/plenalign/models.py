@@ -1439,7 +1439,9 @@ class Progress(Struct, frozen=True, kw_only=True, omit_defaults=True):
     step: int
     """Steps done."""
     time_left_s: float | None = None
-    """Time left by the steps so far, the operator's time not counted, s; `null` before the first step has ended."""
+    """Time left when the step began, the operator's not counted, s: by how long this bench has taken for what was
+    asked for. `null` where it has never done that, or has taken longer by now.
+    """
 
 
 class RayView(Struct, frozen=True, kw_only=True, omit_defaults=True):
