@@ -16,6 +16,7 @@ import { Outcome } from "./outcome";
 import { Progress } from "./progress";
 import { Result } from "./result";
 import { StartJob } from "./start";
+import { WayOn } from "./way-on";
 
 /** A job from its start to its report; one of earlier on where the address names it. */
 export function AlignmentPage(scene: Scene) {
@@ -84,6 +85,7 @@ function JobCard(scene: Scene & { job: Job }) {
       {!over && <Progress job={job} unit={unit} />}
       <OperatorStep {...scene} />
       {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
+      {job.id === currentJob(scene.state)?.id && <WayOn {...scene} />}
       {!over && (
         <p class="actions">
           <button
