@@ -5524,7 +5524,7 @@ export interface operations {
           "application/json": components["schemas"]["AuditList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5595,7 +5595,7 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5706,7 +5706,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5836,7 +5836,7 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5911,7 +5911,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6058,7 +6058,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6185,7 +6185,7 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6224,7 +6224,7 @@ export interface operations {
           "application/json": components["schemas"]["ConfigView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6279,7 +6279,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6397,7 +6397,7 @@ export interface operations {
           "application/schema+json": Record<string, never>;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6447,7 +6447,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6529,7 +6529,7 @@ export interface operations {
           "application/json": components["schemas"]["DesignView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6579,7 +6579,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6661,7 +6661,7 @@ export interface operations {
           "application/json": components["schemas"]["DevicesFound"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6764,7 +6764,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6825,7 +6825,7 @@ export interface operations {
           "application/json": components["schemas"]["JobList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6902,7 +6902,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7023,7 +7023,7 @@ export interface operations {
           "application/json": components["schemas"]["JobResource"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7081,7 +7081,7 @@ export interface operations {
           "application/json": components["schemas"]["JobResource"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7166,7 +7166,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7290,7 +7290,7 @@ export interface operations {
           "application/json": components["schemas"]["ConfirmKeyGrant"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7375,7 +7375,7 @@ export interface operations {
           "text/csv": string;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7433,7 +7433,7 @@ export interface operations {
           "application/json": components["schemas"]["JobExport"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7491,7 +7491,7 @@ export interface operations {
           "application/json": components["schemas"]["JobIterations"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7549,7 +7549,7 @@ export interface operations {
           "application/json": components["schemas"]["JobLog"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7607,7 +7607,7 @@ export interface operations {
           "application/json": components["schemas"]["JobMeasurements"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7665,7 +7665,7 @@ export interface operations {
           "application/json": components["schemas"]["JobMoves"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7724,7 +7724,7 @@ export interface operations {
           "application/octet-stream": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7791,7 +7791,7 @@ export interface operations {
           "text/html": string;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7846,7 +7846,7 @@ export interface operations {
           "application/json": components["schemas"]["LeaseState"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7896,7 +7896,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7989,7 +7989,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8047,7 +8047,7 @@ export interface operations {
           "application/json": components["schemas"]["LeaseView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8124,7 +8124,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8206,7 +8206,7 @@ export interface operations {
           "application/json": components["schemas"]["MeasurementView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8257,7 +8257,7 @@ export interface operations {
           "application/json": components["schemas"]["MeasurementList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8325,7 +8325,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8416,7 +8416,7 @@ export interface operations {
           "application/json": Record<string, never>;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8466,7 +8466,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8548,7 +8548,7 @@ export interface operations {
           "application/json": components["schemas"]["SessionView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8672,7 +8672,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8725,7 +8725,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8843,7 +8843,7 @@ export interface operations {
           "application/json": components["schemas"]["PlanInForce"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8902,7 +8902,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8992,7 +8992,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9047,7 +9047,7 @@ export interface operations {
           "application/json": components["schemas"]["Faults"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9106,7 +9106,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9201,7 +9201,7 @@ export interface operations {
           "image/jpeg": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9255,7 +9255,7 @@ export interface operations {
           "application/json": components["schemas"]["StopView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9292,7 +9292,7 @@ export interface operations {
           "application/json": components["schemas"]["StopReport"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9334,7 +9334,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9432,7 +9432,7 @@ export interface operations {
           "multipart/x-mixed-replace": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9490,7 +9490,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9572,7 +9572,7 @@ export interface operations {
           "application/json": components["schemas"]["TokenList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9633,7 +9633,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9735,7 +9735,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9801,7 +9801,7 @@ export interface operations {
           "application/json": components["schemas"]["ViewReport"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9881,7 +9881,7 @@ export interface operations {
           "image/jpeg": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9961,7 +9961,7 @@ export interface operations {
           "image/png": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -10028,7 +10028,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -10120,7 +10120,7 @@ export interface operations {
           "text/plain; version=0.0.4": string;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;

@@ -75,9 +75,9 @@ export const job = {
     calibration: ["White frame, then board: as the page says.", "d and b are fitted."],
     homing: ["The axes run to their switches, e away from the shell."],
   } satisfies Record<JobKind, string[]>,
-  aim: "It aims at",
+  aim: "Target:",
   aimOf: (deltaV: string, e: string, spacing: string) =>
-    `Δv ${deltaV}, e ${e}, spacing ${spacing}`,
+    `Δv ${deltaV}, e ${e}, spacing ${spacing} near the axis (Eq. 16)`,
   sweepMeans: (positions: number, apart: string) => `${positions} positions, ${apart} apart`,
   watchMeans: (count: number) => `About ${count} measurements`,
   aimClarity: (deltaV: string, e: string) => `Δv ${deltaV} at e ${e} (another e has another Δv)`,
@@ -226,7 +226,7 @@ export const report = {
   axesAt: (focus: string, e: string) => `focus ${focus}, e ${e}`,
   tiltOf: (x: string, y: string) => `${x} along x, ${y} along y`,
   targetsOf: (paraxial: string, chief: string, window: string) =>
-    `${paraxial}, ${chief} for the chief rays, ${window} in the estimator's window`,
+    `${paraxial} near the axis (Eq. 16), ${chief} for the chief rays, ${window} in the estimator's window`,
   unknown: "unknown",
   change: (before: string, after: string) => `${before} before, ${after} after`,
   fromTo: (low: string, high: string) => `${low} to ${high}`,
