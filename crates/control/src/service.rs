@@ -57,6 +57,8 @@ pub struct Service {
     /// The lease is not on the disk as it is.
     pub(super) lease_unkept: Notify,
     pub(super) events: broadcast::Sender<Event>,
+    /// One state of the bench at a time is being published.
+    pub(super) publishing: Mutex<()>,
     pub(super) jobs: Mutex<Vec<Arc<Job>>>,
     pub(super) measurement: Mutex<Option<MeasurementView>>,
     /// One frame at a time is measured for who asks.
@@ -103,6 +105,7 @@ impl Service {
             kept_turns: AtomicU64::default(),
             lease_unkept: Notify::default(),
             events,
+            publishing: Mutex::default(),
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
             measuring: tokio::sync::Mutex::default(),

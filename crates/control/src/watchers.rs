@@ -155,7 +155,9 @@ impl Service {
         true
     }
 
+    /// Publishes the bench's state as it is. One at a time: a state that was seen first is not told last.
     pub(super) fn publish_bench(&self) {
+        let _one = self.publishing.lock().unwrap_or_else(PoisonError::into_inner);
         // Nobody listening is no error.
         let _ = self.events.send(Event::Bench { bench: Box::new(self.bench_view()) });
     }
