@@ -80,6 +80,7 @@ export const meter = {
     lost: "The spacing is lost, and searched for",
     refused: "This frame cannot be measured",
   } satisfies Record<Missing["is"], string>,
+  overSteps: "over a board of several levels the meter may find none; a job measures them level by level",
   words: {
     larger: "Spacing too large",
     smaller: "Spacing too small",

@@ -51,6 +51,7 @@ export function Meter(given: Scene) {
   const wanted = job
     ? { main: strings.meter.job, other: null }
     : now && advice(now, correction(state.design, now), moved(state), state.preferences.unit);
+  const lostOverSteps = missing?.is === "lost" && state.bench?.in_view === "stepped_board";
   const leaning = tilt(state.design, state.reading, state.widthPx);
   const words = now && (now.inFocus ? strings.meter.sharp : strings.meter.words)[now.direction];
   return (
@@ -98,7 +99,8 @@ export function Meter(given: Scene) {
       />
       {missing && (
         <p class="advice">
-          <b>{strings.meter.missing[missing.is]}:</b> <small>{missing.why}</small>
+          <b>{strings.meter.missing[missing.is]}:</b>{" "}
+          <small>{lostOverSteps ? strings.meter.overSteps : missing.why}</small>
         </p>
       )}
       {!missing && now && wanted && (
