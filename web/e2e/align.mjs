@@ -106,6 +106,7 @@ try {
   await page.locator(".strip .outcome.cancelled").waitFor({ timeout: 15_000 });
   await moving.waitFor({ state: "detached", timeout: 15_000 });
   await page.locator(".stopped", { hasText: "Focus axis: stopped; e axis: stopped." }).waitFor();
+  await page.locator(".strip .way-on", { hasText: "reset the stop first" }).waitFor();
   await photograph(page, "stopped");
   await open(page, "Alignment");
   const wayOn = page.locator(".job .way-on");
@@ -228,8 +229,11 @@ try {
   await field.fill((there + 0.9).toFixed(2));
   await field.press("Enter");
   await page.locator(".meter[data-old=false][data-direction=smaller]").waitFor({ timeout: 20_000 });
-  await page.locator(".meter .advice", { hasText: /Move the camera 0\.\d\d mm towards the shell/ }).waitFor();
-  await photograph(page, "off-target");
+  await page
+    .locator(".meter .advice", { hasText: /Move the camera \d\.\d\d mm towards the shell/ })
+    .waitFor();
+  const moves = page.locator(".axes .tag", { hasText: "moving" });
+  await until(async () => (await moves.count()) === 0, "the axis does not come to rest");
   await field.fill(there.toFixed(3));
   await field.press("Enter");
   await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });

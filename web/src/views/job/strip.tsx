@@ -5,6 +5,7 @@ import { strings } from "../../strings";
 import type { Scene } from "../scene";
 import { OperatorStep } from "./operator-step";
 import { Progress } from "./progress";
+import { WayOn } from "./way-on";
 
 /** The job under way, beside the picture. */
 export function JobStrip(scene: Scene) {
@@ -21,6 +22,7 @@ export function JobStrip(scene: Scene) {
       </h2>
       {!over && <Progress job={job} unit={state.preferences.unit} />}
       <OperatorStep {...scene} job={job} />
+      {over && <WayOn {...scene} job={job} />}
       {!over && (
         <button
           type="button"
