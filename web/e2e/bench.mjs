@@ -136,7 +136,9 @@ try {
 
   step("who has no control is refused in the daemon's words");
   await press(ben.page, hold(ben.page, "focus", "low"));
-  await ben.page.locator(".problem", { hasText: "Ana at the bench" }).waitFor();
+  await ben.page
+    .locator(".problem", { hasText: /^Somebody else has control\. Ana at the bench has the control lease/ })
+    .waitFor();
   await ben.page.mouse.up();
   await ben.page.locator(".problem button").click();
 

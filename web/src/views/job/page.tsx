@@ -1,4 +1,4 @@
-import { moment } from "../../format";
+import { moment, sentence } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { addressOf } from "../../route";
@@ -84,7 +84,7 @@ function JobCard(scene: Scene & { job: Job }) {
       </p>
       {!over && <Progress job={job} unit={unit} />}
       <OperatorStep {...scene} />
-      {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
+      {over && job.reason && <p class="reason">{sentence(reworded(job.reason, unit))}</p>}
       {job.id === currentJob(scene.state)?.id && <WayOn {...scene} />}
       {!over && (
         <p class="actions">
