@@ -162,10 +162,12 @@ impl Problem {
     pub fn unauthorised(why: Unauthorised) -> Self {
         let detail = match why {
             Unauthorised::Nothing => "sign in on the page, or send a token: Authorization: Bearer plenalign_…",
-            Unauthorised::Wrong => "this token, ticket or session opens nothing; it may have expired or been revoked",
+            Unauthorised::Wrong => {
+                "this token, ticket or session is not valid: it may have expired, or have been revoked"
+            }
             Unauthorised::TooMany(wait) => return Self::too_many(wait),
         };
-        Self::new(StatusCode::UNAUTHORIZED, "unauthorised", "Who asks is not known", detail)
+        Self::new(StatusCode::UNAUTHORIZED, "unauthorised", "Not signed in", detail)
     }
 
     /// Who asks is known, and may not do this.
@@ -374,7 +376,7 @@ impl From<Refusal> for Problem {
             }
             Refusal::LeaseHeld { owner, note, job } => {
                 let members = json!({ "owner": owner, "note": note, "job": job });
-                Self::refused("lease-held", "Another has the control lease", it, members)
+                Self::refused("lease-held", "Somebody else has control", it, members)
             }
             Refusal::Busy { job } => {
                 let members = json!({ "job": job, "href": super::types::job_href(*job) });

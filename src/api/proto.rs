@@ -105,6 +105,9 @@ pub struct Reading {
     /// Columns of the raw frame: half of them are a half frame width.
     #[prost(uint32, tag = "27")]
     pub width_px: u32,
+    /// By how much the spacing may be off the one wanted where a job accepts it, px; there without a spacing, too.
+    #[prost(double, tag = "28")]
+    pub spacing_tolerance_px: f64,
 }
 /// The spacing micro-image by micro-image. The lists run together: one entry for each micro-image.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -227,6 +230,13 @@ pub struct Frame {
     /// Significant bits of the raw frame's samples.
     #[prost(uint32, tag = "21")]
     pub sample_bits: u32,
+    /// Distance that yellow stands for in a picture of the depth, mm: in water from the shell's outer vertex, in air from the
+    /// main lens. Absent where it is not known.
+    #[prost(double, optional, tag = "22")]
+    pub near_mm: ::core::option::Option<f64>,
+    /// The same of dark violet.
+    #[prost(double, optional, tag = "23")]
+    pub far_mm: ::core::option::Option<f64>,
 }
 /// What became of a frame at the meter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

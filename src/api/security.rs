@@ -63,7 +63,7 @@ fn secure(operation: &mut Operation, scope: Scope, reads: bool) {
         ways.push(TICKET);
     }
     operation.security = Some(ways.into_iter().map(|way| SecurityRequirement::new(way, [scope.name()])).collect());
-    fails(operation, "401", "Who asks is not known");
+    fails(operation, "401", "Not signed in: no token, ticket or session is shown, or one that is not valid");
     if scope > Scope::View {
         fails(operation, "403", "Who asks may not do this");
     }

@@ -165,8 +165,13 @@ async fn answer(app: &App, scene: Scene, format: Format) -> Result<Response> {
     Ok((headers, picture).into_response())
 }
 
+/// The distances that the ends of a depth's colours stand for, mm: far and near, where they are known.
+pub(super) fn ends_mm(look: &Look) -> [Option<f64>; 2] {
+    look.pictures.scale().map_or([None; 2], |scale| scale.distance_mm)
+}
+
 fn depth_headers(headers: &mut HeaderMap, look: &Look) {
-    let [far, near] = look.pictures.scale().map_or([None; 2], |scale| scale.distance_mm);
+    let [far, near] = ends_mm(look);
     for (name, distance_mm) in [("plenalign-near-mm", near), ("plenalign-far-mm", far)] {
         if let Some(distance_mm) = distance_mm {
             insert(headers, HeaderName::from_static(name), &format!("{distance_mm:.1}"));

@@ -11,7 +11,7 @@ use super::picture::{Reduce, age};
 use super::proto;
 use super::scene::{Format, Scene};
 use super::types::Show;
-use super::view::picture;
+use super::view::{ends_mm, picture};
 use super::viewport::{Part, Shown};
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
@@ -59,6 +59,7 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
         simulated: frame.simulated,
         replayed: frame.replayed,
         spacing_target_px: reading.spacing_target_px,
+        spacing_tolerance_px: reading.spacing_tolerance_px,
         in_focus: reading.in_focus,
         frames_left_out: reading.frames_left_out,
         width_px: frame.image.width() as u32,
@@ -120,6 +121,8 @@ pub(super) struct Picture {
     bytes: Bytes,
     /// What of the raw frame it shows, where it shows that.
     shown: Option<Shown>,
+    /// The distances that the ends of a depth's colours stand for, mm: far and near.
+    ends_mm: [Option<f64>; 2],
 }
 
 /// What a viewer is to see of a frame, or of a newer one that was made ready for another viewer meanwhile.
@@ -131,7 +134,7 @@ pub(super) async fn picture_of(app: &App, frame: Arc<Frame>, wanted: Wanted) -> 
                 tracing::error!(%error, seq = frame.seq, "a frame could not be encoded");
                 Problem::internal()
             })?;
-            return Ok(Picture { frame, bytes, shown: Some(shown) });
+            return Ok(Picture { frame, bytes, shown: Some(shown), ends_mm: [None; 2] });
         }
         Show::Central => Scene::central([0.0; 2]),
         Show::AllInFocus => Scene::AllInFocus,
@@ -139,12 +142,13 @@ pub(super) async fn picture_of(app: &App, frame: Arc<Frame>, wanted: Wanted) -> 
     };
     let look = app.service.look_at(&frame).await.map_err(ServiceError::from)?;
     let bytes = picture(app, &look, scene, Format::Jpeg { quality: wanted.quality }).await?;
-    Ok(Picture { frame: Arc::clone(&look.frame), bytes, shown: None })
+    let ends_mm = if scene == Scene::Depth { ends_mm(&look) } else { [None; 2] };
+    Ok(Picture { frame: Arc::clone(&look.frame), bytes, shown: None, ends_mm })
 }
 
 /// The message that a picture of a frame goes out as.
 pub(super) fn picture_message(picture: Picture, wanted: Wanted, frames_skipped: u64) -> proto::Frame {
-    let Picture { frame, bytes, shown } = picture;
+    let Picture { frame, bytes, shown, ends_mm: [far_mm, near_mm] } = picture;
     let pictured = match wanted.show {
         Show::Raw => proto::Picture::Raw,
         Show::Central => proto::Picture::Central,
@@ -181,5 +185,7 @@ pub(super) fn picture_message(picture: Picture, wanted: Wanted, frames_skipped: 
         viewport,
         png,
         sample_bits: u32::from(frame.image.bits()),
+        near_mm,
+        far_mm,
     }
 }

@@ -1,5 +1,6 @@
 //! Each kind of job from its start to its end on the simulated bench.
 
+use plenalign::control::events::InView;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::outcome::Outcome;
 use plenalign::device::AxisName;
@@ -16,6 +17,8 @@ async fn the_steps_of_an_alignment_can_be_run_one_by_one() {
     let early = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
     ended_as(&early, JobState::Failed);
     assert!(early.reason.as_ref().unwrap().contains("air_only"), "{:?}", early.reason);
+    let bench = service.bench_view();
+    assert_eq!((bench.air_step_holds, bench.in_view), (false, InView::Unknown));
 
     let air = run(&service, JobRequest::of(JobKind::AirOnly)).await;
     ended_as(&air, JobState::Converged);
@@ -27,14 +30,25 @@ async fn the_steps_of_an_alignment_can_be_run_one_by_one() {
     assert_eq!(measure.name, "delta_v_mm");
     assert!((measure.value - measure.target.unwrap()).abs() < 0.005, "{measure:?}");
 
+    let (before, bench) = (bench, service.bench_view());
+    assert_eq!((bench.air_step_holds, bench.in_view), (true, InView::SteppedBoard));
+    assert!(bench.set_up_at > before.set_up_at, "{} is not after {}", bench.set_up_at, before.set_up_at);
+
     let shell = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
     ended_as(&shell, JobState::Converged);
     let report = shell.report.as_ref().unwrap();
+    // Whoever looks on goes by what the job went by.
+    let measured = service.measurements(shell.id).await.unwrap().pop().unwrap();
+    let off_px = measured.spacing.spacing_px - measured.spacing_target_px;
+    assert_eq!(measured.spacing_target_px, report.spacing_target_px);
+    assert!(off_px.abs() <= measured.spacing_tolerance_px.unwrap(), "{measured:?}");
+    assert_eq!(service.bench_view().in_view, InView::FlatBoard);
     assert_eq!(report.moves_air, 0);
     assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{report:?}");
 
     // Homed anew, Δv is no longer known to what the shell step needs.
     ended_as(&run(&service, JobRequest::of(JobKind::Homing)).await, JobState::Succeeded);
+    assert!(!service.bench_view().air_step_holds);
 }
 
 #[tokio::test(start_paused = true)]

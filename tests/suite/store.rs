@@ -5,7 +5,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
-use plenalign::store::records::{Audit, Job, Kept, Line, Move, Run};
+use plenalign::store::records::{Audit, Job, Kept, Line, Move, OperatorStep, Run};
 use plenalign::store::{BenchName, FILE_NAME, Health, JobFilter, Store, StoreError, read};
 use serde_json::json;
 use uuid::Uuid;
@@ -173,6 +173,37 @@ async fn jobs_are_filtered_and_paged_newest_first() {
     assert_eq!(ids(&store, JobFilter { without: vec![all[3]], before: Some(all[2]), ..none }).await, [all[1], all[0]]);
     let page = store.read(|c| read::jobs(c, &JobFilter::default(), 3)).await.unwrap();
     assert_eq!((page.items.len(), page.more), (3, true));
+}
+
+#[tokio::test]
+async fn how_long_jobs_took_is_told_without_their_operators_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path());
+    let (here, elsewhere) = (run("here"), run("elsewhere"));
+    for run in [&here, &elsewhere] {
+        begin(&store, run).await;
+    }
+    let at = |second| Timestamp::from_second(second).unwrap();
+    for (of, state, took_s) in
+        [(&here, "converged", 60), (&here, "cancelled", 5), (&elsewhere, "converged", 7), (&here, "converged", 90)]
+    {
+        let job = Job { created_at: at(1000), ended_at: Some(at(1000 + took_s)), ..job(of, state) };
+        put(&store, &job).await;
+        // Of the second one nobody knows when it was confirmed.
+        for (number, confirmed_at) in [(1, Some(at(1012))), (2, None)] {
+            let step = OperatorStep { number, document: json!({}), asked_at: at(1002), confirmed_at };
+            let id = job.id;
+            store.write(move |writer| writer.put_operator_step(id, &step)).await.unwrap();
+        }
+    }
+    let name = BenchName { spelled: "here".to_owned(), devices: None };
+    let times = |kind: &'static str| {
+        let (name, store) = (name.clone(), &store);
+        async move { store.read(move |c| read::own_times(c, &name, kind, 9)).await.unwrap() }
+    };
+    let asked = json!({ "kind": "joint_alignment" });
+    assert_eq!(times("joint_alignment").await, [(asked.clone(), 80.0), (asked, 50.0)]);
+    assert_eq!(times("homing").await, []);
 }
 
 #[tokio::test]

@@ -86,6 +86,16 @@ try {
   await page.locator("#kind").selectOption("joint_alignment");
   await plan.locator("summary").waitFor();
 
+  step("what gets the focus on a phone is not under STOP");
+  await page.setViewportSize({ width: 360, height: 740 });
+  await page.locator("#start").focus();
+  const [button, stop] = [
+    await page.locator("#start").boundingBox(),
+    await page.locator("#stop").boundingBox(),
+  ];
+  assert(button.y + button.height <= stop.y, "STOP hides Start");
+  await page.setViewportSize({ width: 1024, height: 900 });
+
   step("STOP in mid-run ends the job and stops the axes");
   await page.locator("#start").click();
   await page.locator("#cancel").waitFor();
@@ -96,8 +106,15 @@ try {
   await page.locator(".strip .outcome.cancelled").waitFor({ timeout: 15_000 });
   await moving.waitFor({ state: "detached", timeout: 15_000 });
   await page.locator(".stopped", { hasText: "Focus axis: stopped; e axis: stopped." }).waitFor();
+  await page.locator(".strip .way-on", { hasText: "reset the stop first" }).waitFor();
   await photograph(page, "stopped");
+  await open(page, "Alignment");
+  const wayOn = page.locator(".job .way-on");
+  await wayOn.getByText("No air step holds").waitFor();
+  await wayOn.getByText("reset the stop first").waitFor();
+  assert(await wayOn.locator("button").isDisabled(), "a job can be started on a bench that is stopped");
   await resetStop(page, "the bench is clear");
+  assert.deepEqual(await wayOn.locator("button").allInnerTexts(), ["Begin again: Joint alignment"]);
 
   step("who double-clicks everything cancels nothing, and answers nothing that was not asked");
   await open(page, "Alignment");
@@ -132,9 +149,11 @@ try {
   await page.locator(".result").waitFor();
   assert.doesNotMatch(await page.locator("body").innerText(), /NaN|undefined|null\b|Infinity/);
   await page.locator(".meter .tag.good").waitFor({ timeout: 10_000 });
+  // What the job has accepted, the meter does not send anybody away from.
+  await page.locator(".meter[data-direction=there] .advice", { hasText: "no move is called for" }).waitFor();
   // It is measured on while this page alone is looked at.
   await page.waitForTimeout(7000);
-  await page.locator(".meter[data-old=false]").waitFor({ timeout: 4000 });
+  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 4000 });
   await photograph(page, "converged");
   await darken(page, "converged");
 
@@ -205,8 +224,9 @@ try {
   assert((await coloured(page)) < 0.001, "a view is grey");
   await photograph(page, "central");
   await page.getByRole("button", { name: "Depth map" }).click();
-  await page.locator(".legend", { hasText: "near" }).waitFor();
+  await page.locator(".legend", { hasText: /far \d+ mm.*near \d+ mm/ }).waitFor();
   await until(async () => (await coloured(page)) > 0.05, "no depth map is shown");
+  await neverStale(page, 2);
   await photograph(page, "depth");
   await page.getByRole("button", { name: "Raw frame" }).click();
   await until(
@@ -222,6 +242,40 @@ try {
     "spacing or clarity is not charted",
   );
   await printed(page, "live");
+
+  step("off the band that a job accepts, the meter says which way to go");
+  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+  const field = page.getByLabel("Move the e axis to, mm");
+  const there = await position(address, "e");
+  await field.fill((there + 0.9).toFixed(2));
+  await field.press("Enter");
+  await page.locator(".meter[data-old=false][data-direction=smaller]").waitFor({ timeout: 20_000 });
+  await page
+    .locator(".meter .advice", { hasText: /Move the camera \d\.\d\d mm towards the shell/ })
+    .waitFor();
+  const moves = page.locator(".axes .tag", { hasText: "moving" });
+  await until(async () => (await moves.count()) === 0, "the axis does not come to rest");
+  await field.fill(there.toFixed(3));
+  await field.press("Enter");
+  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+
+  step(
+    "a job that ended early says what still holds, and how long the rest would take by what the last one took",
+  );
+  await open(page, "Alignment");
+  await page.locator("#start").click();
+  await page.locator(".progress", { hasText: /about \d+ (s|min) left, your part apart/ }).waitFor();
+  await page.locator("#confirm").waitFor({ timeout: 30_000 });
+  await page.locator("#cancel").click();
+  await page.locator(".job .outcome.cancelled").waitFor({ timeout: 15_000 });
+  await wayOn.getByText("The air step still holds").waitFor();
+  await photograph(page, "way-on");
+  await accessible(page);
+  await wayOn.getByRole("button", { name: "Go on: Shell step only" }).click();
+  await page.locator(".operator", { hasText: "Mount the shell" }).waitFor({ timeout: 30_000 });
+  await page.locator("#cancel").click();
+  await page.locator(".job .outcome.cancelled").waitFor({ timeout: 15_000 });
+  await open(page, "Live");
 
   step("overlays are drawn over it, and it is seen down to single pixels");
   assert.equal(await painted(page), 0, "something is drawn over the picture unasked");
@@ -284,7 +338,7 @@ try {
   await photograph(page, "interrupted");
   await accessible(page);
   await page.reload();
-  await cut.locator("#start-again").click();
+  await cut.locator("[data-way=again]").click();
   await page.locator(".job[data-state=running]", { hasText: "cut short" }).waitFor();
   daemon.process.kill("SIGTERM");
   assert.equal(await daemon.ended, 0, "the daemon's exit code after SIGTERM");
@@ -368,12 +422,20 @@ async function answer(page, confirm, meanwhile = async () => {}) {
   const over = async () => {
     if (await page.locator(OVER).isVisible()) return true;
     assert(daemon.alive, "the daemon ended");
+    const shown = await page.evaluate(meterInJob);
+    assert.doesNotMatch(
+      shown?.advice ?? "",
+      /Move|must grow|must shrink/,
+      "the meter gives orders during a job",
+    );
+    assert.doesNotMatch(shown?.progress ?? "", /left/, "a bench that has done none knows how long one takes");
     const button = page.locator("#confirm");
     if (await button.isVisible()) {
       asked += 1;
       const now = await page.evaluate(places);
       place ??= now;
       assert.deepEqual(now, place, "the buttons of one prompt are not where those of the other were");
+      await meterAtPrompt(page);
       await meanwhile(asked);
       const heading = await page.locator(".operator h3").textContent();
       await confirm(button);
@@ -431,6 +493,52 @@ async function seeThrough(page) {
   });
   assert(asked >= 3, `the operator was asked ${asked} times`);
   return { rows: await page.locator(".iterations tbody tr").count(), asked };
+}
+
+/** What the meter says while a job is under way, and how far that says it is; nothing where it is over. Runs in the page. */
+function meterInJob() {
+  const over = ["converged", "not_converged", "failed", "cancelled"];
+  const text = (selector) => document.querySelector(selector)?.textContent ?? "";
+  const state = document.querySelector(".job")?.dataset.state;
+  return over.includes(state) ? null : { advice: text(".meter .advice"), progress: text(".job .progress") };
+}
+
+/** While the scene is set up, nothing is read of the one before; of the board that stays, no tilt is told. */
+async function meterAtPrompt(page) {
+  const instruction = await page.locator(".operator").innerText();
+  if (/aperture/i.test(instruction)) {
+    assert.doesNotMatch(
+      await page.locator(".meter").innerText(),
+      /Tilt (below )?\d/,
+      "a tilt of a stepped board",
+    );
+    return;
+  }
+  await page.locator(".meter[data-state=being-set-up]", { hasText: "Being set up" }).waitFor();
+  assert.equal(await page.locator(".meter .tag.good").count(), 0, "in focus, while it is set up");
+}
+
+/** Follows so many pictures, none of which is to be called stale. */
+async function neverStale(page, count) {
+  await page.evaluate(() => {
+    globalThis.stale = 0;
+    const look = (changes) => {
+      globalThis.stale += changes.filter(({ target }) => target.dataset.state === "stale").length;
+    };
+    new MutationObserver(look).observe(document.querySelector(".picture"), {
+      attributeFilter: ["data-state"],
+    });
+  });
+  const frame = async () => /frame (\d+)/.exec(await page.locator(".picture p.facts").first().innerText())[1];
+  for (let seen = 0, last = await frame(); seen < count; seen += 1) {
+    last = await until(async () => ((await frame()) === last ? null : frame()), "no other picture comes");
+  }
+  assert.equal(await page.evaluate(() => globalThis.stale), 0, "stale at an age that it always has");
+}
+
+async function position(address, axis) {
+  const bench = await (await fetch(new URL("/api/v1/bench", address))).json();
+  return bench.axes.find((one) => one.axis === axis).position_mm;
 }
 
 /** Standard deviation of the canvas's grey levels. */

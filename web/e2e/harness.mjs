@@ -14,7 +14,7 @@ import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
 import { drawn } from "./until.mjs";
 
-const WIDTHS = [360, 1024, 1920];
+const WIDTHS = [360, 1024, 2560];
 const built = ["../target/debug/plenalign", "../target/release/plenalign"];
 
 export const program = process.env.PLENALIGN ?? built.find((path) => existsSync(path));
@@ -137,11 +137,12 @@ export async function accessible(page) {
   assert.deepEqual(serious, [], "not accessible");
 }
 
-/** The page at each width: STOP on the screen, nothing wider than the screen. */
+/** The page at each width: STOP on the screen, nothing wider than the screen, nothing over anything else, and on a large one
+ *  nothing in small print. */
 export async function photograph(page, name) {
   const before = page.viewportSize();
   for (const width of WIDTHS) {
-    await page.setViewportSize({ width, height: { 360: 740, 1024: 768, 1920: 1080 }[width] });
+    await page.setViewportSize({ width, height: { 360: 740, 1024: 768, 2560: 1440 }[width] });
     await drawn(page);
     const stop = await page.locator("#stop").boundingBox();
     const height = page.viewportSize().height;
@@ -151,9 +152,47 @@ export async function photograph(page, name) {
     );
     const wide = await page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
     assert(wide <= 0, `the page is ${wide} px wider than ${width} px`);
+    assert.deepEqual(await page.evaluate(outOfPlace), [], `over something else at ${width} px`);
+    if (width === 2560) assert.deepEqual(await page.evaluate(smallPrint), [], `small print at ${width} px`);
     await page.screenshot({ path: `${shots}/${name}-${width}.png`, fullPage: width === 360 });
   }
   await page.setViewportSize(before);
+}
+
+/** Tabs over one another, and fields that stick out of what they are in; runs in the page. */
+function outOfPlace() {
+  const box = (element) => element.getBoundingClientRect();
+  const tabs = [...document.querySelectorAll("nav a")];
+  const words = (tab) => {
+    const range = document.createRange();
+    range.selectNodeContents(tab);
+    return box(range);
+  };
+  const colliding = tabs.filter(
+    (tab, index) => index > 0 && words(tab).left < words(tabs[index - 1]).right + 3,
+  );
+  const fields = [...document.querySelectorAll("main :is(input, select, button)")];
+  const out = fields.filter((field) => {
+    const card = field.closest(".table") ? null : field.closest(".card");
+    const label = field.closest("label") ?? card;
+    return label && box(field).width > 0 && box(field).right > box(label).right + 1;
+  });
+  return [...colliding, ...out].map((element) => element.textContent || element.name || element.id);
+}
+
+/** Words that nobody reads from further off; runs in the page. */
+function smallPrint() {
+  const texts = [...document.querySelectorAll("body *")].filter((element) => {
+    const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim() !== "");
+    return own && element.getClientRects().length > 0 && !element.closest(".unseen");
+  });
+  // A drawing's letters are as large as the drawing is drawn.
+  const letter = (element) =>
+    element.closest("svg")
+      ? element.getBoundingClientRect().height
+      : parseFloat(getComputedStyle(element).fontSize);
+  const small = texts.filter((element) => letter(element) < 14);
+  return [...new Set(small.map((element) => `${element.tagName}: ${element.textContent}`))];
 }
 
 /** The page in the dark, and whether it can be read there. */

@@ -4,8 +4,8 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { existsSync, readFileSync } from "node:fs";
 import { join } from "node:path";
-import { browse, folder, open, program, start, step } from "./harness.mjs";
-import { until } from "./until.mjs";
+import { accessible, browse, folder, open, program, start, step } from "./harness.mjs";
+import { drawn, until } from "./until.mjs";
 
 const place = folder(`[bench.simulation]\nrays = 4\n[server]\nauth = "required"\n`);
 const { env } = place;
@@ -52,6 +52,20 @@ try {
     .locator("#operations-stop-get_stop .live-responses-table", { hasText: '"latched": false' })
     .waitFor();
   if (process.env.SCREENSHOT) await page.screenshot({ path: process.env.SCREENSHOT });
+
+  step("it can be read, by day and by night");
+  for (const [colorScheme, dark] of [
+    ["light", false],
+    ["dark", true],
+  ]) {
+    await page.emulateMedia({ colorScheme });
+    await page.locator(dark ? "html.dark-mode" : "html:not(.dark-mode)").waitFor();
+    await drawn(page);
+    const ground = await page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
+    assert.equal(ground === "rgb(28, 32, 34)", dark, `${ground} by ${colorScheme}`);
+    await accessible(page);
+  }
+  await page.emulateMedia({ colorScheme: "light" });
   assert.deepEqual(complaints, []);
   page.off("console", heard);
   page.off("request", asked);

@@ -162,6 +162,13 @@ try {
     await devices.locator("code", { hasText: path }).first().waitFor();
   }
   if (found.cameras.length === 0) await page.locator("#no-cameras").waitFor();
+
+  step("the API's documentation and the audit log are found from the page");
+  const records = page.locator(".records");
+  const docs = await records.locator("a").getAttribute("href");
+  assert.equal((await page.request.get(new URL(docs, address).href)).status(), 200);
+  await records.locator("#audit summary").click();
+  await records.locator("tbody tr", { hasText: "axis.leave_switch" }).first().waitFor();
   await photograph(page, "settings");
   await darken(page, "settings");
 

@@ -1,6 +1,7 @@
 // The meter's reading as a sentence: what is to be moved, which way, how far.
 
 import type { Correction } from "./correction";
+import { fixed } from "./format";
 import type { Reading } from "./reading";
 import { strings } from "./strings";
 import { length, signedLength, type LengthUnit } from "./units";
@@ -22,7 +23,9 @@ export function advice(
   unit: LengthUnit,
 ): Advice {
   const words = strings.meter;
-  if (reading.direction === "there") return { main: words.thereMore, other: null };
+  if (reading.direction === "there")
+    return { main: words.thereMore(fixed(reading.tolerancePx, 3)), other: null };
+  if (reading.direction === "unsure") return { main: words.unsureMore, other: null };
   if (!correction) {
     const way = reading.direction === "larger" ? words.farther : words.nearer;
     return { main: reading.pitchPx === null ? way : words.tooFar(way), other: null };

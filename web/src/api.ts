@@ -5,6 +5,7 @@ import { LeaseKeeper } from "./lease";
 import { strings } from "./strings";
 import type { Sections } from "./water";
 import type {
+  AuditList,
   AxisName,
   Bench,
   ConfirmKeyGrant,
@@ -172,6 +173,9 @@ export const checkConfig = (config: unknown) =>
 export const writeConfig = (config: unknown, etag: string) =>
   exchange<ConfigWritten>("PUT", "/api/v1/config", { body: { config }, headers: { "if-match": etag } });
 
+/** Who did what, newest first; on from where the page before has ended. */
+export const audit = (cursor: string | null) =>
+  request<AuditList>("GET", `/api/v1/audit${cursor === null ? "" : `?cursor=${encodeURIComponent(cursor)}`}`);
 export const tokens = () => request<TokenList>("GET", "/api/v1/tokens");
 export const makeToken = (token: TokenRequest) => request<NewToken>("POST", "/api/v1/tokens", token);
 export const revokeToken = (token: Token) => request<null>("DELETE", token.href);

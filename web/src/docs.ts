@@ -6,6 +6,38 @@ import "./docs.css";
 
 const CONTRACT = "/api/v1/openapi.json";
 
+/** What its plugins are given. */
+interface System {
+  React: { createElement: (tag: string, props: null, child: unknown) => unknown };
+}
+
+/** Its style has a class for what the browser has a setting for. */
+function followTheme(): void {
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const follow = () => document.documentElement.classList.toggle("dark-mode", dark.matches);
+  dark.addEventListener("change", follow);
+  follow();
+}
+
+/** A link within a button is one of them too many: what it shows is opened by the button. */
+const oneButton = ({ React }: System) => ({
+  components: {
+    DeepLink: ({ text }: { text: unknown }) => React.createElement("span", null, text),
+  },
+});
+
+/** Names what has none, and lets keys scroll what scrolls, whenever something is opened. */
+function mend(): void {
+  for (const example of document.querySelectorAll<HTMLElement>("pre.microlight")) example.tabIndex = 0;
+  for (const row of document.querySelectorAll("tr[data-param-name]")) {
+    const name = row.getAttribute("data-param-name") ?? "";
+    for (const field of row.querySelectorAll("select, input")) field.setAttribute("aria-label", name);
+  }
+  for (const field of document.querySelectorAll(".content-type, .body-param__text")) {
+    if (!field.hasAttribute("aria-label")) field.setAttribute("aria-label", "body");
+  }
+}
+
 async function main(): Promise<void> {
   const answer = await fetch(CONTRACT);
   if (answer.status === 401) {
@@ -22,10 +54,13 @@ async function main(): Promise<void> {
     spec: await answer.json(),
     deepLinking: true,
     docExpansion: "list",
+    plugins: [oneButton],
     // Nothing is asked of a validator elsewhere, and no token is kept.
     validatorUrl: null,
     persistAuthorization: false,
   });
 }
 
+followTheme();
+new MutationObserver(mend).observe(document.body, { childList: true, subtree: true });
 void main();

@@ -21,6 +21,11 @@ export function withSigma(
   return sigma === null || sigma === undefined ? text : `${text} ± ${fixed(sigma, digits)}`;
 }
 
+/** Words that come after others' end as a sentence of their own: what they begin with stays as it is where it is a name. */
+export function sentence(text: string): string {
+  return /^(a|[a-z]{2,})[ ,]/.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text;
+}
+
 /** A while in words, rounded: seconds, then minutes, then hours. */
 export function span(ms: number): string {
   const seconds = ms / 1000;

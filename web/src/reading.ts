@@ -3,8 +3,9 @@
 
 import type { FrameReading, Measurement } from "./wire";
 
-/** Which way Δv or e has to go: a larger one makes the spacing smaller. */
-export type Direction = "larger" | "smaller" | "there";
+/** Which way Δv or e has to go: a larger one makes the spacing smaller. "There" is where a job would accept it; "unsure" is
+ *  where it cannot be told from the target, and not well enough known to be accepted. */
+export type Direction = "larger" | "smaller" | "there" | "unsure";
 
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
@@ -17,6 +18,8 @@ export interface Reading {
   /** The newest frame's own. */
   single: { spacingPx: number; sigmaPx: number };
   targetPx: number;
+  /** By how much it may be off that where a job accepts it. */
+  tolerancePx: number;
   differencePx: number;
   direction: Direction;
   inFocus: boolean;
@@ -38,6 +41,7 @@ export interface Missing {
   is: "lost" | "refused";
   why: string;
   targetPx: number;
+  tolerancePx: number;
   capturedAt: number;
 }
 
@@ -46,7 +50,12 @@ export function reading(measurement: Measurement): Reading {
   const { spacing } = measurement;
   return {
     of: "measurement",
-    ...against(spacing.spacing_px, spacing.spacing_sigma_px, measurement.spacing_target_px),
+    ...against(
+      spacing.spacing_px,
+      spacing.spacing_sigma_px,
+      measurement.spacing_target_px,
+      measurement.spacing_tolerance_px ?? 0,
+    ),
     frames: spacing.frames,
     single: { spacingPx: spacing.spacing_px, sigmaPx: spacing.spacing_sigma_px },
     inFocus: measurement.in_focus,
@@ -62,13 +71,13 @@ export function reading(measurement: Measurement): Reading {
 
 /** What the meter read in a frame; what it does not know of the micro-images is from the newest whole measurement. */
 export function frameReading(read: FrameReading, measurement: Measurement | null): Reading | null {
-  const { found, targetPx, focusMm, eMm, settled, capturedAt } = read;
+  const { found, targetPx, tolerancePx, focusMm, eMm, settled, capturedAt } = read;
   if (found.is !== "measured") return null;
   const { spacingPx, sigmaPx, combined, inFocus, tiltXPx, tiltYPx } = found;
   const pitchPx = measurement?.micro_image_pitch_px ?? null;
   return {
     of: "frame",
-    ...against(combined.spacingPx, combined.sigmaPx, targetPx),
+    ...against(combined.spacingPx, combined.sigmaPx, targetPx, tolerancePx),
     frames: combined.frames,
     single: { spacingPx, sigmaPx },
     ...{ inFocus, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
@@ -78,18 +87,27 @@ export function frameReading(read: FrameReading, measurement: Measurement | null
 /** What there is instead of a reading. A spacing once lost is lost until it is measured again: a frame that cannot be
  *  measured meanwhile only says why it is not found, and between two searches nothing new is said of it. */
 export function missing(read: FrameReading, before: Missing | null): Missing | null {
-  const { found, targetPx, capturedAt } = read;
+  const { found, targetPx, tolerancePx, capturedAt } = read;
   if (found.is === "measured") return null;
   const lost = before?.is === "lost" ? before : null;
   const why = lost && found.is === "lost" ? lost.why : found.why;
-  return { is: lost ? "lost" : found.is, why, targetPx, capturedAt };
+  return { is: lost ? "lost" : found.is, why, targetPx, tolerancePx, capturedAt };
 }
 
-function against(spacingPx: number, sigmaPx: number, targetPx: number) {
+/** The same criterion as a job's: as near as it may be, and as well known. */
+function against(spacingPx: number, sigmaPx: number, targetPx: number, tolerancePx: number) {
   const differencePx = spacingPx - targetPx;
-  const direction: Direction =
-    Math.abs(differencePx) <= 2 * sigmaPx ? "there" : differencePx > 0 ? "larger" : "smaller";
-  return { spacingPx, sigmaPx, targetPx, differencePx, direction };
+  return {
+    ...{ spacingPx, sigmaPx, targetPx, tolerancePx, differencePx },
+    direction: directionOf(differencePx, sigmaPx, tolerancePx),
+  };
+}
+
+function directionOf(differencePx: number, sigmaPx: number, tolerancePx: number): Direction {
+  const off = Math.abs(differencePx);
+  if (off <= tolerancePx && sigmaPx <= tolerancePx) return "there";
+  if (off <= 2 * sigmaPx) return "unsure";
+  return differencePx > 0 ? "larger" : "smaller";
 }
 
 /** The reading that is closest to its target as far as can be told, and where the axes stood. */

@@ -4,6 +4,7 @@ import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
 import { best, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
+import { setUpAt } from "./set-up";
 import { standard, type Preferences } from "./preferences";
 import { strings } from "./strings";
 import {
@@ -64,6 +65,8 @@ export interface State {
   picture: PictureFacts | null;
   /** This page's clock when the picture was sent, ms. */
   pictureAt: number | null;
+  /** Older than this, it does not show how things are, ms. */
+  pictureOldMs: number;
   /** This page's clock when anything came, ms. */
   heardAt: number | null;
   /** The newest thing that went wrong, for the operator to read and dismiss. */
@@ -89,6 +92,13 @@ export interface State {
   axes: Trail<AxesPoint>;
 }
 
+/** Older than this, a raw frame does not show how things are, ms. */
+export const STALE_MS = 2000;
+/** What is made of a frame takes its time: it is old once the next one is late by this many times as long as that takes, and
+ *  at this age however long it takes, ms. */
+const LATE = 1.5;
+const OLDEST_MS = 30_000;
+
 export const initial: State = {
   session: null,
   link: "connecting",
@@ -108,6 +118,7 @@ export const initial: State = {
   widthPx: 0,
   picture: null,
   pictureAt: null,
+  pictureOldMs: STALE_MS,
   heardAt: null,
   problem: null,
   stopFailed: null,
@@ -124,8 +135,6 @@ export const initial: State = {
   axes: noTrail,
 };
 
-/** Older than this, a picture does not show how things are, ms. */
-export const STALE_MS = 2000;
 /** Older than this, a measurement says how old it is: a frame takes a second or two to be taken and measured, ms. */
 const OLD_MEASUREMENT_MS = 5000;
 /** A frame is read several times a second: older than this, its reading says how old it is, ms. */
@@ -133,8 +142,19 @@ const OLD_READING_MS = 1000;
 /** Where the spacing is lost, a search takes longer, and nothing is said meanwhile, ms. */
 const OLD_SEARCH_MS = 5000;
 
-/** The state after a message. */
+/** The state after a message. What was read of another set-up is gone with it. */
 export function receive(state: State, message: ServerMessage, now: number): State {
+  const next = received(state, message, now);
+  const at = setUpAt(next.bench);
+  const anew = at !== setUpAt(state.bench);
+  if (!anew && message.type !== "snapshot") return next;
+  const ofThis = <Word extends { capturedAt: number }>(word: Word | null) =>
+    word && word.capturedAt >= at ? word : null;
+  const best = anew ? null : next.best;
+  return { ...next, reading: ofThis(next.reading), missing: ofThis(next.missing), best };
+}
+
+function received(state: State, message: ServerMessage, now: number): State {
   const heard = { ...state, heardAt: now, link: "open" as const };
   // Another start of the daemon: nothing of the old one holds.
   if (state.bootId !== null && message.boot_id !== state.bootId && message.type !== "snapshot") return heard;
@@ -163,8 +183,6 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         stopSent: withStop(state, message.bench),
         ...withOutage(state, message.bench, Boolean(state.bench?.stop.unread)),
         axes: withAxes(state, message.bench, now),
-        // With the shell on it is another camera: what was best without says nothing.
-        ...(state.bench && state.bench.shell !== message.bench.shell ? { best: null } : {}),
       };
     case "job":
       return { ...heard, seq, jobs: withJob(state.jobs, message.job) };
@@ -173,7 +191,11 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
         ...heard,
         seq,
         measurement: message.measurement,
-        clarities: follow(state.clarities, now / 1000, message.measurement.eog ?? null),
+        clarities: follow(
+          state.clarities,
+          pageTime(state, Date.parse(message.measurement.captured_at), now) / 1000,
+          message.measurement.eog ?? null,
+        ),
         ...withMeasurement(state, message.measurement, now),
       };
     case "tick":
@@ -198,15 +220,14 @@ function withSnapshot(measurement: Measurement | null, now: number): Partial<Sta
 /** A whole measurement says something of the spacing where frame after frame is not read, and by a frame that is newer. */
 function withMeasurement(state: State, measurement: Measurement, now: number): Partial<State> {
   const newest = reading(measurement);
+  if (newest.capturedAt < setUpAt(state.bench)) return {};
   const word = wordOf(state);
   const says = !word || word.of === "measurement" || wordAge(state, word, now) > word.oldMs;
-  return says && newest.capturedAt >= (word?.capturedAt ?? -Infinity)
-    ? withReading(state, newest, now, now)
-    : {};
+  return says && newest.capturedAt >= (word?.capturedAt ?? -Infinity) ? withReading(state, newest, now) : {};
 }
 
-/** `sentAt` and `now` are this page's clock, ms. */
-function withReading(state: State, newest: Reading, sentAt: number, now: number) {
+/** `sentAt` is this page's clock, ms. */
+function withReading(state: State, newest: Reading, sentAt: number) {
   const { single, targetPx } = newest;
   return {
     reading: newest,
@@ -214,17 +235,21 @@ function withReading(state: State, newest: Reading, sentAt: number, now: number)
     missing: null,
     missingAt: null,
     best: best(state.best, newest),
-    spacings: follow(state.spacings, now / 1000, { ...single, targetPx }),
+    spacings: follow(state.spacings, pageTime(state, newest.capturedAt, sentAt) / 1000, {
+      ...single,
+      targetPx,
+    }),
   };
 }
 
 /** The state with what the meter says of a frame, which came at `now` of this page's clock. */
 export function receiveReading(state: State, read: FrameReading, now: number): State {
   const heard = { ...state, heardAt: now, framesLeftOut: read.framesLeftOut, widthPx: read.widthPx };
+  if (read.capturedAt < setUpAt(state.bench)) return heard;
   const newest = frameReading(read, state.measurement);
   const takenAt = now - read.ageMs;
   return newest
-    ? { ...heard, ...withReading(state, newest, takenAt, now) }
+    ? { ...heard, ...withReading(state, newest, takenAt) }
     : { ...heard, missing: missing(read, state.missing), missingAt: takenAt };
 }
 
@@ -311,7 +336,12 @@ function withJob(jobs: Job[], job: Job): Job[] {
 
 /** The state with a picture that the daemon sent at `sentAt` of this page's clock. */
 export function receivePicture(state: State, picture: PictureFacts, sentAt: number, now: number): State {
-  return { ...state, heardAt: now, picture, pictureAt: sentAt };
+  const { picture: before, pictureAt } = state;
+  const sinceMs = before?.show === picture.show && pictureAt !== null ? sentAt - pictureAt : picture.ageMs;
+  // The age that one has when the next takes its place.
+  const usualMs = picture.show === "raw" ? 0 : picture.ageMs + sinceMs;
+  const pictureOldMs = Math.max(STALE_MS, Math.min(OLDEST_MS, LATE * usualMs));
+  return { ...state, heardAt: now, picture, pictureAt: sentAt, pictureOldMs };
 }
 
 /** Age of the picture shown, ms. */
@@ -337,10 +367,16 @@ function wordOf({ missing, missingAt, reading, readingAt }: State): Word | null 
   return { of: reading.of, capturedAt: reading.capturedAt, sentAt: readingAt, oldMs };
 }
 
+/** When a frame was taken, this page's clock, ms: where the daemon's is not known, what is given in its place. The one clock of
+ *  meter and charts. */
+function pageTime(state: State, capturedAt: number, otherwise: number): number {
+  const aheadMs = ahead(state.clock);
+  return aheadMs === null ? otherwise : capturedAt + aheadMs;
+}
+
 /** Since its frame was taken where the daemon's clock is known, or since it was sent, ms. */
 function wordAge(state: State, word: Pick<Word, "capturedAt" | "sentAt">, now: number): number {
-  const aheadMs = ahead(state.clock);
-  return aheadMs === null ? now - word.sentAt : Math.max(0, now - aheadMs - word.capturedAt);
+  return Math.max(0, now - pageTime(state, word.capturedAt, word.sentAt));
 }
 
 /** Age of what the meter shows, ms. */
@@ -362,7 +398,7 @@ export type PictureState = "none" | "fresh" | "stale";
 export function pictureState(state: State, now: number): PictureState {
   const age = pictureAge(state, now);
   if (age === null) return "none";
-  return state.link === "open" && age <= STALE_MS ? "fresh" : "stale";
+  return state.link === "open" && age <= state.pictureOldMs ? "fresh" : "stale";
 }
 
 const FINAL: JobState[] = ["converged", "succeeded", "not_converged", "cancelled", "failed", "interrupted"];
@@ -375,6 +411,12 @@ export function isFinal(state: JobState): boolean {
 export function currentJob(state: State): Job | null {
   const held = state.jobs.find((job) => job.id === state.bench?.job);
   return held ?? state.jobs[state.jobs.length - 1] ?? null;
+}
+
+/** The job under way. */
+export function jobUnderWay(state: State): Job | null {
+  const job = currentJob(state);
+  return job && !isFinal(job.state) ? job : null;
 }
 
 const SCOPES: Scope[] = ["view", "control", "admin"];

@@ -4,6 +4,7 @@ declare module "swagger-ui-dist/swagger-ui-es-bundle.js" {
     dom_id: string;
     spec: unknown;
     deepLinking: boolean;
+    plugins: unknown[];
     docExpansion: "list" | "full" | "none";
     validatorUrl: null;
     persistAuthorization: boolean;

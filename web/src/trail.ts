@@ -7,6 +7,9 @@ const MOST = 1500;
 /** Nearer to the one before, a point is left out, s: no chart shows it apart, and the oldest are not to go for it. */
 const APART_S = SPAN_S / MOST;
 
+/** Earlier than the one before by more than this, a point is of a clock that was set back, s. */
+const SET_BACK_S = 1;
+
 export interface Trail<Point> {
   /** This page's clock, s. */
   at: number[];
@@ -17,13 +20,16 @@ export const noTrail = { at: [], points: [] };
 
 /** The trail with a point more, where it is apart from the others, and without what is too old. */
 export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): Trail<Point> {
-  const newest = trail.at.at(-1);
-  if (newest !== undefined && atS >= newest && atS - newest < APART_S) return trail;
+  const newest = trail.at.at(-1) ?? -Infinity;
+  if (atS - newest < APART_S && newest - atS < SET_BACK_S) return trail;
   const oldest = atS - SPAN_S;
   let from = trail.at.findIndex((at) => at >= oldest);
   if (from < 0) from = trail.at.length;
   from = Math.max(from, trail.at.length - MOST + 1);
-  return { at: [...trail.at.slice(from), atS], points: [...trail.points.slice(from), point] };
+  // Where the clock was set back, what is later than now is no more.
+  const kept = trail.at.slice(from).filter((at) => at < atS).length;
+  const [at, points] = [trail.at.slice(from, from + kept), trail.points.slice(from, from + kept)];
+  return { at: [...at, atS], points: [...points, point] };
 }
 
 /** The trail with what is known of it from elsewhere, oldest first: that fills what it lacks before and within. */

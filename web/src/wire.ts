@@ -57,6 +57,8 @@ export type ConfigFault = Schemas["ConfigFault"];
 export type ConfigWritten = Schemas["ConfigWritten"];
 export type Devices = Schemas["DevicesFound"];
 export type Faults = Schemas["Faults"];
+export type AuditList = Schemas["AuditList"];
+export type AuditEntry = AuditList["entries"][number];
 export type Token = Schemas["TokenView"];
 export type TokenList = Schemas["TokenList"];
 export type TokenRequest = Schemas["TokenRequest"];
@@ -113,6 +115,9 @@ export interface PictureFacts {
   /** What of the raw frame it shows; null where it shows something else. */
   part: Part | null;
   show: Show;
+  /** Distances that the colours of a depth map end at, mm; null where they are not known. */
+  nearMm: number | null;
+  farMm: number | null;
 }
 
 export interface Picture {
@@ -155,6 +160,8 @@ export interface FrameReading {
   /** Columns of the raw frame. */
   widthPx: number;
   targetPx: number;
+  /** By how much the spacing may be off that where a job accepts it. */
+  tolerancePx: number;
   found: Found;
 }
 
@@ -246,6 +253,7 @@ function readingOf(read: FrameRead): FrameReading | null {
       framesLeftOut: Number(read.framesLeftOut),
       widthPx: read.widthPx,
       targetPx: read.spacingTargetPx,
+      tolerancePx: read.spacingTolerancePx,
       found,
     }
   );
@@ -311,6 +319,8 @@ function pictureOf(frame: Frame): Picture {
       heightPx: frame.heightPx,
       part: show === "raw" ? partOf(frame.viewport, frame) : null,
       show,
+      nearMm: frame.nearMm ?? null,
+      farMm: frame.farMm ?? null,
     },
   };
 }

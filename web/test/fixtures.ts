@@ -56,6 +56,9 @@ export const bench: Bench = {
     replay: false,
   },
   shell: "unknown",
+  in_view: "unknown",
+  set_up_at: "1970-01-01T00:00:00Z",
+  air_step_holds: false,
   stop: { latched: false },
   e_wall_mm: -0.1,
 };
@@ -93,6 +96,7 @@ export function measurement(spacing_px: number, spacing_sigma_px: number): Measu
       frames: 1,
     },
     spacing_target_px: 19.725,
+    spacing_tolerance_px: 0.016,
     in_focus: true,
     micro_image_pitch_px: 29.4,
   };
@@ -100,7 +104,16 @@ export function measurement(spacing_px: number, spacing_sigma_px: number): Measu
 
 function read(found: Found, capturedAt: number): FrameReading {
   const axes = { focusMm: 1.5, eMm: 30, settled: true };
-  return { ...axes, capturedAt, ageMs: 50, framesLeftOut: 2, widthPx: 1160, targetPx: 19.725, found };
+  return {
+    ...axes,
+    capturedAt,
+    ageMs: 50,
+    framesLeftOut: 2,
+    widthPx: 1160,
+    targetPx: 19.725,
+    tolerancePx: 0.016,
+    found,
+  };
 }
 
 /** What the meter says of a frame, 50 ms after it was taken at `capturedAt`, ms, and of frames combined: of itself alone
@@ -132,6 +145,8 @@ export const picture: PictureFacts = {
   heightPx: 1160,
   part: null,
   show: "raw",
+  nearMm: null,
+  farMm: null,
 };
 
 export function snapshot(seq: number, jobs: Job[] = [], boot_id = boot): ServerMessage {

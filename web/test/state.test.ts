@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { fixed, signed, withSigma } from "../src/format";
+import { fixed, sentence, signed, withSigma } from "../src/format";
 import {
   currentJob,
   endsPress,
@@ -18,6 +18,7 @@ import {
 } from "../src/state";
 import type { Bench, ServerMessage } from "../src/wire";
 import { reading } from "../src/reading";
+import { isBeingSetUp, showsTilt } from "../src/set-up";
 import { along, axisScale } from "../src/travel";
 import {
   bench,
@@ -109,6 +110,20 @@ describe("the picture", () => {
     expect(pictureState(state, 2001 + STALE_MS - 100)).toBe("stale");
   });
 
+  it("is not stale at the age that such a picture always has, and is once the next one does not come", () => {
+    const depth = (state: State, sentAt: number) =>
+      receivePicture(state, { ...picture, show: "depth", ageMs: 3000 }, sentAt, sentAt);
+    // One every 4 s, 3 s old when it is sent: 7 s old when the next takes its place.
+    const state = depth(depth(open(), 2000), 6000);
+    expect([pictureState(state, 6000), pictureState(state, 9999)]).toEqual(["fresh", "fresh"]);
+    expect(pictureState(state, 6000 + 1.5 * 7000 - 3000 + 1)).toBe("stale");
+    // Whatever there was before it, a raw frame is to be of now.
+    const raw = receivePicture(state, picture, 7000, 7000);
+    expect(pictureState(raw, 7000 + STALE_MS - 99)).toBe("stale");
+    // After an hour in the background the next is not waited for as long.
+    expect(pictureState(depth(state, 3_600_000), 3_600_000 + 27_001)).toBe("stale");
+  });
+
   it("is stale at once when the link is lost, and none before the first", () => {
     expect(pictureState(open(), 1000)).toBe("none");
     const state: State = { ...receivePicture(open(), picture, 2000, 2000), link: "lost" };
@@ -123,6 +138,17 @@ describe("reading", () => {
     expect(reading(measurement(19.726, 0.002)).direction).toBe("there");
     expect(reading(measurement(19.726, 0.002)).differencePx).toBeCloseTo(0.001, 9);
     expect(open().reading).toBeNull();
+  });
+
+  it("is on the target where a job accepts it, however well it is known, and nowhere else", () => {
+    const direction = (differencePx: number, sigmaPx: number) =>
+      reading(measurement(19.725 + differencePx, sigmaPx)).direction;
+    // What a job has called converged, 5 standard uncertainties off.
+    expect([direction(0.0117, 0.0021), direction(-0.0159, 0.0005)]).toEqual(["there", "there"]);
+    expect([direction(0.0161, 0.0005), direction(-0.0161, 0.002)]).toEqual(["larger", "smaller"]);
+    // Too uncertain to be accepted, it is not called on target, nor is anybody sent anywhere.
+    expect([direction(0.001, 0.017), direction(0.03, 0.016)]).toEqual(["unsure", "unsure"]);
+    expect(direction(0.04, 0.017)).toBe("larger");
   });
 });
 
@@ -155,12 +181,12 @@ describe("what the meter reads, frame by frame", () => {
   });
 
   it("is shown and held as the mean of the frames at rest, and charted by itself", () => {
-    const combined = { spacingPx: 19.727, sigmaPx: 0.0008, frames: 40 };
+    const combined = { spacingPx: 19.743, sigmaPx: 0.0008, frames: 40 };
     const state = receiveReading(open(), frameReading(19.73, 3000, combined), 3050);
-    // The mean is off its target where the single frame's spacing could not be told from it.
+    // The mean is outside of what a job accepts where the single frame's spacing is within.
     expect(state.reading).toMatchObject({ ...combined, direction: "larger" });
     expect(state.reading?.single).toEqual({ spacingPx: 19.73, sigmaPx: 0.002 });
-    expect(state.best?.differencePx).toBeCloseTo(0.002, 9);
+    expect(state.best?.differencePx).toBeCloseTo(0.018, 9);
     expect(state.best?.sigmaPx).toBe(0.0008);
     expect(state.spacings.points).toEqual([{ spacingPx: 19.73, sigmaPx: 0.002, targetPx: 19.725 }]);
   });
@@ -240,6 +266,16 @@ describe("numbers", () => {
     expect(withSigma(2.2041, 0.0004, 4)).toBe("2.2041 ± 0.0004");
     expect(withSigma(null, 1, 2)).toBeNull();
   });
+
+  it("and a daemon's words begin as sentences do, unless with a name", () => {
+    expect(["a browser has it", "the e axis", "e_mm: 3 is", "b is not", "Ada has it"].map(sentence)).toEqual([
+      "A browser has it",
+      "The e axis",
+      "e_mm: 3 is",
+      "b is not",
+      "Ada has it",
+    ]);
+  });
 });
 
 describe("the bench anew", () => {
@@ -261,9 +297,42 @@ describe("the bench anew", () => {
       5000,
     );
 
-  it("forgets the best measurement with the shell taken on or off, which makes it another camera", () => {
-    expect(receive(measured(), said({}), 6000).best).not.toBeNull();
-    expect(receive(measured(), said({ shell: "on" }), 6000).best).toBeNull();
+  it("forgets what was read of another set-up, the best of it too, and takes no more of that", () => {
+    const at = (set_up_at: string) => said({ set_up_at });
+    const before = measured();
+    const kept = receive(before, said({}), 6000);
+    expect([kept.reading, kept.best]).toEqual([before.reading, before.best]);
+    expect(kept.best).not.toBeNull();
+    // What was measured is of 2026-01-01T00:00:00Z.
+    const next = receive(before, at("2026-01-01T00:00:01Z"), 6000);
+    expect([next.reading, next.best]).toEqual([null, null]);
+    const capturedAt = Date.parse("2026-01-01T00:00:00.900Z");
+    expect(receiveReading(next, frameReading(19.725, capturedAt), 6100).reading).toBeNull();
+    expect(receiveReading(next, lostReading("gone", capturedAt), 6100).missing).toBeNull();
+    const late = { ...measurement(19.725, 0.002), captured_at: "2026-01-01T00:00:00.999Z" };
+    const message = { type: "measurement", seq: 7, boot_id: boot, measurement: late } as const;
+    expect(receive(next, message, 6200)).toMatchObject({ reading: null, best: null });
+    const read = receiveReading(next, frameReading(19.73, capturedAt + 100), 6300);
+    expect(read.best?.differencePx).toBeCloseTo(0.005, 9);
+    // Nor is it shown to who opens the page later.
+    const opened = { ...snapshot(1), bench: { ...bench, set_up_at: "2026-01-01T00:00:01Z" } };
+    expect(receive(initial, { ...opened, measurement: late } as ServerMessage, 7000).reading).toBeNull();
+    expect(receive(read, { ...opened, measurement: late } as ServerMessage, 7000).best).toEqual(read.best);
+  });
+
+  it("is being set up while the operator is asked for another scene, and only then", () => {
+    const waiting = job("a", 1, "waiting_for_operator");
+    expect(isBeingSetUp(bench, waiting)).toBe(true);
+    // The aperture is set before the board that stands there.
+    expect(isBeingSetUp({ ...bench, in_view: "flat_board" }, waiting)).toBe(false);
+    expect([isBeingSetUp(bench, job("a", 1)), isBeingSetUp(bench, null)]).toEqual([false, false]);
+    const of = (in_view: NonNullable<Bench["in_view"]>) => showsTilt({ ...bench, in_view });
+    expect([of("unknown"), of("flat_board"), of("stepped_board"), of("other")]).toEqual([
+      true,
+      true,
+      false,
+      false,
+    ]);
   });
 
   it("forgets what became of a stop once it is reset, and not before it is known", () => {
@@ -298,6 +367,19 @@ describe("the bench anew", () => {
     const now = measured();
     expect(remember(now, { ...recent, spacings: [], clarities: [] }, 100_000).spacings).toBe(now.spacings);
     expect(remember(now, recent, 100_000).spacings.at).toEqual([4, 5]);
+  });
+
+  it("charts a measurement by when its frame was taken, as the meter counts its age", () => {
+    const at = (second: string) => `2026-01-01T00:00:${second}Z`;
+    const tick = { type: "tick", seq: 5, boot_id: boot, now: at("20") } as const;
+    const told = receive(open(), tick, 100_000);
+    const late = { ...measurement(19.73, 0.002), captured_at: at("09"), eog: 1300 };
+    const state = receive(told, { type: "measurement", seq: 6, boot_id: boot, measurement: late }, 100_000);
+    expect(meterAge(state, 100_000)).toBe(11_000);
+    expect([state.spacings.at, state.clarities.at]).toEqual([[89], [89]]);
+    const read = receiveReading(state, frameReading(19.72, Date.parse(at("19.5"))), 100_000);
+    expect(meterAge(read, 100_000)).toBe(500);
+    expect(read.spacings.at).toEqual([89, 99.5]);
   });
 
   it("keeps clarity beside the spacing, for the charts", () => {

@@ -156,6 +156,7 @@ describe("parseSeen", () => {
       tiltXPx: 0.1,
       tiltYPx: -0.2,
       spacingTargetPx: 19.72,
+      spacingTolerancePx: 0.016,
       inFocus: true,
       framesLeftOut: 4n,
       widthPx: 1160,
@@ -172,6 +173,7 @@ describe("parseSeen", () => {
       framesLeftOut: 4,
       widthPx: 1160,
       targetPx: 19.72,
+      tolerancePx: 0.016,
       found: {
         is: "measured",
         spacingPx: 19.7,

@@ -7,8 +7,7 @@ use std::time::Duration;
 
 use futures_util::FutureExt as _;
 
-use super::events::{BenchView, ShellState};
-use super::eye::InView;
+use super::events::{BenchView, InView, ShellState};
 use super::lease::Permit;
 use super::motion::{Admission, Claim};
 use super::service::Service;

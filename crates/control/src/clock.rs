@@ -155,6 +155,8 @@ mod tests {
                 assert!((spent.operator_s - 16.0).abs() < 0.01 && (spent.total_s - 127.0).abs() < 0.01, "{spent:?}");
                 let [_, others @ ..] = spent.parts().map(|(_, seconds)| seconds);
                 assert_eq!(others, [10.0, 4.0, 0.0, 64.0, 33.0]);
+                let left = |usual_s| spent.time_left_s(usual_s).map(|left_s| left_s.round());
+                assert_eq!([left(120.0), left(111.0)], [Some(9.0), None]);
             })
             .await;
     }

@@ -91,6 +91,8 @@ pub(super) struct Job {
     kept: Mutex<Kept>,
     /// The file that it is recorded to.
     file: OnceLock<Arc<FileSink>>,
+    /// How long this bench takes for such a job by itself, s, where its history tells.
+    usual_s: OnceLock<f64>,
 }
 
 /// What the history has been given of a job.
@@ -151,6 +153,7 @@ impl Job {
             idempotency_key,
             kept: Mutex::default(),
             file: OnceLock::new(),
+            usual_s: OnceLock::new(),
         });
         let context = JobContext {
             job: Arc::clone(&job),
@@ -182,6 +185,11 @@ impl Job {
     /// Says how its recording fares.
     pub(super) fn recording(&self, recording: Recording) {
         self.change(|job| job.recording = Some(recording));
+    }
+
+    /// Takes how long this bench usually takes for such a job by itself, s.
+    pub(super) fn expect(&self, usual_s: f64) {
+        let _ = self.usual_s.set(usual_s);
     }
 
     /// Has it recorded to a file from now on.
@@ -304,14 +312,13 @@ impl JobContext {
     pub(super) fn doing(&self, doing: impl Into<String>) {
         let doing = doing.into();
         let spent = self.clock.time_spent();
+        let left = self.job.usual_s.get().map(|usual_s| spent.time_left_s(*usual_s));
         self.job.change(|job| {
             let progress = &mut job.progress;
-            let done = progress.step;
             progress.step += 1;
             progress.of = progress.of.max(progress.step + 1);
             progress.doing = doing;
-            let left = f64::from(progress.of - done);
-            progress.time_left_s = (done > 0).then(|| (spent.total_s - spent.operator_s) / f64::from(done) * left);
+            progress.time_left_s = left.flatten();
         });
     }
 

@@ -100,6 +100,21 @@ pub enum ShellState {
     Unknown,
 }
 
+/// What stands before the lens, as far as the program knows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum InView {
+    /// Nobody has said; or it is being changed.
+    #[default]
+    Unknown,
+    /// A flat board, in air or in water.
+    FlatBoard,
+    /// A board of several levels: what its spacing does over the field says nothing of the camera.
+    SteppedBoard,
+    /// Anything else: a diffuser, nothing.
+    Other,
+}
+
 /// The stop's latch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StopView {
@@ -154,6 +169,9 @@ pub struct MeasurementView {
     /// What says so; a measurement of a version that did not tell has Eq. 16's.
     #[serde(default)]
     pub spacing_target_source: TargetSource,
+    /// By how much the spacing may be off that where a job accepts it, px; null in measurements of versions that did not
+    /// tell it.
+    pub spacing_tolerance_px: Option<f64>,
     /// |spacing − target| within the blur limit.
     pub in_focus: bool,
     /// Pitch of the micro-images found, px.
@@ -207,6 +225,16 @@ pub struct BenchView {
     pub camera: CameraView,
     /// Whether the shell is on.
     pub shell: ShellState,
+    /// What stands before the lens.
+    #[serde(default)]
+    pub in_view: InView,
+    /// Since when shell and what stands before the lens are as they are, RFC 3339: a frame taken before shows another scene.
+    #[schema(value_type = String, format = DateTime)]
+    #[serde(default)]
+    pub set_up_at: jiff::Timestamp,
+    /// Whether a shell step can go on from the newest air step: the camera has kept its focus since.
+    #[serde(default)]
+    pub air_step_holds: bool,
     /// The stop's latch.
     pub stop: StopView,
     /// Who may move the axes; absent while nobody has taken the control lease.

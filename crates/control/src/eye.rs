@@ -3,26 +3,27 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use jiff::Timestamp;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::calibrated::CalibratedCamera;
 use super::clock::{Part, enter};
 use super::context::JobEnd;
-use super::events::{FieldMap, MeasurementView, ShellState, TargetSource};
+use super::events::{FieldMap, InView, MeasurementView, ShellState, TargetSource};
 use super::job::SpacingReading;
 use super::journal::Journal;
 use super::motion::Motion;
-use super::plan::AirBoards;
+use super::plan::{AcceptedWithin, AirBoards, most_trim_mm};
 use super::recording::{Answer, Happening};
 use super::sight::{self, CameraSeen, HoldB, Sight, Unseen};
 use super::tasks::AirStep;
 use bench::config::{Config, SpacingTarget};
-use bench::device::{AxisPose, Bench, DeviceError, Frame, Setup};
+use bench::device::{AxisName, AxisPose, Bench, DeviceError, Frame, Setup};
 use bench::telemetry;
 use plenoptics::imaging::clarity::{self, Sharpness};
 use plenoptics::imaging::measurement::evened;
-use plenoptics::optics::CameraDesign;
+use plenoptics::optics::{CameraDesign, Solution};
 use plenoptics::raw::RawImage;
 use plenoptics::units::Millimetres;
 
@@ -72,17 +73,6 @@ pub(super) struct SeenInAir {
     pub(super) middle: Seen,
 }
 
-/// What stands before the lens, as far as the program knows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum InView {
-    /// Nobody has said.
-    Unknown,
-    /// A flat board, in air or in water.
-    FlatBoard,
-    /// Anything else: a diffuser, several boards, nothing.
-    Other,
-}
-
 impl InView {
     /// What stands there once that has been set up; `None` where it stays what it is.
     pub(super) fn after(setup: &Setup) -> Option<Self> {
@@ -91,10 +81,23 @@ impl InView {
             Setup::AirTripleBoard { distances_mm: [near, middle, far] } if near == middle && middle == far => {
                 Some(Self::FlatBoard)
             }
-            Setup::AirTripleBoard { .. } | Setup::Diffuser | Setup::ShellOff => Some(Self::Other),
+            Setup::AirTripleBoard { .. } => Some(Self::SteppedBoard),
+            Setup::Diffuser | Setup::ShellOff => Some(Self::Other),
             Setup::Aperture { .. } => None,
         }
     }
+
+    /// Whether it is known to be no flat board.
+    pub(super) const fn lacks_flat_board(self) -> bool {
+        matches!(self, Self::SteppedBoard | Self::Other)
+    }
+}
+
+/// What stands before the lens, and since when.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SetUp {
+    in_view: InView,
+    since: Timestamp,
 }
 
 /// The bench's camera with what is known of its micro-images.
@@ -108,7 +111,7 @@ pub(super) struct Eye {
     /// The frame that it was learnt from.
     white: Mutex<Option<Arc<Frame>>>,
     air_step: Mutex<Option<AirStep>>,
-    in_view: Mutex<InView>,
+    set_up: watch::Sender<SetUp>,
     /// The frame that was looked at last.
     looked_at: Mutex<Option<Arc<Frame>>>,
     measured: watch::Sender<Option<MeasurementView>>,
@@ -131,7 +134,7 @@ impl Eye {
             sight: Mutex::new(None),
             white: Mutex::new(None),
             air_step: Mutex::new(None),
-            in_view: Mutex::new(InView::Unknown),
+            set_up: watch::Sender::new(SetUp { in_view: InView::Unknown, since: Timestamp::now() }),
             looked_at: Mutex::new(None),
             measured: watch::Sender::new(None),
             map: watch::Sender::new(None),
@@ -190,6 +193,16 @@ impl Eye {
         }
     }
 
+    /// By how much a spacing may be off the one wanted now where a job accepts it, px.
+    pub(super) fn tolerance_px(&self) -> f64 {
+        let joint = || self.design.joint(self.motion.l_bound_mm());
+        let within = AcceptedWithin::of(&self.config, &self.aim_mm().map_or_else(joint, |e| self.design.clarity(e)));
+        match self.motion.shell() {
+            ShellState::On => within.through_shell_px,
+            ShellState::Off | ShellState::Unknown => within.in_air_px,
+        }
+    }
+
     /// A camera's exact target at e (mm), px: worked out once and kept, as every frame is compared with it.
     fn exact_target_px(&self, camera: CalibratedCamera, e: f64) -> f64 {
         let mut kept = self.exact.lock().unwrap_or_else(PoisonError::into_inner);
@@ -220,14 +233,24 @@ impl Eye {
 
     /// What stands before the lens.
     pub(super) fn in_view(&self) -> InView {
-        *self.in_view.lock().unwrap_or_else(PoisonError::into_inner)
+        self.set_up.borrow().in_view
     }
 
-    /// That this stands before the lens from now on; with `None` what stood there does.
+    /// Tells whenever somebody says anew what stands there.
+    pub(super) fn setups(&self) -> watch::Receiver<SetUp> {
+        self.set_up.subscribe()
+    }
+
+    /// Since when what stands there does, and the shell is on or off.
+    pub(super) fn set_up_at(&self) -> Timestamp {
+        self.set_up.borrow().since.max(self.motion.shell_since())
+    }
+
+    /// That this stands before the lens from now on; with `None` what stood there does, set up anew.
     pub(super) fn see(&self, view: Option<InView>) {
-        if let Some(view) = view {
-            *self.in_view.lock().unwrap_or_else(PoisonError::into_inner) = view;
-        }
+        self.set_up.send_modify(|set_up| {
+            *set_up = SetUp { in_view: view.unwrap_or(set_up.in_view), since: Timestamp::now() };
+        });
     }
 
     /// Keeps what an air step left, for a job that goes on from it.
@@ -239,6 +262,38 @@ impl Eye {
     /// repeats to tenths of a millimetre and Δv is held to thousandths.
     pub(super) fn air_step(&self) -> Option<AirStep> {
         *self.air_step.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the newest air step left, for a shell step that goes on from it and aims at a solution.
+    ///
+    /// # Errors
+    /// Why it cannot, in words.
+    pub(super) fn air_step_for(&self, solution: &Solution) -> Result<AirStep, String> {
+        let Some(kept) = self.air_step() else {
+            return Err("the shell step needs the calibration of an air step, and none has been made since the focus axis was homed: run air_only or joint_alignment first".to_owned());
+        };
+        // Further than a trim may take it the calibration cannot be told from the axis's reading.
+        let most_trim_mm = most_trim_mm(&self.config, solution);
+        let focus_mm = self.motion.position_mm(AxisName::Focus).map_err(|error| error.to_string())?;
+        if (focus_mm - kept.focus_mm).abs() > most_trim_mm {
+            return Err(format!(
+                "the focus axis stands at {focus_mm:.3} mm, too far from {:.3} mm, where the air step left it: move it back or run the air step again",
+                kept.focus_mm
+            ));
+        }
+        let (delta_v_mm, _) = kept.delta_v;
+        if (delta_v_mm - solution.delta_v).abs() > most_trim_mm {
+            return Err(format!(
+                "the newest air step brought Δv to {delta_v_mm:.3} mm, too far from the {:.3} mm of the joint solution: run air_only or joint_alignment first",
+                solution.delta_v
+            ));
+        }
+        Ok(kept)
+    }
+
+    /// Whether a shell step can go on from the newest air step.
+    pub(super) fn air_step_holds(&self) -> bool {
+        self.air_step_for(&self.design.joint(self.motion.l_bound_mm())).is_ok()
     }
 
     /// Forgets what the air step left.
@@ -487,6 +542,7 @@ impl Eye {
             spacing: seen.spacing.clone(),
             spacing_target_px,
             spacing_target_source,
+            spacing_tolerance_px: Some(self.tolerance_px()),
             in_focus: self.is_in_focus(seen.spacing.spacing_px),
             micro_image_pitch_px: seen.micro_image_pitch_px,
             micro_image_pitch_sigma_px: Some(seen.micro_image_pitch_sigma_px),

@@ -23,6 +23,10 @@ use bench::store::{JobFilter, Page, Store, StoreError, read};
 /// How long a caller's own name for a request stands for it.
 const KEY_HOLDS: Duration = Duration::from_hours(24);
 
+/// Jobs of a kind that are looked at for how long one takes, and how many of the same request count.
+const TIMES_LOOKED_AT: usize = 50;
+const TIMES_COUNTED: usize = 5;
+
 /// A job in a list.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobSummary {
@@ -378,6 +382,23 @@ impl Service {
         Ok(archive)
     }
 
+    /// How long this bench takes by itself for what is asked for, s: the median of the newest such jobs that came to their
+    /// end. `None` where there is none.
+    pub(super) async fn usual_time_s(&self, request: &JobRequest) -> Option<f64> {
+        let (bench, kind) = (self.journal.bench().clone(), word(&request.kind));
+        let find = move |connection: &_| read::own_times(connection, &bench, &kind, TIMES_LOOKED_AT);
+        let found = self.journal.store().read(find).await;
+        let found = found.inspect_err(|error| tracing::warn!(%error, "how long a job takes is not known")).ok()?;
+        // What it is for, and whether it is recorded, takes no time.
+        let essence = |request: JobRequest| JobRequest { note: None, record: None, ..request };
+        let wanted = essence(request.clone());
+        let same = |of: Value| serde_json::from_value(of).is_ok_and(|of| essence(of) == wanted);
+        let mut times: Vec<f64> =
+            found.into_iter().filter_map(|(of, time_s)| same(of).then_some(time_s)).take(TIMES_COUNTED).collect();
+        times.sort_unstable_by(f64::total_cmp);
+        times.get(times.len() / 2).copied()
+    }
+
     /// The job that the caller's own name for a request stands for.
     pub(super) async fn job_of_key(
         &self,
@@ -436,3 +457,6 @@ impl AuditSink for HistoryAudit {
         self.0.audit(Audit { at, who, what: what.to_owned(), detail, from });
     }
 }
+
+#[cfg(test)]
+mod tests;

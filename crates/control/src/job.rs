@@ -222,7 +222,8 @@ pub struct Progress {
     pub doing: String,
     /// The figure that is brought to its target; `null` before the first measurement.
     pub measure: Option<Measure>,
-    /// Time left by the steps so far, the operator's time not counted, s; `null` before the first step has ended.
+    /// Time left when the step began, the operator's not counted, s: by how long this bench has taken for what was asked for.
+    /// `null` where it has never done that, or has taken longer by now.
     pub time_left_s: Option<f64>,
 }
 
@@ -329,6 +330,14 @@ pub struct TimeSpent {
 }
 
 impl TimeSpent {
+    /// What is left of the time that such a job usually takes by itself (s), the operator's not counted, s; `None` where it
+    /// has taken longer: when it ends is not known then.
+    #[must_use]
+    pub fn time_left_s(&self, usual_s: f64) -> Option<f64> {
+        let left_s = usual_s - (self.total_s - self.operator_s);
+        (left_s > 0.0).then_some(left_s)
+    }
+
     /// The parts in the order in which they are told: what each is, and how long it took, s.
     #[must_use]
     pub const fn parts(&self) -> [(&'static str, f64); 6] {

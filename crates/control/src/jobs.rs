@@ -130,6 +130,13 @@ impl Service {
         }
         self.failures().clear();
         self.begin_recording(&job, recorded);
+        // Beside it: the history's file is waited for by nobody.
+        let (asking, asked) = (Arc::clone(self), Arc::clone(&job));
+        tokio::spawn(async move {
+            if let Some(usual_s) = asking.usual_time_s(&request).await {
+                asked.expect(usual_s);
+            }
+        });
         let service = Arc::clone(self);
         tokio::spawn(async move { service.run(context, admission).await });
         Ok(job.snapshot())

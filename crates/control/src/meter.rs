@@ -48,6 +48,8 @@ pub struct Reading {
     pub combined: Option<Combined>,
     /// The spacing wanted, px.
     pub spacing_target_px: f64,
+    /// By how much it may be off that where a job accepts it, px.
+    pub spacing_tolerance_px: f64,
     /// Whether there is a spacing, and what is combined within the blur limit of that.
     pub in_focus: bool,
     /// Frames that the camera took since somebody began to read, and that were not measured.
@@ -306,7 +308,15 @@ impl Service {
             let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
             let spacing_target_px = self.eye.target_px();
             let in_focus = combined.is_some_and(|combined| self.eye.is_in_focus(combined.value));
-            self.publish_reading(Reading { frame, spacing, combined, spacing_target_px, in_focus, frames_left_out });
+            self.publish_reading(Reading {
+                frame,
+                spacing,
+                combined,
+                spacing_target_px,
+                spacing_tolerance_px: self.eye.tolerance_px(),
+                in_focus,
+                frames_left_out,
+            });
         }
     }
 

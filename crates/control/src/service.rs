@@ -58,6 +58,8 @@ pub struct Service {
     /// The lease is not on the disk as it is.
     pub(super) lease_unkept: Notify,
     pub(super) events: broadcast::Sender<Event>,
+    /// One state of the bench at a time is being published.
+    pub(super) publishing: Mutex<()>,
     pub(super) jobs: Mutex<Vec<Arc<Job>>>,
     pub(super) measurement: Mutex<Option<MeasurementView>>,
     pub(super) recent: Recent,
@@ -105,6 +107,7 @@ impl Service {
             kept_turns: AtomicU64::default(),
             lease_unkept: Notify::default(),
             events,
+            publishing: Mutex::default(),
             jobs: Mutex::new(Vec::new()),
             measurement: Mutex::new(None),
             recent: Recent::default(),
@@ -186,6 +189,9 @@ impl Service {
                 frame_age_ms: frame.map(|frame| frame.exposed_to.elapsed().as_secs_f64() * 1000.0),
             },
             shell: self.motion.shell(),
+            in_view: self.eye.in_view(),
+            set_up_at: self.eye.set_up_at(),
+            air_step_holds: self.eye.air_step_holds(),
             stop: self.motion.stop_view(),
             lease: self.leases.view(),
             job: self.current().map(|job| job.snapshot().id),

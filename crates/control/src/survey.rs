@@ -7,7 +7,7 @@ use tokio::time::Instant;
 use super::alignment::Alignment;
 use super::context::JobEnd;
 use super::events::ShellState;
-use super::eye::{InView, Seen};
+use super::eye::Seen;
 use super::job::{IterationKind, Stage};
 use super::outcome::Outcome;
 use super::plan::AirBoards;
@@ -116,7 +116,7 @@ impl Alignment<'_> {
 
     /// Whether a flat board is to be put up: there is no white frame yet, or another job has left something else.
     fn lacks_board(&self) -> bool {
-        !self.eye.has_white() || self.eye.in_view() == InView::Other
+        !self.eye.has_white() || self.eye.in_view().lacks_flat_board()
     }
 
     /// Puts up a flat board where there is none, at a distance in air (mm) or where it is in range; and has a white frame

@@ -65,28 +65,9 @@ impl Alignment<'_> {
 
     async fn shell_only(&mut self) -> Result<(), JobEnd> {
         self.eye.check_camera()?;
-        let Some(kept) = self.eye.air_step() else {
-            return Err(JobEnd::failed(
-                "the shell step needs the calibration of an air step, and none has been made since the focus axis was homed: run air_only or joint_alignment first",
-            ));
-        };
         let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
         let solution = plan.solution;
-        let focus_mm = self.motion.position_mm(AxisName::Focus)?;
-        // Further than a trim may take it the calibration cannot be told from the axis's reading.
-        if (focus_mm - kept.focus_mm).abs() > plan.most_trim_mm {
-            return Err(JobEnd::failed(format!(
-                "the focus axis stands at {focus_mm:.3} mm, too far from {:.3} mm, where the air step left it: move it back or run the air step again",
-                kept.focus_mm
-            )));
-        }
-        let (delta_v_mm, _) = kept.delta_v;
-        if (delta_v_mm - solution.delta_v).abs() > plan.most_trim_mm {
-            return Err(JobEnd::failed(format!(
-                "the newest air step brought Δv to {delta_v_mm:.3} mm, too far from the {:.3} mm of the joint solution: run air_only or joint_alignment first",
-                solution.delta_v
-            )));
-        }
+        let kept = self.eye.air_step_for(&solution).map_err(JobEnd::failed)?;
         self.findings.solution = Some(solution);
         self.findings.camera = Some(kept.camera);
         self.findings.delta_v_air = Some(kept.delta_v);

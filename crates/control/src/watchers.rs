@@ -155,7 +155,9 @@ impl Service {
         true
     }
 
+    /// Publishes the bench's state as it is. One at a time: a state that was seen first is not told last.
     pub(super) fn publish_bench(&self) {
+        let _one = self.publishing.lock().unwrap_or_else(PoisonError::into_inner);
         let bench = self.bench_view();
         self.recent.bench(&bench);
         // Nobody listening is no error.
@@ -168,13 +170,16 @@ impl Service {
         let _ = self.events.send(Event::Measurement { measurement });
     }
 
-    /// Publishes the bench's state whenever a device's changes.
+    /// Publishes the bench's state whenever a device's changes, or what stands before the camera does.
     async fn watch_bench(&self) {
         let mut focus = self.bench.focus.state();
         let mut e = self.bench.e.state();
         let mut camera = self.bench.camera.state();
+        let mut setups = self.eye.setups();
         loop {
             let changed = tokio::select! {
+                changed = setups.changed() => changed.is_ok(),
+                () = self.motion.shell_said() => true,
                 changed = focus.changed() => changed.is_ok(),
                 changed = e.changed() => changed.is_ok(),
                 changed = camera.changed() => changed.is_ok(),
@@ -192,6 +197,7 @@ impl Service {
             }
             e.mark_unchanged();
             camera.mark_unchanged();
+            setups.mark_unchanged();
             self.publish_bench();
             tokio::time::sleep(VIEW_INTERVAL).await;
         }

@@ -1125,6 +1125,8 @@ export interface components {
     };
     /** @description The state of the whole bench. */
     BenchView: {
+      /** @description Whether a shell step can go on from the newest air step: the camera has kept its focus since. */
+      air_step_holds?: boolean;
       /** @description Focus axis and e axis. */
       axes: components["schemas"]["AxisView"][];
       /** @description The camera. */
@@ -1138,12 +1140,19 @@ export interface components {
       e_wall_mm: number;
       /** @description Why the history cannot be written, which keeps every axis still; absent while it can. */
       history_fault?: string | null;
+      /** @description What stands before the lens. */
+      in_view?: components["schemas"]["InView"];
       /**
        * Format: uuid
        * @description The job under way, by its id.
        */
       job?: string | null;
       lease?: components["schemas"]["LeaseView"] | null;
+      /**
+       * Format: date-time
+       * @description Since when shell and what stands before the lens are as they are, RFC 3339: a frame taken before shows another scene.
+       */
+      set_up_at?: string;
       /** @description Whether the shell is on. */
       shell: components["schemas"]["ShellState"];
       /** @description Whether the bench is simulated. */
@@ -3434,6 +3443,11 @@ export interface components {
       /** @description Version of the program. */
       version: string;
     };
+    /**
+     * @description What stands before the lens, as far as the program knows.
+     * @enum {string}
+     */
+    InView: "unknown" | "flat_board" | "stepped_board" | "other";
     /** @description Near and far end of an interval; `null` for infinity. */
     Interval: {
       /**
@@ -4062,6 +4076,12 @@ export interface components {
       spacing_target_source?: components["schemas"]["TargetSource"];
       /**
        * Format: double
+       * @description By how much the spacing may be off that where a job accepts it, px; null in measurements of versions that did not
+       *     tell it.
+       */
+      spacing_tolerance_px?: number | null;
+      /**
+       * Format: double
        * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
        */
       ssim?: number | null;
@@ -4562,7 +4582,8 @@ export interface components {
       step: number;
       /**
        * Format: double
-       * @description Time left by the steps so far, the operator's time not counted, s; `null` before the first step has ended.
+       * @description Time left when the step began, the operator's not counted, s: by how long this bench has taken for what was asked for.
+       *     `null` where it has never done that, or has taken longer by now.
        */
       time_left_s?: number | null;
     };
@@ -5594,7 +5615,7 @@ export interface operations {
           "application/json": components["schemas"]["AuditList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5665,7 +5686,7 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5776,7 +5797,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5906,7 +5927,7 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -5981,7 +6002,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6128,7 +6149,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6255,7 +6276,7 @@ export interface operations {
           "application/json": components["schemas"]["BenchView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6294,7 +6315,7 @@ export interface operations {
           "application/json": components["schemas"]["ConfigView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6349,7 +6370,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6467,7 +6488,7 @@ export interface operations {
           "application/schema+json": Record<string, never>;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6517,7 +6538,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6599,7 +6620,7 @@ export interface operations {
           "application/json": components["schemas"]["DesignView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6649,7 +6670,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6731,7 +6752,7 @@ export interface operations {
           "application/json": components["schemas"]["DevicesFound"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6834,7 +6855,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6895,7 +6916,7 @@ export interface operations {
           "application/json": components["schemas"]["JobList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -6972,7 +6993,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7093,7 +7114,7 @@ export interface operations {
           "application/json": components["schemas"]["JobResource"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7151,7 +7172,7 @@ export interface operations {
           "application/json": components["schemas"]["JobResource"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7236,7 +7257,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7360,7 +7381,7 @@ export interface operations {
           "application/json": components["schemas"]["ConfirmKeyGrant"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7445,7 +7466,7 @@ export interface operations {
           "text/csv": string;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7503,7 +7524,7 @@ export interface operations {
           "application/json": components["schemas"]["JobExport"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7561,7 +7582,7 @@ export interface operations {
           "application/json": components["schemas"]["JobIterations"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7619,7 +7640,7 @@ export interface operations {
           "application/json": components["schemas"]["JobLog"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7677,7 +7698,7 @@ export interface operations {
           "application/json": components["schemas"]["JobMeasurements"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7735,7 +7756,7 @@ export interface operations {
           "application/json": components["schemas"]["JobMoves"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7794,7 +7815,7 @@ export interface operations {
           "application/octet-stream": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7861,7 +7882,7 @@ export interface operations {
           "text/html": string;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7916,7 +7937,7 @@ export interface operations {
           "application/json": components["schemas"]["LeaseState"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -7966,7 +7987,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8059,7 +8080,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8117,7 +8138,7 @@ export interface operations {
           "application/json": components["schemas"]["LeaseView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8194,7 +8215,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8276,7 +8297,7 @@ export interface operations {
           "application/json": components["schemas"]["MeasurementView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8327,7 +8348,7 @@ export interface operations {
           "application/json": components["schemas"]["MeasurementList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8395,7 +8416,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8486,7 +8507,7 @@ export interface operations {
           "application/json": Record<string, never>;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8536,7 +8557,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8655,7 +8676,7 @@ export interface operations {
           "application/json": components["schemas"]["SessionView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8779,7 +8800,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8832,7 +8853,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -8950,7 +8971,7 @@ export interface operations {
           "application/json": components["schemas"]["PlanInForce"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9009,7 +9030,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9099,7 +9120,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9154,7 +9175,7 @@ export interface operations {
           "application/json": components["schemas"]["Faults"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9213,7 +9234,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9308,7 +9329,7 @@ export interface operations {
           "image/jpeg": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9362,7 +9383,7 @@ export interface operations {
           "application/json": components["schemas"]["StopView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9405,7 +9426,7 @@ export interface operations {
           "application/json": components["schemas"]["StopReport"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9456,7 +9477,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9554,7 +9575,7 @@ export interface operations {
           "multipart/x-mixed-replace": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9612,7 +9633,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9694,7 +9715,7 @@ export interface operations {
           "application/json": components["schemas"]["TokenList"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9755,7 +9776,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9857,7 +9878,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -9923,7 +9944,7 @@ export interface operations {
           "application/json": components["schemas"]["ViewReport"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -10003,7 +10024,7 @@ export interface operations {
           "image/jpeg": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -10083,7 +10104,7 @@ export interface operations {
           "image/png": number[];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -10150,7 +10171,7 @@ export interface operations {
         };
         content?: never;
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
@@ -10242,7 +10263,7 @@ export interface operations {
           "text/plain; version=0.0.4": string;
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;

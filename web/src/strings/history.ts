@@ -9,7 +9,7 @@ export const history = {
   any: "any",
   since: "From",
   until: "Until",
-  none: "No job fits.",
+  none: "No job matches.",
   more: "Show more",
   when: "When",
   what: "What",

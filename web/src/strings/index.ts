@@ -9,6 +9,7 @@ import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
 import { plan } from "./plan";
 import { settings } from "./settings";
+import { wayOn } from "./way-on";
 
 export const strings = {
   ...frame,
@@ -27,6 +28,7 @@ export const strings = {
   iterations,
   report,
   outcome,
+  wayOn,
   history,
   settings,
   faults,

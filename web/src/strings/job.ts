@@ -75,8 +75,9 @@ export const job = {
     calibration: ["White frame, then board: as the page says.", "d and b are fitted."],
     homing: ["The axes run to their switches, e away from the shell."],
   } satisfies Record<JobKind, string[]>,
-  aim: "It aims at",
-  aimOf: (deltaV: string, e: string, spacing: string) => `Δv ${deltaV}, e ${e}, spacing ${spacing}`,
+  aim: "Target:",
+  aimOf: (deltaV: string, e: string, spacing: string) =>
+    `Δv ${deltaV}, e ${e}, spacing ${spacing} near the axis (Eq. 16)`,
   sweepMeans: (positions: number, apart: string) => `${positions} positions, ${apart} apart`,
   watchMeans: (count: number) => `About ${count} measurements`,
   aimClarity: (deltaV: string, e: string) => `Δv ${deltaV} at e ${e} (another e has another Δv)`,
@@ -118,7 +119,7 @@ export const job = {
   renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
   progress: (step: number, of: number) => `step ${step} of about ${of}`,
-  left: (text: string) => `about ${text} left`,
+  left: (text: string) => `about ${text} left, your part apart`,
   figure: (of: string, value: string) => `${of} ${value}`,
   figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
   of: (name: string) => (name === "delta_v_mm" ? "Δv" : "spacing"),
@@ -138,17 +139,6 @@ export const job = {
     failed: "Failed",
     interrupted: "Interrupted",
   } satisfies Record<JobState, string>,
-  wayOn: {
-    title: "The way on",
-    look: "Look at the bench: the axes stand wherever they were, and nothing goes on by itself.",
-    reset: "Reset the stop.",
-    shell:
-      "Whether the shell is on is not known any more, and counts as on: say so on the page Live, under “Shell”.",
-    again: "Start it again: it homes the axes, and measures anew.",
-    airFirst:
-      "Its air step was forgotten with the daemon’s end: take the shell off, and start a joint alignment below.",
-    start: "Start again",
-  },
   report: "Report to print",
   csv: "Iterations, CSV",
   json: "Everything, JSON",

@@ -9,7 +9,13 @@ export interface Theme {
   second: string;
   good: string;
   band: string;
+  /** How many times as large as usual the page's letters are. */
+  scale: number;
 }
+
+const FAMILY = "system-ui";
+/** The page's letters as they usually are, px. */
+const LETTER_PX = 15;
 
 function theme(element: Element): Theme {
   const style = getComputedStyle(element);
@@ -21,6 +27,7 @@ function theme(element: Element): Theme {
     second: of("--second"),
     good: of("--good"),
     band: of("--band"),
+    scale: parseFloat(getComputedStyle(document.documentElement).fontSize) / LETTER_PX,
   };
 }
 
@@ -47,8 +54,9 @@ export function Plot({ label, height, data, options }: Props) {
     if (!element) return;
     const make = () => {
       plot.current?.destroy();
-      const size = { width: element.clientWidth, height };
-      const asked = options(theme(element));
+      const colours = theme(element);
+      const size = { width: element.clientWidth, height: Math.round(height * colours.scale) };
+      const asked = options(colours);
       const names = asked.series.map(({ label }) => label);
       // Straight onto the page: the pointer moves faster than the page is drawn.
       const say = (plot: uPlot) => {
@@ -58,10 +66,15 @@ export function Plot({ label, height, data, options }: Props) {
       plot.current = new uPlot({ ...asked, ...size, hooks }, newest.current, element);
     };
     make();
-    const resize = new ResizeObserver(() => plot.current?.setSize({ width: element.clientWidth, height }));
+    const resize = new ResizeObserver(() => {
+      const now = plot.current;
+      if (now) now.setSize({ width: element.clientWidth, height: now.height });
+    });
     resize.observe(element);
-    // Other colours, and on paper another width besides.
-    const media = [matchMedia("(prefers-color-scheme: dark)"), matchMedia("print")];
+    // Other colours, larger letters, and on paper another width besides.
+    const media = ["(prefers-color-scheme: dark)", "(min-width: 2200px)", "print"].map((one) =>
+      matchMedia(one),
+    );
     for (const one of media) one.addEventListener("change", make);
     return () => {
       for (const one of media) one.removeEventListener("change", make);
@@ -110,11 +123,15 @@ export function tickText(tick: number | null): string {
 
 /** An axis of a chart in the page's colours. */
 export function scaleAxis(colours: Theme, label?: string): uPlot.Axis {
+  const px = (usual: number) => Math.round(usual * colours.scale);
+  const font = [`${px(12)}px`, FAMILY].join(" ");
   return {
     stroke: colours.ink,
+    font,
+    size: px(50),
     values: (_plot, ticks) => ticks.map(tickText),
     grid: { stroke: colours.line, width: 1 },
     ticks: { stroke: colours.line, width: 1 },
-    ...(label === undefined ? {} : { label, labelSize: 18, size: 62, labelFont: "12px system-ui" }),
+    ...(label === undefined ? {} : { label, labelSize: px(18), size: px(62), labelFont: font }),
   };
 }

@@ -1,3 +1,4 @@
+import { sentence } from "../format";
 import { strings } from "../strings";
 import { reworded, type LengthUnit } from "../units";
 import type { Problem } from "../wire";
@@ -14,7 +15,7 @@ export function ProblemLine({ problem, unit = "mm", dismiss }: Props) {
   return (
     <div class="problem" role="alert">
       <p>
-        <b>{problem.title}.</b> {reworded(problem.detail, unit)}
+        <b>{problem.title}.</b> {sentence(reworded(problem.detail, unit))}
       </p>
       {dismiss && (
         <button type="button" onClick={dismiss}>

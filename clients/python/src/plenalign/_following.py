@@ -87,6 +87,10 @@ class Picture:
     """Raw pixels to a picture pixel, each way; 0 where a viewport was asked for."""
     viewport: Viewport | None
     """What of the raw frame it shows, and at how many pixels; none where it shows something else."""
+    near_mm: float | None
+    """Distance that yellow stands for in a picture of the depth, mm; none where it is not known."""
+    far_mm: float | None
+    """The same of dark violet."""
 
 
 class CombinedSince(Enum):
@@ -146,6 +150,8 @@ class Reading:
     """Rise of the spacing with the squared distance from the axis, px per half frame width squared."""
     spacing_target_px: float
     """The spacing wanted, px."""
+    spacing_tolerance_px: float
+    """By how much it may be off that where a job accepts it, px."""
     in_focus: bool
     """Whether there is a spacing, and the combined one within the blur limit of that."""
     frames_left_out: int
@@ -298,6 +304,8 @@ def _picture(frame: frame_pb2.Frame) -> Picture:
         raw_size=(frame.width_px, frame.height_px),
         reduce=frame.reduce,
         viewport=_viewport(frame.viewport) if frame.HasField("viewport") else None,
+        near_mm=frame.near_mm if frame.HasField("near_mm") else None,
+        far_mm=frame.far_mm if frame.HasField("far_mm") else None,
     )
 
 
@@ -340,6 +348,7 @@ def _reading(reading: frame_pb2.Reading, pb: Any) -> Reading:
         tilt_y_px=value(reading.tilt_y_px),
         curvature_px=value(reading.curvature_px),
         spacing_target_px=reading.spacing_target_px,
+        spacing_tolerance_px=reading.spacing_tolerance_px,
         in_focus=reading.in_focus,
         frames_left_out=reading.frames_left_out,
         combined_spacing_px=value(reading.combined_spacing_px),

@@ -120,6 +120,8 @@ class AxisView(Struct, frozen=True, kw_only=True, omit_defaults=True):
 class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The state of the whole bench."""
 
+    air_step_holds: bool | UnsetType = UNSET
+    """Whether a shell step can go on from the newest air step: the camera has kept its focus since."""
     axes: list[AxisView]
     """Focus axis and e axis."""
     camera: CameraView
@@ -130,10 +132,16 @@ class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The e wall, mm."""
     history_fault: str | None = None
     """Why the history cannot be written, which keeps every axis still; absent while it can."""
+    in_view: InView | UnsetType = UNSET
+    """What stands before the lens."""
     job: UUID | None = None
     """The job under way, by its id."""
     lease: LeaseView | None = None
     """Who may move the axes; absent while nobody has taken the control lease."""
+    set_up_at: datetime | UnsetType = UNSET
+    """Since when shell and what stands before the lens are as they are, RFC 3339: a frame taken before shows
+    another scene.
+    """
     shell: ShellState
     """Whether the shell is on."""
     simulated: bool
@@ -589,6 +597,15 @@ class Health(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Always `ok`: what does not answer says nothing."""
     version: str
     """Version of the program."""
+
+
+class InView(str, Enum):
+    """What stands before the lens, as far as the program knows."""
+
+    UNKNOWN = "unknown"
+    FLAT_BOARD = "flat_board"
+    STEPPED_BOARD = "stepped_board"
+    OTHER = "other"
 
 
 class Interval(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1082,6 +1099,10 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The spacing wanted, px."""
     spacing_target_source: TargetSource | UnsetType = UNSET
     """What says so; a measurement of a version that did not tell has Eq. 16's."""
+    spacing_tolerance_px: float | None = None
+    """By how much the spacing may be off that where a job accepts it, px; null in measurements of versions that did
+    not tell it.
+    """
     ssim: float | None = None
     """Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to
     1.
@@ -1440,7 +1461,9 @@ class Progress(Struct, frozen=True, kw_only=True, omit_defaults=True):
     step: int
     """Steps done."""
     time_left_s: float | None = None
-    """Time left by the steps so far, the operator's time not counted, s; `null` before the first step has ended."""
+    """Time left when the step began, the operator's not counted, s: by how long this bench has taken for what was
+    asked for. `null` where it has never done that, or has taken longer by now.
+    """
 
 
 class RayView(Struct, frozen=True, kw_only=True, omit_defaults=True):

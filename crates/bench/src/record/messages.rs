@@ -225,6 +225,9 @@ pub struct Measurement {
     /// Standard uncertainty of the micro-images' pitch, px.
     #[prost(double, optional, tag = "14")]
     pub micro_image_pitch_sigma_px: ::core::option::Option<f64>,
+    /// By how much the spacing may be off the one wanted where a job accepts it, px.
+    #[prost(double, optional, tag = "15")]
+    pub spacing_tolerance_px: ::core::option::Option<f64>,
 }
 /// A spacing and its field.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

@@ -169,6 +169,20 @@ pub fn find_key(connection: &Connection, name: &BenchName, key: &str, since: Tim
     connection.query_row(&sql, parameters, job).optional()
 }
 
+/// What was asked for with the newest jobs of a kind that came to their end on a bench, and how long each took without its
+/// operator's time, s; newest first.
+pub fn own_times(connection: &Connection, name: &BenchName, kind: &str, limit: usize) -> Result<Vec<(Value, f64)>> {
+    let benches = Value::from_iter(name.all(connection)?).to_string();
+    let sql = "SELECT request, ended_at - created_at - (SELECT ifnull(sum(confirmed_at - asked_at), 0)
+            FROM operator_steps WHERE job = jobs.id) FROM jobs
+        WHERE kind = :kind AND state IN ('converged', 'succeeded') AND ended_at IS NOT NULL
+            AND run IN (SELECT id FROM runs WHERE bench IN (SELECT value FROM json_each(:benches)))
+        ORDER BY id DESC LIMIT :limit";
+    let parameters = named_params! { ":kind": kind, ":benches": benches, ":limit": limit as i64 };
+    let time = |row: &Row<'_>| Ok((json(row, 0)?, row.get::<_, i64>(1)? as f64 / 1e9));
+    connection.prepare_cached(sql)?.query_map(parameters, time)?.collect()
+}
+
 /// The run of an id.
 pub fn find_run(connection: &Connection, id: Uuid) -> Result<Option<Run>> {
     let sql = "SELECT runs.id, bench, version, text, started_at FROM runs

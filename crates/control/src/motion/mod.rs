@@ -15,6 +15,8 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use jiff::Timestamp;
+use tokio::sync::Notify;
 use tokio::time::Instant;
 
 use self::admission::Commands;
@@ -43,6 +45,8 @@ pub struct Motion {
     leases: Arc<Leases>,
     stopped: AtomicBool,
     state: Mutex<State>,
+    /// Whether the shell is on has been said anew.
+    shell_said: Notify,
     /// One command of motion at a time on each axis: a second is refused, never queued.
     commands: Commands,
     /// What every motion is written to before it begins; none for a bench of a test's own.
@@ -53,6 +57,7 @@ pub struct Motion {
 struct State {
     latch: Latch,
     shell: ShellState,
+    shell_since: Timestamp,
     /// Whether the last motion of an axis ended from its approach side.
     approached: [bool; 2],
     l_bound_mm: f64,
@@ -85,9 +90,11 @@ impl Motion {
             state: Mutex::new(State {
                 latch: Latch::default(),
                 shell: ShellState::Unknown,
+                shell_since: Timestamp::now(),
                 approached: [false; 2],
                 l_bound_mm,
             }),
+            shell_said: Notify::new(),
             commands: Commands::default(),
             journal: None,
         }
@@ -170,7 +177,22 @@ impl Motion {
 
     /// Takes the operator's statement about the shell.
     pub fn set_shell(&self, shell: ShellState) {
-        self.state().shell = shell;
+        let mut state = self.state();
+        if state.shell != shell {
+            (state.shell, state.shell_since) = (shell, Timestamp::now());
+        }
+        drop(state);
+        self.shell_said.notify_one();
+    }
+
+    /// Since when the shell is on, or off, or that is not known.
+    pub(super) fn shell_since(&self) -> Timestamp {
+        self.state().shell_since
+    }
+
+    /// Returns once somebody has said anew whether the shell is on.
+    pub(super) async fn shell_said(&self) {
+        self.shell_said.notified().await;
     }
 
     /// l_bound in force, mm.

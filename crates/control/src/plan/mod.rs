@@ -119,6 +119,34 @@ impl AxisRoom {
     }
 }
 
+/// By how much a spacing may be off its target where a job accepts it, px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AcceptedWithin {
+    /// In air: the tolerance of Δv.
+    pub in_air_px: f64,
+    /// Through the shell: that of e.
+    pub through_shell_px: f64,
+}
+
+impl AcceptedWithin {
+    /// For jobs that aim at a solution.
+    #[must_use]
+    pub fn of(config: &Config, solution: &Solution) -> Self {
+        let (design, tolerances) = (config.design(), config.tolerances());
+        let [by_delta_v, by_e] = [
+            design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v),
+            design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v),
+        ]
+        .map(|slope| slope.abs() / config.pixel_pitch().millimetres());
+        // A step of the focus axis is to be told from the next.
+        let step_px = by_delta_v / config.bench.focus.steps_per_mm;
+        Self {
+            in_air_px: tolerances.delta_v_mm * by_delta_v,
+            through_shell_px: (tolerances.e_mm * by_e).max(bench::config::E_SPACING_PX).max(STEP_SHARE * step_px),
+        }
+    }
+}
+
 impl Plan {
     /// The plan of an alignment that aims at a solution, with the e wall at `wall_mm` and the shell mounted at `mount_e_mm`
     /// or, where nothing could be measured through it there, nearer to the solution.
@@ -137,11 +165,6 @@ impl Plan {
         let [least, most] = PROBE_MM;
         let focus = AxisRoom::of(&config.bench.focus);
         let e = AxisRoom::of(&config.bench.e);
-        let e_off_mm = e.unknown_mm(solution.e) + 1.0;
-        // A step of the focus axis is to be told from the next.
-        let step_px = by_delta_v * pitch_px / config.bench.focus.steps_per_mm;
-        let spacing_tolerance_px =
-            (tolerances.e_mm * by_e * pitch_px).max(bench::config::E_SPACING_PX).max(STEP_SHARE * step_px);
         let wanted_mount_e_mm = mount_e_mm;
         let spacing_sigma_px = precision::spacing_sigma_px(config);
         // On its way there the picture in air has shown how far e goes for a reading.
@@ -157,13 +180,13 @@ impl Plan {
             mount_e_mm,
             delta_v_tolerance_mm: tolerances.delta_v_mm,
             e_tolerance_mm: tolerances.e_mm,
-            spacing_tolerance_px,
+            spacing_tolerance_px: AcceptedWithin::of(config, &solution).through_shell_px,
             focus_probe_mm: least,
             e_probe_mm: least,
             search_step_mm: SEARCH_STEP / by_delta_v,
             b_told_within_mm: B_TOLD_WITHIN / by_delta_v,
             aperture_within_mm: APERTURE_WITHIN * design.lens_to_mla(solution.delta_v),
-            most_trim_mm: 2.0 * image_by_object * e_off_mm + 10.0 * tolerances.delta_v_mm,
+            most_trim_mm: most_trim_mm(config, &solution),
             e_departure_mm: (2.0 * tolerances.delta_v_mm / image_by_object + tolerances.e_mm).min(MOST_DEPARTURE_MM),
             wanted_mount_e_mm,
             wall_mm,
@@ -298,6 +321,16 @@ impl Plan {
         let place = self.first_boards().map_or(self.solution.equivalent_distance, |boards| boards.middle_mm());
         self.design.spacing_per_delta_v(place, self.focus.home_mm).abs() / self.design.mla.pitch
     }
+}
+
+/// Longest trim of Δv behind the shell, mm, for jobs that aim at a solution.
+#[must_use]
+pub fn most_trim_mm(config: &Config, solution: &Solution) -> f64 {
+    let design = config.design();
+    let by_delta_v = design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v).abs();
+    let by_e = design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v).abs();
+    let e_off_mm = AxisRoom::of(&config.bench.e).unknown_mm(solution.e) + 1.0;
+    2.0 * by_e / by_delta_v * e_off_mm + 10.0 * config.tolerances().delta_v_mm
 }
 
 /// The spacing through the shell at e (mm) with Δv at the solution's, in MLA pitches.

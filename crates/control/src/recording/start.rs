@@ -4,7 +4,7 @@ use super::words;
 use crate::budget::BoardSeen;
 use crate::calibrated::CalibratedCamera;
 use crate::context::JobEnd;
-use crate::eye::InView;
+use crate::events::InView;
 use crate::job::JobSnapshot;
 use crate::journal::word;
 use crate::service::Service;
@@ -63,7 +63,7 @@ impl Service {
                 boards: air.boards.iter().flatten().map(messages::BoardSeen::from).collect(),
             }),
             white_frame_before: self.eye.white_frame().is_some(),
-            other_in_view: self.eye.in_view() == InView::Other,
+            other_in_view: self.eye.in_view().lacks_flat_board(),
             camera_unfit: self.bench.camera.state().borrow().unfit.clone(),
         }
     }

@@ -127,7 +127,7 @@ function base(colours: Theme, along: string, up: string): Omit<Options, "series"
   return {
     legend: { show: false },
     cursor: { show: true },
-    axes: [{ ...scaleAxis(colours, along), size: 48 }, scaleAxis(colours, up)],
+    axes: [{ ...scaleAxis(colours, along), size: 48 * colours.scale }, scaleAxis(colours, up)],
   };
 }
 

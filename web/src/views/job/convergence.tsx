@@ -14,7 +14,11 @@ function options(colours: Theme): Options {
     legend: { show: false },
     cursor: { show: true },
     axes: [
-      { ...scaleAxis(colours, strings.charts.iteration), size: 48, incrs: [1, 2, 5, 10, 20, 50, 100] },
+      {
+        ...scaleAxis(colours, strings.charts.iteration),
+        size: 48 * colours.scale,
+        incrs: [1, 2, 5, 10, 20, 50, 100],
+      },
       differenceAxis(colours, strings.iterations.chartDifference),
     ],
     series: [

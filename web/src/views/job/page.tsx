@@ -1,4 +1,4 @@
-import { moment } from "../../format";
+import { moment, sentence } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { addressOf } from "../../route";
@@ -11,13 +11,14 @@ import { Old } from "../old";
 import type { Scene } from "../scene";
 import { Downloads } from "./downloads";
 import { HandOn } from "./hand-on";
-import { useInterrupted, WayOn } from "./interrupted";
+import { useInterrupted } from "./interrupted";
 import { Iterations } from "./iterations";
 import { Outcome } from "./outcome";
 import { Progress } from "./progress";
 import { Result } from "./result";
 import { StartJob } from "./start";
 import { Turn } from "./turn";
+import { WayOn } from "./way-on";
 
 /** A job from its start to its report; one of earlier on where the address names it. */
 export function AlignmentPage(scene: Scene) {
@@ -87,8 +88,8 @@ function JobCard(scene: Scene & { job: Job; present: boolean }) {
       </p>
       {!over && <Turn key={job.id} {...scene} />}
       {!over && <Progress job={job} unit={unit} />}
-      {over && job.reason && <p class="reason">{reworded(job.reason, unit)}</p>}
-      {present && job.state === "interrupted" && <WayOn {...scene} />}
+      {over && job.reason && <p class="reason">{sentence(reworded(job.reason, unit))}</p>}
+      {present && <WayOn {...scene} />}
       {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}
     </section>

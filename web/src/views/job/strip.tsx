@@ -5,6 +5,7 @@ import type { Scene } from "../scene";
 import { Old } from "../old";
 import { Progress } from "./progress";
 import { Turn } from "./turn";
+import { WayOn } from "./way-on";
 
 /** The job under way, beside the picture. */
 export function JobStrip(scene: Scene) {
@@ -22,6 +23,7 @@ export function JobStrip(scene: Scene) {
       </h2>
       {!over && <Turn key={job.id} {...scene} job={job} />}
       {!over && <Progress job={job} unit={state.preferences.unit} />}
+      {over && <WayOn {...scene} job={job} />}
     </section>
   );
 }

@@ -9,19 +9,23 @@ interface Props {
   best: Best | null;
   /** |difference| still called sharp, px. */
   blurPx: number | null;
+  /** |difference| that a job accepts, px. */
+  tolerancePx: number;
 }
 
 const percent = (place: number) => `${(50 + 50 * place).toFixed(2)}%`;
 
 /** The meter's scale: the target in the middle, what is sharp about it, the reading with its uncertainty. */
-export function MeterScale({ reading, best, blurPx }: Props) {
+export function MeterScale({ reading, best, blurPx, tolerancePx }: Props) {
   const sharp = blurPx === null ? null : place(blurPx);
+  const accepted = place(tolerancePx);
   return (
     <div class="meter-scale" aria-hidden="true">
       <div class="track">
         {sharp !== null && (
           <i class="sharp" style={{ left: percent(-sharp), width: `${(100 * sharp).toFixed(2)}%` }} />
         )}
+        <i class="accepted" style={{ left: percent(-accepted), width: `${(100 * accepted).toFixed(2)}%` }} />
         {MARKS_PX.map((mark) => (
           <i key={mark} class="mark" style={{ left: percent(place(mark)) }} />
         ))}

@@ -7,21 +7,20 @@ import { needle } from "../../needle";
 import type { Reading } from "../../reading";
 import { isNews, type Said } from "../../speech";
 import { addressOf } from "../../route";
-import { currentJob, isFinal, isMeterOld, may, meterAge, type State } from "../../state";
+import { isBeingSetUp, showsTilt } from "../../set-up";
+import { isMeterOld, jobUnderWay, may, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
-import { TiltArrow } from "./tilt-arrow";
+import { TiltArrow, TiltUntold } from "./tilt-arrow";
 
-const ARROW = { larger: "▲", smaller: "▼", there: "✓" } as const;
+const ARROW = { larger: "▲", smaller: "▼", there: "✓", unsure: "≈" } as const;
 /** What stands where a figure would. */
 const NO_FIGURE = "–";
 
-/** Whether Δv is being set, or e. */
+/** Whether Δv is set by hand, or e. */
 function moved(state: State): Moved {
-  const job = currentJob(state);
-  if (job && !isFinal(job.state) && job.stage === "air") return "delta_v";
   return state.bench?.shell === "off" ? "delta_v" : "e";
 }
 
@@ -38,6 +37,8 @@ export function Meter(given: Scene) {
   const { state, now: clock } = scene;
   const [held] = useState<{ places: number | null }>({ places: null });
   const { missing } = state;
+  const job = jobUnderWay(state);
+  if (isBeingSetUp(state.bench, job)) return <BeingSetUp />;
   const target = missing ?? state.reading;
   if (!target) return <Nothing {...scene} />;
   // What was read before it was lost is no reading of what there is now.
@@ -46,7 +47,11 @@ export function Meter(given: Scene) {
   const age = meterAge(state, clock);
   if (now) held.places = steadyDigits(now.sigmaPx, held.places);
   const difference = now ? signed(now.differencePx, held.places ?? 0) : NO_FIGURE;
-  const wanted = now && advice(now, correction(state.design, now), moved(state), state.preferences.unit);
+  // What a job moves is up to it: what is shown beside it is no order.
+  const wanted = job
+    ? { main: strings.meter.job, other: null }
+    : now && advice(now, correction(state.design, now), moved(state), state.preferences.unit);
+  const lostOverSteps = missing?.is === "lost" && state.bench?.in_view === "stepped_board";
   const leaning = tilt(state.design, state.reading, state.widthPx);
   const words = now && (now.inFocus ? strings.meter.sharp : strings.meter.words)[now.direction];
   return (
@@ -75,7 +80,7 @@ export function Meter(given: Scene) {
         <Pace framesLeftOut={state.framesLeftOut} combined={now?.frames ?? 0} />
         {now && !now.settled && !old && <span class="tag">{strings.meter.moving}</span>}
         {old && age !== null && <span class="tag old">{strings.meter.ago(span(age))}</span>}
-        {now?.inFocus && !old && <span class="tag good">✓ {strings.meter.inFocus}</span>}
+        {now?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
       </p>
       <p class="large" aria-hidden="true">
         <span class="arrow">
@@ -86,20 +91,26 @@ export function Meter(given: Scene) {
           {missing?.is === "lost" ? strings.meter.lost : difference}
         </span>
       </p>
-      <MeterScale reading={now} best={state.best} blurPx={state.design?.blur_limit_px ?? null} />
+      <MeterScale
+        reading={now}
+        best={state.best}
+        blurPx={state.design?.blur_limit_px ?? null}
+        tolerancePx={target.tolerancePx}
+      />
       {missing && (
         <p class="advice">
-          <b>{strings.meter.missing[missing.is]}:</b> <small>{missing.why}</small>
+          <b>{strings.meter.missing[missing.is]}:</b>{" "}
+          <small>{lostOverSteps ? strings.meter.overSteps : missing.why}</small>
         </p>
       )}
-      {!missing && wanted && (
+      {!missing && now && wanted && (
         <p class="advice">
           <b>{words}.</b> {wanted.main}
           {wanted.other && <small>{strings.meter.otherwise(wanted.other)}</small>}
         </p>
       )}
       <div class="meter-more">
-        {leaning && <TiltArrow tilt={leaning} />}
+        {leaning && (showsTilt(state.bench) ? <TiltArrow tilt={leaning} /> : <TiltUntold />)}
         <BestHeld {...scene} />
       </div>
       {!old && (
@@ -113,6 +124,21 @@ export function Meter(given: Scene) {
           now={clock}
         />
       )}
+    </section>
+  );
+}
+
+/** While somebody sets up another scene, what is read is of none. */
+function BeingSetUp() {
+  return (
+    <section class="card meter" data-state="being-set-up" aria-label={strings.meter.title}>
+      <h2>{strings.meter.title}</h2>
+      <p class="large">
+        <span class="number">{NO_FIGURE}</span>
+      </p>
+      <p class="advice">
+        <b>{strings.meter.beingSetUp}.</b> {strings.meter.beingSetUpMore}
+      </p>
     </section>
   );
 }

@@ -12,7 +12,7 @@ const CLOCK_MS = 500;
 /** What an assembler works by. What a picture or a reading does not change is not drawn anew with each. */
 export function LivePage(scene: Scene) {
   const { state, now } = scene;
-  const { picture, pictureAt, heardAt, ...more } = state;
+  const { picture, pictureAt, pictureOldMs, heardAt, ...more } = state;
   const { reading, readingAt, missing, missingAt, framesLeftOut, best, spacings, clarities, ...rest } = more;
   const beat = Math.round(now / CLOCK_MS);
   const about = [...Object.values(rest), beat, picture?.widthPx];

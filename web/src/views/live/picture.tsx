@@ -4,6 +4,7 @@ import { eyepiece, type Probe } from "../../eyepiece";
 import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
+import { length } from "../../units";
 import type { Scene } from "../scene";
 import { Overlays } from "./overlays";
 import { useGestures } from "./gestures";
@@ -89,12 +90,14 @@ function Legend({ state }: Scene) {
   const map = eyepiece.newestMap;
   const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
   const wanted = overlays.some((overlay) => overlay !== "saturation");
+  const end = (mm: number | null | undefined) =>
+    typeof mm === "number" ? length(mm, state.preferences.unit, 0) : strings.picture.legendAway;
   return (
     <>
       {show === "depth" && (
         <span class="legend">
-          <i class="far" /> {strings.picture.legendFar} <i class="near" /> {strings.picture.legendNear} ·{" "}
-          {strings.picture.legendUnknown}
+          <i class="far" /> {strings.picture.legendFar} {end(state.picture?.farMm)} <i class="near" />{" "}
+          {strings.picture.legendNear} {end(state.picture?.nearMm)} · {strings.picture.legendUnknown}
         </span>
       )}
       {overlays.includes("error") && map && (

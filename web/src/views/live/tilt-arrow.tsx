@@ -28,3 +28,16 @@ export function TiltArrow({ tilt }: { tilt: Tilt }) {
     </div>
   );
 }
+
+/** In its place where what is before the lens would be taken for a tilt. */
+export function TiltUntold() {
+  return (
+    <div class="tilt">
+      <p>
+        <b>{strings.meter.tiltUntold}</b>
+        <br />
+        <span class="quiet">{strings.meter.tiltUntoldMore}</span>
+      </p>
+    </div>
+  );
+}

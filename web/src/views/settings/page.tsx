@@ -4,6 +4,7 @@ import { Configuration } from "./configuration";
 import { Devices } from "./devices";
 import { Faults } from "./faults";
 import { Preferences } from "./preferences";
+import { Records } from "./records";
 import { Tokens } from "./tokens";
 
 /** What can be set: this page, the bench, who gets in. */
@@ -15,6 +16,7 @@ export function SettingsPage(scene: Scene) {
         <Devices {...scene} />
         {scene.state.bench?.simulated && <Faults {...scene} />}
         {may(scene.state, "admin") && <Tokens {...scene} />}
+        <Records {...scene} />
       </div>
       <Configuration {...scene} />
     </div>

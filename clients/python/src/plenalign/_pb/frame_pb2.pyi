@@ -68,7 +68,7 @@ class Viewed(_message.Message):
     def __init__(self, frame: _Optional[_Union[Frame, _Mapping]] = ..., spacing_map: _Optional[_Union[SpacingMap, _Mapping]] = ..., reading: _Optional[_Union[Reading, _Mapping]] = ...) -> None: ...
 
 class Reading(_message.Message):
-    __slots__ = ("seq", "captured_unix_us", "captured_monotonic_us", "age_ms", "focus_mm", "e_mm", "settled", "preview", "simulated", "replayed", "state", "why", "spacing_px", "spacing_sigma_px", "spacing_sigma_random_px", "tilt_x_px", "tilt_y_px", "curvature_px", "spacing_target_px", "in_focus", "frames_left_out", "combined_spacing_px", "combined_sigma_px", "combined_frames", "combined_span_s", "combined_since", "width_px")
+    __slots__ = ("seq", "captured_unix_us", "captured_monotonic_us", "age_ms", "focus_mm", "e_mm", "settled", "preview", "simulated", "replayed", "state", "why", "spacing_px", "spacing_sigma_px", "spacing_sigma_random_px", "tilt_x_px", "tilt_y_px", "curvature_px", "spacing_target_px", "in_focus", "frames_left_out", "combined_spacing_px", "combined_sigma_px", "combined_frames", "combined_span_s", "combined_since", "width_px", "spacing_tolerance_px")
     SEQ_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_UNIX_US_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_MONOTONIC_US_FIELD_NUMBER: _ClassVar[int]
@@ -96,6 +96,7 @@ class Reading(_message.Message):
     COMBINED_SPAN_S_FIELD_NUMBER: _ClassVar[int]
     COMBINED_SINCE_FIELD_NUMBER: _ClassVar[int]
     WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    SPACING_TOLERANCE_PX_FIELD_NUMBER: _ClassVar[int]
     seq: int
     captured_unix_us: int
     captured_monotonic_us: int
@@ -123,7 +124,8 @@ class Reading(_message.Message):
     combined_span_s: float
     combined_since: CombinedSince
     width_px: int
-    def __init__(self, seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., captured_monotonic_us: _Optional[int] = ..., age_ms: _Optional[float] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., replayed: _Optional[bool] = ..., state: _Optional[_Union[ReadingState, str]] = ..., why: _Optional[str] = ..., spacing_px: _Optional[float] = ..., spacing_sigma_px: _Optional[float] = ..., spacing_sigma_random_px: _Optional[float] = ..., tilt_x_px: _Optional[float] = ..., tilt_y_px: _Optional[float] = ..., curvature_px: _Optional[float] = ..., spacing_target_px: _Optional[float] = ..., in_focus: _Optional[bool] = ..., frames_left_out: _Optional[int] = ..., combined_spacing_px: _Optional[float] = ..., combined_sigma_px: _Optional[float] = ..., combined_frames: _Optional[int] = ..., combined_span_s: _Optional[float] = ..., combined_since: _Optional[_Union[CombinedSince, str]] = ..., width_px: _Optional[int] = ...) -> None: ...
+    spacing_tolerance_px: float
+    def __init__(self, seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., captured_monotonic_us: _Optional[int] = ..., age_ms: _Optional[float] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., replayed: _Optional[bool] = ..., state: _Optional[_Union[ReadingState, str]] = ..., why: _Optional[str] = ..., spacing_px: _Optional[float] = ..., spacing_sigma_px: _Optional[float] = ..., spacing_sigma_random_px: _Optional[float] = ..., tilt_x_px: _Optional[float] = ..., tilt_y_px: _Optional[float] = ..., curvature_px: _Optional[float] = ..., spacing_target_px: _Optional[float] = ..., in_focus: _Optional[bool] = ..., frames_left_out: _Optional[int] = ..., combined_spacing_px: _Optional[float] = ..., combined_sigma_px: _Optional[float] = ..., combined_frames: _Optional[int] = ..., combined_span_s: _Optional[float] = ..., combined_since: _Optional[_Union[CombinedSince, str]] = ..., width_px: _Optional[int] = ..., spacing_tolerance_px: _Optional[float] = ...) -> None: ...
 
 class SpacingMap(_message.Message):
     __slots__ = ("frame_seq", "micro_image_pitch_px", "spacing_target_px", "x_px", "y_px", "spacing_px", "sigma_px", "state")
@@ -164,7 +166,7 @@ class Viewport(_message.Message):
     def __init__(self, x_px: _Optional[int] = ..., y_px: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., picture_width_px: _Optional[int] = ..., picture_height_px: _Optional[int] = ..., lossless: _Optional[bool] = ...) -> None: ...
 
 class Frame(_message.Message):
-    __slots__ = ("jpeg", "seq", "captured_unix_us", "exposure_us", "exposure_assumed", "focus_mm", "e_mm", "settled", "preview", "simulated", "age_ms", "frames_skipped", "width_px", "height_px", "reduce", "replayed", "captured_monotonic_us", "picture", "viewport", "png", "sample_bits")
+    __slots__ = ("jpeg", "seq", "captured_unix_us", "exposure_us", "exposure_assumed", "focus_mm", "e_mm", "settled", "preview", "simulated", "age_ms", "frames_skipped", "width_px", "height_px", "reduce", "replayed", "captured_monotonic_us", "picture", "viewport", "png", "sample_bits", "near_mm", "far_mm")
     JPEG_FIELD_NUMBER: _ClassVar[int]
     SEQ_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_UNIX_US_FIELD_NUMBER: _ClassVar[int]
@@ -186,6 +188,8 @@ class Frame(_message.Message):
     VIEWPORT_FIELD_NUMBER: _ClassVar[int]
     PNG_FIELD_NUMBER: _ClassVar[int]
     SAMPLE_BITS_FIELD_NUMBER: _ClassVar[int]
+    NEAR_MM_FIELD_NUMBER: _ClassVar[int]
+    FAR_MM_FIELD_NUMBER: _ClassVar[int]
     jpeg: bytes
     seq: int
     captured_unix_us: int
@@ -207,4 +211,6 @@ class Frame(_message.Message):
     viewport: Viewport
     png: bytes
     sample_bits: int
-    def __init__(self, jpeg: _Optional[bytes] = ..., seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., exposure_us: _Optional[int] = ..., exposure_assumed: _Optional[bool] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., age_ms: _Optional[float] = ..., frames_skipped: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., reduce: _Optional[int] = ..., replayed: _Optional[bool] = ..., captured_monotonic_us: _Optional[int] = ..., picture: _Optional[_Union[Picture, str]] = ..., viewport: _Optional[_Union[Viewport, _Mapping]] = ..., png: _Optional[bytes] = ..., sample_bits: _Optional[int] = ...) -> None: ...
+    near_mm: float
+    far_mm: float
+    def __init__(self, jpeg: _Optional[bytes] = ..., seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., exposure_us: _Optional[int] = ..., exposure_assumed: _Optional[bool] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., age_ms: _Optional[float] = ..., frames_skipped: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., reduce: _Optional[int] = ..., replayed: _Optional[bool] = ..., captured_monotonic_us: _Optional[int] = ..., picture: _Optional[_Union[Picture, str]] = ..., viewport: _Optional[_Union[Viewport, _Mapping]] = ..., png: _Optional[bytes] = ..., sample_bits: _Optional[int] = ..., near_mm: _Optional[float] = ..., far_mm: _Optional[float] = ...) -> None: ...

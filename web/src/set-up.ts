@@ -1,0 +1,19 @@
+// What a reading is of: the shell, and what stands before the lens. What was read of another scene says nothing of this one.
+
+import type { Bench, Job } from "./wire";
+
+/** When what stands before the camera was set up as it is, the daemon's clock, ms. */
+export function setUpAt(bench: Bench | null): number {
+  const at = Date.parse(bench?.set_up_at ?? "");
+  return Number.isFinite(at) ? at : -Infinity;
+}
+
+/** Whether the operator is at it: nothing is known of the scene until it is confirmed. */
+export function isBeingSetUp(bench: Bench | null, job: Job | null): boolean {
+  return job?.state === "waiting_for_operator" && bench?.in_view === "unknown";
+}
+
+/** Whether the spacing's change over the field may be a tilt: over a board of several levels it is the board's. */
+export function showsTilt(bench: Bench | null): boolean {
+  return bench?.in_view !== "stepped_board" && bench?.in_view !== "other";
+}

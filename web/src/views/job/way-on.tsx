@@ -1,0 +1,50 @@
+import { useState } from "preact/hooks";
+import * as api from "../../api";
+import { able, may } from "../../state";
+import { strings } from "../../strings";
+import { wayOn } from "../../way-on";
+import type { Job, JobRequest } from "../../wire";
+import type { Scene } from "../scene";
+
+/** After a job that ended early: what still holds of it, what to see to first, and the buttons to go on. */
+export function WayOn({ state, act, job }: Scene & { job: Job }) {
+  const [starting, setStarting] = useState(false);
+  const { bench } = state;
+  const on = wayOn(job, bench);
+  if (!bench || !on || !may(state, "control")) return null;
+  const words = strings.wayOn;
+  const held = bench.lease ?? null;
+  const others = held !== null && !api.lease.isMine(held);
+  const ready = !starting && !others && !bench.stop.latched && able(state, "control");
+  const start = async (request: JobRequest) => {
+    setStarting(true);
+    await act(api.startJob(request));
+    setStarting(false);
+  };
+  return (
+    <div class="way-on" role="group" aria-label={words.title}>
+      <h3>{words.title}</h3>
+      <ul>
+        {job.state === "interrupted" && <li>{words.look}</li>}
+        {job.state === "interrupted" && bench.shell === "unknown" && <li>{words.shell}</li>}
+        {on.airStep && <li>{words.airStep[on.airStep]}</li>}
+        {bench.stop.latched && <li>{words.resetFirst}</li>}
+      </ul>
+      <p class="actions">
+        {on.ways.map(({ is, request }, index) => (
+          <button
+            key={is}
+            type="button"
+            class={index === 0 ? "primary" : undefined}
+            data-way={is}
+            disabled={!ready}
+            title={strings.job.meaning[request.kind]}
+            onClick={() => void start(request)}
+          >
+            {words[is](strings.job.kinds[request.kind])}
+          </button>
+        ))}
+      </p>
+    </div>
+  );
+}

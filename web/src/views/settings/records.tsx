@@ -1,0 +1,76 @@
+import { useState } from "preact/hooks";
+import * as api from "../../api";
+import { moment } from "../../format";
+import { may } from "../../state";
+import { strings } from "../../strings";
+import type { AuditEntry } from "../../wire";
+import type { Scene } from "../scene";
+
+/** Where more is to be read: the API's documentation, and who did what. */
+export function Records(scene: Scene) {
+  const words = strings.settings;
+  return (
+    <section class="card records" aria-label={words.records}>
+      <h2>{words.records}</h2>
+      <p>
+        <a href="/api/v1/docs" target="_blank" rel="noopener">
+          {words.apiDocs}
+        </a>{" "}
+        <span class="quiet">{words.apiDocsMore}</span>
+      </p>
+      {may(scene.state, "admin") && <Audit {...scene} />}
+    </section>
+  );
+}
+
+function Audit({ act }: Scene) {
+  const [entries, setEntries] = useState<AuditEntry[]>([]);
+  const [next, setNext] = useState<string | null>(null);
+  const load = (cursor: string | null, had: AuditEntry[]) =>
+    act(
+      api.audit(cursor).then((result) => {
+        if (result.ok) {
+          setEntries([...had, ...result.value.entries]);
+          setNext(result.value.next ?? null);
+        }
+        return result;
+      }),
+    );
+  const words = strings.settings;
+  return (
+    <details id="audit" onToggle={(event) => event.currentTarget.open && void load(null, [])}>
+      <summary>{words.audit}</summary>
+      <div class="table" tabIndex={0} role="region" aria-label={words.audit}>
+        <table>
+          <thead>
+            <tr>
+              {words.auditHeads.map((head) => (
+                <th key={head} scope="col">
+                  {head}
+                </th>
+              ))}
+            </tr>
+          </thead>
+          <tbody>
+            {entries.map(({ at, who, what, detail, from }, index) => (
+              <tr key={index}>
+                <td>{moment(at)}</td>
+                <td>{who}</td>
+                <td>{what}</td>
+                <td>{from ?? ""}</td>
+                <td class="words">
+                  <code>{JSON.stringify(detail)}</code>
+                </td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+      {next !== null && (
+        <button type="button" onClick={() => void load(next, entries)}>
+          {words.auditOlder}
+        </button>
+      )}
+    </details>
+  );
+}

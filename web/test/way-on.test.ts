@@ -1,0 +1,40 @@
+import { describe, expect, it } from "vitest";
+import { wayOn } from "../src/way-on";
+import { bench, job } from "./fixtures";
+
+describe("the way on from a job that ended early", () => {
+  const kinds = (...of: Parameters<typeof wayOn>) => wayOn(...of)?.ways.map(({ request }) => request.kind);
+  const holds = { ...bench, air_step_holds: true };
+
+  it("is the shell step where the air step holds, and else the whole from its beginning", () => {
+    const stopped = { ...job("a", 3, "cancelled"), request: { kind: "joint_alignment" as const, note: "n" } };
+    expect(wayOn(stopped, holds)).toEqual({
+      airStep: "holds",
+      ways: [
+        { is: "goOn", request: { kind: "shell_only", note: "n" } },
+        { is: "again", request: { kind: "joint_alignment", note: "n" } },
+      ],
+    });
+    expect(kinds(stopped, bench)).toEqual(["joint_alignment"]);
+    // A shell step that has lost its air step would only fail again.
+    const shell = {
+      ...job("a", 3, "failed"),
+      kind: "shell_only" as const,
+      request: { kind: "shell_only" as const },
+    };
+    expect(kinds(shell, holds)).toEqual(["shell_only", "joint_alignment"]);
+    expect(kinds(shell, bench)).toEqual(["joint_alignment"]);
+  });
+
+  it("is the same again for every other kind", () => {
+    const request = { kind: "spacing_watch" as const, duration_s: 60 };
+    const watch = { ...job("a", 3, "interrupted"), kind: "spacing_watch" as const, request };
+    expect(wayOn(watch, holds)).toEqual({ airStep: null, ways: [{ is: "again", request }] });
+  });
+
+  it("is none while it runs, and after it has come to its end", () => {
+    for (const state of ["running", "converged", "succeeded"] as const) {
+      expect(wayOn(job("a", 1, state), holds)).toBeNull();
+    }
+  });
+});
