@@ -16,10 +16,11 @@ use super::journal::Journal;
 use super::motion::Motion;
 use super::plan::{AcceptedWithin, AirBoards, most_trim_mm};
 use super::recording::{Answer, Happening};
+use super::set_up::SetUp;
 use super::sight::{self, CameraSeen, HoldB, Sight, Unseen};
 use super::tasks::AirStep;
 use bench::config::{Config, SpacingTarget};
-use bench::device::{AxisName, AxisPose, Bench, DeviceError, Frame, Setup};
+use bench::device::{AxisName, AxisPose, Bench, DeviceError, Frame};
 use bench::telemetry;
 use plenoptics::imaging::clarity::{self, Sharpness};
 use plenoptics::imaging::measurement::evened;
@@ -71,33 +72,6 @@ pub(super) struct SeenInAir {
     pub(super) camera: CameraSeen,
     /// The middle one, or the only one.
     pub(super) middle: Seen,
-}
-
-impl InView {
-    /// What stands there once that has been set up; `None` where it stays what it is.
-    pub(super) fn after(setup: &Setup) -> Option<Self> {
-        match setup {
-            Setup::WaterBoard { .. } | Setup::LeastE { .. } => Some(Self::FlatBoard),
-            Setup::AirTripleBoard { distances_mm: [near, middle, far] } if near == middle && middle == far => {
-                Some(Self::FlatBoard)
-            }
-            Setup::AirTripleBoard { .. } => Some(Self::SteppedBoard),
-            Setup::Diffuser | Setup::ShellOff => Some(Self::Other),
-            Setup::Aperture { .. } => None,
-        }
-    }
-
-    /// Whether it is known to be no flat board.
-    pub(super) const fn lacks_flat_board(self) -> bool {
-        matches!(self, Self::SteppedBoard | Self::Other)
-    }
-}
-
-/// What stands before the lens, and since when.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct SetUp {
-    in_view: InView,
-    since: Timestamp,
 }
 
 /// The bench's camera with what is known of its micro-images.

@@ -49,6 +49,7 @@ mod request;
 mod retention;
 mod runner;
 mod service;
+mod set_up;
 pub mod shell;
 mod shell_step;
 mod sight;

@@ -99,7 +99,7 @@ export const meter = {
   job: "A job is under way: what moves is up to it.",
   beingSetUp: "Being set up",
   beingSetUpMore:
-    "What stands before the camera is not known until you confirm it: nothing is read until then.",
+    "What stands before the camera is not known until it is confirmed: nothing is read until then.",
   away: (length: string) => `Move the camera ${length} away from the shell`,
   towards: (length: string) => `Move the camera ${length} towards the shell`,
   or: (length: string) => `or Δv by ${length}`,
