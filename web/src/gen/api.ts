@@ -8639,7 +8639,7 @@ export interface operations {
           "application/json": components["schemas"]["RecentView"];
         };
       };
-      /** @description Who asks is not known */
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
       401: {
         headers: {
           [name: string]: unknown;
