@@ -294,12 +294,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
     ),
     (
         "how long it lasts is what is tested or measured",
-        &[
-            ("tests/vendor-clients/thorlabs.py", 1),
-            ("web/e2e/align.mjs", 1),
-            ("web/e2e/pace.mjs", 2),
-            ("web/e2e/speed.mjs", 5),
-        ],
+        &[("tests/vendor-clients/thorlabs.py", 1), ("web/e2e/pace.mjs", 2), ("web/e2e/speed.mjs", 5)],
     ),
     ("a limit, which is not waited for", &[("tests/foxglove/client.mjs", 1)]),
     ("the journal's marks are whole seconds", &[("tests/package/booted.sh", 1)]),

@@ -152,7 +152,9 @@ try {
   // What the job has accepted, the meter does not send anybody away from.
   await page.locator(".meter[data-direction=there] .advice", { hasText: "no move is called for" }).waitFor();
   // It is measured on while this page alone is looked at.
-  await page.waitForTimeout(7000);
+  const read = async () => Number(await page.locator("#spacing").getAttribute("data-captured-at"));
+  const first = await read();
+  await until(async () => (await read()) > first + 1500, "it is measured no further");
   await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 4000 });
   await photograph(page, "converged");
   await darken(page, "converged");
@@ -269,7 +271,6 @@ try {
   await page.locator("#cancel").click();
   await page.locator(".job .outcome.cancelled").waitFor({ timeout: 15_000 });
   await wayOn.getByText("The air step still holds").waitFor();
-  await photograph(page, "way-on");
   await accessible(page);
   await wayOn.getByRole("button", { name: "Go on: Shell step only" }).click();
   await page.locator(".operator", { hasText: "Mount the shell" }).waitFor({ timeout: 30_000 });
