@@ -268,14 +268,12 @@ try {
   await page.locator("#start").click();
   await page.locator(".progress", { hasText: /about \d+ (s|min) left, your part apart/ }).waitFor();
   await page.locator("#confirm").waitFor({ timeout: 30_000 });
-  await page.locator("#cancel").click();
-  await page.locator(".job .outcome.cancelled").waitFor({ timeout: 15_000 });
+  await cancel(page);
   await wayOn.getByText("The air step still holds").waitFor();
   await accessible(page);
   await wayOn.getByRole("button", { name: "Go on: Shell step only" }).click();
   await page.locator(".operator", { hasText: "Mount the shell" }).waitFor({ timeout: 30_000 });
-  await page.locator("#cancel").click();
-  await page.locator(".job .outcome.cancelled").waitFor({ timeout: 15_000 });
+  await cancel(page);
   await open(page, "Live");
 
   step("overlays are drawn over it, and it is seen down to single pixels");
@@ -449,6 +447,13 @@ async function answer(page, confirm, meanwhile = async () => {}) {
   };
   await until(over, "the job did not end in time", ALIGNMENT_MS);
   return asked;
+}
+
+/** Cancels the job, which is asked about. */
+async function cancel(page) {
+  await page.locator("#cancel").click();
+  await page.getByRole("button", { name: "Cancel it" }).click();
+  await page.locator(".job .outcome.cancelled").waitFor({ timeout: 15_000 });
 }
 
 /** In the page: where the buttons of a prompt are in its card. */

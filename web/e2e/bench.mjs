@@ -206,7 +206,8 @@ try {
   await field.fill("-1.5");
   await field.press("Enter");
   await ana.page.locator(".ask .primary").click();
-  await ana.page.locator(".axes .tag", { hasText: "moving" }).waitFor();
+  // One controller moves both.
+  await ana.page.locator(".axes .tag", { hasText: "moving" }).first().waitFor();
   await field.press("Space");
   await ana.page.locator(".stopped").waitFor();
   assert.doesNotMatch(await field.inputValue(), /\s/);
