@@ -20,8 +20,8 @@ use crate::control::lease::words;
 #[derive(Debug, serde::Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct Stopping {
-    /// Who, where no token says so: shown to everybody. It is beside the path, where it is read with it: a stop waits for
-    /// nothing. What could not be shown is left out, and refuses no stop.
+    /// Who, where no token says so: shown to everybody. It is no body, which a stop would have to wait for. What could not
+    /// be shown is left out, and refuses no stop.
     owner: Option<String>,
 }
 

@@ -213,9 +213,9 @@ impl Daemon {
         }
     }
 
-    /// Posts without a body.
-    pub(super) async fn post<T: DeserializeOwned>(&self, path: &str) -> anyhow::Result<T> {
-        self.read(self.client.post(self.url(path))).await
+    /// Posts a query, without a body.
+    pub(super) async fn post<T: DeserializeOwned>(&self, path: &str, query: &[(&str, String)]) -> anyhow::Result<T> {
+        self.read(self.client.post(self.url(path)).query(query)).await
     }
 
     /// Deletes, with a body that says how.

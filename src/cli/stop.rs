@@ -33,7 +33,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let report = runtime.block_on(async {
         let daemon = Daemon::new(&args.server, &args.remote)?;
-        daemon.post::<StopReport>("/api/v1/stop").await
+        daemon.post::<StopReport>("/api/v1/stop", &[("owner", user_and_machine())]).await
     })?;
     if args.json {
         println!("{}", serde_json::to_string(&report)?);

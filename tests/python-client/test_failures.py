@@ -132,7 +132,9 @@ def test_a_move_whose_answer_does_not_come_is_stopped_and_not_sent_again() -> No
         held = client.lease("ada")
         with pytest.raises(plenalign.OutcomeUnknownError):
             held.move("focus", 1.0)
-        assert server.asked == ["POST /api/v1/lease", "POST /api/v1/axes/focus/move", "POST /api/v1/stop"]
+        assert server.asked[:2] == ["POST /api/v1/lease", "POST /api/v1/axes/focus/move"]
+        stopped = server.asked[2:]
+        assert len(stopped) == 1 and stopped[0].startswith("POST /api/v1/stop?owner=")
 
 
 def test_a_jog_whose_answer_does_not_come_is_ended() -> None:
@@ -153,8 +155,8 @@ def test_the_stop_is_asked_again() -> None:
             answer(b'{"focus": "confirmed", "e": "sent", "latency_ms": 2.5, "kept": true}')(connection, number)
 
     with bad(reply) as (server, client):
-        assert client.stop().latency_ms == 2.5
-        assert server.asked == ["POST /api/v1/stop"] * 3
+        assert client.stop(owner="ada").latency_ms == 2.5
+        assert server.asked == ["POST /api/v1/stop?owner=ada"] * 3
     with bad(cut) as (server, client):
         with pytest.raises(plenalign.OutcomeUnknownError):
             client.stop()

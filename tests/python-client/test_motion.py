@@ -105,7 +105,9 @@ def test_the_stop_needs_no_lease_and_keeps_everything_still(homed: plenalign.Cli
     with homed.lease() as lease:
         report = homed.stop()
         assert report.focus is StopDelivery.CONFIRMED
-        assert homed.stop_state().latched
+        stopped = homed.stop_state()
+        assert stopped.latched
+        assert "@" in (stopped.by or "")
         with pytest.raises(plenalign.StoppedError) as refused:
             lease.move("focus", 0.2)
         assert refused.value.detail

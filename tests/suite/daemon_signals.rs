@@ -95,8 +95,8 @@ fn a_taken_port_gets_one_line_naming_it() {
     assert_eq!(said.lines().count(), 1, "{said}");
 }
 
-#[test]
-fn a_stop_on_the_command_line_is_not_kept_by_a_broken_configuration() {
+#[tokio::test]
+async fn a_stop_on_the_command_line_is_not_kept_by_a_broken_configuration() {
     let state = tempfile::tempdir().unwrap();
     let program = Program::start(serve(state.path(), &[]));
     let broken = state.path().join("broken.toml");
@@ -107,6 +107,8 @@ fn a_stop_on_the_command_line_is_not_kept_by_a_broken_configuration() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&report["focus"], &report["e"]), (&json!("confirmed"), &json!("confirmed")));
+    let stop = bench(&program).await["stop"].take();
+    assert!(stop["by"].as_str().unwrap().contains('@'), "who stopped is not told: {stop}");
     // What needs it says what is wrong.
     let output = plenalign(state.path()).arg("--config").arg(&broken).arg("design").output().unwrap();
     assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("broken.toml"));

@@ -50,6 +50,8 @@ try {
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
   assert.match(await page.locator(".picture p.facts").first().innerText(), /frame \d+ · \d+ ms old/);
   await photograph(page, "idle");
+  await page.locator("#your-name").fill("Ada");
+  await page.locator("#your-name").press("Enter");
 
   step("STOP latches, refuses a start, and is reset");
   await page.locator("#stop").click();
@@ -246,6 +248,12 @@ try {
   await printed(page, "live");
 
   step("off the band that a job accepts, the meter says which way to go");
+  const tone = page.getByRole("button", { name: "Tone", exact: true });
+  assert.doesNotMatch(await page.title(), /Your turn/);
+  await page.keyboard.press("t");
+  await page.locator(".meter [aria-pressed=true]", { hasText: "Tone" }).waitFor();
+  await tone.click();
+  await page.locator(".meter [aria-pressed=false]", { hasText: "Tone" }).waitFor();
   await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
   const field = page.getByLabel("Move the e axis to, mm");
   const there = await position(address, "e");
@@ -512,6 +520,7 @@ function meterInJob() {
 /** While the scene is set up, nothing is read of the one before; of the board that stays, no tilt is told. */
 async function meterAtPrompt(page) {
   const instruction = await page.locator(".operator").innerText();
+  await until(async () => (await page.title()).startsWith("● Your turn"), "the title does not call");
   if (/aperture/i.test(instruction)) {
     assert.doesNotMatch(
       await page.locator(".meter").innerText(),

@@ -2,6 +2,7 @@ import "uplot/dist/uPlot.min.css";
 import "./style/index.css";
 import { render } from "preact";
 import * as api from "./api";
+import { awake } from "./awake";
 import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
 import { keyOfAddress } from "./confirm-key";
 import { eyepiece } from "./eyepiece";
@@ -10,9 +11,21 @@ import { needle } from "./needle";
 import { keep, recall } from "./preferences";
 import { addressOf, routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI } from "./session";
-import { endsPress, initial, receive, receivePicture, receiveReading, remember, type State } from "./state";
+import {
+  endsPress,
+  initial,
+  receive,
+  receivePicture,
+  receiveReading,
+  remember,
+  turnOf,
+  type State,
+} from "./state";
 import { overlaysOn } from "./show";
+import { sound } from "./sound";
 import { stop, watchStopKey } from "./stopping";
+import { toneNow } from "./tone";
+import { watchToneKey } from "./tone-key";
 import type { Report } from "./viewer";
 import { App } from "./views/app";
 import type { NewToken, Problem, TokenRequest } from "./wire";
@@ -54,6 +67,8 @@ function set(next: State, everyMs = SOON_MS): void {
   if (next.resetSeen !== null && next.resetSeen !== before.resetSeen)
     sessionStorage.setItem(RESET_SEEN, next.resetSeen);
   if (endsPress(before, next)) jog.release();
+  const turn = turnOf(next);
+  if (next.preferences.call && turn !== null && turn !== turnOf(before)) sound.call();
   heed();
   cadence.due(everyMs);
 }
@@ -74,6 +89,9 @@ function heed(): void {
   api.callMe(
     preferences.name || (session && session !== "stranger" && session.signed_in ? session.name : ""),
   );
+  const now = Date.now();
+  sound.play(toneNow(state, now));
+  void awake.want(preferences.awake && document.visibilityState === "visible", now);
   const overlays = overlaysOn(preferences.show, preferences.overlays);
   eyepiece.showOverlays(overlays);
   eyepiece.want(
@@ -201,6 +219,7 @@ watchStopKey(
   () => state.session !== "stranger",
   () => void stop(update, newest),
 );
+watchToneKey(() => update({ tone: !state.tone }));
 // Its secret is shown only now: a reload would lose it.
 window.addEventListener("beforeunload", (event) => state.made && event.preventDefault());
 window.addEventListener("hashchange", () => {

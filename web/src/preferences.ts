@@ -18,6 +18,10 @@ export interface Preferences {
   show: (typeof SHOWS)[number];
   /** Step of the step buttons, mm. */
   stepMm: number;
+  /** Whether a sound calls the operator whose turn it is. */
+  call: boolean;
+  /** Whether the screen is kept awake. */
+  awake: boolean;
 }
 
 export const standard: Preferences = {
@@ -27,6 +31,8 @@ export const standard: Preferences = {
   overlays: [],
   show: "raw",
   stepMm: 0.1,
+  call: true,
+  awake: false,
 };
 
 export const STEPS_MM = [0.01, 0.1, 1] as const;
@@ -55,6 +61,8 @@ export function recall(storage: Pick<Storage, "getItem">): Preferences {
     overlays: Array.isArray(overlays) ? OVERLAYS.filter((overlay) => overlays.includes(overlay)) : [],
     show: SHOWS.find((show) => show === kept["show"]) ?? standard.show,
     stepMm: STEPS_MM.find((step) => step === kept["stepMm"]) ?? standard.stepMm,
+    call: typeof kept["call"] === "boolean" ? kept["call"] : standard.call,
+    awake: typeof kept["awake"] === "boolean" ? kept["awake"] : standard.awake,
   };
 }
 

@@ -73,6 +73,8 @@ export interface State {
   problem: Problem | null;
   /** A stop that could not be delivered: nothing else hides it. */
   stopFailed: Problem | null;
+  /** Whether a tone follows the spacing. */
+  tone: boolean;
   /** A token just made, whose secret nobody has said yet to have kept. */
   made: NewToken | null;
   /** Who has taken control of the bench from this page, until that is dismissed. */
@@ -122,6 +124,7 @@ export const initial: State = {
   heardAt: null,
   problem: null,
   stopFailed: null,
+  tone: false,
   made: null,
   controlLost: null,
   resetSeen: null,
@@ -417,6 +420,13 @@ export function currentJob(state: State): Job | null {
 export function jobUnderWay(state: State): Job | null {
   const job = currentJob(state);
   return job && !isFinal(job.state) ? job : null;
+}
+
+/** What names the prompt that the job under way waits with; null while it waits for nobody. */
+export function turnOf(state: State): string | null {
+  const job = jobUnderWay(state);
+  const step = job?.state === "waiting_for_operator" ? job.operator_step : null;
+  return job && step ? `${job.id} ${step.number}` : null;
 }
 
 const SCOPES: Scope[] = ["view", "control", "admin"];

@@ -9407,8 +9407,8 @@ export interface operations {
     parameters: {
       query?: {
         /**
-         * @description Who, where no token says so: shown to everybody. It is beside the path, where it is read with it: a stop waits for
-         *     nothing. What could not be shown is left out, and refuses no stop.
+         * @description Who, where no token says so: shown to everybody. It is no body, which a stop would have to wait for. What could not
+         *     be shown is left out, and refuses no stop.
          */
         owner?: string;
       };

@@ -5,7 +5,8 @@ import type { Scope } from "../wire";
 
 export const frame = {
   title: "Plenalign",
-  windowTitle: (page: string, simulated: boolean) => `${simulated ? "SIMULATED · " : ""}${page} · Plenalign`,
+  windowTitle: (page: string, simulated: boolean, turn: boolean) =>
+    `${turn ? "● Your turn · " : ""}${simulated ? "SIMULATED · " : ""}${page} · Plenalign`,
   simulated: "SIMULATED BENCH",
   simulatedMore: "No hardware is attached: every picture and figure here is computed.",
   replay: "REPLAY",

@@ -71,6 +71,9 @@ export const meter = {
   ago: (span: string) => `OLD · ${span}`,
   inFocus: "IN FOCUS",
   moving: "an axis moves",
+  tone: "Tone",
+  toneMore: (key: string) =>
+    `A tone for ear and hands (${key}): high where the spacing is too large, low where it is too small; pulses that come faster the nearer it is, and no break where a job would accept it`,
   rate: (perSecond: string) => `${perSecond} /s`,
   mean: (frames: number) => `mean of ${frames}`,
   leftOut: (count: number) =>

@@ -1,7 +1,7 @@
 import { useEffect } from "preact/hooks";
 import type { Result } from "../api";
 import { strings } from "../strings";
-import type { State } from "../state";
+import { turnOf, type State } from "../state";
 import type { NewToken, Problem, TokenRequest } from "../wire";
 import { AskName } from "./ask-name";
 import { Header } from "./header";
@@ -41,9 +41,10 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
   };
   const simulated = state.bench?.simulated ?? false;
   const where = state.session === "stranger" ? strings.signIn.signIn : strings.pages[state.route.page];
+  const turn = turnOf(state) !== null;
   useEffect(() => {
-    document.title = strings.windowTitle(where, simulated);
-  }, [simulated, where]);
+    document.title = strings.windowTitle(where, simulated, turn);
+  }, [simulated, where, turn]);
   if (state.session === "stranger") {
     return (
       <>

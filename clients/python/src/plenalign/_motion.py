@@ -8,6 +8,7 @@ from contextlib import suppress
 
 from . import _operations as op
 from ._transport import Transport
+from ._user import this_user
 from .errors import MotionError, NotReachedError, PlenalignError, ProblemError
 from .models import AxisName, AxisView, BenchView, StopReport
 
@@ -16,12 +17,14 @@ _STOP_ANSWER_S = 3.0
 _STOP_TRIES = 3
 
 
-def stop(transport: Transport) -> StopReport:
-    """Stops the bench. Asked again where no answer comes: that moves nothing."""
+def stop(transport: Transport, owner: str | None = None) -> StopReport:
+    """Stops the bench, as `owner` where no token says who. Asked again where no answer comes: that moves nothing."""
+    query = {"owner": owner or this_user()}
     tries = _STOP_TRIES
     while True:
         try:
-            return transport.ask(op.STOP, timeout_s=min(_STOP_ANSWER_S, transport.timeout_s)).as_(StopReport)
+            limit = min(_STOP_ANSWER_S, transport.timeout_s)
+            return transport.ask(op.STOP, query=query, timeout_s=limit).as_(StopReport)
         except ConnectionError:
             tries -= 1
             if tries == 0:

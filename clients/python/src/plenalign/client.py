@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import getpass
 import os
-import socket
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
 from types import TracebackType
@@ -14,6 +12,7 @@ from uuid import UUID
 from . import _operations as op
 from ._motion import stop
 from ._transport import ANSWER_S, LONG_S, Transport
+from ._user import this_user
 from .access import Access
 from .address import Address
 from .errors import LeaseLostError, ProblemError
@@ -140,12 +139,15 @@ class Client:
 
     # The stop.
 
-    def stop(self) -> StopReport:
+    def stop(self, *, owner: str | None = None) -> StopReport:
         """Stops every axis at once and latches: nothing moves until `reset_stop`. Needs no lease.
+
+        Who did is shown to everybody: the token's name, or where there is no token `owner`, which is user and machine
+        unless given.
 
         It is a software stop, not a safety function.
         """
-        return stop(self._transport)
+        return stop(self._transport, owner)
 
     def stop_state(self) -> StopView:
         """Whether the stop is latched."""
@@ -157,7 +159,7 @@ class Client:
         `why` is shown to everybody, and so is who: the token's name, or where there is no token `owner`, which is user
         and machine unless given.
         """
-        body = ResetRequest(why=why, owner=owner or _owner())
+        body = ResetRequest(why=why, owner=owner or this_user())
         return self._transport.ask(op.RESET_STOP, body=body).as_(StopView)
 
     # The lease, through which everything moves.
@@ -177,7 +179,7 @@ class Client:
         cancelled and the axes stopped. `owner` is who one is, user and machine unless given. `on_lost` is called, on
         another thread, when it is lost.
         """
-        asked = LeaseAsked(owner=owner or _owner(), note=note, ttl_s=ttl_s)
+        asked = LeaseAsked(owner=owner or this_user(), note=note, ttl_s=ttl_s)
         if take_over:
             grant = self._transport.ask(op.TAKE_OVER_LEASE, body=asked, timeout_s=LONG_S).as_(LeaseGrant)
         else:
@@ -291,12 +293,3 @@ class Client:
     def end_fault_plan(self) -> None:
         """Ends the plan of faults: everything goes right."""
         self._transport.ask(op.DELETE_FAULT_PLAN)
-
-
-def _owner() -> str:
-    """User and machine."""
-    try:
-        user = getpass.getuser()
-    except (OSError, KeyError):
-        user = "somebody"
-    return f"{user}@{socket.gethostname() or 'this machine'} (Python)"

@@ -10,7 +10,9 @@ import { addressOf } from "../../route";
 import { isBeingSetUp, showsTilt } from "../../set-up";
 import { isMeterOld, jobUnderWay, may, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
+import { TONE_KEY } from "../../tone-key";
 import type { Scene } from "../scene";
+import { Toggle } from "../toggle";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
 import { TiltArrow, TiltUntold } from "./tilt-arrow";
@@ -81,6 +83,13 @@ export function Meter(given: Scene) {
         {now && !now.settled && !old && <span class="tag">{strings.meter.moving}</span>}
         {old && age !== null && <span class="tag old">{strings.meter.ago(span(age))}</span>}
         {now?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
+        <Toggle
+          on={state.tone}
+          set={(tone) => scene.update({ tone })}
+          title={strings.meter.toneMore(TONE_KEY.name)}
+        >
+          {strings.meter.tone}
+        </Toggle>
       </p>
       <p class="large" aria-hidden="true">
         <span class="arrow">

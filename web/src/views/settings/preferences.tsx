@@ -1,9 +1,10 @@
 import { useLayoutEffect, useState } from "preact/hooks";
+import { awake } from "../../awake";
 import { choosable, SPACE } from "../../stop-key";
 import { strings } from "../../strings";
 import { UNITS } from "../../units";
 import type { Scene } from "../scene";
-import { Choice } from "../toggle";
+import { Choice, Toggle } from "../toggle";
 
 /** What this browser remembers. */
 export function Preferences({ state, update }: Scene) {
@@ -33,6 +34,29 @@ export function Preferences({ state, update }: Scene) {
           chosen={preferences.unit}
           choose={(unit) => set({ unit })}
         />
+      </p>
+      <p class="row">
+        <span>
+          {strings.settings.call} <small class="quiet">{strings.settings.callMore}</small>
+        </span>
+        <Toggle on={preferences.call} set={(call) => set({ call })}>
+          {strings.settings.callOn}
+        </Toggle>
+      </p>
+      <p class="row">
+        <span>
+          {strings.settings.awake}{" "}
+          <small class="quiet">
+            {awake.possible ? strings.settings.awakeMore : strings.settings.awakeNever}
+          </small>
+        </span>
+        <Toggle
+          on={preferences.awake && awake.possible}
+          set={(wanted) => set({ awake: wanted })}
+          disabled={!awake.possible}
+        >
+          {strings.settings.awakeOn}
+        </Toggle>
       </p>
       <ChooseKey
         name={preferences.stopKey.name}
