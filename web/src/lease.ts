@@ -47,6 +47,11 @@ export class LeaseKeeper {
     return lease !== null && this.key !== null && lease.id === this.storage.getItem(ID);
   }
 
+  /** Who else has control; null where this page has it, or nobody. */
+  other(lease: { id: string; owner: string } | null | undefined): string | null {
+    return lease && !this.isMine(lease) ? lease.owner : null;
+  }
+
   /** Hears what the daemon says of the lease: that it is this page's, or that this page has lost it. */
   heard(lease: { id: string; owner: string } | null): "mine" | ControlLost | null {
     const had = this.had;

@@ -20,14 +20,13 @@ export function Bench(scene: Scene) {
   if (!bench) return null;
   const { unit, stepMm } = state.preferences;
   const commanding = may(state, "control");
-  const { lease } = bench;
-  const others = lease && !api.lease.isMine(lease) ? lease.owner : null;
-  const busy = Boolean(bench.job) || bench.stop.latched || !able(state, "control") || others !== null;
+  const other = api.lease.other(bench.lease);
+  const busy = Boolean(bench.job) || bench.stop.latched || !able(state, "control") || other !== null;
   return (
     <section class="card axes" aria-label={strings.byHand.title}>
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
-      {commanding && others !== null && <p class="quiet">{strings.byHand.others(others)}</p>}
+      {commanding && other !== null && <p class="quiet">{strings.byHand.others(other)}</p>}
       <p class="paces">
         <Old {...scene} />
         <span class="quiet">{strings.byHand.step}</span>

@@ -39,13 +39,12 @@ export function StartJob({ state, act }: Scene) {
   const means = implied(draft, state.bench?.axes ?? [], unit);
   const plan = usePlan(PLANNED.includes(draft.kind));
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
-  const held = state.bench?.lease ?? null;
-  const others = held && !api.lease.isMine(held) ? held.owner : null;
+  const other = api.lease.other(state.bench?.lease);
   const ready =
     Boolean(state.bench) &&
     !state.bench?.stop.latched &&
     able(state, "control") &&
-    others === null &&
+    other === null &&
     plan?.possible !== false;
   const submit = async (event: Event) => {
     event.preventDefault();
@@ -143,7 +142,7 @@ export function StartJob({ state, act }: Scene) {
           {strings.job.start}: {strings.job.kinds[draft.kind]}
         </button>
       </p>
-      {others !== null && <p class="quiet">{strings.byHand.others(others)}</p>}
+      {other !== null && <p class="quiet">{strings.byHand.others(other)}</p>}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>
   );

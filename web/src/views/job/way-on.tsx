@@ -13,9 +13,8 @@ export function WayOn({ state, act, job }: Scene & { job: Job }) {
   const on = wayOn(job, bench);
   if (!bench || !on || !may(state, "control")) return null;
   const words = strings.wayOn;
-  const held = bench.lease ?? null;
-  const others = held !== null && !api.lease.isMine(held);
-  const ready = !starting && !others && !bench.stop.latched && able(state, "control");
+  const free = api.lease.other(bench.lease) === null;
+  const ready = !starting && free && !bench.stop.latched && able(state, "control");
   const start = async (request: JobRequest) => {
     setStarting(true);
     await act(api.startJob(request));
