@@ -15,8 +15,8 @@ preview_rays = 1
 preview_rate_hz = 2.0
 `);
 
-/** Silence of 3 s, and a second to show it. */
-const LOST_MS = 4000;
+/** Far less than the minute that a silent connection takes to close; that it is 3 s is held by `live.test.ts`. */
+const LOST_MS = 20_000;
 
 const daemon = start(place);
 const browser = await browse();
@@ -249,9 +249,7 @@ try {
   await ben.page.getByRole("button", { name: "Release control" }).click();
   await ana.page.locator(".lease[data-lease=free]").waitFor();
 
-  step(
-    "a daemon that is frozen is said to be lost within 3 s, what may be old is marked so, and no command is offered",
-  );
+  step("a daemon that is frozen is said to be lost, what may be old is marked so, and no command is offered");
   await open(ana.page, "Live");
   daemon.process.kill("SIGSTOP");
   await ana.page.locator(".link[data-link=lost]").waitFor({ timeout: LOST_MS });
