@@ -274,7 +274,7 @@ try {
   );
   await open(page, "Alignment");
   await page.locator("#start").click();
-  await page.locator(".progress", { hasText: /about \d+ (s|min) left, your part apart/ }).waitFor();
+  await page.locator(".progress", { hasText: /about \d+ (s|min) left, not counting your part/ }).waitFor();
   await page.locator("#confirm").waitFor({ timeout: 30_000 });
   await cancel(page);
   await wayOn.getByText("The air step still holds").waitFor();
@@ -511,7 +511,7 @@ async function seeThrough(page) {
 
 /** What the meter says while a job is under way, and how far that says it is; nothing where it is over. Runs in the page. */
 function meterInJob() {
-  const over = ["converged", "not_converged", "failed", "cancelled"];
+  const over = ["converged", "succeeded", "not_converged", "failed", "cancelled"];
   const text = (selector) => document.querySelector(selector)?.textContent ?? "";
   const state = document.querySelector(".job")?.dataset.state;
   return over.includes(state) ? null : { advice: text(".meter .advice"), progress: text(".job .progress") };

@@ -251,9 +251,14 @@ try {
 
   step("a daemon that is frozen is said to be lost, what may be old is marked so, and no command is offered");
   await open(ana.page, "Live");
+  await field.fill((await position("focus")) > 1.5 ? "-1.5" : "4.5");
+  await field.press("Enter");
+  const question = ana.page.locator(".axes .ask");
+  await question.waitFor();
   daemon.process.kill("SIGSTOP");
   await ana.page.locator(".link[data-link=lost]").waitFor({ timeout: LOST_MS });
   await ana.page.locator(".lease[data-lease=unclear]").waitFor();
+  await question.waitFor({ state: "detached" });
   await ana.page.locator(".axes .tag.old", { hasText: /^OLD · \d+ s$/ }).waitFor();
   for (const button of await ana.page
     .locator(".lease button, .axes form button, .axes .shell button")
@@ -273,6 +278,7 @@ try {
   step("which is over when the connection is back, and known to have been late");
   await ana.page.locator(".stop-failed").waitFor({ state: "detached" });
   await resetStop(ana.page, "it came late");
+  assert.equal(await question.count(), 0, "a question of before can be answered again");
 
   step("nothing on any page keeps out who cannot see or has no mouse");
   for (const name of ["Live", "Alignment", "Design", "History", "Settings"]) {

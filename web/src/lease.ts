@@ -24,8 +24,8 @@ export interface ControlLost {
 }
 
 export class LeaseKeeper {
-  /** Whether the daemon has said that this page has the lease, and it was not given back since. */
-  private had = false;
+  /** The lease that the daemon has said this page has, unless it was given back since. */
+  private had: string | null = null;
   private timer: ReturnType<typeof setInterval> | null = null;
   private renewedAt = 0;
 
@@ -55,9 +55,10 @@ export class LeaseKeeper {
   /** Hears what the daemon says of the lease: that it is this page's, or that this page has lost it. */
   heard(lease: { id: string; owner: string } | null): "mine" | ControlLost | null {
     const had = this.had;
-    this.had = this.isMine(lease);
-    if (this.had) return "mine";
-    if (!had) return null;
+    this.had = lease && this.isMine(lease) ? lease.id : null;
+    if (this.had !== null) return "mine";
+    // Another has been granted meanwhile, of which the daemon has not told yet.
+    if (had === null || had !== this.storage.getItem(ID)) return null;
     this.forget();
     return { to: lease?.owner ?? null };
   }
@@ -120,7 +121,7 @@ export class LeaseKeeper {
   /** Gives the lease back. */
   async release(): Promise<void> {
     const mine = this.key;
-    this.had = false;
+    this.had = null;
     this.forget();
     if (mine !== null) await this.send("DELETE", "/api/v1/lease", undefined, mine);
   }

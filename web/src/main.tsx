@@ -28,10 +28,12 @@ import { toneNow } from "./tone";
 import { watchToneKey } from "./tone-key";
 import type { Report } from "./viewer";
 import { App } from "./views/app";
-import type { NewToken, Problem, TokenRequest } from "./wire";
+import type { Problem, TokenRequest } from "./wire";
 import { lookedAt, wishOf } from "./wish";
 
 const ASK_AGAIN_MS = 2000;
+/** Between two looks at whether the tone still holds. */
+const TONE_MS = 250;
 
 /** Takes the confirm key of a link that has opened the page, so that it is neither in the address bar nor in the history. */
 function takeConfirmKey(): void {
@@ -101,6 +103,9 @@ function heed(): void {
     }),
   );
 }
+
+/** Silences the tone once its reading is old: nothing need come that says so. */
+setInterval(() => sound.play(toneNow(state, Date.now())), TONE_MS);
 
 /** What the viewer reports. */
 function receiveReport(report: Report): void {
@@ -182,7 +187,7 @@ async function enter(key: string): Promise<Problem | null> {
 }
 
 /** With the first token everybody is asked for one: this browser signs in with it before it is turned away. */
-async function makeToken(token: TokenRequest): Promise<api.Result<NewToken>> {
+async function makeToken(token: TokenRequest): Promise<boolean> {
   const { session } = state;
   const first = session !== null && session !== "stranger" && !session.demanded;
   const making = api.makeToken(token);
@@ -190,9 +195,9 @@ async function makeToken(token: TokenRequest): Promise<api.Result<NewToken>> {
   entering = signing;
   const [made, problem] = await Promise.all([making, signing]);
   entering = null;
-  if (made.ok) set({ ...state, made: made.value, problem });
+  set({ ...state, ...(made.ok ? { made: made.value, problem } : { problem: made.problem }) });
   if (first) await identify();
-  return made;
+  return made.ok;
 }
 
 async function leave(): Promise<void> {

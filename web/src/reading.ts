@@ -46,7 +46,7 @@ export interface Missing {
 }
 
 /** A whole measurement's spacing against its target. */
-export function reading(measurement: Measurement): Reading {
+export function reading(measurement: Measurement, inAir: boolean): Reading {
   const { spacing } = measurement;
   return {
     of: "measurement",
@@ -55,6 +55,7 @@ export function reading(measurement: Measurement): Reading {
       spacing.spacing_sigma_px,
       measurement.spacing_target_px,
       measurement.spacing_tolerance_px ?? 0,
+      inAir,
     ),
     frames: spacing.frames,
     single: { spacingPx: spacing.spacing_px, sigmaPx: spacing.spacing_sigma_px },
@@ -70,14 +71,18 @@ export function reading(measurement: Measurement): Reading {
 }
 
 /** What the meter read in a frame; what it does not know of the micro-images is from the newest whole measurement. */
-export function frameReading(read: FrameReading, measurement: Measurement | null): Reading | null {
+export function frameReading(
+  read: FrameReading,
+  measurement: Measurement | null,
+  inAir: boolean,
+): Reading | null {
   const { found, targetPx, tolerancePx, focusMm, eMm, settled, capturedAt } = read;
   if (found.is !== "measured") return null;
   const { spacingPx, sigmaPx, combined, inFocus, tiltXPx, tiltYPx } = found;
   const pitchPx = measurement?.micro_image_pitch_px ?? null;
   return {
     of: "frame",
-    ...against(combined.spacingPx, combined.sigmaPx, targetPx, tolerancePx),
+    ...against(combined.spacingPx, combined.sigmaPx, targetPx, tolerancePx, inAir),
     frames: combined.frames,
     single: { spacingPx, sigmaPx },
     ...{ inFocus, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
@@ -94,18 +99,19 @@ export function missing(read: FrameReading, before: Missing | null): Missing | n
   return { is: lost ? "lost" : found.is, why, targetPx, tolerancePx, capturedAt };
 }
 
-/** The same criterion as a job's: as near as it may be, and as well known. */
-function against(spacingPx: number, sigmaPx: number, targetPx: number, tolerancePx: number) {
+/** By the criterion of a job that sets e, through the shell, or Δv, in air. */
+function against(spacingPx: number, sigmaPx: number, targetPx: number, tolerancePx: number, inAir: boolean) {
   const differencePx = spacingPx - targetPx;
   return {
     ...{ spacingPx, sigmaPx, targetPx, tolerancePx, differencePx },
-    direction: directionOf(differencePx, sigmaPx, tolerancePx),
+    direction: directionOf(differencePx, sigmaPx, tolerancePx, inAir),
   };
 }
 
-function directionOf(differencePx: number, sigmaPx: number, tolerancePx: number): Direction {
+function directionOf(differencePx: number, sigmaPx: number, tolerancePx: number, inAir: boolean): Direction {
   const off = Math.abs(differencePx);
-  if (off <= tolerancePx && sigmaPx <= tolerancePx) return "there";
+  const accepted = inAir ? off + 2 * sigmaPx < tolerancePx : off <= tolerancePx && sigmaPx <= tolerancePx;
+  if (accepted) return "there";
   if (off <= 2 * sigmaPx) return "unsure";
   return differencePx > 0 ? "larger" : "smaller";
 }

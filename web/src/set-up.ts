@@ -17,3 +17,8 @@ export function isBeingSetUp(bench: Bench | null, job: Job | null): boolean {
 export function showsTilt(bench: Bench | null): boolean {
   return bench?.in_view !== "stepped_board" && bench?.in_view !== "other";
 }
+
+/** Whether a job would set Δv, in air, and not e through the shell. */
+export function isInAir(bench: Bench | null): boolean {
+  return bench?.shell !== "on";
+}

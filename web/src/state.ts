@@ -4,7 +4,7 @@ import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
 import { best, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
-import { setUpAt } from "./set-up";
+import { isInAir, setUpAt } from "./set-up";
 import { standard, type Preferences } from "./preferences";
 import { strings } from "./strings";
 import {
@@ -99,6 +99,8 @@ export const STALE_MS = 2000;
 /** What is made of a frame takes its time: it is old once the next one is late by this many times as long as that takes, and
  *  at this age however long it takes, ms. */
 const LATE = 1.5;
+/** Two pictures of a kind follow one another within so many times the age of one, at most. */
+const MOST_AGES = 10;
 const OLDEST_MS = 30_000;
 
 export const initial: State = {
@@ -174,7 +176,7 @@ function received(state: State, message: ServerMessage, now: number): State {
         stopSent: withStop(state, message.bench),
         ...withOutage(state, message.bench, true),
         jobs: message.jobs,
-        ...withSnapshot(message.measurement ?? null, now),
+        ...withSnapshot(message.measurement ?? null, isInAir(message.bench), now),
         axes: withAxes(state, message.bench, now),
         ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
@@ -210,10 +212,10 @@ function received(state: State, message: ServerMessage, now: number): State {
   }
 }
 
-function withSnapshot(measurement: Measurement | null, now: number): Partial<State> {
+function withSnapshot(measurement: Measurement | null, inAir: boolean, now: number): Partial<State> {
   return {
     measurement,
-    reading: measurement && reading(measurement),
+    reading: measurement && reading(measurement, inAir),
     readingAt: measurement && Math.min(now, Date.parse(measurement.captured_at)),
     missing: null,
     missingAt: null,
@@ -222,7 +224,7 @@ function withSnapshot(measurement: Measurement | null, now: number): Partial<Sta
 
 /** A whole measurement says something of the spacing where frame after frame is not read, and by a frame that is newer. */
 function withMeasurement(state: State, measurement: Measurement, now: number): Partial<State> {
-  const newest = reading(measurement);
+  const newest = reading(measurement, isInAir(state.bench));
   if (newest.capturedAt < setUpAt(state.bench)) return {};
   const word = wordOf(state);
   const says = !word || word.of === "measurement" || wordAge(state, word, now) > word.oldMs;
@@ -249,7 +251,7 @@ function withReading(state: State, newest: Reading, sentAt: number) {
 export function receiveReading(state: State, read: FrameReading, now: number): State {
   const heard = { ...state, heardAt: now, framesLeftOut: read.framesLeftOut, widthPx: read.widthPx };
   if (read.capturedAt < setUpAt(state.bench)) return heard;
-  const newest = frameReading(read, state.measurement);
+  const newest = frameReading(read, state.measurement, isInAir(state.bench));
   const takenAt = now - read.ageMs;
   return newest
     ? { ...heard, ...withReading(state, newest, takenAt) }
@@ -293,9 +295,11 @@ export function remember(state: State, recent: Recent, now: number): State {
 }
 
 /** That a stop was not delivered is over once it is known whether the bench is stopped; where it is not, that is said. */
-function withOutage({ stopFailed }: State, { stop }: Bench, isNews: boolean): Partial<State> {
+function withOutage({ stopFailed, problem }: State, { stop }: Bench, isNews: boolean): Partial<State> {
+  // Tried again, it may have got through after all.
+  if (stop.latched && !stop.unread)
+    return { stopFailed: null, problem: problem === notStopped ? null : problem };
   if (stopFailed === null || stop.unread) return {};
-  if (stop.latched) return { stopFailed: null };
   // While the connection lasts, it may still be on its way.
   return isNews ? { stopFailed: null, problem: notStopped } : {};
 }
@@ -340,7 +344,9 @@ function withJob(jobs: Job[], job: Job): Job[] {
 /** The state with a picture that the daemon sent at `sentAt` of this page's clock. */
 export function receivePicture(state: State, picture: PictureFacts, sentAt: number, now: number): State {
   const { picture: before, pictureAt } = state;
-  const sinceMs = before?.show === picture.show && pictureAt !== null ? sentAt - pictureAt : picture.ageMs;
+  const known = before?.show === picture.show && pictureAt !== null;
+  // After a pause the one before says nothing of when the next will come.
+  const sinceMs = known ? Math.min(sentAt - pictureAt, MOST_AGES * picture.ageMs) : picture.ageMs;
   // The age that one has when the next takes its place.
   const usualMs = picture.show === "raw" ? 0 : picture.ageMs + sinceMs;
   const pictureOldMs = Math.max(STALE_MS, Math.min(OLDEST_MS, LATE * usualMs));

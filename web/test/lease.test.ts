@@ -70,6 +70,19 @@ describe("the lease", () => {
     expect(lease.heard(null)).toBeNull();
   });
 
+  it("is not lost with the one before that ran out", async () => {
+    const { state, send } = daemon();
+    const lease = keeper(send);
+    await lease.take();
+    expect(lease.heard({ id: "id1", owner: "Ana" })).toBe("mine");
+    state.key = null;
+    expect((await lease.command("POST", "/api/v1/axes/e/home")).ok).toBe(true);
+    // What was on its way while the other was granted.
+    expect(lease.heard(null)).toBeNull();
+    expect(lease.key).not.toBeNull();
+    expect(lease.heard({ id: "id2", owner: "Ana" })).toBe("mine");
+  });
+
   it("is taken under a name and renewed well within its time to live", async () => {
     const { calls, send } = daemon();
     const lease = keeper(send);

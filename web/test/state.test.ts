@@ -17,7 +17,7 @@ import {
   type State,
 } from "../src/state";
 import type { Bench, ServerMessage } from "../src/wire";
-import { reading } from "../src/reading";
+import { reading as readingIn } from "../src/reading";
 import { isBeingSetUp, showsTilt } from "../src/set-up";
 import { along, axisScale } from "../src/travel";
 import {
@@ -131,6 +131,9 @@ describe("the picture", () => {
   });
 });
 
+/** Through the shell. */
+const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, false);
+
 describe("reading", () => {
   it("says which way to go: a larger Δv or e makes the spacing smaller", () => {
     expect(reading(measurement(19.8, 0.002)).direction).toBe("larger");
@@ -148,6 +151,11 @@ describe("reading", () => {
     expect([direction(0.0161, 0.0005), direction(-0.0161, 0.002)]).toEqual(["larger", "smaller"]);
     // Too uncertain to be accepted, it is not called on target, nor is anybody sent anywhere.
     expect([direction(0.001, 0.017), direction(0.03, 0.016)]).toEqual(["unsure", "unsure"]);
+    // In air a job wants to be sure.
+    const inAir = (differencePx: number, sigmaPx: number) =>
+      readingIn(measurement(19.725 + differencePx, sigmaPx), true).direction;
+    expect([inAir(0.0117, 0.0021), inAir(0.0117, 0.0022)]).toEqual(["there", "larger"]);
+    expect(inAir(0.004, 0.007)).toBe("unsure");
     expect(direction(0.04, 0.017)).toBe("larger");
   });
 });
@@ -418,6 +426,12 @@ describe("a stop and its reset", () => {
     expect(back(true)).toMatchObject({ stopFailed: null, problem: null });
     expect(back(false)).toMatchObject({ stopFailed: null, problem: { title: "The bench is not stopped" } });
     expect(receive(open(), snapshot(9), 0).problem).toBeNull();
+    // Tried once more, it got through after all.
+    const stopped = { ...bench, stop: { ...bench.stop, latched: true } };
+    const arrived = { type: "bench", seq: 10, boot_id: boot, bench: stopped } as ServerMessage;
+    expect(receive(back(false), arrived, 0).problem).toBeNull();
+    const other = { ...back(false), problem: stopFailed };
+    expect(receive(other, arrived, 0).problem).toBe(stopFailed);
 
     // A daemon that has just begun does not know how an earlier run left it.
     const said = (stop: Partial<Bench["stop"]>) => ({ ...bench, stop: { ...bench.stop, ...stop } });

@@ -189,7 +189,12 @@ impl Job {
 
     /// Takes how long this bench usually takes for such a job by itself, s.
     pub(super) fn expect(&self, usual_s: f64) {
-        let _ = self.usual_s.set(usual_s);
+        if self.usual_s.set(usual_s).is_ok() && !self.snapshot().state.is_final() {
+            // It has hardly begun: what the first step has taken by now is less than the guess is good to.
+            self.change(|job| {
+                job.progress.time_left_s.get_or_insert(usual_s);
+            });
+        }
     }
 
     /// Has it recorded to a file from now on.

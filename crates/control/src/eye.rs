@@ -215,9 +215,9 @@ impl Eye {
         self.set_up.subscribe()
     }
 
-    /// Since when what stands there does, and the shell is on or off.
+    /// Since when what stands there does, and the shell is on or off; now, where the clock was set back since.
     pub(super) fn set_up_at(&self) -> Timestamp {
-        self.set_up.borrow().since.max(self.motion.shell_since())
+        self.set_up.borrow().since.max(self.motion.shell_since()).min(Timestamp::now())
     }
 
     /// That this stands before the lens from now on; with `None` what stood there does, set up anew.

@@ -98,10 +98,15 @@ fn after(at: Timestamp, before: Timestamp) -> Duration {
     Duration::try_from(at.duration_since(before)).unwrap_or_default()
 }
 
-/// Adds what is newest, and drops what is too old, or too near to those before and after it.
+/// Adds what is newest, and drops what is too old, or too near to those before and after it. What is at or before the span's
+/// beginning still held then: the newest of that is kept.
 fn follow<T: Then>(kept: &mut VecDeque<T>, newest: T) {
     let at = newest.at();
-    while kept.front().is_some_and(|oldest| after(at, oldest.at()) > SPAN) {
+    // Where the clock was set back, what is later than now is no more.
+    while kept.back().is_some_and(|last| last.at() > at) {
+        kept.pop_back();
+    }
+    while kept.get(1).is_some_and(|second| after(at, second.at()) > SPAN) {
         kept.pop_front();
     }
     // The newest is kept whatever its distance: it is where an axis came to rest.
@@ -169,17 +174,17 @@ impl Service {
     pub fn recent(&self) -> RecentView {
         let now = Timestamp::now();
         let kept = self.recent.0.lock().unwrap_or_else(PoisonError::into_inner);
-        RecentView {
-            now,
-            positions: since(&kept.positions, now),
-            spacings: since(&kept.spacings, now),
-            clarities: since(&kept.clarities, now),
+        let mut positions = since(&kept.positions, now);
+        // An axis that has stood still for longer stands where it stood.
+        if let Some(before) = kept.positions.iter().rfind(|then| after(now, then.at) > SPAN) {
+            positions.insert(0, PositionsThen { at: now - SPAN, ..before.clone() });
         }
+        RecentView { now, positions, spacings: since(&kept.spacings, now), clarities: since(&kept.clarities, now) }
     }
 }
 
 fn since<T: Then + Clone>(kept: &VecDeque<T>, now: Timestamp) -> Vec<T> {
-    kept.iter().filter(|then| after(now, then.at()) <= SPAN).cloned().collect()
+    kept.iter().filter(|then| then.at() <= now && after(now, then.at()) <= SPAN).cloned().collect()
 }
 
 #[cfg(test)]
@@ -197,18 +202,23 @@ mod tests {
             follow(&mut kept, clarity(at_ms));
             assert_eq!(kept.back(), Some(&clarity(at_ms)));
         }
-        assert!((400..=481).contains(&kept.len()), "{} are kept", kept.len());
-        let span = after(kept[kept.len() - 1].at, kept[0].at);
+        assert!((400..=482).contains(&kept.len()), "{} are kept", kept.len());
+        let now = kept[kept.len() - 1].at;
+        // The newest of what is older, and no more of that.
+        assert!(after(now, kept[0].at) > SPAN && after(now, kept[1].at) <= SPAN);
+        let seen = since(&kept, now);
+        let span = after(now, seen[0].at);
         assert!((SPAN - APART..=SPAN).contains(&span), "{span:?}");
     }
 
     #[test]
     fn it_outlives_a_clock_that_is_set_back() {
         let mut kept = VecDeque::from([clarity(600_000), clarity(601_000)]);
+        let now = Timestamp::from_millisecond(500_000).unwrap();
+        assert_eq!(since(&kept, now), [] as [ClarityThen; 0]);
         for at_ms in [0, 1000, 2000] {
             follow(&mut kept, clarity(at_ms));
         }
-        assert_eq!(kept.back(), Some(&clarity(2000)));
-        assert_eq!(since(&kept, Timestamp::from_millisecond(700_000).unwrap()), [clarity(600_000), clarity(601_000)]);
+        assert_eq!(kept, [0, 1000, 2000].map(clarity));
     }
 }

@@ -9,7 +9,7 @@ export const lease = {
   mine: (owner: string) => `This page has control${owner === lease.owner ? "" : `, as ${owner}`}.`,
   ranOut: "Your control has ended.",
   taken: (owner: string) => `${owner} has taken control from you.`,
-  lostMore: "What you held down has been let go of, and the axes that it moved have stopped.",
+  lostMore: "Whatever you held down has been let go of, and what it moved has stopped.",
   askName: "What is your name?",
   askNameMore: "Others are shown it while you have control.",
   askNameKeep: "Keep it",

@@ -119,7 +119,7 @@ export const job = {
   renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
   progress: (step: number, of: number) => `step ${step} of about ${of}`,
-  left: (text: string) => `about ${text} left, your part apart`,
+  left: (text: string) => `about ${text} left, not counting your part`,
   figure: (of: string, value: string) => `${of} ${value}`,
   figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
   of: (name: string) => (name === "delta_v_mm" ? "Δv" : "spacing"),

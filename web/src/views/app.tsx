@@ -1,8 +1,7 @@
 import { useEffect } from "preact/hooks";
-import type { Result } from "../api";
 import { strings } from "../strings";
 import { turnOf, type State } from "../state";
-import type { NewToken, Problem, TokenRequest } from "../wire";
+import type { Problem, TokenRequest } from "../wire";
 import { AskName } from "./ask-name";
 import { Header } from "./header";
 import { DesignPage } from "./design/page";
@@ -22,7 +21,7 @@ interface Props {
   update: (change: Partial<State>) => void;
   enter: (key: string) => Promise<Problem | null>;
   leave: () => Promise<void>;
-  makeToken: (token: TokenRequest) => Promise<Result<NewToken>>;
+  makeToken: (token: TokenRequest) => Promise<boolean>;
 }
 
 const VIEWS = {

@@ -2,7 +2,7 @@
 
 import type { Result } from "../api";
 import type { State } from "../state";
-import type { NewToken, TokenRequest } from "../wire";
+import type { TokenRequest } from "../wire";
 
 /** Carries a request out and shows its problem if it has one; whether it went well. */
 export type Act = (request: Promise<Result<unknown>>) => Promise<boolean>;
@@ -15,6 +15,6 @@ export interface Scene {
   now: number;
   update: (change: Partial<State>) => void;
   act: Act;
-  /** Makes a token, and signs in with it where it is the first. */
-  makeToken: (token: TokenRequest) => Promise<Result<NewToken>>;
+  /** Makes a token, and signs in with it where it is the first; whether it was made. */
+  makeToken: (token: TokenRequest) => Promise<boolean>;
 }

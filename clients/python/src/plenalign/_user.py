@@ -7,9 +7,10 @@ import socket
 
 
 def this_user() -> str:
-    """User and machine."""
+    """User and machine; a stop asks, too, so that nothing that is wrong with a name may be in its way."""
     try:
         user = getpass.getuser()
-    except (OSError, KeyError):
+    except (OSError, KeyError, ImportError):
         user = "somebody"
-    return f"{user}@{socket.gethostname() or 'this machine'} (Python)"
+    name = f"{user}@{socket.gethostname() or 'this machine'} (Python)"
+    return name.encode(errors="replace").decode()

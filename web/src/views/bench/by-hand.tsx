@@ -6,6 +6,7 @@ import { strings } from "../../strings";
 import { length, signedLength, toMm } from "../../units";
 import type { Axis } from "../../wire";
 import { Ask } from "../ask";
+import { useAsked } from "../asked";
 import type { Scene } from "../scene";
 import { Hold } from "./hold";
 import { LeaveSwitch } from "./leave-switch";
@@ -20,12 +21,12 @@ interface Props extends Scene {
 export function ByHand({ state, act, axis, pace, disabled }: Props) {
   const { unit, stepMm } = state.preferences;
   const [text, setText] = useState("");
-  const [asked, ask] = useState<number | null>(null);
   const position = axis.homed ? (axis.position_mm ?? null) : null;
   const name = strings.axis.short[axis.axis];
   const target = toMm(numberOf(text), unit);
   const outside = Number.isFinite(target) && (target < axis.low_limit_mm || target > axis.high_limit_mm);
   const still = disabled || position === null || axis.moving;
+  const [asked, ask] = useAsked<number>(!still);
 
   const go = async (to: number) => {
     ask(null);
@@ -90,6 +91,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
       )}
       {asked !== null && position !== null && (
         <Ask
+          key={asked}
           question={strings.byHand.sure(
             name,
             length(position, unit),

@@ -1,15 +1,15 @@
-import { useState } from "preact/hooks";
 import * as api from "../../api";
-import { may } from "../../state";
+import { able, may } from "../../state";
 import type { ControlLost } from "../../lease";
 import { strings } from "../../strings";
 import { Ask } from "../ask";
+import { useAsked } from "../asked";
 import type { Scene } from "../scene";
 import { useSettled } from "../settled";
 
 /** Who may move the axes; how to become it, and how to cease to be. */
 export function Lease({ state, act, now }: Scene) {
-  const [asking, ask] = useState(false);
+  const [asking, ask] = useAsked<true>(able(state, "admin"));
   // Where control is taken it is given back, too.
   const settled = useSettled(state.bench?.lease?.id ?? "free");
   const bench = state.bench;
@@ -56,7 +56,7 @@ export function Lease({ state, act, now }: Scene) {
           {strings.lease.release}
         </button>
       )}
-      {lease !== null && !mine && may(state, "admin") && state.link === "open" && !asking && (
+      {lease !== null && !mine && able(state, "admin") && !asking && (
         <button type="button" onClick={() => ask(true)}>
           {strings.lease.takeOver}
         </button>
@@ -67,7 +67,7 @@ export function Lease({ state, act, now }: Scene) {
           yes={strings.lease.takeOverYes}
           no={strings.lease.takeOverNo}
           answer={(yes) => {
-            ask(false);
+            ask(null);
             if (yes) void act(api.takeOverLease());
           }}
         />

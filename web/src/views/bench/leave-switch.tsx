@@ -1,8 +1,8 @@
-import { useState } from "preact/hooks";
 import * as api from "../../api";
 import { strings } from "../../strings";
 import type { Axis, Side } from "../../wire";
 import { Ask } from "../ask";
+import { useAsked } from "../asked";
 import type { Scene } from "../scene";
 
 const ENDS: readonly Side[] = ["low", "high"];
@@ -14,16 +14,16 @@ interface Props extends Pick<Scene, "act"> {
 
 /** Moves an axis off its limit switch, once the operator has said which of the two it stands on. */
 export function LeaveSwitch({ act, axis, disabled }: Props) {
-  const [asking, ask] = useState(false);
+  const [asking, ask] = useAsked<true>(!disabled);
   const name = strings.axis.short[axis.axis];
-  if (asking && !disabled) {
+  if (asking) {
     return (
       <Ask
         question={strings.byHand.leaveSure(name)}
         yes={ENDS.map((end) => strings.byHand.leaveFrom[end])}
         no={strings.byHand.leaveNot}
         answer={(yes, way) => {
-          ask(false);
+          ask(null);
           const pressed = ENDS[way];
           if (yes && pressed) void act(api.leaveSwitch(axis.axis, pressed));
         }}

@@ -1,8 +1,8 @@
-import { useState } from "preact/hooks";
 import * as api from "../../api";
 import { strings } from "../../strings";
 import type { ShellState } from "../../wire";
 import { Ask } from "../ask";
+import { useAsked } from "../asked";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
 
@@ -15,7 +15,7 @@ interface Props extends Scene {
 
 /** Whether the shell is on, as the operator says. */
 export function Shell({ act, shell, disabled }: Props) {
-  const [asking, ask] = useState(false);
+  const [asking, ask] = useAsked<true>(!disabled);
   // "Off" opens the way for the e axis: on the operator's word only.
   const choose = (state: ShellState) => (state === "off" ? ask(true) : void act(api.setShell(state)));
   return (
@@ -37,7 +37,7 @@ export function Shell({ act, shell, disabled }: Props) {
           yes={strings.shell.yes}
           no={strings.shell.no}
           answer={(yes) => {
-            ask(false);
+            ask(null);
             if (yes) void act(api.setShell("off"));
           }}
         />

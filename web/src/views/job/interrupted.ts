@@ -23,8 +23,8 @@ export function useInterrupted({ state }: Scene): Job | null {
 async function cutShort(): Promise<Job | null> {
   const newest = await api.jobs(new URLSearchParams({ limit: "1" }));
   const last = newest.ok ? newest.value.jobs[0] : undefined;
-  // One that is not over, and not of this run, was cut short as well.
   if (!last || (isFinal(last.state) && last.state !== "interrupted")) return null;
   const job = await api.job(last.id);
-  return job.ok ? job.value : null;
+  // One that is not over, and not of this run, was cut short as well, although that could not be written.
+  return job.ok ? { ...job.value, state: "interrupted" } : null;
 }

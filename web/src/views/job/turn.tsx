@@ -6,6 +6,7 @@ import { strings } from "../../strings";
 import { reworded } from "../../units";
 import type { Job } from "../../wire";
 import { Ask } from "../ask";
+import { useAsked } from "../asked";
 import type { Scene } from "../scene";
 import { onceHeld, useSettled } from "../settled";
 
@@ -19,7 +20,7 @@ export function Turn(scene: Scene & { job: Job }) {
   const step = job.state === "waiting_for_operator" ? job.operator_step : null;
   const confirmable = Boolean(step) && mayConfirm(scene);
   const [sent, send] = useState<number | null>(null);
-  const [leaving, leave] = useState(false);
+  const [leaving, leave] = useAsked<true>(job.state !== "cancelling" && able(state, "control"));
   const settled = useSettled(confirmable && step ? step.number : null);
   const ready = settled && sent !== step?.number && able(state, "control");
   const box = useRef<HTMLDivElement>(null);
@@ -64,13 +65,13 @@ export function Turn(scene: Scene & { job: Job }) {
           {strings.job.cancel}
         </button>
       </p>
-      {leaving && job.state !== "cancelling" && (
+      {leaving && (
         <Ask
           question={strings.job.cancelSure}
           yes={strings.job.cancelYes}
           no={strings.job.cancelNo}
           answer={(yes) => {
-            leave(false);
+            leave(null);
             if (yes) void act(api.cancelJob(job));
           }}
         />

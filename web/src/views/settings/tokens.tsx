@@ -5,6 +5,7 @@ import { strings } from "../../strings";
 import { able, type State } from "../../state";
 import type { Scope, Token, TokenRequest } from "../../wire";
 import { Ask } from "../ask";
+import { useAsked } from "../asked";
 import type { Scene } from "../scene";
 import { Choice } from "../toggle";
 
@@ -13,8 +14,9 @@ const SCOPES: readonly Scope[] = ["view", "control", "admin"];
 /** Who gets in. */
 export function Tokens({ act, state, makeToken }: Scene) {
   const [tokens, setTokens] = useState<Token[] | null>(null);
-  const [wanted, want] = useState<TokenRequest | null>(null);
-  const [asked, ask] = useState<Token | null>(null);
+  const here = able(state, "admin");
+  const [wanted, want] = useAsked<TokenRequest>(here);
+  const [asked, ask] = useAsked<Token>(here);
   const load = () =>
     act(
       api.tokens().then((result) => {
@@ -24,12 +26,11 @@ export function Tokens({ act, state, makeToken }: Scene) {
     );
   useEffect(() => void load(), [state.bootId]);
   const first = isFirst(state);
-  const here = able(state, "admin");
   const make = async (token: TokenRequest) => {
     want(null);
-    const ok = await act(makeToken(token));
-    if (ok) await load();
-    return ok;
+    const made = await makeToken(token);
+    if (made) await load();
+    return made;
   };
   const revoke = async (token: Token) => {
     ask(null);
@@ -73,6 +74,7 @@ export function Tokens({ act, state, makeToken }: Scene) {
       )}
       {wanted && (
         <Ask
+          key={`${wanted.name} ${wanted.scope}`}
           question={[
             strings.settings.tokenFirst,
             wanted.scope === "admin" ? strings.settings.tokenFirstMore : strings.settings.tokenFirstLess,

@@ -385,7 +385,10 @@ fn led(frame: &SpacingFrame, start: Model, usual: &[usize], reach: f64) -> Model
     for (tolerance, free) in [(0.05, &[][..]), (FORERUNNERS_AT_REST_PX, usual)] {
         model.free = free.to_vec();
         solver.mask(&model);
-        if solver.iterate(&mut model, reach, tolerance, 10) != Outcome::Converged {
+        let outcome = solver.iterate(&mut model, reach, tolerance, 10);
+        // Rows and columns apart cannot be told by one direction.
+        let texture = solver.normal.check_texture(frame.noise, frame.plan.direction_count);
+        if outcome != Outcome::Converged || texture.is_err() {
             return start;
         }
     }

@@ -29,6 +29,8 @@ const REACH_PX: f64 = 3.0;
 const PAIRS: usize = 600;
 /// Standard uncertainty (px²) from which on more pairs add nothing that the estimator's own limit leaves room for.
 const SURE: f64 = 0.5 * SMEAR_SIGMA;
+/// Blocks of the field that have to be there for that: the scatter of few comes out low by chance.
+const SURE_BLOCKS: usize = BLOCKS * BLOCKS / 2;
 
 /// By how much the spacing changed during the exposure, as far as the frame shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,7 +56,8 @@ pub(super) fn smear(frame: &SpacingFrame, model: &Model, radius: f64) -> Option<
     for pairs in pairs.chunks(PAIRS) {
         add(&mut blocks, frame, model, radius, pairs);
         smear = solved(&blocks).map(|[loss, sigma]| Smear { square: square * loss, sigma: square * sigma });
-        if smear.is_some_and(|smear| smear.sigma <= SURE) {
+        let filled = blocks.iter().filter(|block| block.energy != 0.0).count();
+        if filled >= SURE_BLOCKS && smear.is_some_and(|smear| smear.sigma <= SURE) {
             break;
         }
     }
