@@ -429,7 +429,7 @@ async function answer(page, confirm, meanwhile = async () => {}) {
   const over = async () => {
     if (await page.locator(OVER).isVisible()) return true;
     assert(daemon.alive, "the daemon ended");
-    const shown = await page.evaluate(meterInJob);
+    const shown = await page.evaluate(meterInJob, OVER);
     assert.doesNotMatch(
       shown?.advice ?? "",
       /Move|must grow|must shrink/,
@@ -510,11 +510,11 @@ async function seeThrough(page) {
 }
 
 /** What the meter says while a job is under way, and how far that says it is; nothing where it is over. Runs in the page. */
-function meterInJob() {
-  const over = ["converged", "succeeded", "not_converged", "failed", "cancelled"];
+function meterInJob(over) {
   const text = (selector) => document.querySelector(selector)?.textContent ?? "";
-  const state = document.querySelector(".job")?.dataset.state;
-  return over.includes(state) ? null : { advice: text(".meter .advice"), progress: text(".job .progress") };
+  return document.querySelector(over)
+    ? null
+    : { advice: text(".meter .advice"), progress: text(".job .progress") };
 }
 
 /** While the scene is set up, nothing is read of the one before; of the board that stays, no tilt is told. */

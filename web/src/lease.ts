@@ -47,6 +47,11 @@ export class LeaseKeeper {
     return lease !== null && this.key !== null && lease.id === this.storage.getItem(ID);
   }
 
+  /** Whether this page has it, and a job does with it. */
+  hasJob(lease: { id: string; job?: string | null } | null, job: string): boolean {
+    return lease?.job === job && this.isMine(lease);
+  }
+
   /** Who else has control; null where this page has it, or nobody. */
   other(lease: { id: string; owner: string } | null | undefined): string | null {
     return lease && !this.isMine(lease) ? lease.owner : null;

@@ -16,19 +16,29 @@ const NO_TEXT = ["button", "checkbox", "color", "file", "image", "radio", "range
 
 type Pressed = Pick<KeyboardEvent, "code" | "key" | "altKey" | "ctrlKey" | "metaKey">;
 
+/** Whether another key is held with it, which makes it a command of the browser's. */
+export function isCombined(event: Pick<Pressed, "altKey" | "ctrlKey" | "metaKey">): boolean {
+  return event.altKey || event.ctrlKey || event.metaKey;
+}
+
 /** The key pressed, if it may be the stop key. */
 export function choosable(event: Pressed): StopKey | null {
-  if (event.altKey || event.ctrlKey || event.metaKey) return null;
+  if (isCombined(event)) return null;
   if (event.code === "" || TAKEN.includes(event.code) || MODIFIER.test(event.code)) return null;
   return { code: event.code, name: event.key.trim() === "" ? event.code : event.key.toUpperCase() };
 }
 
-interface Element {
+export interface Element {
   tagName: string;
   type?: string;
   inputMode?: string;
   readOnly?: boolean;
   isContentEditable?: boolean;
+}
+
+/** What has the focus. */
+export function focusedElement(): Element | null {
+  return document.activeElement instanceof HTMLElement ? (document.activeElement as HTMLInputElement) : null;
 }
 
 /** What a number is spelt with. */
@@ -56,8 +66,7 @@ export function meaning(
   focused: Element | null,
   key: StopKey,
 ): "stop" | "consume" | "pass" {
-  if (event.code !== key.code || event.isComposing || event.altKey || event.ctrlKey || event.metaKey)
-    return "pass";
+  if (event.code !== key.code || event.isComposing || isCombined(event)) return "pass";
   // In a field for numbers what spells none stops, as it does everywhere: whoever moves an axis types there.
   const spelt = focused && isForNumbers(focused) ? OF_NUMBERS.test(event.key) : true;
   if (isTyping(focused) && spelt) return "pass";

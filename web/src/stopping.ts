@@ -4,7 +4,7 @@ import * as api from "./api";
 import { jog } from "./jogging";
 import { strings } from "./strings";
 import type { State } from "./state";
-import { meaning, type StopKey } from "./stop-key";
+import { focusedElement, meaning, type StopKey } from "./stop-key";
 import type { Problem } from "./wire";
 
 const TRIES = 3;
@@ -47,8 +47,7 @@ async function deliver(update: (change: Partial<State>) => void): ReturnType<typ
 export function watchStopKey(key: () => StopKey, enabled: () => boolean, obey: () => void): void {
   const hear = (event: KeyboardEvent) => {
     if (!enabled()) return;
-    const focused = document.activeElement instanceof HTMLElement ? document.activeElement : null;
-    const means = meaning(event, focused as HTMLInputElement | null, key());
+    const means = meaning(event, focusedElement(), key());
     if (means === "pass") return;
     event.preventDefault();
     event.stopImmediatePropagation();

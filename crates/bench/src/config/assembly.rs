@@ -113,11 +113,7 @@ impl Config {
     pub fn tolerances(&self) -> Tolerances {
         let design = self.design();
         let solution = design.joint(self.assembly.l_bound_mm);
-        let [by_delta_v, by_e] = [
-            design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v),
-            design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v),
-        ]
-        .map(|slope| slope.abs() / self.pixel_pitch().millimetres());
+        let [by_delta_v, by_e] = design.spacing_slopes(&solution).map(|slope| slope / self.pixel_pitch().millimetres());
         let assembly = &self.assembly;
         Tolerances {
             // No finer than the axis can be set.

@@ -133,11 +133,8 @@ impl AcceptedWithin {
     #[must_use]
     pub fn of(config: &Config, solution: &Solution) -> Self {
         let (design, tolerances) = (config.design(), config.tolerances());
-        let [by_delta_v, by_e] = [
-            design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v),
-            design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v),
-        ]
-        .map(|slope| slope.abs() / config.pixel_pitch().millimetres());
+        let [by_delta_v, by_e] =
+            design.spacing_slopes(solution).map(|slope| slope / config.pixel_pitch().millimetres());
         // A step of the focus axis is to be told from the next.
         let step_px = by_delta_v / config.bench.focus.steps_per_mm;
         Self {
@@ -155,11 +152,7 @@ impl Plan {
         let design = config.design();
         let capture = Capture::new(design, config.boards.farthest_mm);
         let tolerances = config.tolerances();
-        let [by_delta_v, by_e] = [
-            design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v),
-            design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v),
-        ]
-        .map(|slope| slope.abs() / design.mla.pitch);
+        let [by_delta_v, by_e] = design.spacing_slopes(&solution).map(|slope| slope / design.mla.pitch);
         let image_by_object = by_e / by_delta_v;
         let pitch_px = design.mla.pitch / config.pixel_pitch().millimetres();
         let [least, most] = PROBE_MM;
@@ -327,8 +320,7 @@ impl Plan {
 #[must_use]
 pub fn most_trim_mm(config: &Config, solution: &Solution) -> f64 {
     let design = config.design();
-    let by_delta_v = design.spacing_per_delta_v(solution.equivalent_distance, solution.delta_v).abs();
-    let by_e = design.spacing_per_equivalent(solution.equivalent_distance, solution.delta_v).abs();
+    let [by_delta_v, by_e] = design.spacing_slopes(solution);
     let e_off_mm = AxisRoom::of(&config.bench.e).unknown_mm(solution.e) + 1.0;
     2.0 * by_e / by_delta_v * e_off_mm + 10.0 * config.tolerances().delta_v_mm
 }

@@ -4,7 +4,7 @@
 //! so "in focus" is the band of spacings within δ of the target, and both ends of it lead back through Eq. 9 and Gauss
 //! to an equivalent distance: the near end has the larger spacing, in both modes.
 
-use super::{CameraDesign, MlaMode};
+use super::{CameraDesign, MlaMode, Solution};
 
 /// Object distances in water between which the blur stays within the limit, mm from the shell's outer vertex O.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,6 +132,13 @@ impl CameraDesign {
         let v = self.main_lens.image_distance(equivalent_distance);
         // From Gauss, dv / d l_A''M = −(v / l_A''M)².
         -self.mla.spacing_slope(v - self.lens_to_mla(delta_v)) * (v / equivalent_distance).powi(2)
+    }
+
+    /// By how much the spacing changes at a solution, mm on the sensor per mm: with Δv, and with e, both without their sign.
+    #[must_use]
+    pub fn spacing_slopes(&self, solution: &Solution) -> [f64; 2] {
+        let (distance, delta_v) = (solution.equivalent_distance, solution.delta_v);
+        [self.spacing_per_delta_v(distance, delta_v).abs(), self.spacing_per_equivalent(distance, delta_v).abs()]
     }
 
     /// How the spacing changes with Δv at an equivalent distance held (mm), d l / d Δv, dimensionless, < 0: the MLA

@@ -9,9 +9,8 @@ import type { Scene } from "../scene";
 /** The link by which somebody else confirms what the job asks, for whoever has it or may make another. */
 export function HandOn({ state, act, job }: Scene & { job: Job }) {
   const [, renewed] = useState(0);
-  const held = state.bench?.lease ?? null;
   const key = api.confirmKeys.of(job.id);
-  const mine = held?.job === job.id && api.lease.isMine(held);
+  const mine = api.lease.hasJob(state.bench?.lease ?? null, job.id);
   const mayRenew = may(state, "admin") || (mine && may(state, "control"));
   if (key === null && !mayRenew) return null;
   const renew = async () => {

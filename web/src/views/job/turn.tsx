@@ -93,8 +93,7 @@ function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
 /** Whether this tab holds the lease that the job has, or the job's confirm key. */
 function mayConfirm({ state, job }: Scene & { job: Job }): boolean {
   if (!may(state, "control")) return false;
-  const held = state.bench?.lease ?? null;
-  return api.confirmKeys.of(job.id) !== null || (held?.job === job.id && api.lease.isMine(held));
+  return api.confirmKeys.of(job.id) !== null || api.lease.hasJob(state.bench?.lease ?? null, job.id);
 }
 
 /** Why nothing can be confirmed here, and a place for the key. */

@@ -1,5 +1,6 @@
 import { useEffect, useRef } from "preact/hooks";
 import { eyepiece, type Probe } from "../../eyepiece";
+import { isCombined } from "../../stop-key";
 
 const ZOOM = 1.25;
 const PAN_PX = 60;
@@ -63,7 +64,7 @@ export function useGestures(setProbe: (probe: Probe | null) => void) {
       ArrowDown: () => eyepiece.pan(0, -PAN_PX),
     };
     const act = keys[event.key];
-    if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!act || isCombined(event)) return;
     event.preventDefault();
     act();
   };

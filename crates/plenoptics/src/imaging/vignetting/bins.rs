@@ -3,7 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::place::Place;
-use super::{TERMS, Vignetting};
+use super::{TERMS, Vignetting, factors};
 
 /// Share of the mean weight of a bin below which one has too little.
 const LEAST_WEIGHT: f64 = 0.02;
@@ -32,11 +32,11 @@ impl<const N: usize> Bins<N> {
 
     /// Adds a pixel: what is left of its grey level, where the frame is so bright.
     #[inline]
-    pub(super) fn add(&mut self, place: &Place, [x, y]: [f64; 2], brightness: f32, residual: f32) {
+    pub(super) fn add(&mut self, place: &Place, at: [f64; 2], brightness: f32, residual: f32) {
         let (b, r) = (f64::from(brightness), f64::from(residual));
         self.squares += r * r;
         self.weight += b * b;
-        let by = [b, b * x, b * y, b * (x * x + y * y)];
+        let by = factors(at).map(|factor| b * factor);
         let side = self.side;
         let [columns, rows] =
             place.bins(side).map(|(base, t)| [(base, 1.0 - t), (if base + 1 == side { 0 } else { base + 1 }, t)]);

@@ -1,7 +1,7 @@
 //! A profile drawn so finely that straight lines between its points do, for where every pixel of a frame asks.
 
 use super::place::Place;
-use super::{Stencil, TERMS, Vignetting, stencil};
+use super::{Stencil, TERMS, Vignetting, added, stencil};
 
 /// Points per bin along each lattice vector. Of a micro-image's edge, which falls over three pixels or more, straight
 /// lines between points an eighth of a pixel apart miss less than a thousandth.
@@ -40,13 +40,8 @@ impl<const N: usize> Drawn<N> {
 
     /// Relative transmission at a place, which lies at (x, y) in the frame.
     #[inline]
-    pub(super) fn transmission(&self, place: &Place, [x, y]: [f64; 2]) -> f32 {
-        let terms = self.at(place);
-        if N == 1 {
-            return terms[0];
-        }
-        let by: [f32; TERMS] = [1.0, x as f32, y as f32, (x * x + y * y) as f32];
-        terms.iter().zip(by).map(|(term, by)| term * by).sum()
+    pub(super) fn transmission(&self, place: &Place, at: [f64; 2]) -> f32 {
+        added(&self.at(place), at)
     }
 
     #[inline]

@@ -4,9 +4,10 @@ use rayon::prelude::*;
 
 use super::bins::Bins;
 use super::drawn::Drawn;
-use super::place::{Place, along_row, field_coordinates};
-use super::{Vignetting, VignettingError, usable_radius};
+use super::place::{Place, along_row};
+use super::{TERMS, Vignetting, VignettingError, usable_radius};
 use crate::imaging::grid::{Grid, MicroImage, reciprocal};
+use crate::imaging::matching::motion::Field as FrameField;
 use crate::imaging::matching::plan::GOLDEN;
 use crate::raw::RawImage;
 
@@ -89,7 +90,7 @@ impl<'a> Field<'a> {
         let pitch_px = self.grid.pitch_px();
         let enough = ((self.pixels() / PIXELS_PER_BIN) as f64).sqrt() as usize;
         let side = ((pitch_px / BIN_PX).round() as usize).min(enough).clamp(4, BINS_MAX);
-        Vignetting { side, terms: vec![[0.0; 4]; side * side], bends, pitch_px, usable_radius: 0.0, residual: 0.0 }
+        Vignetting { side, terms: vec![[0.0; TERMS]; side * side], bends, pitch_px, usable_radius: 0.0, residual: 0.0 }
     }
 
     /// The profile of the whole field, least squares over the pixels.
@@ -99,7 +100,7 @@ impl<'a> Field<'a> {
 
     /// The profile that changes over the field, started from the one that does not.
     pub(super) fn bent_profile(&self, plain: &Vignetting) -> Vignetting {
-        self.fitted::<4>(Vignetting { terms: plain.terms.clone(), ..self.empty(true) }, 1)
+        self.fitted::<TERMS>(Vignetting { terms: plain.terms.clone(), ..self.empty(true) }, 1)
     }
 
     fn fitted<const N: usize>(&self, mut profile: Vignetting, rounds: usize) -> Vignetting {
@@ -123,6 +124,7 @@ impl<'a> Field<'a> {
         parts: usize,
     ) -> Vec<Bins<N>> {
         let [w, h] = self.grid.frame_size;
+        let field = FrameField::new(self.grid.frame_size);
         // A profile to begin with predicts nothing.
         let blank = profile.terms.iter().flatten().all(|&value| value == 0.0);
         let drawn = (!blank).then(|| Drawn::<N>::new(profile));
@@ -141,7 +143,7 @@ impl<'a> Field<'a> {
                     let values = &self.values[y * w..][..w];
                     along_row(self.grid, y, |x, place| {
                         let Some(brightness) = self.brightness_at(&place) else { return };
-                        let at = field_coordinates(self.grid, x as f64, y as f64);
+                        let at = field.coordinates([x as f64, y as f64]);
                         let share = drawn.as_ref().map_or(0.0, |drawn| drawn.transmission(&place, at));
                         let to = &mut bins[part(place.micro_image())];
                         to.add(&place, at, brightness, values[x] - brightness * share);

@@ -15,11 +15,12 @@ mod place;
 use rayon::prelude::*;
 
 use super::grid::{Grid, reciprocal};
+use super::matching::motion::Field as FrameField;
 use crate::raw::RawImage;
 use bins::Bins;
 use drawn::Drawn;
 use field::Field;
-use place::{Place, along_row, field_coordinates};
+use place::{Place, along_row};
 
 /// Terms of a profile: itself, and its changes per half frame width in x, in y, and in r².
 const TERMS: usize = 4;
@@ -142,8 +143,7 @@ impl Vignetting {
     /// centre in units of half its width.
     #[must_use]
     pub fn transmission(&self, u: f64, v: f64, x: f64, y: f64) -> f32 {
-        let [profile, by_x, by_y, by_square] = self.terms_at(u, v);
-        profile + (x as f32) * by_x + (y as f32) * by_y + ((x * x + y * y) as f32) * by_square
+        added(&self.terms_at(u, v), [x, y])
     }
 
     /// The profile at fractional lattice indices, and its changes per half frame width in x, in y, and in r²: cubic
@@ -178,7 +178,7 @@ impl Vignetting {
     #[must_use]
     pub fn at(&self, grid: &Grid, x: f64, y: f64) -> f32 {
         let [u, v] = grid.indices_at(x, y);
-        let [fx, fy] = field_coordinates(grid, x, y);
+        let [fx, fy] = FrameField::new(grid.frame_size).coordinates([x, y]);
         self.transmission(u, v, fx, fy)
     }
 
@@ -191,11 +191,11 @@ impl Vignetting {
 
     fn drawn_over<const N: usize>(&self, grid: &Grid) -> Vec<f32> {
         let [w, h] = grid.frame_size;
-        let drawn = Drawn::<N>::new(self);
+        let (drawn, field) = (Drawn::<N>::new(self), FrameField::new(grid.frame_size));
         let mut values = vec![0.0; w * h];
         values.par_chunks_mut(w.max(1)).enumerate().for_each(|(y, row)| {
             along_row(grid, y, |x, place| {
-                row[x] = drawn.transmission(&place, field_coordinates(grid, x as f64, y as f64));
+                row[x] = drawn.transmission(&place, field.coordinates([x as f64, y as f64]));
             });
         });
         values
@@ -286,6 +286,18 @@ impl Vignetting {
 fn within(side: usize, radius: f64) -> impl Iterator<Item = (usize, usize)> {
     let near = move |p: usize| p.min(side - p) as f64 / side as f64;
     (0..side).flat_map(move |q| (0..side).map(move |p| (p, q))).filter(move |&(p, q)| near(p).hypot(near(q)) <= radius)
+}
+
+/// What a profile's terms, or the first of them, count for at a place in the field: 1, x, y and r².
+#[inline]
+fn factors([x, y]: [f64; 2]) -> [f64; TERMS] {
+    [1.0, x, y, x * x + y * y]
+}
+
+/// The terms added up as they count there.
+#[inline]
+fn added(terms: &[f32], at: [f64; 2]) -> f32 {
+    terms.iter().zip(factors(at)).map(|(term, factor)| factor as f32 * term).sum()
 }
 
 /// Bins along one lattice vector, and their weights.

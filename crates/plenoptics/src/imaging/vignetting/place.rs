@@ -54,13 +54,6 @@ pub(super) fn along_row(grid: &Grid, y: usize, mut visit: impl FnMut(usize, Plac
     }
 }
 
-/// x and y from the frame's centre in units of half its width.
-#[inline]
-pub(super) fn field_coordinates(grid: &Grid, x: f64, y: f64) -> [f64; 2] {
-    let [w, h] = grid.frame_size.map(|n| n as f64);
-    [(x - (w - 1.0) / 2.0) / (w / 2.0), (y - (h - 1.0) / 2.0) / (w / 2.0)]
-}
-
 /// The greatest whole number that is not above a lattice index. Truncation and a comparison: `f64::floor` is a call where
 /// SSE 4.1 cannot be taken for granted.
 #[inline]
