@@ -10,7 +10,7 @@ use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
 use plenalign::control::history::HistoryAudit;
 use plenalign::device::Bench;
-use plenalign::store::Store;
+use plenalign::store::{Hindrance, Store};
 use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
 use tokio::sync::OnceCell;
@@ -69,10 +69,16 @@ impl Daemon {
         Self { address, api, service, client: client(), store, lease: OnceCell::new() }
     }
 
-    /// Waits until the history has what happened so far: what is queued when another daemon opens the same history
-    /// would come after what that one writes, as it cannot after a kill.
+    /// Waits until the history has what happened so far.
     pub(crate) async fn written(&self) {
         self.store.flush().await;
+    }
+
+    /// Leaves the history as a kill would: with what happened so far, and nothing of this daemon from here on. It runs
+    /// on, and one that may still write does so again whenever it finds its file anew.
+    pub(crate) async fn as_killed(&self) {
+        self.written().await;
+        self.store.hinder(Hindrance { full: true, ..Hindrance::default() });
     }
 
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {

@@ -67,8 +67,7 @@ async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() 
     let job = waiting(&first, &created).await;
     assert_eq!(job["recording"]["state"], "recording");
     let href = job["href"].as_str().unwrap().to_owned();
-    // What the history has now is what a program killed now would leave: the first is simply left alone.
-    first.written().await;
+    first.as_killed().await;
     let (second, _fakes) = daemon(folder.path()).await;
     let found = second.until(&href, "interrupted", |job| job["state"] == "interrupted").await;
     assert!(found["reason"].as_str().unwrap().contains("before the job did"), "{found}");
@@ -96,7 +95,6 @@ async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() 
 async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     let folder = tempfile::tempdir().unwrap();
     let (first, _fakes) = daemon(folder.path()).await;
-    // Kept, so that it does not come to the disk once more after the reset: that a killed program's cannot.
     let stop = async || {
         when(json_of(first.request(Method::POST, "/api/v1/stop").send().await.unwrap()).await, |stop| {
             stop["kept"] == true
@@ -104,6 +102,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     };
     until("kept", stop).await;
     let stopped = get(&first, "/api/v1/stop").await;
+    first.as_killed().await;
 
     let (second, _fakes) = daemon(folder.path()).await;
     let found = second.until("/api/v1/stop", "read", |stop| stop["since"].is_string()).await;
@@ -116,7 +115,7 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
     .await;
     problem(second.command(Method::POST, JOBS, &json!({ "kind": "joint_alignment" })).await, 409, "stopped").await;
     json_of(second.reset_stop().await).await;
-    second.written().await;
+    second.as_killed().await;
 
     let (third, _fakes) = daemon(folder.path()).await;
     third.until("/api/v1/stop", "reset", |stop| stop["latched"] == false).await;
@@ -155,7 +154,7 @@ async fn jobs_of_all_runs_are_listed_a_page_at_a_time() {
         for _ in 0..3 {
             all.insert(0, cancelled(&daemon).await["id"].clone());
         }
-        daemon.written().await;
+        daemon.as_killed().await;
     }
     let (daemon, _fakes) = daemon(folder.path()).await;
     let running = waiting(&daemon, &create(&daemon).await).await;
@@ -234,7 +233,7 @@ async fn the_same_request_under_the_same_name_is_the_same_job() {
     problem(send(&first, "k 2", body()).await, 409, "busy").await;
 
     // Over a restart.
-    first.written().await;
+    first.as_killed().await;
     let (second, _fakes) = daemon(folder.path()).await;
     let again = send(&second, "k 1", body()).await;
     assert_eq!(again.status(), 200);
@@ -259,7 +258,7 @@ async fn a_name_that_stands_for_another_request_is_refused() {
         request.header(LEASE_HEADER, daemon.lease().await).json(&body).send().await.unwrap()
     };
     let job = json_of(send(&first).await).await;
-    first.written().await;
+    first.as_killed().await;
     let database = rusqlite::Connection::open(folder.path().join("history.db")).unwrap();
     database.execute("UPDATE jobs SET request = '{\"kind\":\"other\"}'", []).unwrap();
     let (second, _fakes) = daemon(folder.path()).await;
@@ -319,7 +318,7 @@ async fn without_a_history_nothing_moves_and_everything_is_seen() {
     daemon.until("/api/v1/bench", "writable", |bench| bench["history_fault"].is_null()).await;
     json_of(daemon.reset_stop().await).await;
     assert_eq!(go().await.status(), 202);
-    daemon.written().await;
+    daemon.as_killed().await;
     let (second, _fakes) = self::daemon(&state).await;
     let kept = second.until(href, "there", |_| true).await;
     assert_eq!((&kept["state"], &kept["log"]), (&json!("cancelled"), &ended["log"]));
@@ -354,7 +353,7 @@ async fn the_control_lease_outlives_a_restart() {
     let (first, _fakes) = daemon(folder.path()).await;
     first.until("/api/v1/stop", "read", |stop| stop["latched"] == false).await;
     let key = first.lease().await.to_owned();
-    first.written().await;
+    first.as_killed().await;
     let (second, _fakes) = daemon(folder.path()).await;
     second.until("/api/v1/bench", "held", |bench| bench["lease"]["owner"] == "a test").await;
     let heartbeat = second.request(reqwest::Method::POST, "/api/v1/lease/heartbeat");

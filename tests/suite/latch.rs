@@ -96,7 +96,7 @@ async fn a_kept_stop_that_makes_no_sense_counts_as_latched_until_it_is_reset() {
         // A person's reset overwrites it.
         assert_eq!(second.reset_stop().await.status(), 200);
         assert_eq!(go(&second).await.status(), 202);
-        second.written().await;
+        second.as_killed().await;
         let (third, _fakes, _store) = daemon(folder.path()).await;
         assert_eq!(go(&third).await.status(), 202);
     }
@@ -170,7 +170,7 @@ async fn a_reset_that_cannot_be_written_releases_nothing() {
     let seen = writable(&first).await;
     assert_eq!((&seen["latched"], &seen["reset"]), (&json!(true), &Value::Null));
     refused(&first, &fakes).await;
-    first.written().await;
+    first.as_killed().await;
     let (second, fakes, _store) = daemon(folder.path()).await;
     writable(&second).await;
     refused(&second, &fakes).await;
