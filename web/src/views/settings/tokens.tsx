@@ -111,10 +111,12 @@ function isFirst({ session }: State): boolean {
 function losses(token: Token, tokens: Token[], { session }: State): string[] {
   const words = strings.settings;
   const mine = session !== null && session !== "stranger" && session.signed_in && session.name === token.name;
-  const admins = tokens.filter(({ scope }) => scope === "admin");
+  const valid = tokens.filter(({ expires_at: until }) => !until || Date.parse(until) > Date.now());
+  if (!valid.includes(token)) return [];
+  const admins = valid.filter(({ scope }) => scope === "admin");
   return [
     ...(mine ? [words.tokenMine] : []),
-    ...(tokens.length === 1
+    ...(valid.length === 1
       ? [words.tokenLastOne]
       : token.scope === "admin" && admins.length === 1
         ? [words.tokenLastAdmin]
