@@ -81,9 +81,7 @@ impl Hub {
         let message = match event {
             Event::Bench { bench } => ServerMessage::Bench { seq, boot_id, bench },
             Event::Job { job } => ServerMessage::Job { seq, boot_id, job: Box::new(JobResource::from(*job)) },
-            Event::Measurement { measurement } => {
-                ServerMessage::Measurement { seq, boot_id, measurement: Box::new(measurement) }
-            }
+            Event::Measurement { measurement } => ServerMessage::Measurement { seq, boot_id, measurement },
         };
         let message = text(&message);
         if newest.kept.len() == KEPT {
@@ -142,7 +140,7 @@ pub(super) async fn pump(hub: Arc<Hub>, service: Arc<Service>, shutdown: Cancell
                     hub.publish(Event::Job { job: Box::new(job) });
                 }
                 if let Some(measurement) = service.measurement() {
-                    hub.publish(Event::Measurement { measurement });
+                    hub.publish(Event::Measurement { measurement: Box::new(measurement) });
                 }
             }
             Err(RecvError::Closed) => return,

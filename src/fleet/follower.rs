@@ -103,7 +103,7 @@ impl Follower {
         match event {
             Event::Bench { bench } => self.bench(&bench),
             Event::Job { job } => self.job(&job),
-            Event::Measurement { measurement } => self.measurements.offer(measurement),
+            Event::Measurement { measurement } => self.measurements.offer(*measurement),
         }
     }
 

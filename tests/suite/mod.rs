@@ -87,6 +87,7 @@ mod study;
 mod surroundings;
 mod time_spent;
 mod tls;
+mod two_boards;
 mod unit;
 mod until;
 mod view;

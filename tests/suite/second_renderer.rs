@@ -61,6 +61,7 @@ fn frames_of_another_renderer_measure_within_three_sigma_or_are_known() {
     for (name, truth) in frames.iter().filter(|(_, truth)| truth["boards"].as_array().unwrap().len() == 1) {
         let outcome = measured(truth, None).map(|measured| {
             let spacing = measured.spacing;
+            assert_eq!(spacing.two_boards, None, "{name} shows one board");
             (spacing.on_axis_px - exact(&truth["boards"][0], spacing.window_px)) / spacing.sigma_px
         });
         let excused = NOT_YET.iter().any(|(known, _)| known == name);
@@ -86,6 +87,21 @@ fn frames_of_another_renderer_measure_within_three_sigma_or_are_known() {
     // Neither too sure nor too modest.
     let rms = (squares / f64::from(right)).sqrt();
     assert!((0.6..1.3).contains(&rms), "rms error over sigma: {rms:.2} of {right}");
+}
+
+#[test]
+fn boards_side_by_side_are_told_from_one() {
+    let frames = frames();
+    for name in ["two_boards", "step_tenth", "step_tenth_left"] {
+        let spacing = measured(&frames[name], None).unwrap().spacing;
+        let two = spacing.two_boards.unwrap();
+        let mut truths = [0, 1].map(|k| exact(&frames[name]["boards"][k], spacing.window_px));
+        let mut found = two.spacings_px;
+        truths.sort_by(f64::total_cmp);
+        found.sort_by(f64::total_cmp);
+        println!("{name}: {found:.4?} px for {truths:.4?}");
+        assert!((0..2).all(|k| (found[k] - truths[k]).abs() < 0.035), "{name}: {found:?} for {truths:?}");
+    }
 }
 
 /// What repeats within a micro-image matches at several spacings, of which a mode may have one only.

@@ -172,8 +172,10 @@ pub struct MeasurementView {
     /// By how much the spacing may be off that where a job accepts it, px; null in measurements of versions that did not
     /// tell it.
     pub spacing_tolerance_px: Option<f64>,
-    /// |spacing − target| within the blur limit.
+    /// |spacing − target| within the blur limit, of one board.
     pub in_focus: bool,
+    /// The two boards that the frame shows, where it does: the spacing then is neither's.
+    pub two_boards: Option<TwoBoardsView>,
     /// Pitch of the micro-images found, px.
     pub micro_image_pitch_px: f64,
     /// Its standard uncertainty, px; null in measurements of versions that did not tell it.
@@ -184,6 +186,17 @@ pub struct MeasurementView {
     pub eog_sum: Option<f64>,
     /// Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
     pub ssim: Option<f64>,
+}
+
+/// Two boards in one field.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TwoBoardsView {
+    /// Spacing on the axis as each has it, px: first that of the board that fills more of the field.
+    pub spacings_px: [f64; 2],
+    /// Standard uncertainty of their difference, px.
+    pub difference_sigma_px: f64,
+    /// Share of the field that the second fills.
+    pub share: f64,
 }
 
 /// What says which spacing is in focus.
@@ -265,6 +278,6 @@ pub enum Event {
     /// Something was measured.
     Measurement {
         /// The measurement.
-        measurement: MeasurementView,
+        measurement: Box<MeasurementView>,
     },
 }

@@ -17,7 +17,7 @@ use super::motion::Motion;
 use super::plan::{AcceptedWithin, AirBoards, most_trim_mm};
 use super::recording::{Answer, Happening};
 use super::set_up::SetUp;
-use super::sight::{self, CameraSeen, HoldB, Sight, Unseen};
+use super::sight::{CameraSeen, HoldB, Measured, Sight, Unseen};
 use super::tasks::AirStep;
 use bench::config::{Config, SpacingTarget};
 use bench::device::{AxisName, AxisPose, Bench, DeviceError, Frame};
@@ -127,7 +127,7 @@ impl Eye {
         self.map.subscribe()
     }
 
-    fn publish_map(&self, frame: &Frame, seen: &sight::Measured) {
+    fn publish_map(&self, frame: &Frame, seen: &Measured) {
         if let Some(map) = &seen.map {
             self.map.send_replace(Some(Arc::new(FieldMap {
                 frame_seq: frame.seq,
@@ -421,7 +421,7 @@ impl Eye {
         let (frames, seen) = self
             .unsmeared(count, |sight, images| {
                 let from = Instant::now();
-                let seen = sight.spacing(images);
+                let seen = sight.spacing(images).and_then(Measured::of_one_board);
                 telemetry::measured(from.elapsed());
                 seen
             })
@@ -485,7 +485,7 @@ impl Eye {
         }
     }
 
-    fn seen(&self, frames: &[Arc<Frame>], seen: sight::Measured) -> Seen {
+    fn seen(&self, frames: &[Arc<Frame>], seen: Measured) -> Seen {
         let last = frames.last();
         let position =
             |pose: fn(&Frame) -> AxisPose| last.and_then(|frame| pose(frame).position).map(Millimetres::value);
@@ -501,11 +501,11 @@ impl Eye {
         }
         let eog = seen.eog.map(|eog| eog.mean_per_pixel);
         let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
-        let sight::Measured { spacing, sigma_random_px, window_px, picture, .. } = seen;
+        let Measured { spacing, sigma_random_px, window_px, picture, .. } = seen;
         Seen { taken, spacing, focus_mm, e_mm, eog, sigma_random_px, window_px, picture }
     }
 
-    fn view(&self, frame: &Frame, seen: &sight::Measured) -> MeasurementView {
+    fn view(&self, frame: &Frame, seen: &Measured) -> MeasurementView {
         let (spacing_target_px, spacing_target_source) = self.target();
         MeasurementView {
             frame_seq: frame.seq,
@@ -517,7 +517,9 @@ impl Eye {
             spacing_target_px,
             spacing_target_source,
             spacing_tolerance_px: Some(self.tolerance_px()),
-            in_focus: self.is_in_focus(seen.spacing.spacing_px),
+            in_focus: seen.two_boards.is_none() && self.is_in_focus(seen.spacing.spacing_px),
+            // A board of several levels is one that shows several.
+            two_boards: seen.two_boards.filter(|_| self.in_view() != InView::SteppedBoard),
             micro_image_pitch_px: seen.micro_image_pitch_px,
             micro_image_pitch_sigma_px: Some(seen.micro_image_pitch_sigma_px),
             eog: seen.eog.map(|eog| eog.mean_per_pixel),
@@ -569,13 +571,13 @@ trait Saw {
     fn saw(&self) -> &SpacingReading;
 }
 
-impl Saw for sight::Measured {
+impl Saw for Measured {
     fn saw(&self) -> &SpacingReading {
         &self.spacing
     }
 }
 
-impl Saw for (CameraSeen, sight::Measured) {
+impl Saw for (CameraSeen, Measured) {
     fn saw(&self) -> &SpacingReading {
         &self.1.spacing
     }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::budget::BoardSeen;
+use super::events::TwoBoardsView;
 use super::job::SpacingReading;
 use bench::config::Config;
 use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions, Level, fit_line};
@@ -75,6 +76,8 @@ pub(super) struct Measured {
     pub(super) picture: Option<Arc<Vec<u8>>>,
     /// The spacing micro-image by micro-image, of a single board.
     pub(super) map: Option<Arc<SpacingMap>>,
+    /// Two boards that are in view, where a single one was looked for.
+    pub(super) two_boards: Option<TwoBoardsView>,
 }
 
 impl Measured {
@@ -90,7 +93,24 @@ impl Measured {
             ssim: None,
             picture: None,
             map: None,
+            two_boards: None,
         }
+    }
+
+    /// What was read, where it is of one board.
+    ///
+    /// # Errors
+    /// That there are two, in words.
+    pub(super) fn of_one_board(self) -> Result<Self, Unseen> {
+        let Some(TwoBoardsView { spacings_px: [larger, smaller], share, .. }) = self.two_boards else {
+            return Ok(self);
+        };
+        Err(Unseen::Other(format!(
+            "the picture shows two boards where one flat board was asked for: a spacing of {larger:.2} px over {:.0} % of \
+             it and of {smaller:.2} px over {:.0} %; take one of them away, or let one fill the picture",
+            100.0 * (1.0 - share),
+            100.0 * share
+        )))
     }
 }
 
@@ -238,8 +258,13 @@ impl Sight {
             pairs: seen.spacing.pairs as u32,
             frames: images.len() as u32,
         };
+        let two_boards = seen.spacing.two_boards.map(|two| TwoBoardsView {
+            spacings_px: two.spacings_px,
+            difference_sigma_px: two.difference_sigma_px,
+            share: two.share,
+        });
         let measured = Measured::new(spacing, seen.spacing.sigma_random_px, &seen.grid, seen.spacing.window_px);
-        Ok((seen, measured))
+        Ok((seen, Measured { two_boards, ..measured }))
     }
 
     /// Calibrates the camera from several frames of a triple-level board, far from focus with b held. The reading is
@@ -331,6 +356,7 @@ impl Sight {
         known_b: (f64, f64),
     ) -> Result<(CameraSeen, Measured), Unseen> {
         let (_, measured) = self.measured(images, false)?;
+        let measured = measured.of_one_board()?;
         Ok((self.camera_from(BoardSeen::at(distance_mm, &measured.spacing), known_b), measured))
     }
 

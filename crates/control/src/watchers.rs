@@ -167,7 +167,7 @@ impl Service {
     pub(super) fn publish_measurement(&self, measurement: MeasurementView) {
         self.recent.measurement(&measurement);
         *self.measurement.lock().unwrap_or_else(PoisonError::into_inner) = Some(measurement.clone());
-        let _ = self.events.send(Event::Measurement { measurement });
+        let _ = self.events.send(Event::Measurement { measurement: Box::new(measurement) });
     }
 
     /// Publishes the bench's state whenever a device's changes, or what stands before the camera does.

@@ -7,7 +7,7 @@ use crate::cli::grid::GridReport;
 use crate::config::{Config, SpacingTarget};
 use crate::imaging::measurement::{FrameMeasurement, PreparedFrame, WhiteModel};
 use crate::imaging::microlenses::{FlaggedMicrolens, MicrolensFlag};
-use crate::imaging::spacing::{LensSpacing, LensState, Spacing, SpacingMap};
+use crate::imaging::spacing::{LensSpacing, LensState, Spacing, SpacingMap, TwoBoards};
 use crate::optics::MlaMode;
 use crate::raw::RawImage;
 
@@ -36,6 +36,8 @@ struct SpacingReport {
     residual_ratio: f64,
     pairs: usize,
     micro_images: LensCounts,
+    /// Two boards that are in the field, which has one spacing with one board only.
+    two_boards: Option<TwoBoards>,
     #[serde(skip_serializing_if = "Option::is_none")]
     lenses: Option<Vec<LensSpacing>>,
 }
@@ -80,6 +82,7 @@ impl SpacingReport {
             residual_ratio: spacing.residual_ratio,
             pairs: spacing.pairs,
             micro_images: LensCounts::new(map),
+            two_boards: spacing.two_boards,
             lenses: map.filter(|_| lenses).map(|map| map.lenses.clone()),
         }
     }
@@ -217,13 +220,23 @@ impl Report {
             None => warnings.push("no white frame: the vignetting was estimated from the frame itself".to_owned()),
             Some(_) => {}
         }
+        if let Some(two) = measured.spacing.two_boards {
+            let [larger, smaller] = two.spacings_px;
+            warnings.push(format!(
+                "the frame shows two boards: {larger:.3} px over {:.0} % of it and {smaller:.3} px over {:.0} %; the \
+                 spacing stated is neither's: let one of them fill the picture",
+                100.0 * (1.0 - two.share),
+                100.0 * two.share
+            ));
+        }
         Self {
             grid: GridReport::new(&measured.grid),
             white: white.map(WhiteReport::new),
             spacing: SpacingReport::new(&measured.spacing, measured.map.as_ref(), mla_pitch_px, args.lenses),
             target_px,
             targets,
-            in_focus: (spacing_px - target_px).abs() <= config.assembly.blur_limit_px,
+            in_focus: measured.spacing.two_boards.is_none()
+                && (spacing_px - target_px).abs() <= config.assembly.blur_limit_px,
             object_distance_mm: distance.as_ref().ok().copied(),
             object_distance_reason: distance.err(),
             frame_size_px: [raws[0].width(), raws[0].height()],
@@ -300,7 +313,11 @@ impl Report {
                 spacing.pairs, spacing.correlation, counts.matched, counts.mismatched, counts.blank
             ),
         );
-        let focus = if self.in_focus { "in focus" } else { "out of focus" };
+        let focus = match (spacing.two_boards, self.in_focus) {
+            (Some(_), _) => "two boards, neither told from it",
+            (None, true) => "in focus",
+            (None, false) => "out of focus",
+        };
         row("target", format!("{:.4} px: {focus}", self.target_px));
         if let (Some(chief), Some(window)) = (self.targets.chief_ray_px, self.targets.window_px) {
             row(

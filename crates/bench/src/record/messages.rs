@@ -228,6 +228,25 @@ pub struct Measurement {
     /// By how much the spacing may be off the one wanted where a job accepts it, px.
     #[prost(double, optional, tag = "15")]
     pub spacing_tolerance_px: ::core::option::Option<f64>,
+    /// The two boards that the frame shows, where it does: the spacing then is neither's.
+    #[prost(message, optional, tag = "16")]
+    pub two_boards: ::core::option::Option<TwoBoards>,
+}
+/// Two boards in one field.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct TwoBoards {
+    /// Spacing on axis of the one that fills more of the field, px.
+    #[prost(double, tag = "1")]
+    pub larger_px: f64,
+    /// That of the other, px.
+    #[prost(double, tag = "2")]
+    pub smaller_px: f64,
+    /// Standard uncertainty of their difference, px.
+    #[prost(double, tag = "3")]
+    pub difference_sigma_px: f64,
+    /// The other's share of the field.
+    #[prost(double, tag = "4")]
+    pub share: f64,
 }
 /// A spacing and its field.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

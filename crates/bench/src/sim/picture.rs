@@ -187,31 +187,37 @@ impl Picture {
 
     fn scene(&self, pose: &Pose, faults: &SceneFaults) -> Scene {
         let (farther, tilt) = (faults.board_displaced_mm, self.board_tilt(faults));
+        let side_by_side = |distances: &[f64], camera: &CameraTruth, texture: &Arc<TextureMap>| {
+            let mut boards = TripleBoard::new(distances, camera.half_field_slope(), texture);
+            for strip in &mut boards.strips {
+                strip.board.tilt = tilt;
+            }
+            Scene::TripleBoard(boards)
+        };
+        let flat = |distance: f64, camera: &CameraTruth, texture: Arc<TextureMap>| {
+            if faults.second_board_mm > 0.0 {
+                return side_by_side(&[distance, distance - faults.second_board_mm], camera, &texture);
+            }
+            Scene::Board(Board { tilt, ..Board::new(distance, texture) })
+        };
         match pose.surroundings {
             Surroundings::Diffuser => Scene::Diffuser,
             Surroundings::AirBoard { placed_at_e_mm } => {
                 let distance = self.config.object.air_distance_mm;
                 let texture = self.texture(Medium::Air, distance);
-                let board = Board::new(distance + farther + pose.e_mm - placed_at_e_mm, texture);
-                Scene::Board(Board { tilt, ..board })
+                flat(distance + farther + pose.e_mm - placed_at_e_mm, &self.design_camera(None), texture)
             }
             Surroundings::AirTripleBoard { distances_mm, placed_at_e_mm } => {
                 // The boards stand still while e moves the camera.
                 let distances = distances_mm.map(|distance| distance + farther + pose.e_mm - placed_at_e_mm);
                 let texture = self.texture(Medium::Air, distances_mm[1]);
                 // The edges are the board's own, whatever Δv does to the field.
-                let slope = self.design_camera(None).half_field_slope();
-                let mut boards = TripleBoard::new(&distances, slope, &texture);
-                for strip in &mut boards.strips {
-                    strip.board.tilt = tilt;
-                }
-                Scene::TripleBoard(boards)
+                side_by_side(&distances, &self.design_camera(None), &texture)
             }
             Surroundings::WaterBoard { distance_mm } => {
                 let joint = self.design.joint(self.config.assembly.l_bound_mm);
-                let medium = self.design_camera(Some(joint.e)).medium;
-                let board = Board::new(distance_mm + farther, self.texture(medium, distance_mm));
-                Scene::Board(Board { tilt, ..board })
+                let camera = self.design_camera(Some(joint.e));
+                flat(distance_mm + farther, &camera, self.texture(camera.medium, distance_mm))
             }
         }
     }

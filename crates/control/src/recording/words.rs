@@ -3,7 +3,7 @@
 use serde::de::DeserializeOwned;
 
 use super::{Answer, End};
-use crate::events::{FieldMap, MeasurementView};
+use crate::events::{FieldMap, MeasurementView, TwoBoardsView};
 use crate::job::{Iteration, LogLine, SpacingReading};
 use crate::journal::word;
 use crate::meter::{NoReading, Reading};
@@ -44,6 +44,12 @@ pub fn measurement(view: &MeasurementView) -> messages::Measurement {
         eog: view.eog,
         eog_sum: view.eog_sum,
         ssim: view.ssim,
+        two_boards: view.two_boards.map(|two| messages::TwoBoards {
+            larger_px: two.spacings_px[0],
+            smaller_px: two.spacings_px[1],
+            difference_sigma_px: two.difference_sigma_px,
+            share: two.share,
+        }),
     }
 }
 
@@ -66,6 +72,11 @@ pub fn measured(message: &messages::Measurement) -> MeasurementView {
         eog: message.eog,
         eog_sum: message.eog_sum,
         ssim: message.ssim,
+        two_boards: message.two_boards.map(|two| TwoBoardsView {
+            spacings_px: [two.larger_px, two.smaller_px],
+            difference_sigma_px: two.difference_sigma_px,
+            share: two.share,
+        }),
     }
 }
 

@@ -118,6 +118,9 @@ pub struct SceneFaults {
     /// By how much the boards are turned about their upright, mrad.
     #[schema(minimum = -300, maximum = 300)]
     pub board_turned_mrad: f64,
+    /// How far before a flat board another stands that fills half of the field, mm; 0 where there is none.
+    #[schema(minimum = 0, maximum = 300)]
+    pub second_board_mm: f64,
     /// There is no shell: a flat window stands in the place of its vertex.
     pub no_shell: bool,
     /// By how much the shell's radii are larger than they should be, mm; its vertex is in its place.
@@ -188,6 +191,7 @@ impl Faults {
             ("scene.bubbles", f64::from(self.scene.bubbles), 0.0, 500.0),
             ("scene.board_displaced_mm", self.scene.board_displaced_mm, -300.0, 1000.0),
             ("scene.board_turned_mrad", self.scene.board_turned_mrad, -300.0, 300.0),
+            ("scene.second_board_mm", self.scene.second_board_mm, 0.0, 300.0),
             ("scene.shell_radius_mm", self.scene.shell_radius_mm, -20.0, 200.0),
             ("disk.delay_ms", f64::from(self.disk.delay_ms), 0.0, 5000.0),
         ] {

@@ -25,6 +25,7 @@
 //!
 //! Micro-images are matched by `imaging::matching`, as they are live.
 
+mod boards;
 mod bound;
 mod error;
 mod frame;
@@ -37,6 +38,7 @@ use std::slice;
 
 use serde::Serialize;
 
+pub use boards::TwoBoards;
 pub use error::SpacingError;
 pub use frame::{MicroImage, SpacingFrame};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
@@ -146,6 +148,8 @@ pub struct Spacing {
     pub residual_ratio: f64,
     /// Noise of the (first) frame as estimated from itself and from what matched pairs leave, grey levels.
     pub noise_grey_levels: f64,
+    /// The two boards that are in the field where it has more than one spacing: what is said above is neither's.
+    pub two_boards: Option<TwoBoards>,
 }
 
 /// Spacings of several regions that share tilt and curvature.
@@ -218,6 +222,7 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
     let slope = free[0].slope;
     let mut covariance = model.usual(&regions.covariance);
     let sigma_random_px = regions.sigmas_random_px[0];
+    let two_boards = boards::two_boards(solver, model, options);
     let several_boards = are_several(covariance[0][0], sigma_random_px);
     covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, fitted.free[0].sigma);
     if !several_boards && !options.at_rest {
@@ -245,6 +250,7 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
         correlation: regions.correlation,
         residual_ratio: regions.residual_ratio,
         noise_grey_levels: frames[0].noise(solver.noise_scale),
+        two_boards,
     };
     Ok((spacing, fitted))
 }
@@ -290,6 +296,11 @@ pub fn measure_regions(
     fit(frames, starts, scales, options).map(|fitted| fitted.regions)
 }
 
+/// How far a fit may lead from its start, px.
+fn reach(options: &SpacingOptions) -> f64 {
+    0.15 * options.mla_pitch_px
+}
+
 fn fit<'a>(
     frames: &'a [SpacingFrame],
     starts: &[f64],
@@ -300,7 +311,7 @@ fn fit<'a>(
     if let Some(held) = options.field_held {
         model = model.with_field(held);
     }
-    let reach = 0.15 * options.mla_pitch_px;
+    let reach = reach(options);
     let noise = frames.first().map_or(0.0, |f| f.noise);
     let directions = frames.first().map_or(0, |f| f.plan.direction_count);
     let usual: Vec<usize> = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..USUAL_TERMS).collect();
@@ -337,7 +348,14 @@ fn fit<'a>(
     let normal = &solver.normal;
     let correlation = normal.contents.correlation();
     let inverse = normal.inverse().filter(|_| outcome != Outcome::Undetermined);
-    let Some(inverse) = inverse else { return Err(SpacingError::NoTexture { noise }) };
+    let Some(inverse) = inverse else {
+        // Where much of the field does not match, what there is of texture does not determine anything either.
+        return Err(if normal.contents.are_blank() || correlation < LEAST_CORRELATION {
+            SpacingError::NoTexture { noise }
+        } else {
+            SpacingError::Unsettled { near_px: model.spacings[0], correlation }
+        });
+    };
     if outcome == Outcome::Lost || correlation < LEAST_CORRELATION {
         return Err(no_match(options, Candidate { spacing: model.spacings[0], correlation }));
     }

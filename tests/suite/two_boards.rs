@@ -1,0 +1,159 @@
+//! Two boards in one field, by exact rays: a step of the spacing is told, and one board's field shows none.
+
+use std::sync::Arc;
+
+use plenalign::config::{Config, Texture};
+use plenalign::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frame};
+use plenalign::imaging::spacing::Spacing;
+use plenalign::optics::CameraDesign;
+use plenalign::raw::RawImage;
+use plenalign::sim::exposure::{Noise, expose};
+use plenalign::sim::renderer::{CameraTruth, Medium, RenderOptions, render};
+use plenalign::sim::scene::{Board, Scene, texel_for};
+use plenalign::sim::texture::TextureMap;
+
+const PIXEL_MM: f64 = 0.00345;
+const DELTA_V: f64 = 2.2045;
+
+/// What is in view of the reference camera.
+#[derive(Debug, Clone, Copy)]
+struct Field {
+    /// e behind the shell, mm; `None` in air.
+    e: Option<f64>,
+    texture: Texture,
+    noise: f64,
+    /// The nearer board's spacing less the other's, px; 0 where there is one board.
+    step_px: f64,
+    /// Its share of the field.
+    share: f64,
+    /// The direction across the edge between them, degrees from +x towards +y.
+    across_deg: f64,
+    size: usize,
+    seed: u64,
+}
+
+const PLAIN: Field = Field {
+    e: None,
+    texture: Texture::Natural,
+    noise: 2.0,
+    step_px: 0.0,
+    share: 0.2,
+    across_deg: 0.0,
+    size: 600,
+    seed: 1,
+};
+
+impl Field {
+    fn spacing_px(&self, design: &CameraDesign, distance: f64) -> f64 {
+        let equivalent = self.e.map_or(distance, |e| design.shell.equivalent_distance(distance, e));
+        design.spacing_at(equivalent, DELTA_V) / PIXEL_MM
+    }
+
+    /// The distance at which a board has a spacing that is larger than another's by the step.
+    fn nearer(&self, design: &CameraDesign, distance: f64) -> f64 {
+        let wanted = self.spacing_px(design, distance) + self.step_px;
+        let (mut low, mut high) = (0.5 * distance, 2.0 * distance);
+        let rising = self.spacing_px(design, high) > self.spacing_px(design, low);
+        for _ in 0..60 {
+            let middle = f64::midpoint(low, high);
+            if (self.spacing_px(design, middle) < wanted) == rising { low = middle } else { high = middle }
+        }
+        low
+    }
+
+    fn measured(&self) -> Result<Spacing, MeasurementError> {
+        let design = Config::default().design();
+        let (medium, distance) = match self.e {
+            Some(e) => (Medium::Water { shell: design.shell, e, decentre: [0.0; 2] }, 800.0),
+            None => (Medium::Air, design.joint(0.0).equivalent_distance),
+        };
+        let mut camera = CameraTruth::from_design(&design, DELTA_V, medium, PIXEL_MM, self.size, self.size);
+        camera.rotation = 0.01 + 0.003 * (self.seed % 7) as f64;
+        camera.offset = [0.3 * self.seed as f64, 1.7];
+        let rays = RenderOptions { rays: 16, seed: self.seed };
+        let taken = |scene: &Scene, noise: f64, seed: u64| {
+            let noise = Noise { read_noise_levels: noise, ..Noise::default() };
+            expose(&render(&camera, scene, rays), self.size, self.size, &noise, seed)
+        };
+        let board = |distance: f64, seed: u64| {
+            let map = TextureMap::generate(self.texture, texel_for(&design, medium, distance, PIXEL_MM), seed);
+            taken(&Scene::Board(Board::new(distance, Arc::new(map))), self.noise, seed)
+        };
+        let white = taken(&Scene::Diffuser, 2.0, 3);
+        let raw = board(distance, 2 * self.seed);
+        let raw = if self.step_px == 0.0 {
+            raw
+        } else {
+            self.beside(&raw, &board(self.nearer(&design, distance), 2 * self.seed + 1))
+        };
+        let options = FrameOptions::of_design(&design, PIXEL_MM);
+        Ok(measure_frame(&raw, Some(&WhiteModel::of(&white, &options)?), &options)?.spacing)
+    }
+
+    /// One board's picture beside the other's.
+    fn beside(&self, one: &RawImage, other: &RawImage) -> RawImage {
+        let (sin, cos) = self.across_deg.to_radians().sin_cos();
+        let along = |k: usize| {
+            let [x, y] = [k % self.size, k / self.size].map(|v| v as f64 - 0.5 * (self.size as f64 - 1.0));
+            x * cos + y * sin
+        };
+        let mut places: Vec<f64> = (0..self.size * self.size).map(along).collect();
+        let edge = ((1.0 - self.share) * places.len() as f64) as usize;
+        let edge = *places.select_nth_unstable_by(edge, f64::total_cmp).1;
+        let pick = |(k, (a, b)): (usize, (&f32, &f32))| if along(k) < edge { *a } else { *b }.round() as u8;
+        let samples = one.to_f32().iter().zip(&other.to_f32()).enumerate().map(pick).collect();
+        RawImage::from_u8(self.size, self.size, samples)
+    }
+}
+
+const TEXTURES: [Texture; 4] = [Texture::Natural, Texture::Charuco, Texture::Guppy, Texture::Oscar];
+
+#[test]
+fn a_step_over_a_fifth_of_the_field_is_told_with_both_spacings() {
+    for (e, across_deg, step_px) in [(None, 50.0, 0.1), (Some(0.0), 0.0, -0.3), (Some(0.0), 50.0, 2.0)] {
+        let one = Field { e, size: 400, ..PLAIN };
+        let alone = one.measured().unwrap();
+        assert_eq!(alone.two_boards, None);
+        let two = Field { across_deg, step_px, ..one }.measured().unwrap().two_boards.unwrap();
+        let [larger, smaller] = two.spacings_px;
+        let off = [larger - alone.on_axis_px, smaller - larger - step_px];
+        println!("{two:?}, off by {off:+.4?} px");
+        assert!(off[0].abs() < 0.02 && off[1].abs() < 0.02 + 0.1 * step_px.abs() && two.share < 0.3, "{two:?}");
+    }
+}
+
+/// `SEEDS=1-20`: how many steps of a tenth of a pixel over a fifth of the field are told, and how many fields of one
+/// board are taken for two.
+#[test]
+#[ignore = "a quarter of an hour: `make test-long` runs it"]
+fn many_fields_show_two_boards_where_there_are_two_alone() {
+    let range = std::env::var("SEEDS").unwrap_or_else(|_| "1-20".to_owned());
+    let (first, last) = range.split_once('-').unwrap();
+    let (mut alone, mut alarms, mut steps, mut missed) = (0, Vec::new(), 0, Vec::new());
+    for seed in first.parse::<u64>().unwrap()..=last.parse::<u64>().unwrap() {
+        for texture in TEXTURES {
+            for (e, size) in [(None, 600), (Some(0.0), 600), (Some(8.0), 400), (Some(15.0), 800), (Some(30.0), 600)] {
+                let one = Field { e, texture, size, seed, ..PLAIN };
+                alone += 1;
+                match one.measured().map(|spacing| spacing.two_boards) {
+                    Ok(None) => {}
+                    found => alarms.push(format!("{found:?}: {one:?}")),
+                }
+            }
+            for (e, size) in [(None, 600), (Some(0.0), 500)] {
+                let across_deg = 47.0 * seed as f64;
+                for (step_px, share) in [(0.1, 0.2), (-0.1, 0.4), (0.5, 0.3), (2.0, 0.2)] {
+                    let two = Field { e, texture, size, seed, step_px, share, across_deg, ..PLAIN };
+                    steps += 1;
+                    match two.measured() {
+                        Ok(Spacing { two_boards: Some(_), .. }) | Err(_) => {}
+                        Ok(spacing) => missed.push(format!("{:.4} px: {two:?}", spacing.sigma_px)),
+                    }
+                }
+            }
+        }
+    }
+    println!("{} of {alone} boards are taken for two; {} of {steps} steps are missed", alarms.len(), missed.len());
+    assert!(alarms.len() * 100 <= alone, "{}", alarms.join("\n"));
+    assert!(missed.len() * 100 <= steps, "{}", missed.join("\n"));
+}
