@@ -1,4 +1,4 @@
-// Every word the page shows.
+// Every word the page shows, in English.
 
 import { axis, byHand, lease, shell } from "./bench";
 import { design } from "./design";

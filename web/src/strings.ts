@@ -1,0 +1,3 @@
+// The page's words in the language it speaks.
+
+export { strings } from "./strings/en";
