@@ -122,7 +122,7 @@ export const job = {
   left: (text: string) => `about ${text} left, not counting your part`,
   figure: (of: string, value: string) => `${of} ${value}`,
   figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
-  of: (name: string) => (name === "delta_v_mm" ? "Δv" : "spacing"),
+  of: (name: string): string => (name === "delta_v_mm" ? "Δv" : "spacing"),
   see: "Show the job",
   byWhom: (owner: string, when: string) => `started by ${owner || "somebody"} at ${when}`,
   earlier: "This is a job of earlier on.",

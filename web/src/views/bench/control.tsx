@@ -2,6 +2,7 @@ import { PACES, type Pace } from "../../pace";
 import { STEPS_MM } from "../../preferences";
 import * as api from "../../api";
 import { able, may } from "../../state";
+import { called } from "../../names";
 import { strings } from "../../strings";
 import { plain } from "../../units";
 import { useState } from "preact/hooks";
@@ -26,7 +27,7 @@ export function Bench(scene: Scene) {
     <section class="card axes" aria-label={strings.byHand.title}>
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
-      {commanding && other !== null && <p class="quiet">{strings.byHand.others(other)}</p>}
+      {commanding && other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
       <p class="paces">
         <Old {...scene} />
         <span class="quiet">{strings.byHand.step}</span>

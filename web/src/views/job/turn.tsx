@@ -2,6 +2,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
 import { keyWithin } from "../../confirm-key";
 import { able, may } from "../../state";
+import { called } from "../../names";
 import { strings } from "../../strings";
 import { reworded } from "../../units";
 import type { Job } from "../../wire";
@@ -111,7 +112,7 @@ function GiveKey({ state, update, job }: Scene & { job: Job }) {
   };
   return (
     <form class="give-key" onSubmit={submit}>
-      <p>{strings.job.noKey(job.owner ?? "")}</p>
+      <p>{strings.job.noKey(called(job.owner ?? ""))}</p>
       <label>
         {strings.job.confirmKey}{" "}
         <input
