@@ -50,7 +50,7 @@ try {
     .click();
   await page.locator("#stage-gone").waitFor({ timeout: 20_000 });
   const slip = panel.getByRole("group", { name: "e axis" }).getByLabel("Slips by");
-  await slip.fill("12.5");
+  await slip.fill("12,5");
   await slip.blur();
   await page.waitForFunction(async () => {
     const now = await (await fetch("/api/v1/simulation/faults")).json();

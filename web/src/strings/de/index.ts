@@ -9,6 +9,7 @@ import { history } from "./history";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
 import { plan } from "./plan";
+import { prompt } from "./prompts";
 import { settings } from "./settings";
 import { wayOn } from "./way-on";
 
@@ -25,6 +26,7 @@ export const strings: typeof english = {
   shell,
   job,
   plan,
+  prompt,
   form,
   iterations,
   report,

@@ -151,7 +151,7 @@ export const job: typeof en.job = {
 
 export const form: typeof en.form = {
   needed: "Angabe fehlt.",
-  noNumber: "Keine Zahl.",
+  noNumber: "Keine Zahl: Dezimalzeichen ist Punkt oder Komma, Tausender bleiben ungetrennt.",
   notWhole: "Eine ganze Zahl ist nötig.",
   outside: (low, high) => `Zulässig ist ${low} bis ${high}.`,
   seconds: (value) => `${value} s`,

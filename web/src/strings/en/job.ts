@@ -146,7 +146,7 @@ export const job = {
 
 export const form = {
   needed: "It is needed.",
-  noNumber: "It is no number.",
+  noNumber: "It is no number: decimals take a point, thousands nothing.",
   notWhole: "It has to be a whole number.",
   outside: (low: string, high: string) => `It has to be within ${low} to ${high}.`,
   seconds: (value: number) => `${value} s`,

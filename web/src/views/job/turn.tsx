@@ -4,8 +4,8 @@ import { keyWithin } from "../../confirm-key";
 import { able, may } from "../../state";
 import { called } from "../../names";
 import { strings } from "../../strings";
-import { reworded } from "../../units";
-import type { Job } from "../../wire";
+import { reworded, type LengthUnit } from "../../units";
+import type { Job, OperatorStep } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Scene } from "../scene";
@@ -78,9 +78,22 @@ export function Turn(scene: Scene & { job: Job }) {
         />
       )}
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
-      {step && <p>{reworded(step.instruction, unit)}</p>}
+      {step && <Instruction step={step} unit={unit} />}
       {step && !confirmable && <GiveKey {...scene} />}
     </div>
+  );
+}
+
+/** What is to be done: in the page's language where it knows that, and in the daemon's words, which may say more. */
+function Instruction({ step, unit }: { step: OperatorStep; unit: LengthUnit }) {
+  const said = strings.prompt(step.name, reworded(step.value ?? "", unit));
+  return (
+    <>
+      {said !== null && <p>{said}</p>}
+      <p lang="en" class={said === null ? "" : "quiet"}>
+        {reworded(step.instruction, unit)}
+      </p>
+    </>
   );
 }
 

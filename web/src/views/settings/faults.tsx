@@ -1,6 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { able } from "../../state";
+import { numberOf } from "../../job-kinds";
 import { strings } from "../../strings";
 import { inUnit, typedMm } from "../../units";
 import type { AxisName, Faults as Wrong } from "../../wire";
@@ -203,30 +204,44 @@ export function Faults({ state, act }: Scene) {
   );
 }
 
+/** What is wrong with a number; empty where it may be. */
+function faultOf(value: number, [low, high, step]: FigureProps["range"]): string {
+  if (!Number.isFinite(value)) return strings.form.noNumber;
+  if (step === 1 && !Number.isInteger(value)) return strings.form.notWhole;
+  return value < low || value > high ? strings.form.outside(String(low), String(high)) : "";
+}
+
 interface FigureProps {
   label: string;
   value: number;
-  /** Least, greatest and step. */
-  range: [number, number, number | "any"];
+  /** Least, greatest, and whether it has to be whole. */
+  range: [number, number, 1 | "any"];
   set: (value: number) => void;
 }
 
 /** A number that holds when it is left; 0 is none of it. */
 function Figure({ label, value, range: [min, max, step], set }: FigureProps) {
+  const [fault, setFault] = useState("");
+  const take = (asked: number) => {
+    const wrong = faultOf(asked, [min, max, step]);
+    setFault(wrong);
+    if (wrong === "") set(asked);
+  };
   return (
     <label class="row">
       <span>{label}</span>
+      {/* Of type "number" a browser would show its own decimal sign, beside the page's. */}
       <input
-        type="number"
-        min={min}
-        max={max}
-        step={step}
+        inputMode="decimal"
         value={value}
-        onChange={(event) => {
-          const asked = event.currentTarget.valueAsNumber;
-          if (Number.isFinite(asked) && event.currentTarget.reportValidity()) set(asked);
-        }}
+        aria-invalid={fault !== ""}
+        onChange={(event) => take(numberOf(event.currentTarget.value))}
       />
+      {fault && (
+        <span class="fault" role="alert">
+          {fault}
+        </span>
+      )}
     </label>
   );
 }
