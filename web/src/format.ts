@@ -45,7 +45,7 @@ export function clock(at: string): string {
   return new Date(at).toLocaleTimeString(spoken.locale);
 }
 
-/** Day and time of a moment, RFC 3339; the month in letters, which nobody takes for the day. */
+/** Day and time of a moment, RFC 3339; the month in letters, or after the day with points, so that nobody takes it for that. */
 export function moment(at: string): string {
   return new Date(at).toLocaleString(spoken.locale, { dateStyle: "medium", timeStyle: "medium" });
 }

@@ -40,7 +40,7 @@ export const axis: typeof en.axis = {
 
 export const byHand: typeof en.byHand = {
   title: "Handbetrieb",
-  home: "Referenz",
+  home: "Ref.",
   homeMore: (axis) => `${axis}: Referenzfahrt`,
   step: "Schritt",
   stepBy: (axis, step) => `${axis} um ${step} verfahren`,
@@ -53,7 +53,7 @@ export const byHand: typeof en.byHand = {
   paces: { slow: "langsam", fast: "schnell" },
   moveTo: (axis, unit) => `Zielposition der ${axis}, ${unit}`,
   to: "Ziel",
-  go: "Anfahren",
+  go: "Los",
   sure: (axis, from, to, by) => `${axis} um ${by} verfahren, von ${from} auf ${to}?`,
   outside: (low, high) => `Zulässig ist ${low} bis ${high}.`,
   yes: "Verfahren",

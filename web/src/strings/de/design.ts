@@ -79,7 +79,7 @@ export const design: typeof en.design = {
   figure: {
     deltaV: "Δv",
     e: "e",
-    aperture: "Blendenöffnung",
+    aperture: "Blende",
     ring: "Zahl am Blendenring",
     fov: "Bildwinkel",
     fovShort: "Bildwinkel",

@@ -5,7 +5,7 @@ import type * as en from "../en/history";
 export const history: typeof en.history = {
   title: "Verlauf",
   search: "Suchen",
-  searchMore: "Wörter aus Grund oder Protokoll, oder die Kennung",
+  searchMore: "Grund, Protokoll oder Kennung",
   kind: "Art",
   state: "Zustand",
   any: "alle",
@@ -29,6 +29,6 @@ export const history: typeof en.history = {
   clear: "Leeren",
   first: "erster Lauf, px",
   second: "zweiter Lauf, px",
-  difference: "Punktabstand minus Sollwert, px",
+  difference: "Punktabstand − Soll, px",
   missing: "Aufträge früherer Läufe fehlen",
 };

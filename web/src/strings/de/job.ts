@@ -193,8 +193,8 @@ export const iterations: typeof en.iterations = {
     verify: "Nachprüfung",
     sample: "Messung",
   },
-  chartDifference: "Punktabstand minus Sollwert, px",
-  chartBand: "Punktabstand minus Sollwert, ± 2 σ",
+  chartDifference: "Punktabstand − Soll, px",
+  chartBand: "Punktabstand − Soll, ± 2 σ",
   chartTarget: "Sollwert",
 };
 
@@ -203,7 +203,7 @@ export const report: typeof en.report = {
   deltaV: "Δv",
   e: "e",
   spacing: "Punktabstand",
-  aperture: "Blendenöffnung",
+  aperture: "Blende",
   fov: "Bildwinkel im Wasser",
   depth: "Schärfentiefe",
   tolerance: "Toleranz von e",

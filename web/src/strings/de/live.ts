@@ -77,7 +77,7 @@ export const meter: typeof en.meter = {
   mean: (frames) => `Mittel aus ${frames}`,
   leftOut: (count) =>
     `Messungen je Sekunde, und aus wie vielen der Punktabstand das Mittel ist; ${count} Bilder ausgelassen`,
-  lost: "WEG",
+  lost: "FEHLT",
   missing: {
     lost: "Der Punktabstand ist verloren und wird gesucht",
     refused: "Dieses Bild lässt sich nicht messen",

@@ -30,22 +30,26 @@ export function Bench(scene: Scene) {
       {commanding && other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
       <p class="paces">
         <Old {...scene} />
-        <span class="quiet">{strings.byHand.step}</span>
-        <Choice
-          label={strings.byHand.step}
-          of={STEPS_MM}
-          chosen={stepMm}
-          name={(step) => `${plain(step, unit)} ${unit}`}
-          choose={(step) => update({ preferences: { ...state.preferences, stepMm: step } })}
-        />
-        <span class="quiet">{strings.byHand.pace}</span>
-        <Choice
-          label={strings.byHand.pace}
-          of={PACES}
-          chosen={pace}
-          name={(one) => strings.byHand.paces[one]}
-          choose={setPace}
-        />
+        <span class="named">
+          <span class="quiet">{strings.byHand.step}</span>
+          <Choice
+            label={strings.byHand.step}
+            of={STEPS_MM}
+            chosen={stepMm}
+            name={(step) => `${plain(step, unit)} ${unit}`}
+            choose={(step) => update({ preferences: { ...state.preferences, stepMm: step } })}
+          />
+        </span>
+        <span class="named">
+          <span class="quiet">{strings.byHand.pace}</span>
+          <Choice
+            label={strings.byHand.pace}
+            of={PACES}
+            chosen={pace}
+            name={(one) => strings.byHand.paces[one]}
+            choose={setPace}
+          />
+        </span>
       </p>
       {bench.axes.map((axis) => (
         <div class="axis" data-axis={axis.axis} key={axis.axis}>

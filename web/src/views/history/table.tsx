@@ -76,7 +76,12 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
       </td>
       <td class="words">
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
-        {job.reason && <span class="quiet reason-of"> {reworded(job.reason, unit)}</span>}
+        {job.reason && (
+          <span class="quiet reason-of" lang="en">
+            {" "}
+            {reworded(job.reason, unit)}
+          </span>
+        )}
       </td>
       <td>{measure ? `${strings.job.of(measure.name)} ${reached(measure, unit).value}` : "—"}</td>
       <td>{job.iterations}</td>

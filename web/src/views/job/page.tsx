@@ -89,7 +89,11 @@ function JobCard(scene: Scene & { job: Job; present: boolean }) {
       </p>
       {!over && <Turn key={job.id} {...scene} />}
       {!over && <Progress job={job} unit={unit} />}
-      {over && job.reason && <p class="reason">{sentence(reworded(job.reason, unit))}</p>}
+      {over && job.reason && (
+        <p class="reason" lang="en">
+          {sentence(reworded(job.reason, unit))}
+        </p>
+      )}
       {present && <WayOn {...scene} />}
       {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}

@@ -221,11 +221,15 @@ interface FigureProps {
 
 /** A number that holds when it is left; 0 is none of it. */
 function Figure({ label, value, range: [min, max, step], set }: FigureProps) {
-  const [fault, setFault] = useState("");
-  const take = (asked: number) => {
-    const wrong = faultOf(asked, [min, max, step]);
-    setFault(wrong);
-    if (wrong === "") set(asked);
+  // What is being typed, or could not be taken; null while what holds is shown.
+  const [text, setText] = useState<string | null>(null);
+  const [left, setLeft] = useState(false);
+  const fault = text !== null && left ? faultOf(numberOf(text), [min, max, step]) : "";
+  const take = (text: string) => {
+    setLeft(true);
+    if (faultOf(numberOf(text), [min, max, step]) !== "") return;
+    setText(null);
+    set(numberOf(text));
   };
   return (
     <label class="row">
@@ -233,9 +237,13 @@ function Figure({ label, value, range: [min, max, step], set }: FigureProps) {
       {/* Of type "number" a browser would show its own decimal sign, beside the page's. */}
       <input
         inputMode="decimal"
-        value={value}
+        value={text ?? value}
         aria-invalid={fault !== ""}
-        onChange={(event) => take(numberOf(event.currentTarget.value))}
+        onInput={(event) => {
+          setLeft(false);
+          setText(event.currentTarget.value);
+        }}
+        onChange={(event) => take(event.currentTarget.value)}
       />
       {fault && (
         <span class="fault" role="alert">
