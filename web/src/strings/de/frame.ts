@@ -8,7 +8,7 @@ export const frame: typeof en.frame = {
     `${turn ? "● Sie sind dran · " : ""}${simulated ? "SIMULIERT · " : ""}${page} · Plenalign`,
   simulated: "SIMULIERTER PRÜFSTAND",
   simulatedMore: "Keine Hardware angeschlossen: Jedes Bild und jede Zahl hier ist berechnet.",
-  replay: "AUFZEICHNUNG",
+  replay: "WIEDERGABE",
   replayMore: "Alte Bilder aus Dateien: Nichts davon ist von jetzt.",
   connecting: "Verbindung wird aufgebaut…",
   lost: "VERBINDUNG UNTERBROCHEN",

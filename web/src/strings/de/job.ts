@@ -93,7 +93,7 @@ export const job: typeof en.job = {
     to_mm: "Bis",
     steps: "Positionen",
     duration_s: "Dauer",
-    interval_s: "Messabstand",
+    interval_s: "Messintervall",
   },
   fieldsMore: {
     e_mm: (unit) => `${unit}, hinter dem Zentrum der Kugelschale`,
@@ -220,7 +220,7 @@ export const report: typeof en.report = {
   timeParts: {
     operator_s: "Bedienung",
     motion_s: "Fahren",
-    settling_s: "Beruhigen",
+    settling_s: "Einschwingen",
     frames_s: "Warten auf Bilder",
     measuring_s: "Messen",
     other_s: "Sonstiges",
