@@ -31,5 +31,5 @@ export default defineConfig({
       "/healthz": daemon,
     },
   },
-  test: { include: ["test/**/*.test.ts"], environment: "node" },
+  test: { include: ["test/**/*.test.ts"], environment: "node", setupFiles: ["test/english.ts"] },
 });

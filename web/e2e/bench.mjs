@@ -1,7 +1,18 @@
 // Two people at two browsers: who has control, jogging by press and hold, steps, large moves, homing, the stop key.
 
 import assert from "node:assert/strict";
-import { accessible, browse, faults, folder, open, photograph, resetStop, start, step } from "./harness.mjs";
+import {
+  accessible,
+  browse,
+  faults,
+  fits,
+  folder,
+  open,
+  photograph,
+  resetStop,
+  start,
+  step,
+} from "./harness.mjs";
 import { drawn, until } from "./until.mjs";
 
 const place = folder(`
@@ -245,6 +256,27 @@ try {
   await lost.locator("button").click();
   await lost.waitFor({ state: "detached" });
 
+  step("another language is spoken at once: control and what is being typed are kept, and it fits a phone");
+  await open(ben.page, "Settings");
+  const find = ben.page.locator(".find input");
+  await find.fill("blur");
+  await ben.page.getByRole("button", { name: "Deutsch" }).click();
+  await ben.page.locator("html[lang=de] .preferences", { hasText: "Diese Seite" }).waitFor();
+  assert.equal(await find.inputValue(), "blur");
+  const size = ben.page.viewportSize();
+  for (const link of await ben.page.locator("nav a").all()) {
+    await link.click();
+    await ben.page.locator("nav a[aria-current]", { hasText: await link.innerText() }).waitFor();
+    await fits(ben.page, 360);
+  }
+  await ben.page.setViewportSize(size);
+  await ben.page.reload();
+  await ben.page
+    .locator(".lease[data-lease=mine]", { hasText: "Diese Seite hat die Bedienhoheit (Ben)" })
+    .waitFor();
+  assert.deepEqual(await ben.page.evaluate(catalogues), ["de"], "words are loaded that nobody reads");
+  await ben.page.getByRole("button", { name: "English" }).click();
+
   step("given back, it is free for everybody");
   await ben.page.getByRole("button", { name: "Release control" }).click();
   await ana.page.locator(".lease[data-lease=free]").waitFor();
@@ -399,6 +431,14 @@ function traced() {
     if (x > 0.5 && x < 0.75 && data[at + 3] > 0 && data[at + 2] - data[at] > 90) return true;
   }
   return false;
+}
+
+/** In the page: the languages whose words have been loaded. */
+function catalogues() {
+  const names = performance
+    .getEntriesByType("resource")
+    .map(({ name }) => /\/assets\/(en|de)\b/.exec(name)?.[1]);
+  return names.filter((name) => name !== undefined);
 }
 
 function hold(page, axis, side) {

@@ -48,9 +48,10 @@ try {
     .getByRole("group", { name: "Controller’s line" })
     .getByRole("button", { name: "Unplugged" })
     .click();
-  await page.locator("#stage-gone").waitFor({ timeout: 20_000 });
   const slip = panel.getByRole("group", { name: "e axis" }).getByLabel("Slips by");
-  await slip.fill("12.5");
+  await slip.fill("12,5");
+  // What comes meanwhile leaves what is being typed as it is.
+  await page.locator("#stage-gone").waitFor({ timeout: 20_000 });
   await slip.blur();
   await page.waitForFunction(async () => {
     const now = await (await fetch("/api/v1/simulation/faults")).json();

@@ -15,6 +15,7 @@ import { chromium } from "playwright-core";
 import { drawn } from "./until.mjs";
 
 const WIDTHS = [360, 1024, 2560];
+const HEIGHTS = { 360: 740, 1024: 768, 2560: 1440 };
 const built = ["../target/debug/plenalign", "../target/release/plenalign"];
 
 export const program = process.env.PLENALIGN ?? built.find((path) => existsSync(path));
@@ -137,23 +138,28 @@ export async function accessible(page) {
   assert.deepEqual(serious, [], "not accessible");
 }
 
-/** The page at each width: STOP on the screen, nothing wider than the screen, nothing over anything else, and on a large one
+/** The page made so wide: STOP on the screen, nothing wider than the screen, nothing over anything else, and on a large one
  *  nothing in small print. */
+export async function fits(page, width) {
+  const height = HEIGHTS[width];
+  await page.setViewportSize({ width, height });
+  await drawn(page);
+  const stop = await page.locator("#stop").boundingBox();
+  assert(
+    stop && stop.y >= 0 && stop.y + stop.height <= height && stop.x >= 0,
+    `STOP is not seen at ${width} px`,
+  );
+  const wide = await page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
+  assert(wide <= 0, `the page is ${wide} px wider than ${width} px`);
+  assert.deepEqual(await page.evaluate(outOfPlace), [], `over something else at ${width} px`);
+  if (width === 2560) assert.deepEqual(await page.evaluate(smallPrint), [], `small print at ${width} px`);
+}
+
+/** The page at each width, where it [fits](fits). */
 export async function photograph(page, name) {
   const before = page.viewportSize();
   for (const width of WIDTHS) {
-    await page.setViewportSize({ width, height: { 360: 740, 1024: 768, 2560: 1440 }[width] });
-    await drawn(page);
-    const stop = await page.locator("#stop").boundingBox();
-    const height = page.viewportSize().height;
-    assert(
-      stop && stop.y >= 0 && stop.y + stop.height <= height && stop.x >= 0,
-      `STOP is not seen at ${width} px`,
-    );
-    const wide = await page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
-    assert(wide <= 0, `the page is ${wide} px wider than ${width} px`);
-    assert.deepEqual(await page.evaluate(outOfPlace), [], `over something else at ${width} px`);
-    if (width === 2560) assert.deepEqual(await page.evaluate(smallPrint), [], `small print at ${width} px`);
+    await fits(page, width);
     await page.screenshot({ path: `${shots}/${name}-${width}.png`, fullPage: width === 360 });
   }
   await page.setViewportSize(before);

@@ -2,6 +2,7 @@
 
 import { ConfirmKeys } from "./confirm-key";
 import { LeaseKeeper } from "./lease";
+import { NAMELESS } from "./names";
 import { strings } from "./strings";
 import type { Sections } from "./water";
 import type {
@@ -82,10 +83,10 @@ function request<T>(method: string, path: string, body?: unknown, key?: string):
   });
 }
 
-let owner = strings.lease.owner;
+let owner = NAMELESS;
 /** How this page is called where others are told who has control. */
 export function callMe(name: string): void {
-  owner = name.trim() || strings.lease.owner;
+  owner = name.trim() || NAMELESS;
 }
 
 export const lease = new LeaseKeeper(request, () => owner, sessionStorage);

@@ -1,4 +1,6 @@
-// Numbers as the page shows them: a fixed number of digits, a true minus sign.
+// Numbers as the page shows them: a fixed number of digits, a true minus sign, and a decimal point in every language.
+
+import { spoken } from "./language";
 
 export function fixed(value: number, digits: number): string {
   const text = value.toFixed(digits);
@@ -40,10 +42,10 @@ export function wait(seconds: number): string {
 
 /** The time of day of a moment, RFC 3339. */
 export function clock(at: string): string {
-  return new Date(at).toLocaleTimeString();
+  return new Date(at).toLocaleTimeString(spoken.locale);
 }
 
-/** Day and time of a moment, RFC 3339; the month in letters, which nobody takes for the day. */
+/** Day and time of a moment, RFC 3339; the month in letters, or after the day with points, so that nobody takes it for that. */
 export function moment(at: string): string {
-  return new Date(at).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "medium" });
+  return new Date(at).toLocaleString(spoken.locale, { dateStyle: "medium", timeStyle: "medium" });
 }

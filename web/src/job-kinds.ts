@@ -1,5 +1,6 @@
 // What each kind of job takes: the same rules as the daemon's, which has the last word.
 
+import { spoken } from "./language";
 import { strings } from "./strings";
 import { length, plain, typedMm, type LengthUnit } from "./units";
 import type { Axis, AxisName, Design, JobKind, JobRequest } from "./wire";
@@ -85,10 +86,15 @@ type Filled = {
 export type Checked =
   { ok: true; request: JobRequest } | { ok: false; faults: Partial<Record<Field["name"] | "note", string>> };
 
-/** A number as people type it, with a comma or a point; NaN for what is none. */
+/** A thousand and more to one reader, and one and a fraction to another. */
+const AMBIGUOUS = /^[+-]?[1-9]\d{0,2},\d{3}$/;
+
+/** A number as people type it: with a point, as the page shows it, or with a comma; NaN for what is none, and for what is read
+ *  in two ways by those who read the page's language. */
 export function numberOf(text: string): number {
-  const plain = text.trim().replace(",", ".").replace("−", "-");
-  return plain === "" ? NaN : Number(plain);
+  const plain = text.trim().replace("−", "-");
+  if (plain === "" || (spoken.language === "en" && AMBIGUOUS.test(plain))) return NaN;
+  return Number(plain.replace(",", "."));
 }
 
 /** The request that a form filled in with lengths of `unit` makes, or what is wrong with it, field by field. */

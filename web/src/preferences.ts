@@ -1,5 +1,6 @@
 // What this browser remembers for whoever uses it. It is about the page alone: the bench has its own configuration.
 
+import { LANGUAGE_CHOICES, type LanguageChoice } from "./language";
 import { SHOWS } from "./show";
 import { SPACE, type StopKey } from "./stop-key";
 import { UNITS, type LengthUnit } from "./units";
@@ -11,6 +12,7 @@ export type Overlay = (typeof OVERLAYS)[number];
 export interface Preferences {
   /** What others are shown as the lease's owner; empty for the name one signed in with, null before it was asked for. */
   name: string | null;
+  language: LanguageChoice;
   stopKey: StopKey;
   unit: LengthUnit;
   overlays: Overlay[];
@@ -26,6 +28,7 @@ export interface Preferences {
 
 export const standard: Preferences = {
   name: null,
+  language: "browser",
   stopKey: SPACE,
   unit: "mm",
   overlays: [],
@@ -55,6 +58,7 @@ export function recall(storage: Pick<Storage, "getItem">): Preferences {
   const overlays = kept["overlays"];
   return {
     name: text(kept["name"]) ? kept["name"].slice(0, 64) : standard.name,
+    language: LANGUAGE_CHOICES.find((choice) => choice === kept["language"]) ?? standard.language,
     stopKey:
       key && text(key.code) && key.code !== "" && text(key.name) ? { code: key.code, name: key.name } : SPACE,
     unit: UNITS.find((unit) => unit === kept["unit"]) ?? standard.unit,

@@ -298,18 +298,19 @@ export function remember(state: State, recent: Recent, now: number): State {
 function withOutage({ stopFailed, problem }: State, { stop }: Bench, isNews: boolean): Partial<State> {
   // Tried again, it may have got through after all.
   if (stop.latched && !stop.unread)
-    return { stopFailed: null, problem: problem === notStopped ? null : problem };
+    return { stopFailed: null, problem: problem?.type === NOT_STOPPED ? null : problem };
   if (stopFailed === null || stop.unread) return {};
   // While the connection lasts, it may still be on its way.
-  return isNews ? { stopFailed: null, problem: notStopped } : {};
+  return isNews ? { stopFailed: null, problem: notStopped() } : {};
 }
 
-const notStopped: Problem = {
-  type: "about:blank",
+const NOT_STOPPED = "not-stopped";
+const notStopped = (): Problem => ({
+  type: NOT_STOPPED,
   title: strings.stop.notStopped,
   status: 0,
   detail: strings.stop.notStoppedMore,
-};
+});
 
 /** A stop that has been reset is over. */
 function withStop(state: State, bench: Bench): State["stopSent"] {

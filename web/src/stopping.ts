@@ -12,19 +12,19 @@ const REST_MS = 250;
 /** A stop takes milliseconds: one that is not answered by then is said not to be, while it goes on being tried. */
 const LATE_MS = 1000;
 
-const unanswered: Problem = {
+const unanswered = (): Problem => ({
   type: "about:blank",
   title: strings.noAnswer,
   status: 0,
   detail: strings.stop.tried,
-};
+});
 
 /** Sends the stop until the daemon has it, or three times. */
 export async function stop(update: (change: Partial<State>) => void, newest: () => State): Promise<void> {
   jog.release();
   const late = setTimeout(() => {
     // It has arrived where the bench is known to be stopped, although the answer has not.
-    if (newest().link !== "open" || !newest().bench?.stop.latched) update({ stopFailed: unanswered });
+    if (newest().link !== "open" || !newest().bench?.stop.latched) update({ stopFailed: unanswered() });
   }, LATE_MS);
   const result = await deliver(update);
   clearTimeout(late);

@@ -22,6 +22,7 @@ export type Axis = Schemas["AxisView"];
 export type AxisName = Schemas["AxisName"];
 export type Job = Schemas["JobResource"];
 export type JobState = Schemas["JobState"];
+export type OperatorStep = Schemas["OperatorStep"];
 export type Iteration = Schemas["Iteration"];
 export type Report = Schemas["Report"];
 export type Budget = Schemas["Budget"];

@@ -29,6 +29,7 @@ describe("preferences", () => {
     const mine = {
       ...standard,
       name: "Ana",
+      language: "de" as const,
       unit: "µm" as const,
       overlays: ["grid" as const],
       show: "depth" as const,
@@ -45,7 +46,7 @@ describe("preferences", () => {
       "{",
       "null",
       "7",
-      '{"stepMm":99,"unit":"inch","stopKey":{"code":""},"overlays":"x","show":"upside_down"}',
+      '{"stepMm":99,"unit":"inch","language":"tlh","stopKey":{"code":""},"overlays":"x","show":"upside_down"}',
     ]) {
       expect(recall(kept(text))).toEqual(standard);
     }

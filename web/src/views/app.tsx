@@ -1,4 +1,5 @@
 import { useEffect } from "preact/hooks";
+import { spoken } from "../language";
 import { strings } from "../strings";
 import { turnOf, type State } from "../state";
 import type { Problem, TokenRequest } from "../wire";
@@ -41,9 +42,11 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
   const simulated = state.bench?.simulated ?? false;
   const where = state.session === "stranger" ? strings.signIn.signIn : strings.pages[state.route.page];
   const turn = turnOf(state) !== null;
+  const { language } = spoken;
   useEffect(() => {
+    document.documentElement.lang = language;
     document.title = strings.windowTitle(where, simulated, turn);
-  }, [simulated, where, turn]);
+  }, [simulated, where, turn, language]);
   if (state.session === "stranger") {
     return (
       <>

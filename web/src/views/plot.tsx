@@ -1,5 +1,6 @@
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
+import { spoken } from "../language";
 
 /** Colours of the page's theme, for what CSS does not reach. */
 export interface Theme {
@@ -41,7 +42,7 @@ interface Props {
   options: (theme: Theme) => Options;
 }
 
-/** A chart. Its options are those of its first showing; its data is kept up with. */
+/** A chart. Its options are those of its first showing in a language; its data is kept up with. */
 export function Plot({ label, height, data, options }: Props) {
   const holder = useRef<HTMLDivElement>(null);
   const read = useRef<HTMLParagraphElement>(null);
@@ -82,7 +83,7 @@ export function Plot({ label, height, data, options }: Props) {
       plot.current?.destroy();
       plot.current = null;
     };
-  }, []);
+  }, [spoken.language]);
 
   useEffect(() => plot.current?.setData(data), [data]);
   return (

@@ -14,7 +14,7 @@ interface Props {
 export function ProblemLine({ problem, unit = "mm", dismiss }: Props) {
   return (
     <div class="problem" role="alert">
-      <p>
+      <p lang={problem.status === 0 ? undefined : "en"}>
         <b>{problem.title}.</b> {sentence(reworded(problem.detail, unit))}
       </p>
       {dismiss && (

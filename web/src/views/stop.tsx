@@ -1,16 +1,23 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../api";
 import { clock } from "../format";
+import { called } from "../names";
 import { able, newsOfReset } from "../state";
+import { SPACE, type StopKey } from "../stop-key";
 import { stop } from "../stopping";
 import { strings } from "../strings";
 import type { Bench } from "../wire";
 import type { Scene } from "./scene";
 import { useSettled } from "./settled";
 
+/** What a key is called. */
+export function nameOfKey({ code, name }: StopKey): string {
+  return code === SPACE.code ? strings.stop.space : name;
+}
+
 /** STOP, on every page, for everybody. */
 export function Stop({ state, update, newest }: Scene) {
-  const key = state.preferences.stopKey.name;
+  const key = nameOfKey(state.preferences.stopKey);
   return (
     <button type="button" id="stop" title={strings.stop.more(key)} onClick={() => void stop(update, newest)}>
       {strings.stop.stop} <small>{strings.stop.key(key)}</small>
@@ -42,9 +49,9 @@ export function StopNotices(scene: Scene) {
       {reset && (
         <div class="was-reset" role="alert">
           <p>
-            <b>{strings.stop.wasReset(reset.by, clock(reset.at))}:</b> {reset.why}
+            <b>{strings.stop.wasReset(called(reset.by), clock(reset.at))}:</b> {reset.why}
             {reset.stopped_at &&
-              ` (${strings.stop.hadStopped(reset.stopped_by ?? "", clock(reset.stopped_at))})`}
+              ` (${strings.stop.hadStopped(called(reset.stopped_by ?? ""), clock(reset.stopped_at))})`}
           </p>
           <button type="button" onClick={() => update({ resetSeen: reset.at })}>
             {strings.dismiss}
@@ -78,7 +85,7 @@ function Stopped({ state, act, update, stop }: Scene & { stop: Bench["stop"] }) 
   return (
     <div class="stopped" role="alert">
       <p>
-        <b>{since ? strings.stop.stoppedSince(clock(since), by ?? "") : strings.stop.stopped}.</b>{" "}
+        <b>{since ? strings.stop.stoppedSince(clock(since), called(by ?? "")) : strings.stop.stopped}.</b>{" "}
         {unread && `${strings.stop.unread(unread)} `}
         {state.stopSent &&
           strings.stop.sent(

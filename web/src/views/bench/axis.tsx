@@ -51,7 +51,7 @@ export function AxisScale({ bench, axis, unit }: Props) {
       {[axis.fault, axis.failure === axis.fault ? null : axis.failure, ...axis.disagreements].map(
         (text) =>
           text && (
-            <p key={text} class="tag bad">
+            <p key={text} class="tag bad" lang="en">
               {reworded(text, unit)}
             </p>
           ),

@@ -24,6 +24,8 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
   const position = axis.homed ? (axis.position_mm ?? null) : null;
   const name = strings.axis.short[axis.axis];
   const target = toMm(numberOf(text), unit);
+  // What is only begun, a sign say, is no mistake yet.
+  const unread = /\d/.test(text) && !Number.isFinite(target);
   const outside = Number.isFinite(target) && (target < axis.low_limit_mm || target > axis.high_limit_mm);
   const still = disabled || position === null || axis.moving;
   const [asked, ask] = useAsked<number>(!still);
@@ -63,7 +65,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
           inputMode="decimal"
           value={text}
           aria-label={strings.byHand.moveTo(name, unit)}
-          aria-invalid={outside}
+          aria-invalid={outside || unread}
           placeholder={`${strings.byHand.to}, ${unit}`}
           disabled={disabled || position === null}
           onInput={(event) => setText(event.currentTarget.value)}
@@ -84,6 +86,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
       {axis.connected && axis.limit_switch && (
         <LeaveSwitch act={act} axis={axis} disabled={disabled || axis.moving} />
       )}
+      {unread && <p class="fault">{strings.form.noNumber}</p>}
       {outside && (
         <p class="fault">
           {strings.byHand.outside(length(axis.low_limit_mm, unit, 2), length(axis.high_limit_mm, unit, 2))}

@@ -2,6 +2,7 @@ import { PACES, type Pace } from "../../pace";
 import { STEPS_MM } from "../../preferences";
 import * as api from "../../api";
 import { able, may } from "../../state";
+import { called } from "../../names";
 import { strings } from "../../strings";
 import { plain } from "../../units";
 import { useState } from "preact/hooks";
@@ -26,25 +27,29 @@ export function Bench(scene: Scene) {
     <section class="card axes" aria-label={strings.byHand.title}>
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
-      {commanding && other !== null && <p class="quiet">{strings.byHand.others(other)}</p>}
+      {commanding && other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
       <p class="paces">
         <Old {...scene} />
-        <span class="quiet">{strings.byHand.step}</span>
-        <Choice
-          label={strings.byHand.step}
-          of={STEPS_MM}
-          chosen={stepMm}
-          name={(step) => `${plain(step, unit)} ${unit}`}
-          choose={(step) => update({ preferences: { ...state.preferences, stepMm: step } })}
-        />
-        <span class="quiet">{strings.byHand.pace}</span>
-        <Choice
-          label={strings.byHand.pace}
-          of={PACES}
-          chosen={pace}
-          name={(one) => strings.byHand.paces[one]}
-          choose={setPace}
-        />
+        <span class="named">
+          <span class="quiet">{strings.byHand.step}</span>
+          <Choice
+            label={strings.byHand.step}
+            of={STEPS_MM}
+            chosen={stepMm}
+            name={(step) => `${plain(step, unit)} ${unit}`}
+            choose={(step) => update({ preferences: { ...state.preferences, stepMm: step } })}
+          />
+        </span>
+        <span class="named">
+          <span class="quiet">{strings.byHand.pace}</span>
+          <Choice
+            label={strings.byHand.pace}
+            of={PACES}
+            chosen={pace}
+            name={(one) => strings.byHand.paces[one]}
+            choose={setPace}
+          />
+        </span>
       </p>
       {bench.axes.map((axis) => (
         <div class="axis" data-axis={axis.axis} key={axis.axis}>

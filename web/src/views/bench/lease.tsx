@@ -1,6 +1,7 @@
 import * as api from "../../api";
 import { able, may } from "../../state";
 import type { ControlLost } from "../../lease";
+import { called } from "../../names";
 import { strings } from "../../strings";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
@@ -26,8 +27,8 @@ export function Lease({ state, act, now }: Scene) {
       : lease === null
         ? strings.lease.free
         : mine
-          ? strings.lease.mine(lease.owner)
-          : strings.lease.held(lease.owner, lease.note);
+          ? strings.lease.mine(called(lease.owner))
+          : strings.lease.held(called(lease.owner), lease.note);
   const more =
     lease === null || mine || state.link !== "open"
       ? ""
@@ -63,7 +64,7 @@ export function Lease({ state, act, now }: Scene) {
       )}
       {lease !== null && !mine && asking && (
         <Ask
-          question={strings.lease.takeOverSure(lease.owner, Boolean(lease.job))}
+          question={strings.lease.takeOverSure(called(lease.owner), Boolean(lease.job))}
           yes={strings.lease.takeOverYes}
           no={strings.lease.takeOverNo}
           answer={(yes) => {
@@ -81,7 +82,7 @@ export function ControlGone({ lost, update }: Scene & { lost: ControlLost }) {
   return (
     <div class="control-lost" role="alert">
       <p>
-        <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(lost.to)}</b>{" "}
+        <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(called(lost.to))}</b>{" "}
         {strings.lease.lostMore}
       </p>
       <button type="button" onClick={() => update({ controlLost: null })}>

@@ -18,8 +18,8 @@ import type { Draft, DraftState, DraftStateName } from "../../wire";
 import { Choice } from "../toggle";
 import type { Other } from "./figures";
 
-/** Height of the letters, CSS pixels. */
-const LETTERS = 12;
+/** Height of the letters, in those of the page. */
+const LETTERS = 0.8;
 const RAYS = 9;
 
 interface Props {
@@ -115,19 +115,20 @@ interface PictureProps {
 
 function Picture({ train, wanted, part, unit, label }: PictureProps) {
   const svg = useRef<SVGSVGElement>(null);
-  const [shown, setShown] = useState({ width: 600, height: 300 });
+  const [shown, setShown] = useState({ width: 600, height: 300, letters: 12 });
   useEffect(() => {
     const element = svg.current;
     if (!element) return undefined;
     const resize = new ResizeObserver(() => {
       const { clientWidth: width, clientHeight: height } = element;
-      if (width > 0 && height > 0) setShown({ width, height });
+      const letters = LETTERS * parseFloat(getComputedStyle(document.documentElement).fontSize);
+      if (width > 0 && height > 0) setShown({ width, height, letters });
     });
     resize.observe(element);
     return () => resize.disconnect();
   }, []);
   const box = fitted(wanted, shown.width / shown.height);
-  const letter = (LETTERS * box.width) / shown.width;
+  const letter = (shown.letters * box.width) / shown.width;
   const bar = barLength(box.width);
   const bottom = box.y + box.height;
   return (

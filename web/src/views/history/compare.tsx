@@ -72,8 +72,8 @@ export function Compare({ ids, act }: Scene & { ids: string[] }) {
         {runs.map((run, index) => (
           <li key={run.id} class="facts">
             <span class={index === 0 ? "line accent" : "line second"} /> {moment(run.created_at)} ·{" "}
-            {strings.job.kinds[run.kind]} · {strings.job.state[run.state]} · {run.iterations.length}{" "}
-            {strings.history.iterations.toLowerCase()}
+            {strings.job.kinds[run.kind]} · {strings.job.state[run.state]} ·{" "}
+            {strings.history.iterationsOf(run.iterations.length)}
           </li>
         ))}
       </ul>

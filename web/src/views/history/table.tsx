@@ -61,6 +61,7 @@ interface RowProps {
 }
 
 function JobRow({ job, chosen, unit, choose }: RowProps) {
+  const words = strings.history;
   const when = moment(job.created_at);
   const what = strings.job.kinds[job.kind];
   const measure = job.progress.measure;
@@ -71,11 +72,16 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
       </td>
       <td class="words">
         {what}
-        {job.simulated && <span class="tag">{strings.simulated.toLowerCase()}</span>}
+        {job.simulated && <span class="tag">{words.simulated}</span>}
       </td>
       <td class="words">
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
-        {job.reason && <span class="quiet reason-of"> {reworded(job.reason, unit)}</span>}
+        {job.reason && (
+          <span class="quiet reason-of" lang="en">
+            {" "}
+            {reworded(job.reason, unit)}
+          </span>
+        )}
       </td>
       <td>{measure ? `${strings.job.of(measure.name)} ${reached(measure, unit).value}` : "—"}</td>
       <td>{job.iterations}</td>
@@ -83,8 +89,8 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
         <Downloads href={job.href} recording={job.recording} />
       </td>
       <td>
-        <Toggle on={chosen} set={choose} title={strings.history.compareThis(`${what}, ${when}`)}>
-          {strings.history.compare}
+        <Toggle on={chosen} set={choose} title={words.compareThis(`${what}, ${when}`)}>
+          {words.compare}
         </Toggle>
       </td>
     </tr>

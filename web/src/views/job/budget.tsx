@@ -18,7 +18,9 @@ export function BudgetTable({ budget, unit }: { budget: Budget; unit: LengthUnit
   ];
   return (
     <>
-      <p class="verdict">{reworded(budget.conclusion, unit)}</p>
+      <p class="verdict" lang="en">
+        {reworded(budget.conclusion, unit)}
+      </p>
       <details>
         <summary>{words.title}</summary>
         <div class="table" tabIndex={0} role="region" aria-label={words.title}>
@@ -35,11 +37,15 @@ export function BudgetTable({ budget, unit }: { budget: Budget; unit: LengthUnit
             <tbody>
               {rows.map((part) => (
                 <tr key={part.name}>
-                  <th scope="row">{part.name}</th>
+                  <th scope="row" lang={part.name === words.together ? undefined : "en"}>
+                    {part.name}
+                  </th>
                   <td>{bare(part.delta_v_mm, unit, 5)}</td>
                   <td>{bare(part.e_mm, unit, 4)}</td>
                   <td>{fixed(part.off_focus_px, 4)}</td>
-                  <td class="words">{part.remedy}</td>
+                  <td class="words" lang="en">
+                    {part.remedy}
+                  </td>
                 </tr>
               ))}
             </tbody>

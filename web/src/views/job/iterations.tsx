@@ -25,7 +25,7 @@ export function Iterations({ job, unit }: Props) {
         <ol class="log">
           {job.log.map((line, index) => (
             <li key={index}>
-              <time>{clock(line.at)}</time> {reworded(line.message, unit)}
+              <time>{clock(line.at)}</time> <span lang="en">{reworded(line.message, unit)}</span>
             </li>
           ))}
         </ol>
@@ -76,7 +76,9 @@ function Row({ it, unit }: { it: Iteration; unit: LengthUnit }) {
       <td>{fixed(it.spacing_target_px, 4)}</td>
       <td>{readback(it.focus_mm)}</td>
       <td>{readback(it.e_mm)}</td>
-      <td class="words">{reworded(it.decision, unit)}</td>
+      <td class="words" lang="en">
+        {reworded(it.decision, unit)}
+      </td>
     </tr>
   );
 }

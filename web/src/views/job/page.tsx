@@ -1,6 +1,7 @@
 import { moment, sentence } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
+import { called } from "../../names";
 import { addressOf } from "../../route";
 import { currentJob, isFinal } from "../../state";
 import { strings } from "../../strings";
@@ -83,12 +84,16 @@ function JobCard(scene: Scene & { job: Job; present: boolean }) {
         {!over && <Old {...scene} />}
       </h2>
       <p class="quiet">
-        {strings.job.byWhom(job.owner ?? "", moment(job.created_at))}
+        {strings.job.byWhom(called(job.owner ?? ""), moment(job.created_at))}
         {job.request.note && ` · ${job.request.note}`}
       </p>
       {!over && <Turn key={job.id} {...scene} />}
       {!over && <Progress job={job} unit={unit} />}
-      {over && job.reason && <p class="reason">{sentence(reworded(job.reason, unit))}</p>}
+      {over && job.reason && (
+        <p class="reason" lang="en">
+          {sentence(reworded(job.reason, unit))}
+        </p>
+      )}
       {present && <WayOn {...scene} />}
       {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}

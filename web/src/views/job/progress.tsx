@@ -14,7 +14,7 @@ export function Progress({ job, unit }: { job: Job; unit: LengthUnit }) {
         {typeof left === "number" && <span>{strings.job.left(wait(left))}</span>}
         {measure && <span>{figure(measure, unit)}</span>}
       </p>
-      <p>{reworded(doing, unit)}</p>
+      <p lang="en">{reworded(doing, unit)}</p>
     </div>
   );
 }

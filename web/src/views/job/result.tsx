@@ -89,7 +89,7 @@ export function Result({ report, unit }: { report: Report; unit: LengthUnit }) {
       {report.budget && <BudgetTable budget={report.budget} unit={unit} />}
       <Rows of={figures(report, unit)} />
       {report.notes.map((note) => (
-        <p key={note} class="quiet">
+        <p key={note} class="quiet" lang="en">
           {reworded(note, unit)}
         </p>
       ))}

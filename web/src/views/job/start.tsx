@@ -12,6 +12,7 @@ import {
   type NumberField,
 } from "../../job-kinds";
 import { able, may } from "../../state";
+import { called } from "../../names";
 import { strings } from "../../strings";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
@@ -142,7 +143,7 @@ export function StartJob({ state, act }: Scene) {
           {strings.job.start}: {strings.job.kinds[draft.kind]}
         </button>
       </p>
-      {other !== null && <p class="quiet">{strings.byHand.others(other)}</p>}
+      {other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>
   );

@@ -2,9 +2,10 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
 import { keyWithin } from "../../confirm-key";
 import { able, may } from "../../state";
+import { called } from "../../names";
 import { strings } from "../../strings";
-import { reworded } from "../../units";
-import type { Job } from "../../wire";
+import { reworded, type LengthUnit } from "../../units";
+import type { Job, OperatorStep } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Scene } from "../scene";
@@ -77,9 +78,22 @@ export function Turn(scene: Scene & { job: Job }) {
         />
       )}
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
-      {step && <p>{reworded(step.instruction, unit)}</p>}
+      {step && <Instruction step={step} unit={unit} />}
       {step && !confirmable && <GiveKey {...scene} />}
     </div>
+  );
+}
+
+/** What is to be done: in the page's language where it knows that, and in the daemon's words, which may say more. */
+function Instruction({ step, unit }: { step: OperatorStep; unit: LengthUnit }) {
+  const said = strings.prompt(step.name, reworded(step.value ?? "", unit));
+  return (
+    <>
+      {said !== null && <p>{said}</p>}
+      <p lang="en" class={said === null ? "" : "quiet"}>
+        {reworded(step.instruction, unit)}
+      </p>
+    </>
   );
 }
 
@@ -111,7 +125,7 @@ function GiveKey({ state, update, job }: Scene & { job: Job }) {
   };
   return (
     <form class="give-key" onSubmit={submit}>
-      <p>{strings.job.noKey(job.owner ?? "")}</p>
+      <p>{strings.job.noKey(called(job.owner ?? ""))}</p>
       <label>
         {strings.job.confirmKey}{" "}
         <input

@@ -25,13 +25,13 @@ export function ConfigField(props: Props) {
       <label for={id}>
         <b>{of.name}</b>
         <small class="quiet">
-          {of.meaning} {same(value, of.standard) ? "" : standard}
+          <span lang="en">{of.meaning}</span> {same(value, of.standard) ? "" : standard}
           {locked && ` (${strings.settings.locked})`}
         </small>
       </label>
       <Input {...props} id={id} />
       {faults.map((fault) => (
-        <p class="fault" role="alert" key={fault.key + fault.message}>
+        <p class="fault" role="alert" lang="en" key={fault.key + fault.message}>
           {fault.message}
         </p>
       ))}

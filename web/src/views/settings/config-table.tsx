@@ -51,7 +51,10 @@ export function ConfigTable({ table, ...editing }: Editing & { table: Table }) {
         return (
           <details key={inner.path} open={editing.find !== "" || wrong > 0}>
             <summary>
-              <b>{inner.name}</b> <span class="quiet">{inner.meaning}</span>
+              <b>{inner.name}</b>{" "}
+              <span class="quiet" lang="en">
+                {inner.meaning}
+              </span>
               {wrong > 0 && <span class="tag bad">{strings.settings.faults(wrong)}</span>}
             </summary>
             <div class="inner">

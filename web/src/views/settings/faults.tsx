@@ -1,6 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { able } from "../../state";
+import { numberOf } from "../../job-kinds";
 import { strings } from "../../strings";
 import { inUnit, typedMm } from "../../units";
 import type { AxisName, Faults as Wrong } from "../../wire";
@@ -203,30 +204,52 @@ export function Faults({ state, act }: Scene) {
   );
 }
 
+/** What is wrong with a number; empty where it may be. */
+function faultOf(value: number, [low, high, step]: FigureProps["range"]): string {
+  if (!Number.isFinite(value)) return strings.form.noNumber;
+  if (step === 1 && !Number.isInteger(value)) return strings.form.notWhole;
+  return value < low || value > high ? strings.form.outside(String(low), String(high)) : "";
+}
+
 interface FigureProps {
   label: string;
   value: number;
-  /** Least, greatest and step. */
-  range: [number, number, number | "any"];
+  /** Least, greatest, and whether it has to be whole. */
+  range: [number, number, 1 | "any"];
   set: (value: number) => void;
 }
 
 /** A number that holds when it is left; 0 is none of it. */
 function Figure({ label, value, range: [min, max, step], set }: FigureProps) {
+  // What is being typed, or could not be taken; null while what holds is shown.
+  const [text, setText] = useState<string | null>(null);
+  const [left, setLeft] = useState(false);
+  const fault = text !== null && left ? faultOf(numberOf(text), [min, max, step]) : "";
+  const take = (text: string) => {
+    setLeft(true);
+    if (faultOf(numberOf(text), [min, max, step]) !== "") return;
+    setText(null);
+    set(numberOf(text));
+  };
   return (
     <label class="row">
       <span>{label}</span>
+      {/* Of type "number" a browser would show its own decimal sign, beside the page's. */}
       <input
-        type="number"
-        min={min}
-        max={max}
-        step={step}
-        value={value}
-        onChange={(event) => {
-          const asked = event.currentTarget.valueAsNumber;
-          if (Number.isFinite(asked) && event.currentTarget.reportValidity()) set(asked);
+        inputMode="decimal"
+        value={text ?? value}
+        aria-invalid={fault !== ""}
+        onInput={(event) => {
+          setLeft(false);
+          setText(event.currentTarget.value);
         }}
+        onChange={(event) => take(event.currentTarget.value)}
       />
+      {fault && (
+        <span class="fault" role="alert">
+          {fault}
+        </span>
+      )}
     </label>
   );
 }

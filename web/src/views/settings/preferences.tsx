@@ -1,15 +1,26 @@
 import { useLayoutEffect, useState } from "preact/hooks";
 import { awake } from "../../awake";
-import { choosable, SPACE } from "../../stop-key";
-import { strings } from "../../strings";
+import { LANGUAGE_CHOICES, type LanguageChoice } from "../../language";
+import { choosable, SPACE, type StopKey } from "../../stop-key";
+import { speak, strings } from "../../strings";
 import { UNITS } from "../../units";
 import type { Scene } from "../scene";
+import { nameOfKey } from "../stop";
 import { Choice, Toggle } from "../toggle";
 
 /** What this browser remembers. */
-export function Preferences({ state, update }: Scene) {
+export function Preferences({ state, newest, update }: Scene) {
   const { preferences } = state;
   const set = (part: Partial<typeof preferences>) => update({ preferences: { ...preferences, ...part } });
+  // Its words come first: until they are there the page goes on in the other language.
+  const choose = async (language: LanguageChoice) => {
+    try {
+      await speak(language);
+      update({ preferences: { ...newest().preferences, language } });
+    } catch (error) {
+      update({ problem: { type: "about:blank", title: strings.noAnswer, status: 0, detail: String(error) } });
+    }
+  };
   return (
     <section class="card preferences" aria-label={strings.settings.page}>
       <h2>{strings.settings.page}</h2>
@@ -26,6 +37,18 @@ export function Preferences({ state, update }: Scene) {
           onInput={(event) => set({ name: event.currentTarget.value })}
         />
       </label>
+      <p class="row">
+        <span>
+          {strings.settings.language} <small class="quiet">{strings.settings.languageMore}</small>
+        </span>
+        <Choice
+          label={strings.settings.language}
+          of={LANGUAGE_CHOICES}
+          chosen={preferences.language}
+          name={(choice) => strings.settings.languages[choice]}
+          choose={(choice) => void choose(choice)}
+        />
+      </p>
       <p class="row">
         <span>{strings.settings.unit}</span>
         <Choice
@@ -59,7 +82,7 @@ export function Preferences({ state, update }: Scene) {
         </Toggle>
       </p>
       <ChooseKey
-        name={preferences.stopKey.name}
+        stopKey={preferences.stopKey}
         set={(stopKey) => set({ stopKey })}
         reset={() => set({ stopKey: SPACE })}
       />
@@ -68,13 +91,13 @@ export function Preferences({ state, update }: Scene) {
 }
 
 interface KeyProps {
-  name: string;
-  set: (key: typeof SPACE) => void;
+  stopKey: StopKey;
+  set: (key: StopKey) => void;
   reset: () => void;
 }
 
 /** The key that stops. While another is chosen, the present one still stops. */
-function ChooseKey({ name, set, reset }: KeyProps) {
+function ChooseKey({ stopKey, set, reset }: KeyProps) {
   const [listening, listen] = useState(false);
   // Before the prompt is painted: whoever reads it is heard.
   useLayoutEffect(() => {
@@ -97,11 +120,11 @@ function ChooseKey({ name, set, reset }: KeyProps) {
         {strings.settings.stopKey} <small class="quiet">{strings.settings.stopKeyMore}</small>
       </span>
       <span class="choice">
-        <kbd id="stop-key">{name}</kbd>
+        <kbd id="stop-key">{nameOfKey(stopKey)}</kbd>
         <button type="button" onClick={() => listen(true)}>
           {listening ? strings.settings.stopKeyPress : strings.settings.stopKeyChange}
         </button>
-        {name !== SPACE.name && (
+        {stopKey.code !== SPACE.code && (
           <button type="button" onClick={reset}>
             {strings.settings.stopKeyReset}
           </button>

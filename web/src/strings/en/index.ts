@@ -1,4 +1,4 @@
-// Every word the page shows.
+// Every word the page shows, in English.
 
 import { axis, byHand, lease, shell } from "./bench";
 import { design } from "./design";
@@ -8,6 +8,7 @@ import { history } from "./history";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
 import { plan } from "./plan";
+import { prompt } from "./prompts";
 import { settings } from "./settings";
 import { wayOn } from "./way-on";
 
@@ -24,6 +25,7 @@ export const strings = {
   shell,
   job,
   plan,
+  prompt,
   form,
   iterations,
   report,

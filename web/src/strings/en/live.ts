@@ -1,8 +1,8 @@
 // Words of the live page: picture, focus meter, charts.
 
-import type { Octant } from "../correction";
-import type { Overlay, Preferences } from "../preferences";
-import type { Direction, Missing } from "../reading";
+import type { Octant } from "../../correction";
+import type { Overlay, Preferences } from "../../preferences";
+import type { Direction, Missing } from "../../reading";
 
 export const picture = {
   live: "Live frame",

@@ -1,10 +1,18 @@
 // Words of the settings page.
 
+import type { LanguageChoice } from "../../language";
+
 export const settings = {
   page: "This page",
   pageMore: "Kept in this browser, for this browser.",
   name: "Your name",
   nameMore: "shown to others while you have control",
+  language: "Language",
+  languageMore: "What the daemon itself says stays in English.",
+  languages: { browser: "the browser’s", en: "English", de: "Deutsch" } satisfies Record<
+    LanguageChoice,
+    string
+  >,
   unit: "Lengths in",
   call: "Call",
   callMore: "Two notes when it is your turn; the window’s title says so, too.",

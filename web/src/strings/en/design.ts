@@ -1,8 +1,8 @@
 // Words of the design page.
 
-import type { FieldGroup, Measure } from "../draft";
-import type { WaterBy } from "../water";
-import type { DraftStateName } from "../wire";
+import type { FieldGroup, Measure } from "../../draft";
+import type { WaterBy } from "../../water";
+import type { DraftStateName } from "../../wire";
 
 export const design = {
   title: "Design",

@@ -1,7 +1,7 @@
 // Words of jobs: their kinds, forms, states, iterations, reports.
 
-import type { NumberField } from "../job-kinds";
-import type { Iteration, JobKind, JobState, TimeSpent } from "../wire";
+import type { NumberField } from "../../job-kinds";
+import type { Iteration, JobKind, JobState, TimeSpent } from "../../wire";
 
 export const job = {
   title: "Job",
@@ -122,7 +122,7 @@ export const job = {
   left: (text: string) => `about ${text} left, not counting your part`,
   figure: (of: string, value: string) => `${of} ${value}`,
   figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
-  of: (name: string) => (name === "delta_v_mm" ? "Δv" : "spacing"),
+  of: (name: string): string => (name === "delta_v_mm" ? "Δv" : "spacing"),
   see: "Show the job",
   byWhom: (owner: string, when: string) => `started by ${owner || "somebody"} at ${when}`,
   earlier: "This is a job of earlier on.",
@@ -146,7 +146,7 @@ export const job = {
 
 export const form = {
   needed: "It is needed.",
-  noNumber: "It is no number.",
+  noNumber: "It is no number: decimals take a point, thousands nothing.",
   notWhole: "It has to be a whole number.",
   outside: (low: string, high: string) => `It has to be within ${low} to ${high}.`,
   seconds: (value: number) => `${value} s`,

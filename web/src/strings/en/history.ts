@@ -13,14 +13,16 @@ export const history = {
   more: "Show more",
   when: "When",
   what: "What",
+  simulated: "simulated bench",
   outcome: "Outcome",
   iterations: "Iterations",
+  iterationsOf: (count: number) => `${count} ${count === 1 ? "iteration" : "iterations"}`,
   measure: "Reached",
   files: "Files",
   compare: "Compare",
   compareThis: (what: string) => `Compare ${what}`,
   compareMore: "Choose up to two jobs to see them on one chart.",
-  compareTitle: (runs: number) =>
+  compareTitle: (runs: number): string =>
     runs < 2 ? "One run: choose another to compare it with" : "Two runs on one chart",
   clear: "Clear",
   first: "first run, px",

@@ -1,7 +1,7 @@
 // Words of the page's frame: banners, connection, stop, sign-in.
 
-import type { Page } from "../route";
-import type { Scope } from "../wire";
+import type { Page } from "../../route";
+import type { Scope } from "../../wire";
 
 export const frame = {
   title: "Plenalign",
@@ -42,6 +42,7 @@ export const stop = {
   stop: "STOP",
   more: (key: string) => `Stop every axis at once (${key}, unless you type text)`,
   key: (key: string) => `or ${key}`,
+  space: "Space",
   stopped: "Stopped",
   stoppedSince: (time: string, by: string) => `Stopped at ${time}${by && ` by ${by}`}`,
   unread: (why: string) => `How an earlier run left the stop is not known: ${why}.`,

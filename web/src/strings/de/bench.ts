@@ -1,0 +1,82 @@
+// Wörter des Prüfstands: Bedienhoheit, Achsen, Handbetrieb, Kugelschale.
+
+import type * as en from "../en/bench";
+
+export const lease: typeof en.lease = {
+  owner: "ein Browser",
+  unclear: "Wer die Bedienhoheit hat, ist nicht bekannt.",
+  free: "Niemand hat die Bedienhoheit.",
+  mine: (owner) => `Diese Seite hat die Bedienhoheit${owner === lease.owner ? "" : ` (${owner})`}.`,
+  ranOut: "Ihre Bedienhoheit ist abgelaufen.",
+  taken: (owner) => `${owner} hat Ihnen die Bedienhoheit entzogen.`,
+  lostMore: "Was Sie gedrückt hielten, ist losgelassen; was sich dadurch bewegte, steht.",
+  askName: "Wie heißen Sie?",
+  askNameMore: "Andere sehen den Namen, solange Sie die Bedienhoheit haben.",
+  askNameKeep: "Speichern",
+  askNameNot: "Ohne Namen",
+  held: (owner, note) => `${owner} hat die Bedienhoheit${note ? ` (${note})` : ""}.`,
+  byJob: "bis der Auftrag endet",
+  left: (seconds) => `noch ${seconds} s, wenn nicht verlängert`,
+  take: "Bedienhoheit übernehmen",
+  release: "Bedienhoheit abgeben",
+  takeOver: "Bedienhoheit entziehen…",
+  takeOverSure: (owner, job) =>
+    `Bedienhoheit entziehen (${owner})? ${job ? "Der laufende Auftrag wird abgebrochen. " : ""}Eine fahrende Achse wird angehalten.`,
+  takeOverYes: "Entziehen",
+  takeOverNo: "Belassen",
+};
+
+export const axis: typeof en.axis = {
+  name: { focus: "Fokusachse", e: "e-Achse" },
+  short: { focus: "Fokusachse", e: "e-Achse" },
+  readbackMore: "Wo die Achse laut Steuerung steht. Δv und e selbst werden im Bild gemessen.",
+  unknown: "unbekannt",
+  notHomed: "nicht referenziert",
+  disconnected: "nicht verbunden",
+  moving: "fährt",
+  wall: "Sperre",
+  scale: (name, at, low, high) => `${name}: ${at}, Bereich ${low} bis ${high}`,
+};
+
+export const byHand: typeof en.byHand = {
+  title: "Handbetrieb",
+  home: "Ref.",
+  homeMore: (axis) => `${axis}: Referenzfahrt`,
+  step: "Schritt",
+  stepBy: (axis, step) => `${axis} um ${step} verfahren`,
+  hold: {
+    low: "Gedrückt halten: fährt zu kleineren Positionen",
+    high: "Gedrückt halten: fährt zu größeren Positionen",
+  },
+  holdOf: (axis, hold) => `${axis}: ${hold}`,
+  pace: "Tippen",
+  paces: { slow: "langsam", fast: "schnell" },
+  moveTo: (axis, unit) => `Zielposition der ${axis}, ${unit}`,
+  to: "Ziel",
+  go: "Los",
+  sure: (axis, from, to, by) => `${axis} um ${by} verfahren, von ${from} auf ${to}?`,
+  outside: (low, high) => `Zulässig ist ${low} bis ${high}.`,
+  yes: "Verfahren",
+  no: "Nicht verfahren",
+  onSwitch: "Endschalter betätigt",
+  leave: "Vom Endschalter wegfahren…",
+  leaveMore: (axis) => `${axis} vom Endschalter wegfahren`,
+  leaveSure: (axis) =>
+    `${axis} ansehen: Welcher der beiden Endschalter ist betätigt? Die Achse fährt von ihm weg, höchstens 3 mm, bis er frei ist.`,
+  leaveFrom: {
+    low: "Der am unteren Ende",
+    high: "Der am oberen Ende",
+  },
+  leaveNot: "Nicht fahren",
+  others: (owner) =>
+    `${owner} hat die Bedienhoheit: Bis Sie sie haben, lässt sich von hier nichts verfahren.`,
+  hint: "◀ oder ▶ gedrückt halten; beim Loslassen hält die Achse an.",
+};
+
+export const shell: typeof en.shell = {
+  title: "Kugelschale",
+  state: { on: "montiert", off: "abgenommen", unknown: "unbekannt" },
+  sure: "Ist die Kugelschale wirklich abgenommen? Die e-Achse darf dann dorthin fahren, wo sie wäre.",
+  yes: "Sie ist abgenommen",
+  no: "Belassen",
+};

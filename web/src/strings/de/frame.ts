@@ -1,0 +1,82 @@
+// Wörter des Rahmens: Hinweise, Verbindung, Halt, Anmeldung.
+
+import type * as en from "../en/frame";
+
+export const frame: typeof en.frame = {
+  title: "Plenalign",
+  windowTitle: (page, simulated, turn) =>
+    `${turn ? "● Sie sind dran · " : ""}${simulated ? "SIMULIERT · " : ""}${page} · Plenalign`,
+  simulated: "SIMULIERTER PRÜFSTAND",
+  simulatedMore: "Keine Hardware angeschlossen: Jedes Bild und jede Zahl hier ist berechnet.",
+  replay: "WIEDERGABE",
+  replayMore: "Alte Bilder aus Dateien: Nichts davon ist von jetzt.",
+  connecting: "Verbindung wird aufgebaut…",
+  lost: "VERBINDUNG UNTERBROCHEN",
+  lostMore: "Was unten steht, ist alt. STOP kommt womöglich nicht an: den Not-Halt am Prüfstand betätigen.",
+  old: (span) => `ALT · ${span}`,
+  retryIn: (span) => `Neuer Versuch in ${span}`,
+  retrying: "Neuer Versuch…",
+  retryNow: "Jetzt versuchen",
+  cameraGone: "Die Kamera ist weg",
+  cameraGoneMore: "Sie sendet nichts.",
+  stageGone: (axes) => `Nicht verbunden: ${axes.join(", ")}`,
+  stageGoneMore: "Nichts lässt sich verfahren.",
+  noAnswer: "Der Dienst antwortet nicht",
+  dismiss: "Ausblenden",
+  close: "Schließen",
+  historyFault: "Nichts lässt sich verfahren",
+  viewOnly: "Sie dürfen zusehen und anhalten; für Befehle braucht es ein Token, mit dem man bedienen darf.",
+  skip: "Zum Inhalt springen",
+  pagesLabel: "Seiten",
+  pages: {
+    live: "Live",
+    alignment: "Justage",
+    design: "Auslegung",
+    history: "Verlauf",
+    settings: "Einstellungen",
+  },
+};
+
+export const stop: typeof en.stop = {
+  stop: "STOP",
+  more: (key) => `Hält sofort alle Achsen an (${key}, außer beim Schreiben von Text)`,
+  key: (key) => `oder ${key}`,
+  space: "Leertaste",
+  stopped: "Angehalten",
+  stoppedSince: (time, by) => `Angehalten um ${time}${by && ` (${by})`}`,
+  unread: (why) =>
+    `In welchem Zustand ein früherer Lauf den Halt hinterlassen hat, ist nicht bekannt: ${why}.`,
+  notKept: "Er ist noch nicht gespeichert: Nach einem Neustart wäre der Prüfstand nicht angehalten.",
+  stoppedMore: "Keine Achse fährt, bis der Halt aufgehoben ist.",
+  sent: (focus, e) => `Fokusachse: ${focus}; e-Achse: ${e}.`,
+  reset: "Halt aufheben",
+  resetAsk: "Halt aufheben…",
+  why: "Warum darf wieder gefahren werden?",
+  whyMore: "was behoben ist; alle sehen es",
+  stay: "Angehalten bleiben",
+  wasReset: (by, time) => `Halt aufgehoben um ${time} (${by})`,
+  hadStopped: (by, time) => `angehalten um ${time}${by && `, ${by}`}`,
+  failed: "STOP NICHT ZUGESTELLT",
+  failedMore: "Den Not-Halt am Prüfstand betätigen.",
+  notStopped: "Der Prüfstand ist nicht angehalten",
+  notStoppedMore: "Die Verbindung ist wieder da, Ihr STOP von vorhin aber nicht angekommen.",
+  tried: "Die Seite versucht es weiter.",
+  again: "Noch einmal anhalten",
+  delivery: {
+    confirmed: "angehalten",
+    sent: "gesendet, nicht bestätigt",
+    undeliverable: "NICHT ZUSTELLBAR",
+  },
+};
+
+export const signIn: typeof en.signIn = {
+  signIn: "Anmelden",
+  more: "Dieser Dienst verlangt ein Token: Wer ihn verwaltet, erstellt eines mit „plenalign token create“.",
+  signOut: "Abmelden",
+  token: "Token",
+  scope: {
+    view: "darf zusehen und anhalten",
+    control: "darf bedienen",
+    admin: "darf alles",
+  },
+};

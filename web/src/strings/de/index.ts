@@ -1,0 +1,39 @@
+// Alle Wörter der Seite, auf Deutsch.
+
+import type { strings as english } from "../en";
+import { axis, byHand, lease, shell } from "./bench";
+import { design } from "./design";
+import { faults } from "./faults";
+import { frame, signIn, stop } from "./frame";
+import { history } from "./history";
+import { form, iterations, job, outcome, report } from "./job";
+import { charts, meter, picture } from "./live";
+import { plan } from "./plan";
+import { prompt } from "./prompts";
+import { settings } from "./settings";
+import { wayOn } from "./way-on";
+
+export const strings: typeof english = {
+  ...frame,
+  stop,
+  signIn,
+  picture,
+  meter,
+  charts,
+  lease,
+  axis,
+  byHand,
+  shell,
+  job,
+  plan,
+  prompt,
+  form,
+  iterations,
+  report,
+  outcome,
+  wayOn,
+  history,
+  settings,
+  faults,
+  design,
+};
