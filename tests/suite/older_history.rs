@@ -116,7 +116,7 @@ async fn a_job_of_the_first_version_is_listed_shown_and_exported() {
     assert_eq!(read(&format!("{href}/iterations")).await["iterations"], job["iterations"]);
     // What that version did not know is null.
     let mut measured = measurement();
-    for unknown_then in ["eog_sum", "ssim", "micro_image_pitch_sigma_px", "spacing_tolerance_px"] {
+    for unknown_then in ["eog_sum", "ssim", "micro_image_pitch_sigma_px", "spacing_tolerance_px", "two_boards"] {
         measured[unknown_then] = Value::Null;
     }
     measured["spacing_target_source"] = json!("paraxial");

@@ -335,7 +335,8 @@ fn the_program_records_gives_away_and_replays() {
     let file = state.path().join("alignment.mcap");
     let aligned = |arguments: &[&str]| {
         let output = plenalign(state.path()).arg("align").args(arguments).arg("--json").output().unwrap();
-        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+        let said = [output.stderr, output.stdout].concat();
+        (output.status.success(), String::from_utf8_lossy(&said).into_owned())
     };
     let (ended, said) = aligned(&["--server", daemon.url(), "--record", file.to_str().unwrap()]);
     assert!(ended, "{said}");

@@ -25,6 +25,11 @@ export function advice(
   const words = strings.meter;
   if (reading.direction === "there")
     return { main: words.thereMore(fixed(reading.tolerancePx, 3)), other: null };
+  if (reading.twoBoards) {
+    const { spacings_px, share } = reading.twoBoards;
+    const [larger, smaller] = spacings_px.map((spacing) => fixed(spacing, 2));
+    return { main: words.twoBoards(larger ?? "", smaller ?? "", fixed(100 * share, 0)), other: null };
+  }
   if (reading.direction === "unsure") return { main: words.unsureMore, other: null };
   if (!correction) {
     const way = reading.direction === "larger" ? words.farther : words.nearer;

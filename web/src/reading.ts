@@ -1,11 +1,12 @@
 // What the meter shows: the newest spacing against what it is to be, whether it was read frame by frame or measured in
 // whole.
 
-import type { FrameReading, Measurement } from "./wire";
+import type { FrameReading, Measurement, TwoBoards } from "./wire";
 
 /** Which way Δv or e has to go: a larger one makes the spacing smaller. "There" is where a job would accept it; "unsure" is
- *  where it cannot be told from the target, and not well enough known to be accepted. */
-export type Direction = "larger" | "smaller" | "there" | "unsure";
+ *  where it cannot be told from the target, and not well enough known to be accepted; of two boards the spacing is
+ *  neither's. */
+export type Direction = "larger" | "smaller" | "there" | "unsure" | "two_boards";
 
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
@@ -22,6 +23,8 @@ export interface Reading {
   tolerancePx: number;
   differencePx: number;
   direction: Direction;
+  /** The two boards that are in view where one should be; null where there is one, as far as has been measured. */
+  twoBoards: TwoBoards | null;
   inFocus: boolean;
   /** Rise of the spacing, px per half frame width. */
   tiltXPx: number;
@@ -67,6 +70,7 @@ export function reading(measurement: Measurement, inAir: boolean): Reading {
     eMm: measurement.e_mm ?? null,
     settled: measurement.settled,
     capturedAt: Date.parse(measurement.captured_at),
+    ...told(measurement),
   };
 }
 
@@ -86,7 +90,14 @@ export function frameReading(
     frames: combined.frames,
     single: { spacingPx, sigmaPx },
     ...{ inFocus, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
+    ...told(measurement),
   };
+}
+
+/** Of two boards, that there are two, whatever their common spacing comes to. */
+function told(measurement: Measurement | null) {
+  const twoBoards = measurement?.two_boards ?? null;
+  return { twoBoards, ...(twoBoards && { direction: "two_boards" as const, inFocus: false }) };
 }
 
 /** What there is instead of a reading. A spacing once lost is lost until it is measured again: a frame that cannot be

@@ -30,7 +30,7 @@ export function isNews(
   if (now - said.at < SPEAK_MS) return false;
   if (reading.direction !== said.direction) return true;
   // On the target it stays on the target.
-  if (reading.direction === "there" || reading.direction === "unsure") return false;
+  if (["there", "unsure", "two_boards"].includes(reading.direction)) return false;
   const changed = Math.abs(reading.differencePx - said.differencePx);
   return changed > Math.max(SIGMAS * reading.sigmaPx, SHARE * Math.abs(said.differencePx));
 }

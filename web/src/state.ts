@@ -239,7 +239,7 @@ function withReading(state: State, newest: Reading, sentAt: number) {
     readingAt: sentAt,
     missing: null,
     missingAt: null,
-    best: best(state.best, newest),
+    best: newest.twoBoards ? state.best : best(state.best, newest),
     spacings: follow(state.spacings, pageTime(state, newest.capturedAt, sentAt) / 1000, {
       ...single,
       targetPx,

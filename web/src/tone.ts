@@ -24,10 +24,10 @@ export function toneOf(reading: Pick<Reading, "differencePx" | "direction">): To
   return { hertz: MIDDLE_HZ * 2 ** off, pulses };
 }
 
-/** The tone for what the meter shows; none where that is nothing to go by, or where a job moves. */
+/** The tone for what the meter shows; none where that is nothing to go by, or of two boards, or where a job moves. */
 export function toneNow(state: State, now: number): Tone | null {
   const { tone, reading, missing } = state;
   if (!tone || !reading || missing?.is === "lost" || jobUnderWay(state) || isMeterOld(state, now))
     return null;
-  return toneOf(reading);
+  return reading.twoBoards ? null : toneOf(reading);
 }

@@ -28,6 +28,7 @@ export type Report = Schemas["Report"];
 export type Budget = Schemas["Budget"];
 export type TimeSpent = Schemas["TimeSpent"];
 export type Measurement = Schemas["MeasurementView"];
+export type TwoBoards = Schemas["TwoBoardsView"];
 export type Recent = Schemas["RecentView"];
 export type ShellState = Schemas["ShellState"];
 export type StopReport = Schemas["StopReport"];

@@ -3,7 +3,10 @@ import { advice } from "../src/advice";
 import { correction, octant, tilt } from "../src/correction";
 import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter";
 import { best, reading as readingIn } from "../src/reading";
-import { design, measurement } from "./fixtures";
+import { initial, receive, receiveReading, type State } from "../src/state";
+import { strings } from "../src/strings";
+import { toneNow } from "../src/tone";
+import { design, frameReading, measurement, snapshot } from "./fixtures";
 
 describe("the meter's scale", () => {
   it("has the target in the middle, the ends at its ends, and keeps what is beyond at the end", () => {
@@ -62,6 +65,34 @@ describe("peak hold", () => {
     const held = best(null, reading(measurement(19.726, 0.002)));
     const other = best(held, reading({ ...measurement(25, 0.002), spacing_target_px: 20 }));
     expect(other.differencePx).toBe(5);
+  });
+});
+
+describe("two boards in view", () => {
+  const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
+  const at = Date.parse("2026-01-01T00:00:10Z");
+  const state: State = {
+    ...receive(initial, snapshot(5), at),
+    measurement: { ...measurement(19.725, 0.001), two_boards: two },
+    tone: true,
+    link: "open",
+  };
+
+  it("are never on target or in focus, order no move, sound no tone and are never the best", () => {
+    const { reading: seen, best: held } = receiveReading(state, frameReading(19.725, at), at);
+    expect(seen).toMatchObject({ direction: "two_boards", inFocus: false, twoBoards: two });
+    expect(held).toBeNull();
+    expect(toneNow({ ...state, reading: seen, readingAt: at }, at)).toBeNull();
+    const { main, other } = advice(seen!, correction(design, seen!), "e", "mm");
+    expect([main, other]).toEqual([strings.meter.twoBoards("19.93", "19.73", "38"), null]);
+    const whole = reading({ ...state.measurement!, in_focus: true });
+    expect(whole).toMatchObject({ direction: "two_boards", inFocus: false });
+  });
+
+  it("say nothing of the next measurement that shows one", () => {
+    const one: State = { ...state, measurement: measurement(19.725, 0.001) };
+    const { reading: seen } = receiveReading(one, frameReading(19.725, at), at);
+    expect(seen).toMatchObject({ direction: "there", inFocus: true, twoBoards: null });
   });
 });
 

@@ -3409,6 +3409,7 @@ export interface components {
        *       "board_turned_mrad": 0,
        *       "bubbles": 0,
        *       "no_shell": false,
+       *       "second_board_mm": 0,
        *       "shell_radius_mm": 0,
        *       "tank_empty": false
        *     }
@@ -4051,7 +4052,7 @@ export interface components {
        * @description Sequence number of the frame measured.
        */
       frame_seq: number;
-      /** @description |spacing − target| within the blur limit. */
+      /** @description |spacing − target| within the blur limit, of one board. */
       in_focus: boolean;
       /**
        * Format: double
@@ -4085,6 +4086,7 @@ export interface components {
        * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
        */
       ssim?: number | null;
+      two_boards?: components["schemas"]["TwoBoardsView"] | null;
     };
     /**
      * @description What is before the camera.
@@ -4859,6 +4861,12 @@ export interface components {
       no_shell: boolean;
       /**
        * Format: double
+       * @description How far before a flat board another stands that fills half of the field, mm; 0 where there is none.
+       * @default 0
+       */
+      second_board_mm: number;
+      /**
+       * Format: double
        * @description By how much the shell's radii are larger than they should be, mm; its vertex is in its place.
        * @default 0
        */
@@ -5426,6 +5434,21 @@ export interface components {
       name: string;
       /** @description What it allows. */
       scope: components["schemas"]["Scope"];
+    };
+    /** @description Two boards in one field. */
+    TwoBoardsView: {
+      /**
+       * Format: double
+       * @description Standard uncertainty of their difference, px.
+       */
+      difference_sigma_px: number;
+      /**
+       * Format: double
+       * @description Share of the field that the second fills.
+       */
+      share: number;
+      /** @description Spacing on the axis as each has it, px: first that of the board that fills more of the field. */
+      spacings_px: number[];
     };
     /**
      * @description Whether a value is within its tolerance, as far as its uncertainty lets anybody tell.

@@ -1086,7 +1086,7 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     frame_seq: int
     """Sequence number of the frame measured."""
     in_focus: bool
-    """|spacing − target| within the blur limit."""
+    """|spacing − target| within the blur limit, of one board."""
     micro_image_pitch_px: float
     """Pitch of the micro-images found, px."""
     micro_image_pitch_sigma_px: float | None = None
@@ -1107,6 +1107,8 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to
     1.
     """
+    two_boards: TwoBoardsView | None = None
+    """The two boards that the frame shows, where it does: the spacing then is neither's."""
 
 
 class Medium(str, Enum):
@@ -1649,6 +1651,8 @@ class SceneFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Bubbles in the field, instead of as many as are configured."""
     no_shell: bool | UnsetType = UNSET
     """There is no shell: a flat window stands in the place of its vertex."""
+    second_board_mm: float | UnsetType = UNSET
+    """How far before a flat board another stands that fills half of the field, mm; 0 where there is none."""
     shell_radius_mm: float | UnsetType = UNSET
     """By how much the shell's radii are larger than they should be, mm; its vertex is in its place."""
     tank_empty: bool | UnsetType = UNSET
@@ -2049,6 +2053,17 @@ class TokenView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What its holder is called."""
     scope: Scope
     """What it allows."""
+
+
+class TwoBoardsView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Two boards in one field."""
+
+    difference_sigma_px: float
+    """Standard uncertainty of their difference, px."""
+    share: float
+    """Share of the field that the second fills."""
+    spacings_px: list[float]
+    """Spacing on the axis as each has it, px: first that of the board that fills more of the field."""
 
 
 class Verdict(str, Enum):

@@ -33,6 +33,7 @@ export const faults: typeof en.faults = {
   tankEmpty: "Kein Wasser im Becken",
   displaced: (unit) => `Tafel weiter weg um, ${unit}`,
   turned: "Tafel verdreht um, mrad",
+  secondBoard: (unit) => `Zweite Tafel näher um, ${unit}`,
   noShell: "Keine Kugelschale",
   otherShell: (unit) => `Radius der Kugelschale größer um, ${unit}`,
   unpowered: "Ohne Strom",

@@ -89,15 +89,19 @@ export const meter: typeof en.meter = {
     smaller: "Punktabstand zu klein",
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
+    two_boards: "Zwei Tafeln im Bild",
   },
   sharp: {
     larger: "Scharf; Punktabstand etwas groß",
     smaller: "Scharf; Punktabstand etwas klein",
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
+    two_boards: "Zwei Tafeln im Bild",
   },
   thereMore: (px) => `innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   unsureMore: "innerhalb 2 σ, aber für einen Auftrag zu unsicher",
+  twoBoards: (larger, smaller, percent) =>
+    `Der Punktabstand ist ${larger} px im größeren Teil des Bilds und ${smaller} px auf ${percent} %: Eine Tafel muss das Bild füllen`,
   job: "Ein Auftrag läuft: Was fährt, bestimmt er.",
   beingSetUp: "Im Umbau",
   beingSetUpMore:

@@ -30,6 +30,7 @@ export const faults = {
   tankEmpty: "No water in the tank",
   displaced: (unit: string) => `Board farther away by, ${unit}`,
   turned: "Board turned by, mrad",
+  secondBoard: (unit: string) => `A second board nearer by, ${unit}`,
   noShell: "No shell",
   otherShell: (unit: string) => `Shell’s radius larger by, ${unit}`,
   unpowered: "Without power",

@@ -89,6 +89,7 @@ export const meter = {
     smaller: "Spacing too small",
     there: "On target",
     unsure: "Cannot be told from the target",
+    two_boards: "Two boards in view",
   } satisfies Record<Direction, string>,
   /** Within the blur limit, and yet off the target by more than the uncertainty. */
   sharp: {
@@ -96,9 +97,12 @@ export const meter = {
     smaller: "Sharp; spacing slightly small",
     there: "On target",
     unsure: "Cannot be told from the target",
+    two_boards: "Two boards in view",
   } satisfies Record<Direction, string>,
   thereMore: (px: string) => `within ± ${px} px, as a job accepts it: no move is called for`,
   unsureMore: "within 2 σ, and too uncertain for a job to accept it",
+  twoBoards: (larger: string, smaller: string, percent: string) =>
+    `the spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,
   job: "A job is under way: what moves is up to it.",
   beingSetUp: "Being set up",
   beingSetUpMore:

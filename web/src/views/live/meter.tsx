@@ -17,7 +17,7 @@ import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
 import { TiltArrow, TiltUntold } from "./tilt-arrow";
 
-const ARROW = { larger: "▲", smaller: "▼", there: "✓", unsure: "≈" } as const;
+const ARROW = { larger: "▲", smaller: "▼", there: "✓", unsure: "≈", two_boards: "≠" } as const;
 /** What stands where a figure would. */
 const NO_FIGURE = "–";
 

@@ -101,6 +101,13 @@ export function Faults({ state, act }: Scene) {
           set={(board_turned_mrad) => set({ ...wrong, scene: { ...scene, board_turned_mrad } })}
         />
         <Figure
+          key={`second-${unit}`}
+          label={words.secondBoard(unit)}
+          value={shown(scene.second_board_mm)}
+          range={[0, shown(300), "any"]}
+          set={(length) => set({ ...wrong, scene: { ...scene, second_board_mm: typedMm(length, unit) } })}
+        />
+        <Figure
           key={`otherShell-${unit}`}
           label={words.otherShell(unit)}
           value={shown(scene.shell_radius_mm)}
