@@ -15,6 +15,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
+import { meterAlone } from "./looking.mjs";
 import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
@@ -268,6 +269,9 @@ try {
   await field.fill(there.toFixed(3));
   await field.press("Enter");
   await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+
+  step("the meter by itself fills a phone and a wall");
+  await meterAlone(page);
 
   step(
     "a job that ended early says what still holds, and how long the rest would take by what the last one took",

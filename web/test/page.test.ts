@@ -15,6 +15,7 @@ const id = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 describe("the address", () => {
   it("names a page and its jobs, and the live page where it names none", () => {
     expect(routeOf("#/history/" + id)).toEqual({ page: "history", jobs: [id] });
+    expect(routeOf(addressOf("meter"))).toEqual({ page: "meter", jobs: [] });
     expect(routeOf(addressOf("alignment", id))).toEqual({ page: "alignment", jobs: [id] });
     for (const hash of ["", "#", "#/", "#/nowhere"])
       expect(routeOf(hash)).toEqual({ page: "live", jobs: [] });
@@ -81,7 +82,8 @@ describe("what the page wishes for", () => {
   });
 
   it("is no picture where the meter stands alone", () => {
-    expect(wish("#/alignment")).toEqual({ readings: true, pictures: false, overlay: false, show: "raw" });
+    for (const page of ["#/alignment", "#/meter"])
+      expect(wish(page)).toEqual({ readings: true, pictures: false, overlay: false, show: "raw" });
   });
 });
 

@@ -7,6 +7,7 @@ import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
+import { meterPage } from "./meter-page";
 import { plan } from "./plan";
 import { settings } from "./settings";
 import { wayOn } from "./way-on";
@@ -17,6 +18,7 @@ export const strings = {
   signIn,
   picture,
   meter,
+  meterPage,
   charts,
   lease,
   axis,
