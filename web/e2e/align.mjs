@@ -15,7 +15,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
-import { meterAlone } from "./looking.mjs";
+import { chartsBack, meterAlone } from "./looking.mjs";
 import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
@@ -272,6 +272,9 @@ try {
 
   step("the meter by itself fills a phone and a wall");
   await meterAlone(page);
+
+  step("charts are zoomed by wheel, drag, buttons and keys, back to when the page was opened");
+  await chartsBack(page);
 
   step(
     "a job that ended early says what still holds, and how long the rest would take by what the last one took",

@@ -43,3 +43,63 @@ export async function meterAlone(page) {
   await page.getByRole("link", { name: "Whole page" }).click();
   await page.locator("main[data-page=live]").waitFor();
 }
+
+/** Charts go back to when the page was opened, and to the last two minutes by one press. */
+export async function chartsBack(page) {
+  const charts = page.locator(".charts");
+  const row = charts.locator(".chart-row");
+  const heading = charts.locator("h2");
+  const looked = (as) => charts.locator(`.chart-row[data-looked=${as}]`).waitFor();
+  await looked("recent");
+  await charts.getByRole("button", { name: "A shorter stretch" }).click();
+  await looked("stretch");
+  const first = await heading.innerText();
+  assert.match(first, /^\d\d:\d\d:\d\d to \d\d:\d\d:\d\d$/);
+  const length = (text) => {
+    const [from, to] = [...text.matchAll(/(\d\d):(\d\d):(\d\d)/g)].map(
+      ([, hours, minutes, seconds]) => 3600 * hours + 60 * minutes + 1 * seconds,
+    );
+    return (to - from + 86_400) % 86_400;
+  };
+  assert(Math.abs(length(first) - 80) <= 1, first);
+
+  // The wheel over a chart, not the page, and about where it is.
+  const over = charts.locator(".chart .u-over").first();
+  await over.scrollIntoViewIfNeeded();
+  const box = await over.boundingBox();
+  let at = box.x + box.width / 2;
+  await page.mouse.move(at, box.y + box.height / 2);
+  await drawn(page);
+  const before = await page.evaluate(() => scrollY);
+  await until(async () => {
+    await page.mouse.move((at += 1), box.y + box.height / 2);
+    await page.mouse.wheel(0, -250);
+    return length(await heading.innerText()) < 60;
+  }, "the wheel does not zoom");
+  assert.equal(await page.evaluate(() => scrollY), before, "the page is scrolled as well");
+
+  const held = await heading.innerText();
+  await page.mouse.move(box.x + box.width / 4, box.y + box.height / 2);
+  await page.mouse.down();
+  await page.mouse.move(box.x + (3 * box.width) / 4, box.y + box.height / 2, { steps: 4 });
+  await page.mouse.up();
+  await until(async () => (await heading.innerText()) < held, "dragging to the right does not go back");
+  assert(Math.abs(length(await heading.innerText()) - length(held)) <= 1, "dragging zooms");
+  await drawn(page);
+  await photograph(page, "charts-held");
+
+  await row.focus();
+  await page.keyboard.press("-");
+  await until(async () => length(await heading.innerText()) > length(held), "the keyboard does not zoom");
+  await page.keyboard.press("0");
+  await looked("recent");
+  await charts.getByRole("button", { name: "All", exact: true }).click();
+  await looked("whole");
+  await until(
+    async () => (await charts.locator(".chart-none").count()) === 0,
+    "nothing is charted of all that was seen",
+  );
+  await accessible(page);
+  await charts.getByRole("button", { name: "Two minutes" }).click();
+  await looked("recent");
+}
