@@ -15,7 +15,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
-import { chartsBack, meterAlone } from "./looking.mjs";
+import { chartsBack, measured, meterAlone } from "./looking.mjs";
 import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
@@ -275,6 +275,9 @@ try {
 
   step("charts are zoomed by wheel, drag, buttons and keys, back to when the page was opened");
   await chartsBack(page);
+
+  step("a region and a distance are measured in the picture, and the picture and the raw frame are kept");
+  await measured(page);
 
   step(
     "a job that ended early says what still holds, and how long the rest would take by what the last one took",

@@ -1,7 +1,8 @@
 // Looking more closely, on a bench that is aligned: the meter by itself, what is measured in the picture, charts further back.
 
 import assert from "node:assert/strict";
-import { accessible, darken, photograph } from "./harness.mjs";
+import { readFileSync } from "node:fs";
+import { accessible, darken, photograph, shots } from "./harness.mjs";
 import { drawn, until } from "./until.mjs";
 
 /** The meter by itself: the whole figure in the view, read from afar, with STOP and the tone, and without a picture. */
@@ -102,4 +103,103 @@ export async function chartsBack(page) {
   await accessible(page);
   await charts.getByRole("button", { name: "Two minutes" }).click();
   await looked("recent");
+}
+
+/** What is measured in the raw frame, by pointer and by keys, says what the meter says, and is kept with the picture. */
+export async function measured(page) {
+  const picture = page.locator(".picture");
+  const region = page.locator("#region");
+  const numbers = (text, pattern) => pattern.exec(text)?.slice(1).map(Number);
+  const place = async () =>
+    numbers(await region.innerText(), /Region of (\d+) × (\d+) px at (\d+), (\d+)/) ??
+    assert.fail("no region");
+
+  await picture.getByRole("button", { name: "Crosshair" }).click();
+  await picture.getByRole("button", { name: "Region" }).click();
+  await region.locator("span", { hasText: /^grey \d+\.\d on average, \d+ to \d+ of 255$/ }).waitFor();
+  await region.locator("span", { hasText: /^spacing/ }).waitFor();
+  const [spacing, sigma] = numbers(await region.innerText(), /spacing ([\d.]+) ± ([\d.]+) px/);
+  const meter = Number(await page.locator("#spacing").innerText());
+  assert(Math.abs(spacing - meter) < 5 * sigma + 0.02, `the region says ${spacing}, the meter ${meter}`);
+
+  // Drawn by a drag, whichever way, and moved and resized by keys.
+  const canvas = page.locator("#live");
+  await canvas.scrollIntoViewIfNeeded();
+  const box = await canvas.boundingBox();
+  const at = (x, y) => [box.x + x * box.width, box.y + y * box.height];
+  await page.mouse.move(...at(0.8, 0.7));
+  await page.mouse.down();
+  await page.mouse.move(...at(0.3, 0.2), { steps: 3 });
+  await page.mouse.up();
+  await until(async () => (await place())[2] < 200, "a drag draws no region");
+  const drag = await place();
+  const frame = await page.evaluate(async () => {
+    const { width, height } = await createImageBitmap(await (await fetch("/api/v1/frame.png")).blob());
+    return { width, height };
+  });
+  assert(Math.abs(drag[0] - 0.5 * frame.width) <= 3 && Math.abs(drag[2] - 0.3 * frame.width) <= 3, `${drag}`);
+  await canvas.focus();
+  await page.keyboard.press("ArrowRight");
+  await until(async () => (await place())[2] > drag[2], "an arrow does not move it");
+  await page.keyboard.press("Shift+ArrowDown");
+  await until(async () => (await place())[1] > drag[1], "Shift and an arrow do not resize it");
+  await photograph(page, "measuring");
+  await darken(page, "measuring");
+
+  const kept = async (name) => {
+    const [download] = await Promise.all([
+      page.waitForEvent("download"),
+      picture.getByRole("button", { name }).click(),
+    ]);
+    const path = `${shots}/${name.toLowerCase().replaceAll(" ", "-")}.png`;
+    await download.saveAs(path);
+    return { name: download.suggestedFilename(), path, bytes: readFileSync(path) };
+  };
+  const snapshot = await kept("Snapshot");
+  assert.match(snapshot.name, /^plenalign-\d{8}T\d{6}\.\d{3}Z-frame-\d+-simulated(-preview)?-view\.png$/);
+  const seen = await page.evaluate(async (base64) => {
+    const bitmap = await createImageBitmap(await (await fetch(`data:image/png;base64,${base64}`)).blob());
+    const context = new OffscreenCanvas(bitmap.width, bitmap.height).getContext("2d");
+    context.drawImage(bitmap, 0, 0);
+    const { data } = context.getImageData(0, 0, bitmap.width, bitmap.height);
+    const live = document.querySelector("#live");
+    let marked = 0;
+    for (let i = 0; i < data.length; i += 4) if (data[i] - data[i + 2] > 100) marked += 1;
+    return { width: bitmap.width, height: bitmap.height, marked, view: [live.width, live.height] };
+  }, snapshot.bytes.toString("base64"));
+  assert(seen.width <= seen.view[0] && seen.height <= seen.view[1] && seen.width > 200, JSON.stringify(seen));
+  assert(seen.marked > 500, "neither marks nor stamp are in the snapshot");
+
+  const raw = await kept("Raw frame file");
+  assert.match(raw.name, /^plenalign-\d{8}T\d{6}\.\d{3}Z-frame-\d+-simulated(-preview)?-raw\.png$/);
+  const header = { width: raw.bytes.readUInt32BE(16), height: raw.bytes.readUInt32BE(20) };
+  assert.deepEqual(header, frame);
+
+  await picture.getByRole("button", { name: "Distance" }).click();
+  await region.waitFor({ state: "detached" });
+  await page.mouse.move(...at(0.25, 0.5));
+  await page.mouse.down();
+  await page.mouse.move(...at(0.75, 0.5), { steps: 3 });
+  await page.mouse.up();
+  const distance = page.locator("#distance", { hasText: /Distance [\d.]+ px\s*[\d.]+ micro-images/ });
+  await distance.waitFor();
+  const [px, lenses] = await until(async () => {
+    const found = numbers(await distance.innerText(), /Distance ([\d.]+) px\s+([\d.]+) micro-images/);
+    return Math.abs(found[0] - 0.5 * frame.width) <= 3 && found;
+  }, "a drag draws no distance");
+  assert(px / lenses > 25 && px / lenses < 35, `micro-images of ${px / lenses} px`);
+  await canvas.focus();
+  await page.keyboard.press("Escape");
+  await distance.waitFor({ state: "detached" });
+  await picture.getByRole("button", { name: "Crosshair" }).click();
+
+  await picture.getByRole("button", { name: "Large" }).click();
+  await page.locator(".picture[data-large=true][data-state=fresh]").waitFor();
+  assert.equal(await page.locator(".meter").count(), 0);
+  assert(await page.locator("#stop").isVisible(), "no STOP beside the large picture");
+  await drawn(page);
+  await page.screenshot({ path: `${shots}/large.png` });
+  await picture.getByRole("button", { name: "Large" }).click();
+  await page.locator(".meter").waitFor();
+  await page.locator(".picture[data-large=false][data-state=fresh]").waitFor();
 }

@@ -98,7 +98,10 @@ function heed(): void {
   eyepiece.showOverlays(overlays);
   eyepiece.want(
     wishOf(lookedAt(route, document.visibilityState === "visible"), {
-      overlay: overlays.some((overlay) => overlay !== "saturation"),
+      // Of a region the spacing is told, too.
+      overlay:
+        overlays.some((overlay) => overlay !== "saturation") ||
+        (preferences.show === "raw" && eyepiece.marking.marks.region !== null),
       show: preferences.show,
     }),
   );
@@ -216,7 +219,10 @@ async function begin(): Promise<void> {
   await identify();
 }
 
-eyepiece.start(receiveReport, () => cadence.due(SOON_MS));
+eyepiece.start(receiveReport, () => {
+  heed();
+  cadence.due(SOON_MS);
+});
 document.addEventListener("visibilitychange", heed);
 watchJog((problem) => update({ problem }));
 watchStopKey(

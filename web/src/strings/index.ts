@@ -7,6 +7,7 @@ import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
+import { measuring } from "./measuring";
 import { meterPage } from "./meter-page";
 import { plan } from "./plan";
 import { settings } from "./settings";
@@ -19,6 +20,7 @@ export const strings = {
   picture,
   meter,
   meterPage,
+  measuring,
   charts,
   lease,
   axis,
