@@ -26,6 +26,8 @@ export default defineConfig({
     rollupOptions: { output: { entryFileNames: "assets/[name].js" } },
   },
   server: {
+    // The glossary is the documentation's.
+    fs: { allow: [".."] },
     proxy: {
       "/api": { target: daemon, changeOrigin: true, ws: true, headers: { origin: daemon } },
       "/healthz": daemon,

@@ -15,7 +15,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
-import { chartsBack, measured, meterAlone } from "./looking.mjs";
+import { chartsBack, explained, measured, meterAlone } from "./looking.mjs";
 import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
@@ -278,6 +278,9 @@ try {
 
   step("a region and a distance are measured in the picture, and the picture and the raw frame are kept");
   await measured(page);
+
+  step("words of the field are explained where they stand, in the glossary's words");
+  await explained(page);
 
   step(
     "a job that ended early says what still holds, and how long the rest would take by what the last one took",

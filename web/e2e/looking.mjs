@@ -203,3 +203,59 @@ export async function measured(page) {
   await page.locator(".meter").waitFor();
   await page.locator(".picture[data-large=false][data-state=fresh]").waitFor();
 }
+
+/** Words of the field are explained where they stand, in the glossary's words, to pointer, keyboard and finger. */
+export async function explained(page) {
+  const glossary = readFileSync("../docs/glossary.md", "utf8").replaceAll("`", "");
+  const tip = page.locator("[role=tooltip]");
+  const known = async (symbol) => {
+    const row = glossary.split("\n").find((line) => line.split("|")[2]?.trim() === symbol);
+    const meaning = row.split("|")[4].trim();
+    await tip.filter({ hasText: meaning }).waitFor();
+  };
+  const word = (within, name) => page.locator(within).getByRole("button", { name, exact: true }).first();
+
+  const eog = word(".charts", "EOG");
+  await eog.evaluate((element) => element.scrollIntoView({ block: "center" }));
+  await drawn(page);
+  await eog.hover();
+  await known("EOG");
+  await accessible(page);
+  await page.mouse.move(0, 0);
+  await tip.waitFor({ state: "detached" });
+
+  await word(".axes", "e").focus();
+  await page.keyboard.press("Shift+Tab");
+  await page.keyboard.press("Tab");
+  await known("e");
+  await page.keyboard.press("Escape");
+  await tip.waitFor({ state: "detached" });
+  await page.keyboard.press("Enter");
+  await known("e");
+  await page.keyboard.press("Enter");
+  await tip.waitFor({ state: "detached" });
+
+  await page.locator("nav a", { hasText: "Alignment" }).click();
+  await page.locator("#kind").selectOption("l_bound_measurement");
+  await page.locator(".start").getByRole("button", { name: "l_bound", exact: true }).click();
+  await known("l_bound");
+  await page.setViewportSize({ width: 360, height: 740 });
+  await drawn(page);
+  const box = await tip.boundingBox();
+  assert(box.x >= 0 && box.x + box.width <= 360, JSON.stringify(box));
+  await page.screenshot({ path: `${shots}/explained-360.png` });
+  await page.setViewportSize({ width: 1024, height: 900 });
+  await page.locator("h1").click();
+  await tip.waitFor({ state: "detached" });
+  await page.locator(".start").getByRole("button", { name: "e", exact: true }).click();
+  await known("e");
+  await page.screenshot({ path: `${shots}/explained.png` });
+  await page.keyboard.press("Escape");
+  await page.locator("#kind").selectOption("joint_alignment");
+  await page.locator("nav a", { hasText: "Design" }).click();
+  await word("main", "Δv").click();
+  await known("Δv");
+  await page.keyboard.press("Escape");
+  await page.locator("nav a", { hasText: "Live" }).click();
+  await page.locator("main[data-page=live]").waitFor();
+}

@@ -142,7 +142,6 @@ export const charts = {
   target: "target, px",
   targetAndBand: "target, ± 2 σ",
   eog: "EOG per pixel",
-  eogMore: "Energy of gradient of the central view: the sharper, the larger",
   focus: (unit: string) => `focus axis, ${unit}`,
   e: (unit: string) => `e axis, ${unit}`,
   axes: (focus: string, e: string) => `${focus}, ${e}`,

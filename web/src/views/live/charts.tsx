@@ -7,6 +7,7 @@ import { inUnit, type LengthUnit } from "../../units";
 import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Scene } from "../scene";
+import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { useChartGestures } from "./chart-gestures";
 import { base, timeOfDay, type Shown } from "./time-axis";
@@ -213,8 +214,10 @@ export function Charts({ state, now }: Scene) {
           {empty(spacings) && <p class="chart-none">{none}</p>}
         </div>
         <div>
-          <p class="facts key" title={words.eogMore}>
-            <LineKey of="accent">{words.eog}</LineKey>
+          <p class="facts key">
+            <LineKey of="accent">
+              <Explained text={words.eog} />
+            </LineKey>
           </p>
           <Plot label={words.eog} height={HEIGHT} data={clarities} options={made.clarity} />
           {empty(clarities) && <p class="chart-none">{none}</p>}
@@ -222,7 +225,9 @@ export function Charts({ state, now }: Scene) {
         <div>
           <p class="facts key">
             <LineKey of="accent">{words.focus(unit)}</LineKey>
-            <LineKey of="second">{words.e(unit)}</LineKey>
+            <LineKey of="second">
+              <Explained text={words.e(unit)} />
+            </LineKey>
           </p>
           <Plot
             key={unit}

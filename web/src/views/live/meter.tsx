@@ -7,6 +7,7 @@ import { jobUnderWay, may } from "../../state";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
 import type { Scene } from "../scene";
+import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
@@ -84,8 +85,12 @@ export function Meter(given: Scene) {
       )}
       {!missing && now && wanted && (
         <p class="advice">
-          <b>{words}.</b> {wanted.main}
-          {wanted.other && <small>{strings.meter.otherwise(wanted.other)}</small>}
+          <b>{words}.</b> <Explained text={wanted.main} />
+          {wanted.other && (
+            <small>
+              <Explained text={strings.meter.otherwise(wanted.other)} />
+            </small>
+          )}
         </p>
       )}
       <div class="meter-more">
