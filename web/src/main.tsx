@@ -6,6 +6,7 @@ import { awake } from "./awake";
 import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
 import { keyOfAddress } from "./confirm-key";
 import { eyepiece } from "./eyepiece";
+import { install } from "./install";
 import { jog, watchJog } from "./jogging";
 import { needle } from "./needle";
 import { keep, recall } from "./preferences";
@@ -230,6 +231,7 @@ watchStopKey(
   () => state.session !== "stranger",
   () => void stop(update, newest),
 );
+install.watch(() => cadence.due(SOON_MS));
 watchToneKey(() => update({ tone: !state.tone }));
 // Its secret is shown only now: a reload would lose it.
 window.addEventListener("beforeunload", (event) => state.made && event.preventDefault());

@@ -5,6 +5,7 @@ import { design } from "./design";
 import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
+import { install } from "./install";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
 import { measuring } from "./measuring";
@@ -35,6 +36,7 @@ export const strings = {
   wayOn,
   history,
   settings,
+  install,
   faults,
   design,
 };

@@ -1,5 +1,6 @@
 import { useLayoutEffect, useState } from "preact/hooks";
 import { awake } from "../../awake";
+import { install } from "../../install";
 import { choosable, SPACE } from "../../stop-key";
 import { strings } from "../../strings";
 import { UNITS } from "../../units";
@@ -57,6 +58,16 @@ export function Preferences({ state, update }: Scene) {
         >
           {strings.settings.awakeOn}
         </Toggle>
+      </p>
+      <p class="row" id="install" data-state={install.state}>
+        <span>
+          {strings.install.title} <small class="quiet">{strings.install.more[install.state]}</small>
+        </span>
+        {install.state === "offered" && (
+          <button type="button" onClick={() => void install.ask().then(() => set({}))}>
+            {strings.install.install}
+          </button>
+        )}
       </p>
       <ChooseKey
         name={preferences.stopKey.name}
