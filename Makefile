@@ -57,7 +57,7 @@ bench:
 # The page, embedded in the binary. Rebuilt only when its sources have changed.
 web: web/dist/index.html
 
-web/dist/index.html: $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
+web/dist/index.html: docs/glossary.md $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
 	@echo "building the page"
 	@cd web && npm ci --loglevel=error --no-audit --no-fund && npm run --silent build
 	@touch $@

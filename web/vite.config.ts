@@ -11,21 +11,23 @@ export default defineConfig({
     target: "es2022",
     // The browser of the API's contract, which the page itself has no part of.
     chunkSizeWarningLimit: 2000,
-    // Plain names: the daemon answers with an ETag, and embeds files by name.
+    // What a file holds is in its name, by which a browser keeps it for good; the pages themselves are asked for each time.
     rollupOptions: {
       input: { index: "index.html", docs: "docs.html" },
       output: {
-        entryFileNames: "assets/[name].js",
-        chunkFileNames: "assets/[name].js",
-        assetFileNames: "assets/[name][extname]",
+        entryFileNames: "assets/[name]-[hash].js",
+        chunkFileNames: "assets/[name]-[hash].js",
+        assetFileNames: "assets/[name]-[hash][extname]",
       },
     },
   },
   worker: {
     format: "es",
-    rollupOptions: { output: { entryFileNames: "assets/[name].js" } },
+    rollupOptions: { output: { entryFileNames: "assets/[name]-[hash].js" } },
   },
   server: {
+    // The glossary is the documentation's.
+    fs: { allow: [".."] },
     proxy: {
       "/api": { target: daemon, changeOrigin: true, ws: true, headers: { origin: daemon } },
       "/healthz": daemon,

@@ -22,6 +22,13 @@ const NOTICE: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><
 const CONTENT_SECURITY_POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; \
 style-src 'self' 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
+/// Where the build puts what is named by what it holds: another content has another name.
+const NAMED_BY_CONTENT: &str = "assets/";
+/// For what a name never holds anything else.
+const FOR_GOOD: &str = "public, max-age=31536000, immutable";
+/// For what is to be asked for each time: an old page is not to speak with a new daemon.
+const EACH_TIME: &str = "no-cache";
+
 /// This contract as a page, to be browsed and tried: whoever is signed in sees it.
 #[utoipa::path(
     get, path = "/api/v1/docs", operation_id = "get_docs", tag = "daemon",
@@ -57,7 +64,9 @@ fn file(name: &str, headers: &HeaderMap) -> Option<Response> {
     let body = if known { Default::default() } else { file.data };
     let status = if known { StatusCode::NOT_MODIFIED } else { StatusCode::OK };
     let about = [(header::CONTENT_TYPE, kind.to_string()), (header::ETAG, etag)];
-    Some(dressed((status, about, AppendHeaders(encoding), AppendHeaders([(header::VARY, "accept-encoding")]), body)))
+    let keep = if name.starts_with(NAMED_BY_CONTENT) { FOR_GOOD } else { EACH_TIME };
+    let varies = AppendHeaders([(header::VARY, "accept-encoding")]);
+    Some(dressed((status, about, AppendHeaders(encoding), varies, body), keep))
 }
 
 /// Whether who asks unpacks gzip, which a quality of 0 denies.
@@ -71,13 +80,13 @@ fn takes_gzip(headers: &HeaderMap) -> bool {
 }
 
 fn notice() -> Response {
-    dressed(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], NOTICE))
+    dressed(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], NOTICE), EACH_TIME)
 }
 
-fn dressed(response: impl IntoResponse) -> Response {
+fn dressed(response: impl IntoResponse, keep: &'static str) -> Response {
     let mut response = response.into_response();
     let headers = response.headers_mut();
-    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(keep));
     headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(CONTENT_SECURITY_POLICY));
     response
 }

@@ -59,6 +59,7 @@ mod motion;
 mod no_frame;
 mod older_history;
 mod optics;
+mod page;
 mod plan;
 mod port_spelling;
 mod program;

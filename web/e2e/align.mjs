@@ -15,6 +15,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
+import { chartsBack, explained, measured, meterAlone } from "./looking.mjs";
 import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
@@ -268,6 +269,18 @@ try {
   await field.fill(there.toFixed(3));
   await field.press("Enter");
   await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+
+  step("the meter by itself fills a phone and a wall");
+  await meterAlone(page);
+
+  step("charts are zoomed by wheel, drag, buttons and keys, back to when the page was opened");
+  await chartsBack(page);
+
+  step("a region and a distance are measured in the picture, and the picture and the raw frame are kept");
+  await measured(page);
+
+  step("words of the field are explained where they stand, in the glossary's words");
+  await explained(page);
 
   step(
     "a job that ended early says what still holds, and how long the rest would take by what the last one took",

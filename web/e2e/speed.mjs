@@ -38,9 +38,9 @@ try {
       .filter(({ name, initiatorType }) => initiatorType === "navigation" || /\.(js|css)$/.test(name))
       .map(({ name, encodedBodySize, decodedBodySize }) => ({ name, encodedBodySize, decodedBodySize })),
   );
-  for (const part of ["index.js", "index.css", "viewer-worker.js"]) {
+  for (const part of [/\/index-[\w-]{8}\.js$/, /\/index-[\w-]{8}\.css$/, /\/viewer-worker-[\w-]{8}\.js$/]) {
     assert(
-      loaded.some(({ name }) => name.endsWith(part)),
+      loaded.some(({ name }) => part.test(name)),
       `${part} is not among ${JSON.stringify(loaded)}`,
     );
   }

@@ -163,6 +163,16 @@ try {
   }
   if (found.cameras.length === 0) await page.locator("#no-cameras").waitFor();
 
+  step("the page can be installed as an app");
+  await page.locator("#install:is([data-state=menu], [data-state=offered])").waitFor();
+  const devtools = await page.context().newCDPSession(page);
+  const { errors, url } = await devtools.send("Page.getAppManifest");
+  assert.deepEqual([errors, new URL(url).pathname], [[], "/manifest.webmanifest"]);
+  const { installabilityErrors } = await devtools.send("Page.getInstallabilityErrors");
+  // The tests' browser keeps nothing, and installs nothing.
+  const against = installabilityErrors.map(({ errorId }) => errorId).filter((id) => id !== "in-incognito");
+  assert.deepEqual(against, []);
+
   step("the API's documentation and the audit log are found from the page");
   const records = page.locator(".records");
   const docs = await records.locator("a").getAttribute("href");

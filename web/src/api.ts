@@ -1,6 +1,7 @@
 // Requests to the daemon. Each returns a tagged result, so that every caller has to look at failure.
 
 import { ConfirmKeys } from "./confirm-key";
+import type { About } from "./kept-picture";
 import { LeaseKeeper } from "./lease";
 import { NAMELESS } from "./names";
 import { strings } from "./strings";
@@ -68,9 +69,33 @@ async function exchange<T>(
     const etag = response.headers.get("etag");
     return { ok: true, value: value as T, ...(etag === null ? {} : { etag }) };
   } catch (error) {
-    const detail = error instanceof Error ? error.message : String(error);
-    return { ok: false, problem: { type: "about:blank", title: strings.noAnswer, status: 0, detail } };
+    return { ok: false, problem: unanswered(error) };
   }
+}
+
+/** The newest frame with the camera's own samples, as a PNG, and what its name says. */
+export async function rawFrame(): Promise<Result<{ file: Blob; about: About }>> {
+  try {
+    const response = await fetch("/api/v1/frame.png", { signal: AbortSignal.timeout(TIMEOUT_MS) });
+    if (!response.ok) return { ok: false, problem: (await response.json()) as Problem };
+    const said = (name: string) => response.headers.get(`plenalign-${name}`);
+    const about = {
+      kind: "raw" as const,
+      capturedAt: new Date(said("captured-at") ?? NaN),
+      seq: Number(said("frame-seq")),
+      simulated: said("simulated") === "true",
+      replayed: said("replayed") === "true",
+      preview: said("preview") === "true",
+    };
+    return { ok: true, value: { file: await response.blob(), about } };
+  } catch (error) {
+    return { ok: false, problem: unanswered(error) };
+  }
+}
+
+function unanswered(error: unknown): Problem {
+  const detail = error instanceof Error ? error.message : String(error);
+  return { type: "about:blank", title: strings.noAnswer, status: 0, detail };
 }
 
 function request<T>(method: string, path: string, body?: unknown, key?: string): Promise<Result<T>> {

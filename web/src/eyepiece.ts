@@ -1,7 +1,10 @@
 // What one looks at the picture through: which part of it is seen, how large, and what its pixels are. It is outside the
 // page's state: one zooms and pans faster than the page's text is drawn.
 
+import { Marking, type Seen } from "./marking";
+import type { Place } from "./marks";
 import { Newest } from "./newest";
+import type { Stamps, Taken } from "./painter";
 import type { Overlay } from "./preferences";
 import { Rate } from "./rate";
 import { extent } from "./show";
@@ -18,11 +21,6 @@ export interface Probe {
   grey: number | null;
 }
 
-interface Place {
-  x: number;
-  y: number;
-}
-
 export class Eyepiece {
   private thread: ViewerThread | null = null;
   private canvas: HTMLCanvasElement | null = null;
@@ -34,10 +32,21 @@ export class Eyepiece {
   private overlays: Overlay[] | null = null;
   private map: MapFacts | null = null;
   private share: number | null = null;
+  private snapshots = 0;
+  private readonly taking = new Map<number, (taken: Taken | null) => void>();
+  private changed = () => {};
   private readonly pictures = new Rate();
   private readonly probed = new Newest();
   private readonly asked = new Map<number, (grey: number | null) => void>();
   private probes = 0;
+  /** What is measured in it. */
+  readonly marking = new Marking(
+    () => this.seenRaw(),
+    (marks) => {
+      this.post({ do: "mark", marks });
+      this.changed();
+    },
+  );
   /** How many times what draws was replaced: a canvas serves one of them only. */
   replaced = 0;
 
@@ -47,11 +56,14 @@ export class Eyepiece {
       this.heed(said);
       report(said);
     };
+    this.changed = changed;
     this.thread = new ViewerThread(heed, () => {
       this.replaced += 1;
       this.drawn = this.map = this.share = null;
       for (const answer of this.asked.values()) answer(null);
       this.asked.clear();
+      for (const answer of this.taking.values()) answer(null);
+      this.taking.clear();
       changed();
     });
   }
@@ -85,6 +97,7 @@ export class Eyepiece {
   /** Nothing of it is left for the next one who looks. */
   forget(): void {
     this.drawn = this.map = this.viewport = this.share = null;
+    this.marking.forget();
     this.pictures.forget();
     this.post({ do: "forget" });
     this.look();
@@ -171,6 +184,15 @@ export class Eyepiece {
     if (found) say(found.probe);
   }
 
+  /** What is seen, with what is laid over it, as a PNG; null where nothing is. */
+  snapshot(stamps: Stamps): Promise<Taken | null> {
+    const snapshot = ++this.snapshots;
+    return new Promise((resolve) => {
+      this.taking.set(snapshot, resolve);
+      this.post({ do: "snapshot", snapshot, stamps });
+    });
+  }
+
   private grey(pixel: Place): Promise<number | null> {
     const probe = ++this.probes;
     return new Promise((resolve) => {
@@ -186,6 +208,7 @@ export class Eyepiece {
         const other = this.drawn !== null && this.drawn.facts.show !== report.facts.show;
         const first = this.drawn === null;
         this.drawn = report;
+        if (report.facts.show === "raw") this.marking.keepWithin(extent(report.facts, report.size));
         // Places count otherwise in it.
         if (other) this.viewport = null;
         if (other || first) this.look();
@@ -196,6 +219,14 @@ export class Eyepiece {
         return;
       case "saturation":
         this.share = this.overlays?.includes("saturation") ? report.share : null;
+        return;
+      case "region":
+        this.marking.heed(report.facts);
+        this.changed();
+        return;
+      case "snapshot":
+        this.taking.get(report.snapshot)?.(report.taken);
+        this.taking.delete(report.snapshot);
         return;
       case "grey":
         this.asked.get(report.probe)?.(report.grey);
@@ -227,7 +258,20 @@ export class Eyepiece {
     };
   }
 
-  private seen(): { viewport: Viewport; view: Size; frame: Size } | null {
+  /** In CSS pixels; null where no raw frame is shown. */
+  private seenRaw(): Seen | null {
+    const seen = this.drawn?.facts.show === "raw" ? this.seen() : null;
+    if (!seen) return null;
+    const ratio = this.ratio();
+    const { scale, left, top } = seen.viewport;
+    return {
+      viewport: { scale: scale / ratio, left: left / ratio, top: top / ratio },
+      view: { width: seen.view.width / ratio, height: seen.view.height / ratio },
+      frame: seen.frame,
+    };
+  }
+
+  private seen(): Seen | null {
     const view = this.view();
     if (!view || !this.drawn || view.width === 0 || view.height === 0) return null;
     const frame = extent(this.drawn.facts, this.drawn.size);

@@ -6,6 +6,7 @@ import { awake } from "./awake";
 import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
 import { keyOfAddress } from "./confirm-key";
 import { eyepiece } from "./eyepiece";
+import { install } from "./install";
 import { jog, watchJog } from "./jogging";
 import { needle } from "./needle";
 import { keep, recall } from "./preferences";
@@ -98,7 +99,10 @@ function heed(): void {
   eyepiece.showOverlays(overlays);
   eyepiece.want(
     wishOf(lookedAt(route, document.visibilityState === "visible"), {
-      overlay: overlays.some((overlay) => overlay !== "saturation"),
+      // Of a region the spacing is told, too.
+      overlay:
+        overlays.some((overlay) => overlay !== "saturation") ||
+        (preferences.show === "raw" && eyepiece.marking.marks.region !== null),
       show: preferences.show,
     }),
   );
@@ -216,7 +220,10 @@ async function begin(): Promise<void> {
   await identify();
 }
 
-eyepiece.start(receiveReport, () => cadence.due(SOON_MS));
+eyepiece.start(receiveReport, () => {
+  heed();
+  cadence.due(SOON_MS);
+});
 document.addEventListener("visibilitychange", heed);
 watchJog((problem) => update({ problem }));
 watchStopKey(
@@ -224,6 +231,7 @@ watchStopKey(
   () => state.session !== "stranger",
   () => void stop(update, newest),
 );
+install.watch(() => cadence.due(SOON_MS));
 watchToneKey(() => update({ tone: !state.tone }));
 // Its secret is shown only now: a reload would lose it.
 window.addEventListener("beforeunload", (event) => state.made && event.preventDefault());

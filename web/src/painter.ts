@@ -4,8 +4,11 @@
 import { COARSE, EVERY, partSeen, SINGLE, type Aim } from "./aim";
 import { pairs } from "./field-map";
 import { linesOf, surfaceOf, type Line } from "./field-surface";
+import { noMarks, type Marks } from "./marks";
+import { drawMarks } from "./marks-drawn";
 import { drawError, drawGrid, drawLines, drawPairs, type Context } from "./overlay";
 import type { Overlay } from "./preferences";
+import { covers, RegionWatch, type RegionFacts } from "./region-watch";
 import { SaturationWatch } from "./saturation-watch";
 import { onFrame } from "./screen-frame";
 import { extent } from "./show";
@@ -26,6 +29,18 @@ export interface Look {
   show: Show;
 }
 
+/** What is written on a picture that is kept, where it is so. */
+export interface Stamps {
+  simulated: string;
+  replayed: string;
+}
+
+/** What was seen, and of which frame it is. */
+export interface Taken {
+  file: Blob;
+  facts: PictureFacts;
+}
+
 export class Painter {
   private canvas: Surface | null = null;
   private over: Surface | null = null;
@@ -37,16 +52,19 @@ export class Painter {
   private links: [Lens, Lens][] = [];
   private lines: Line[] = [];
   private overlays: Overlay[] = [];
+  private marks: Marks = noMarks;
   private look: Look | null = null;
   private readonly saturated: SaturationWatch;
+  private readonly region: RegionWatch;
   private due = false;
   private dueOver = false;
   private probing: Context | null = null;
   /** How many times everything was forgotten: what was being decoded then is for nobody. */
   private forgotten = 0;
 
-  /** `saturation` is told the share of the pixels that are saturated; null while nobody asks. */
-  constructor(saturation: (share: number | null) => void) {
+  /** `saturation` is told the share of the pixels that are saturated, `region` what a region says; null while nobody asks. */
+  constructor(saturation: (share: number | null) => void, region: (facts: RegionFacts | null) => void) {
+    this.region = new RegionWatch(region);
     this.saturated = new SaturationWatch(() => {
       saturation(this.saturated.newest?.share ?? null);
       this.soon(true);
@@ -89,6 +107,7 @@ export class Painter {
     if (this.overlays.includes("saturation") && part && hasEvery(part) && isWhole(picture.facts)) {
       this.saturated.look(picture.file, performance.now());
     }
+    if (part && hasEvery(part)) this.region.look(bitmap, part, performance.now());
     this.drawPicture();
     if (other) this.soon(true);
     return { width: bitmap.width, height: bitmap.height };
@@ -100,6 +119,7 @@ export class Painter {
     this.putAway(null);
     this.bitmap = this.facts = this.map = null;
     this.saturated.forget();
+    this.region.measured(null);
     this.links = [];
     this.lines = [];
     this.soon(true);
@@ -111,6 +131,7 @@ export class Painter {
     this.links = pairs(map);
     const surface = surfaceOf(map);
     this.lines = surface ? linesOf(surface) : [];
+    this.region.measured(map);
     this.soon(true);
     return surface?.stepPx ?? null;
   }
@@ -118,6 +139,12 @@ export class Painter {
   showOverlays(overlays: Overlay[]): void {
     this.overlays = overlays;
     if (!overlays.includes("saturation")) this.saturated.forget();
+    this.soon(true);
+  }
+
+  showMarks(marks: Marks): void {
+    this.marks = marks;
+    this.region.of(marks.region, this.map);
     this.soon(true);
   }
 
@@ -137,13 +164,39 @@ export class Painter {
     return one?.getImageData(0, 0, 1, 1).data[0] ?? null;
   }
 
+  /** What is seen, with what is laid over it, as a PNG; null where nothing is shown. */
+  async snapshot(stamps: Stamps): Promise<Taken | null> {
+    const { canvas, over, facts } = this;
+    const seen = this.seen();
+    if (!canvas || !over || !facts || !seen) return null;
+    const { width, height } = seen.frame;
+    const { left, top, scale } = seen.viewport;
+    // What is beside the frame is left out.
+    const [x, y] = [Math.max(0, Math.round(left)), Math.max(0, Math.round(top))];
+    const right = Math.min(seen.view.width, Math.round(left + width * scale));
+    const bottom = Math.min(seen.view.height, Math.round(top + height * scale));
+    // As it is drawn now: what is asked for may be drawn only with the next frame.
+    this.drawPicture();
+    this.drawOver();
+    const file = await fileOf(Math.max(1, right - x), Math.max(1, bottom - y), (context) => {
+      context.drawImage(canvas, -x, -y);
+      context.drawImage(over, -x, -y);
+      const words = [facts.simulated && stamps.simulated, facts.replayed && stamps.replayed];
+      drawStamp(context, words.filter(Boolean).join(" · "), this.look?.ratio ?? 1);
+    });
+    return file && { file, facts };
+  }
+
   /** What is to be sent of the raw frame. */
   aim(): Aim {
     const seen = this.canvas && this.seen();
     if (!seen || this.facts?.show !== "raw") return COARSE;
     // A mean over several pixels does not say whether one of them is saturated.
     if (this.overlays.includes("saturation")) return EVERY;
-    return { viewport: partSeen(seen.viewport, seen.view, seen.frame) };
+    const part = partSeen(seen.viewport, seen.view, seen.frame);
+    // Nor does it say how bright a region is at its brightest.
+    const { region } = this.marks;
+    return region && !(hasEvery(part) && covers(part, region)) ? EVERY : { viewport: part };
   }
 
   /** Puts the picture away: behind the next one, where that is a part of what it shows the whole of. */
@@ -200,6 +253,11 @@ export class Painter {
     context.setTransform(scale, 0, 0, scale, left + scale / 2, top + scale / 2);
     context.lineWidth = (1.4 * (this.look?.ratio ?? 1)) / scale;
     if (this.overlays.includes("saturation")) this.drawSaturation(context, seen.frame);
+    this.drawMap(context);
+    if (this.facts?.show === "raw") drawMarks(context, this.marks, seen.frame);
+  }
+
+  private drawMap(context: Context): void {
     const map = this.map;
     if (!map) return;
     if (this.overlays.includes("error")) {
@@ -253,4 +311,28 @@ function probe(): Context | null {
     typeof OffscreenCanvas === "undefined" ? document.createElement("canvas") : new OffscreenCanvas(1, 1);
   canvas.width = canvas.height = 1;
   return canvas.getContext("2d", settings) as Context | null;
+}
+
+/** In the picture itself, which goes where no page says it. */
+function drawStamp(context: Context, words: string, ratio: number): void {
+  if (words === "") return;
+  context.font = `700 ${13 * ratio}px system-ui`;
+  const width = context.measureText(words).width;
+  context.fillStyle = "#ffd21f";
+  context.fillRect(0, 0, width + 16 * ratio, 22 * ratio);
+  context.fillStyle = "#000";
+  context.fillText(words, 8 * ratio, 16 * ratio);
+}
+
+/** What is drawn, as a PNG. */
+async function fileOf(width: number, height: number, draw: (context: Context) => void): Promise<Blob | null> {
+  const canvas: Surface =
+    typeof OffscreenCanvas === "undefined" ? document.createElement("canvas") : new OffscreenCanvas(1, 1);
+  canvas.width = width;
+  canvas.height = height;
+  const context = canvas.getContext("2d") as Context | null;
+  if (!context) return null;
+  draw(context);
+  if ("convertToBlob" in canvas) return canvas.convertToBlob({ type: "image/png" });
+  return new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
 }

@@ -1,7 +1,9 @@
 // Which page is seen: it is in the address after the #, so that it can be linked to and gone back to.
 
+/** What has a tab. */
 export const PAGES = ["live", "alignment", "design", "history", "settings"] as const;
-export type Page = (typeof PAGES)[number];
+/** What is in the address, and the meter by itself, which no tab leads to. */
+export type Page = (typeof PAGES)[number] | "meter";
 
 export interface Route {
   page: Page;
@@ -12,7 +14,7 @@ export interface Route {
 /** The page that an address names; the live one where it names none. */
 export function routeOf(hash: string): Route {
   const [name, ...rest] = hash.replace(/^#\/?/, "").split("/");
-  const page = PAGES.find((page) => page === name) ?? "live";
+  const page = ([...PAGES, "meter"] as const).find((page) => page === name) ?? "live";
   return { page, jobs: rest.filter((part) => /^[0-9a-f-]{36}$/.test(part)) };
 }
 

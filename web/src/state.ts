@@ -8,9 +8,12 @@ import { isInAir, setUpAt } from "./set-up";
 import { standard, type Preferences } from "./preferences";
 import { strings } from "./strings";
 import {
+  axesWeight,
+  clarityWeight,
   filled,
   follow,
   noTrail,
+  spacingWeight,
   type AxesPoint,
   type ClarityPoint,
   type SpacingPoint,
@@ -200,6 +203,7 @@ function received(state: State, message: ServerMessage, now: number): State {
           state.clarities,
           pageTime(state, Date.parse(message.measurement.captured_at), now) / 1000,
           message.measurement.eog ?? null,
+          clarityWeight,
         ),
         ...withMeasurement(state, message.measurement, now),
       };
@@ -240,10 +244,12 @@ function withReading(state: State, newest: Reading, sentAt: number) {
     missing: null,
     missingAt: null,
     best: newest.twoBoards ? state.best : best(state.best, newest),
-    spacings: follow(state.spacings, pageTime(state, newest.capturedAt, sentAt) / 1000, {
-      ...single,
-      targetPx,
-    }),
+    spacings: follow(
+      state.spacings,
+      pageTime(state, newest.capturedAt, sentAt) / 1000,
+      { ...single, targetPx },
+      spacingWeight,
+    ),
   };
 }
 
@@ -263,7 +269,7 @@ function withAxes(state: State, bench: Bench, now: number): Trail<AxesPoint> {
     const axis = bench.axes.find((axis) => axis.axis === name);
     return axis?.homed ? (axis.position_mm ?? null) : null;
   };
-  return follow(state.axes, now / 1000, { focusMm: of("focus"), eMm: of("e") });
+  return follow(state.axes, now / 1000, { focusMm: of("focus"), eMm: of("e") }, axesWeight);
 }
 
 /** The state with the last two minutes as the daemon knows them, which came at `now`: a page that was just opened has not

@@ -1,6 +1,8 @@
-// What the rolling charts show: the newest minutes of something, oldest first.
+// What the charts show: the newest minutes of something as it came, and what was before, coarser; oldest first.
 
-/** How far back a trail goes, s. */
+import { noPast, older, until, type Past, type Weigh } from "./past";
+
+/** How far back it is as it came, s. */
 export const SPAN_S = 120;
 /** Points kept at most. */
 const MOST = 1500;
@@ -14,12 +16,19 @@ export interface Trail<Point> {
   /** This page's clock, s. */
   at: number[];
   points: Point[];
+  /** What was before. */
+  past: Past<Point>;
 }
 
-export const noTrail = { at: [], points: [] };
+export const noTrail = { at: [], points: [], past: noPast };
 
-/** The trail with a point more, where it is apart from the others, and without what is too old. */
-export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): Trail<Point> {
+/** The trail with a point more, where it is apart from the others; what is old is of the past. */
+export function follow<Point>(
+  trail: Trail<Point>,
+  atS: number,
+  point: Point,
+  weigh: Weigh<Point>,
+): Trail<Point> {
   const newest = trail.at.at(-1) ?? -Infinity;
   if (atS - newest < APART_S && newest - atS < SET_BACK_S) return trail;
   const oldest = atS - SPAN_S;
@@ -29,11 +38,18 @@ export function follow<Point>(trail: Trail<Point>, atS: number, point: Point): T
   // Where the clock was set back, what is later than now is no more.
   const kept = trail.at.slice(from).filter((at) => at < atS).length;
   const [at, points] = [trail.at.slice(from, from + kept), trail.points.slice(from, from + kept)];
-  return { at: [...at, atS], points: [...points, point] };
+  const past = older(until(trail.past, atS), trail.at.slice(0, from), trail.points.slice(0, from), weigh);
+  return { at: [...at, atS], points: [...points, point], past };
+}
+
+/** All of it. */
+export function whole<Point>({ at, points, past }: Trail<Point>): Pick<Trail<Point>, "at" | "points"> {
+  if (past.at.length === 0) return { at, points };
+  return { at: [...past.at, ...at], points: [...past.points, ...points] };
 }
 
 /** The trail with what is known of it from elsewhere, oldest first: that fills what it lacks before and within. */
-export function filled<Point>(trail: Trail<Point>, known: Trail<Point>): Trail<Point> {
+export function filled<Point>(trail: Trail<Point>, known: Pick<Trail<Point>, "at" | "points">): Trail<Point> {
   const [oldest, newest] = [known.at[0], known.at.at(-1)];
   if (oldest === undefined || newest === undefined) return trail;
   const part = (holds: (atS: number) => boolean) => ({
@@ -44,6 +60,7 @@ export function filled<Point>(trail: Trail<Point>, known: Trail<Point>): Trail<P
   return {
     at: [...before.at, ...known.at, ...after.at],
     points: [...before.points, ...known.points, ...after.points],
+    past: until(trail.past, before.at[0] ?? oldest),
   };
 }
 
@@ -54,6 +71,9 @@ export interface SpacingPoint {
   targetPx: number;
 }
 
+/** What leaps in a spacing is how far it is from its target. */
+export const spacingWeight = ({ spacingPx, targetPx }: SpacingPoint) => spacingPx - targetPx;
+
 /** How clear the picture was: energy of gradient of the central view, mean a pixel; null where no view could be made. */
 export type ClarityPoint = number | null;
 
@@ -62,3 +82,8 @@ export interface AxesPoint {
   focusMm: number | null;
   eMm: number | null;
 }
+
+export const clarityWeight = (point: ClarityPoint) => point;
+/** Either axis's moves change it. */
+export const axesWeight = ({ focusMm, eMm }: AxesPoint) =>
+  focusMm === null && eMm === null ? null : (focusMm ?? 0) + (eMm ?? 0);

@@ -38,8 +38,9 @@ export class ViewerThread {
 
   post(command: Command, transfer: Transferable[] = []): void {
     if (command.do === "open" || command.do === "close") this.standing.set("open", command);
-    if (command.do === "want" || command.do === "overlay" || command.do === "look") {
-      this.standing.set(command.do, command);
+    const { do: kind } = command;
+    if (kind === "want" || kind === "overlay" || kind === "look" || kind === "mark") {
+      this.standing.set(kind, command);
     }
     void this.viewer?.then((viewer) => viewer.obey(command));
     this.worker?.postMessage(command, transfer);

@@ -4,8 +4,10 @@
 import { heard, sentAt, unknown, type Clock } from "./clock";
 import { range } from "./field-map";
 import { Live } from "./live";
-import { Painter, type Look, type Surface } from "./painter";
+import type { Marks } from "./marks";
+import { Painter, type Look, type Stamps, type Surface, type Taken } from "./painter";
 import type { Overlay } from "./preferences";
+import type { RegionFacts } from "./region-watch";
 import { onFrame } from "./screen-frame";
 import type { Link } from "./state";
 import type { Size } from "./viewport";
@@ -21,6 +23,8 @@ export type Command =
   | { do: "detach" }
   | { do: "look"; look: Look }
   | { do: "overlay"; overlays: Overlay[] }
+  | { do: "mark"; marks: Marks }
+  | { do: "snapshot"; snapshot: number; stamps: Stamps }
   | { do: "forget" }
   | { do: "probe"; probe: number; x: number; y: number };
 
@@ -43,6 +47,9 @@ export type Report =
   | { is: "map"; map: MapFacts }
   | { is: "reading"; reading: FrameReading; cameAt: number }
   | { is: "saturation"; share: number | null }
+  | { is: "region"; facts: RegionFacts | null }
+  /** What is seen, as a PNG, and of which frame it is; null where nothing is. */
+  | { is: "snapshot"; snapshot: number; taken: Taken | null }
   | { is: "grey"; probe: number; grey: number | null };
 
 const ALIVE_MS = 1000;
@@ -53,7 +60,10 @@ export class Viewer {
   private clock: Clock = unknown;
 
   constructor(private readonly report: (report: Report) => void) {
-    this.painter = new Painter((share) => report({ is: "saturation", share }));
+    this.painter = new Painter(
+      (share) => report({ is: "saturation", share }),
+      (facts) => report({ is: "region", facts }),
+    );
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
       link: (link, nextAt) => report({ is: "link", link, nextAt }),
@@ -109,6 +119,12 @@ export class Viewer {
         return this.painter.lookAt(command.look);
       case "overlay":
         return this.painter.showOverlays(command.overlays);
+      case "mark":
+        return this.painter.showMarks(command.marks);
+      case "snapshot":
+        return void this.painter
+          .snapshot(command.stamps)
+          .then((taken) => this.report({ is: "snapshot", snapshot: command.snapshot, taken }));
       case "forget":
         return this.painter.forget();
       case "probe": {

@@ -27,7 +27,8 @@ export function sameWish(one: Wish, other: Wish): boolean {
 export function lookedAt(route: Route, visible: boolean): "picture" | "meter" | null {
   if (!visible) return null;
   if (route.page === "live") return "picture";
-  return route.page === "alignment" && route.jobs.length === 0 ? "meter" : null;
+  const meter = route.page === "meter" || (route.page === "alignment" && route.jobs.length === 0);
+  return meter ? "meter" : null;
 }
 
 /** What is wished for by who looks at a picture, or at the meter alone. */

@@ -15,6 +15,7 @@ const id = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 describe("the address", () => {
   it("names a page and its jobs, and the live page where it names none", () => {
     expect(routeOf("#/history/" + id)).toEqual({ page: "history", jobs: [id] });
+    expect(routeOf(addressOf("meter"))).toEqual({ page: "meter", jobs: [] });
     expect(routeOf(addressOf("alignment", id))).toEqual({ page: "alignment", jobs: [id] });
     for (const hash of ["", "#", "#/", "#/nowhere"])
       expect(routeOf(hash)).toEqual({ page: "live", jobs: [] });
@@ -82,25 +83,26 @@ describe("what the page wishes for", () => {
   });
 
   it("is no picture where the meter stands alone", () => {
-    expect(wish("#/alignment")).toEqual({ readings: true, pictures: false, overlay: false, show: "raw" });
+    for (const page of ["#/alignment", "#/meter"])
+      expect(wish(page)).toEqual({ readings: true, pictures: false, overlay: false, show: "raw" });
   });
 });
 
 describe("a trail", () => {
   it("goes back as far however many points come, and leaves out those that no chart shows apart", () => {
     let trail: Trail<number> = noTrail;
-    for (let i = 0; i < 60 * 300; i += 1) trail = follow(trail, i / 60, i);
+    for (let i = 0; i < 60 * 300; i += 1) trail = follow(trail, i / 60, i, (point) => point);
     expect(trail.at.length).toBeLessThanOrEqual(1500);
     expect((trail.at.at(-1) ?? 0) - (trail.at[0] ?? 0)).toBeGreaterThan(SPAN_S - 1);
-    expect(follow(trail, 300.001, 7).at.at(-1)).toBeGreaterThan(299.9);
+    expect(follow(trail, 300.001, 7, (point) => point).at.at(-1)).toBeGreaterThan(299.9);
   });
 
   it("forgets what is too old, and is bounded", () => {
     let trail: Trail<number> = noTrail;
-    for (let second = 0; second < 300; second += 1) trail = follow(trail, second, second);
+    for (let second = 0; second < 300; second += 1) trail = follow(trail, second, second, (point) => point);
     expect(trail.points[0]).toBe(299 - SPAN_S);
     expect(trail.points.at(-1)).toBe(299);
-    for (let i = 0; i < 5000; i += 1) trail = follow(trail, 300 + i / 1000, i);
+    for (let i = 0; i < 5000; i += 1) trail = follow(trail, 300 + i / 1000, i, (point) => point);
     expect(trail.at.length).toBeLessThanOrEqual(1500);
     expect(trail.at).toHaveLength(trail.points.length);
   });

@@ -15,9 +15,10 @@ const PHRASE = /^(?!\().*\p{L}{2}[,.;:!?…]? \p{L}{2}/su;
 const UNIT = /^(°|\s?(mm|µm|px|ms|s|min|h)\b)/;
 const SPELLS_UNITS = /\/(units|format)\.ts$/;
 
-/** Whether what is spelt is for the program: a class of CSS, or why it fails for whoever mends it. */
+/** Whether what is spelt is for the program: a class of CSS, a font, or why it fails for whoever mends it. */
 function isAside(node: ts.Node): boolean {
   if (ts.isJsxAttribute(node)) return node.name.getText() === "class";
+  if (ts.isBinaryExpression(node) && node.left.getText().endsWith(".font")) return true;
   return ts.isNewExpression(node) && node.expression.getText() === "Error";
 }
 

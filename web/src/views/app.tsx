@@ -9,6 +9,7 @@ import { DesignPage } from "./design/page";
 import { HistoryPage } from "./history/page";
 import { AlignmentPage } from "./job/page";
 import { LivePage } from "./live/page";
+import { MeterPage } from "./meter/page";
 import { ProblemLine } from "./problem";
 import type { Act, Scene } from "./scene";
 import { Secret } from "./secret";
@@ -31,6 +32,7 @@ const VIEWS = {
   design: DesignPage,
   history: HistoryPage,
   settings: SettingsPage,
+  meter: MeterPage,
 } as const;
 
 export function App({ state, newest, now, update, enter, leave, makeToken }: Props) {
@@ -68,7 +70,7 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
   return (
     <>
       <Header {...scene} leave={() => void leave()} />
-      <AskName {...scene} />
+      {state.route.page !== "meter" && <AskName {...scene} />}
       <main id="content" tabIndex={-1} data-link={state.link} data-page={state.route.page}>
         <View {...scene} />
       </main>

@@ -14,8 +14,9 @@ import { Stop, StopNotices } from "./stop";
 export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
   const { state, update } = scene;
   const bench = state.bench;
+  const alone = state.route.page === "meter";
   return (
-    <header>
+    <header data-alone={alone}>
       <a class="skip" href="#content" onClick={(event) => skip(event)}>
         {strings.skip}
       </a>
@@ -31,19 +32,27 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
       )}
       <div class="bar">
         <h1>{strings.title}</h1>
-        <nav aria-label={strings.pagesLabel}>
-          {PAGES.map((page) => (
-            <a
-              key={page}
-              href={addressOf(page)}
-              aria-current={state.route.page === page ? "page" : undefined}
-            >
-              {strings.pages[page]}
-            </a>
-          ))}
-        </nav>
-        <Lease {...scene} />
-        {state.session && state.session !== "stranger" && <Who session={state.session} leave={leave} />}
+        {alone ? (
+          <nav aria-label={strings.pagesLabel}>
+            <a href={addressOf("live")}>{strings.meterPage.back}</a>
+          </nav>
+        ) : (
+          <nav aria-label={strings.pagesLabel}>
+            {PAGES.map((page) => (
+              <a
+                key={page}
+                href={addressOf(page)}
+                aria-current={state.route.page === page ? "page" : undefined}
+              >
+                {strings.pages[page]}
+              </a>
+            ))}
+          </nav>
+        )}
+        {!alone && <Lease {...scene} />}
+        {!alone && state.session && state.session !== "stranger" && (
+          <Who session={state.session} leave={leave} />
+        )}
         <Stop {...scene} />
       </div>
       {state.link !== "open" && (

@@ -34,6 +34,7 @@ export const frame: typeof en.frame = {
     design: "Auslegung",
     history: "Verlauf",
     settings: "Einstellungen",
+    meter: "Fokus",
   },
 };
 

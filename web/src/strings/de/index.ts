@@ -6,8 +6,11 @@ import { design } from "./design";
 import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
+import { install } from "./install";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
+import { measuring } from "./measuring";
+import { meterPage } from "./meter-page";
 import { plan } from "./plan";
 import { prompt } from "./prompts";
 import { settings } from "./settings";
@@ -19,6 +22,8 @@ export const strings: typeof english = {
   signIn,
   picture,
   meter,
+  meterPage,
+  measuring,
   charts,
   lease,
   axis,
@@ -34,6 +39,7 @@ export const strings: typeof english = {
   wayOn,
   history,
   settings,
+  install,
   faults,
   design,
 };

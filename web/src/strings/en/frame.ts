@@ -35,6 +35,7 @@ export const frame = {
     design: "Design",
     history: "History",
     settings: "Settings",
+    meter: "Focus",
   } satisfies Record<Page, string>,
 };
 

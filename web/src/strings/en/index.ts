@@ -5,8 +5,11 @@ import { design } from "./design";
 import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
+import { install } from "./install";
 import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
+import { measuring } from "./measuring";
+import { meterPage } from "./meter-page";
 import { plan } from "./plan";
 import { prompt } from "./prompts";
 import { settings } from "./settings";
@@ -18,6 +21,8 @@ export const strings = {
   signIn,
   picture,
   meter,
+  meterPage,
+  measuring,
   charts,
   lease,
   axis,
@@ -33,6 +38,7 @@ export const strings = {
   wayOn,
   history,
   settings,
+  install,
   faults,
   design,
 };

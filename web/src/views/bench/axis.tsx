@@ -2,6 +2,7 @@ import { strings } from "../../strings";
 import { along, axisScale } from "../../travel";
 import { length, reworded, type LengthUnit } from "../../units";
 import type { Axis, Bench } from "../../wire";
+import { Explained } from "../term";
 
 interface Props {
   bench: Bench;
@@ -20,7 +21,9 @@ export function AxisScale({ bench, axis, unit }: Props) {
   return (
     <>
       <h3>
-        {name}
+        <span>
+          <Explained text={name} />
+        </span>
         <span class="tags">
           {!axis.connected && <span class="tag bad">{strings.axis.disconnected}</span>}
           {axis.connected && !axis.homed && <span class="tag bad">{strings.axis.notHomed}</span>}

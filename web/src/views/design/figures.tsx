@@ -3,6 +3,7 @@ import { fixed } from "../../format";
 import { strings } from "../../strings";
 import { length, pixels, reworded, signedLength, type LengthUnit } from "../../units";
 import type { Draft, DraftState } from "../../wire";
+import { Explained } from "../term";
 
 /** Another camera, to be compared with. */
 export interface Other {
@@ -85,7 +86,9 @@ export function Figures({ draft, other, unit }: Props) {
           <tbody>
             {rows(unit).map(([name, of]) => (
               <tr key={name}>
-                <th scope="row">{name}</th>
+                <th scope="row">
+                  <Explained text={name} />
+                </th>
                 {draft.states.map((state) => {
                   const its = other && named(other.draft, state.state);
                   return (
@@ -139,7 +142,9 @@ function Rest({ draft, unit }: Omit<Props, "other">) {
       <dl class="rest">
         {rows.map(([name, value]) => (
           <div key={name}>
-            <dt>{name}</dt>
+            <dt>
+              <Explained text={name} />
+            </dt>
             <dd>{value}</dd>
           </div>
         ))}

@@ -2,6 +2,7 @@ import { degrees } from "../../draft";
 import { strings } from "../../strings";
 import { length, signedLength, type LengthUnit } from "../../units";
 import type { Draft } from "../../wire";
+import { Explained } from "../term";
 
 interface Props {
   draft: Draft;
@@ -33,7 +34,9 @@ export function Summary({ draft, unit, stale, results }: Props) {
       <dl>
         {figures.map(([name, value]) => (
           <div key={name}>
-            <dt>{name}</dt>
+            <dt>
+              <Explained text={name} />
+            </dt>
             <dd>{value}</dd>
           </div>
         ))}

@@ -2,6 +2,7 @@ import { fixed } from "../../format";
 import { strings } from "../../strings";
 import { bare, reworded, type LengthUnit } from "../../units";
 import type { Budget } from "../../wire";
+import { Explained } from "../term";
 
 /** What an alignment's figures are uncertain by, part by part, and whether that is good enough. */
 export function BudgetTable({ budget, unit }: { budget: Budget; unit: LengthUnit }) {
@@ -29,7 +30,7 @@ export function BudgetTable({ budget, unit }: { budget: Budget; unit: LengthUnit
               <tr>
                 {words.heads(unit).map((head) => (
                   <th key={head} scope="col">
-                    {head}
+                    <Explained text={head} />
                   </th>
                 ))}
               </tr>

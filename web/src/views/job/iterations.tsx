@@ -2,6 +2,7 @@ import { clock, fixed, withSigma } from "../../format";
 import { strings } from "../../strings";
 import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
 import type { Iteration, Job } from "../../wire";
+import { Explained } from "../term";
 import { Convergence } from "./convergence";
 
 interface Props {
@@ -46,7 +47,7 @@ function Table({ job, unit }: Props) {
                 const text = typeof name === "string" ? name : name(unit);
                 return (
                   <th key={text} scope="col">
-                    {text}
+                    <Explained text={text} />
                   </th>
                 );
               })}

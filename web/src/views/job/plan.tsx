@@ -3,6 +3,7 @@ import * as api from "../../api";
 import { strings } from "../../strings";
 import { length, pixels, type LengthUnit } from "../../units";
 import type { Plan } from "../../wire";
+import { Explained } from "../term";
 
 /** What an alignment would do, and what stands in its way; null until the daemon has said it. */
 export function usePlan(wanted: boolean): Plan | null {
@@ -48,7 +49,11 @@ export function PlanSummary({ plan, unit }: { plan: Plan; unit: LengthUnit }) {
           </li>
         ))}
       </ol>
-      <p>{strings.plan.mounted(length(plan.mount_e_mm, unit, 1), pixels(plan.mount_spacing_px, 2))}</p>
+      <p>
+        <Explained
+          text={strings.plan.mounted(length(plan.mount_e_mm, unit, 1), pixels(plan.mount_spacing_px, 2))}
+        />
+      </p>
       <p>
         {strings.plan.expected(
           pixels(plan.spacing_sigma_px, 4),

@@ -17,6 +17,7 @@ import { strings } from "../../strings";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Scene } from "../scene";
+import { Explained } from "../term";
 import { PlanSummary, usePlan } from "./plan";
 import { Choice, Toggle } from "../toggle";
 
@@ -78,7 +79,9 @@ export function StartJob({ state, act }: Scene) {
           ))}
         </select>
       </label>
-      <p>{strings.job.meaning[draft.kind]}</p>
+      <p>
+        <Explained text={strings.job.meaning[draft.kind]} />
+      </p>
       <ol class="quiet">
         {strings.job.steps[draft.kind].map((step) => (
           <li key={step}>{step}</li>

@@ -4,6 +4,7 @@ import { best } from "../../reading";
 import { strings } from "../../strings";
 import { length } from "../../units";
 import type { Scene } from "../scene";
+import { Explained } from "../term";
 
 /** Peak hold: the best that was read, and where the axes stood. */
 export function BestHeld({ state, update }: Scene) {
@@ -16,7 +17,9 @@ export function BestHeld({ state, update }: Scene) {
       <p>
         <b>{strings.meter.best(signed(held.differencePx, digits(held.sigmaPx)))}</b>
         <br />
-        <span class="quiet">{strings.meter.bestMore(at(held.focusMm), at(held.eMm))}</span>
+        <span class="quiet">
+          <Explained text={strings.meter.bestMore(at(held.focusMm), at(held.eMm))} />
+        </span>
       </p>
       <button type="button" onClick={anew}>
         {strings.meter.bestReset}

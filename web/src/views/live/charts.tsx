@@ -1,26 +1,21 @@
-import { useMemo } from "preact/hooks";
+import { useMemo, useRef, useState } from "preact/hooks";
 import type uPlot from "uplot";
 import { strings } from "../../strings";
-import { SPAN_S } from "../../trail";
+import { allOf, stretchOf, type Looked } from "../../stretch";
+import { whole, type Trail } from "../../trail";
 import { inUnit, type LengthUnit } from "../../units";
 import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Scene } from "../scene";
+import { Explained } from "../term";
+import { Toggle } from "../toggle";
+import { useChartGestures } from "./chart-gestures";
+import { base, timeOfDay, type Shown } from "./time-axis";
 
 const HEIGHT = 190;
 
-/** Seconds before now, from the left. */
-function base(colours: Theme): Pick<Options, "scales" | "legend" | "cursor"> & { x: uPlot.Axis } {
-  return {
-    scales: { x: { time: false, range: [-SPAN_S, 0] } },
-    legend: { show: false },
-    cursor: { show: true },
-    x: { ...scaleAxis(colours), values: (_plot, ticks) => ticks.map((tick) => strings.charts.ago(-tick)) },
-  };
-}
-
-function spacing(colours: Theme): Options {
-  const { x, ...more } = base(colours);
+function spacing(colours: Theme, shown: () => Shown): Options {
+  const { x, ...more } = base(colours, shown);
   return {
     ...more,
     axes: [x, scaleAxis(colours, strings.charts.spacing)],
@@ -40,8 +35,8 @@ function spacing(colours: Theme): Options {
   };
 }
 
-function clarity(colours: Theme): Options {
-  const { x, ...more } = base(colours);
+function clarity(colours: Theme, shown: () => Shown): Options {
+  const { x, ...more } = base(colours, shown);
   return {
     ...more,
     axes: [x, scaleAxis(colours, strings.charts.eog)],
@@ -57,8 +52,8 @@ function clarity(colours: Theme): Options {
   };
 }
 
-function axes(colours: Theme, unit: LengthUnit): Options {
-  const { x, ...more } = base(colours);
+function axes(colours: Theme, unit: LengthUnit, shown: () => Shown): Options {
+  const { x, ...more } = base(colours, shown);
   return {
     ...more,
     scales: { ...more.scales, focus: {}, e: {} },
@@ -94,66 +89,152 @@ function axes(colours: Theme, unit: LengthUnit): Options {
   };
 }
 
-/** Spacing, clarity and axes over the last two minutes. */
+/** Spacing, clarity and axes over the last two minutes, or whatever of the session is looked at. */
 export function Charts({ state, now }: Scene) {
   const { unit } = state.preferences;
+  const [looked, look] = useState<Looked>("recent");
   const second = Math.round(now / 500) / 2;
+  const trails = [state.spacings, state.clarities, state.axes];
+  const oldest = Math.min(...trails.map(({ at, past }) => past.at[0] ?? at[0] ?? Infinity));
+  const all = allOf(Number.isFinite(oldest) ? oldest : null, second);
+  const { row, on, handles, step, share } = useChartGestures(looked, all, look);
+  const stretch = stretchOf(looked, all);
+  const day = useMemo(() => new Date().setHours(0, 0, 0, 0) / 1000, []);
+  const shown = useRef<Shown>({ from: 0, to: 0, ago: true });
+  shown.current = { from: stretch.from - day, to: stretch.to - day, ago: looked === "recent" };
+  const about = [second, looked, unit, day];
+  // What is not looked at is not drawn.
+  const seen = <Point,>(trail: Trail<Point>) => {
+    const { at, points } = looked === "recent" ? trail : whole(trail);
+    return { at: at.map((time) => time - day), points };
+  };
   const spacings = useMemo((): uPlot.AlignedData => {
-    const { at, points } = state.spacings;
-    const ago = at.map((time) => time - second);
+    const { at, points } = seen(state.spacings);
     const spread = (sign: number) => points.map(({ spacingPx, sigmaPx }) => spacingPx + sign * 2 * sigmaPx);
     return [
-      ago,
+      at,
       spread(-1),
       spread(1),
       points.map(({ targetPx }) => targetPx),
       points.map(({ spacingPx }) => spacingPx),
     ];
-  }, [state.spacings, second]);
-  const clarities = useMemo(
-    (): uPlot.AlignedData => [state.clarities.at.map((time) => time - second), state.clarities.points],
-    [state.clarities, second],
-  );
+  }, [state.spacings, ...about]);
+  const clarities = useMemo((): uPlot.AlignedData => {
+    const { at, points } = seen(state.clarities);
+    return [at, points];
+  }, [state.clarities, ...about]);
   const positions = useMemo((): uPlot.AlignedData => {
-    const { at, points } = state.axes;
-    const shown = (mm: number | null) => (mm === null ? null : inUnit(mm, unit));
-    return [
-      at.map((time) => time - second),
-      points.map((point) => shown(point.focusMm)),
-      points.map((point) => shown(point.eMm)),
-    ];
-  }, [state.axes, second, unit]);
+    const { at, points } = seen(state.axes);
+    const length = (mm: number | null) => (mm === null ? null : inUnit(mm, unit));
+    return [at, points.map((point) => length(point.focusMm)), points.map((point) => length(point.eMm))];
+  }, [state.axes, ...about]);
+  const made = useMemo(() => {
+    const now = () => shown.current;
+    const of: Record<"spacing" | "clarity" | "axes", (colours: Theme) => Options> = {
+      spacing: (colours) => spacing(colours, now),
+      clarity: (colours) => clarity(colours, now),
+      axes: (colours) => axes(colours, unit, now),
+    };
+    return of;
+  }, [unit]);
   const words = strings.charts;
+  const none = looked === "recent" ? words.none : words.noneThen;
+  /** Whether there is nothing of the last curve in what is looked at. */
+  const empty = ([at, ...curves]: uPlot.AlignedData) => {
+    const { from, to } = shown.current;
+    const curve = curves.at(-1);
+    return !at.some((time, index) => time >= from && time <= to && typeof curve?.[index] === "number");
+  };
   return (
     <section class="card charts" aria-label={words.title}>
-      <h2>{words.title}</h2>
-      <div class="chart-row">
+      <div class="row charts-head">
+        <h2 id="charts-time">
+          {looked === "recent"
+            ? words.title
+            : looked === "whole"
+              ? words.wholeTitle
+              : words.stretch(timeOfDay(stretch.from - day, 1), timeOfDay(stretch.to - day, 1))}
+        </h2>
+        <span class="choice" role="group" aria-label={words.time}>
+          <button
+            type="button"
+            aria-label={words.earlier}
+            title={words.earlier}
+            onClick={() => handles.move(-share)}
+          >
+            ◀
+          </button>
+          <button
+            type="button"
+            aria-label={words.later}
+            title={words.later}
+            onClick={() => handles.move(share)}
+          >
+            ▶
+          </button>
+          <button
+            type="button"
+            aria-label={words.longer}
+            title={words.longer}
+            onClick={() => handles.zoom(step)}
+          >
+            −
+          </button>
+          <button
+            type="button"
+            aria-label={words.shorter}
+            title={words.shorter}
+            onClick={() => handles.zoom(1 / step)}
+          >
+            +
+          </button>
+          <Toggle on={looked === "whole"} set={() => look("whole")} title={words.wholeMore}>
+            {words.whole}
+          </Toggle>
+          <Toggle on={looked === "recent"} set={() => look("recent")} title={words.recentMore}>
+            {words.recent}
+          </Toggle>
+        </span>
+      </div>
+      <div
+        ref={row}
+        class="chart-row"
+        tabIndex={0}
+        role="group"
+        aria-label={words.keys}
+        data-looked={typeof looked === "string" ? looked : "stretch"}
+        {...on}
+      >
         <div>
           <p class="facts key">
             <LineKey of="accent">{words.spacing}</LineKey>
             <LineKey of="good">{words.targetAndBand}</LineKey>
           </p>
-          <Plot label={words.spacing} height={HEIGHT} data={spacings} options={spacing} />
-          {state.spacings.at.length === 0 && <p class="chart-none">{words.none}</p>}
+          <Plot label={words.spacing} height={HEIGHT} data={spacings} options={made.spacing} />
+          {empty(spacings) && <p class="chart-none">{none}</p>}
         </div>
         <div>
-          <p class="facts key" title={words.eogMore}>
-            <LineKey of="accent">{words.eog}</LineKey>
+          <p class="facts key">
+            <LineKey of="accent">
+              <Explained text={words.eog} />
+            </LineKey>
           </p>
-          <Plot label={words.eog} height={HEIGHT} data={clarities} options={clarity} />
-          {state.clarities.points.every((eog) => eog === null) && <p class="chart-none">{words.none}</p>}
+          <Plot label={words.eog} height={HEIGHT} data={clarities} options={made.clarity} />
+          {empty(clarities) && <p class="chart-none">{none}</p>}
         </div>
         <div>
           <p class="facts key">
             <LineKey of="accent">{words.focus(unit)}</LineKey>
-            <LineKey of="second">{words.e(unit)}</LineKey>
+            <LineKey of="second">
+              <Explained text={words.e(unit)} />
+            </LineKey>
           </p>
           <Plot
             key={unit}
             label={words.axes(words.focus(unit), words.e(unit))}
             height={HEIGHT}
             data={positions}
-            options={(colours) => axes(colours, unit)}
+            options={made.axes}
           />
         </div>
       </div>

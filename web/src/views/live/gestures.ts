@@ -1,14 +1,20 @@
 import { useEffect, useRef } from "preact/hooks";
 import { eyepiece, type Probe } from "../../eyepiece";
+import type { Place } from "../../marks";
 import { isCombined } from "../../stop-key";
 
 const ZOOM = 1.25;
 const PAN_PX = 60;
+/** What is marked goes by less: it is placed, not looked for. */
+const SHIFT_PX = 6;
 
 /** Wheel, drag, pinch and keys on the picture. */
 export function useGestures(setProbe: (probe: Probe | null) => void) {
   const fingers = useRef(new Map<number, { x: number; y: number }>());
   const element = useRef<HTMLElement | null>(null);
+  const { marking } = eyepiece;
+  /** The pixel where what is being drawn begins. */
+  const begun = useRef<Place | null>(null);
 
   // Not passive, as a listener of the framework's would be: the page is not to scroll meanwhile.
   useEffect(() => {
@@ -32,6 +38,11 @@ export function useGestures(setProbe: (probe: Probe | null) => void) {
     const at = { x: event.offsetX, y: event.offsetY };
     void eyepiece.probe(at, setProbe);
     if (!before) return;
+    if (begun.current && fingers.current.size === 1) {
+      const pixel = marking.pixel(at);
+      if (pixel) marking.draw(begun.current, pixel);
+      return;
+    }
     const was = spread();
     fingers.current.set(event.pointerId, at);
     const is = spread();
@@ -49,10 +60,23 @@ export function useGestures(setProbe: (probe: Probe | null) => void) {
 
   const lift = (event: PointerEvent) => {
     fingers.current.delete(event.pointerId);
+    begun.current = null;
     if (event.pointerType !== "mouse") setProbe(null);
   };
 
   const onKeyDown = (event: KeyboardEvent) => {
+    const toMark: Record<string, [number, number]> = {
+      ArrowLeft: [-SHIFT_PX, 0],
+      ArrowRight: [SHIFT_PX, 0],
+      ArrowUp: [0, -SHIFT_PX],
+      ArrowDown: [0, SHIFT_PX],
+    };
+    const shift = marking.tool === null ? undefined : toMark[event.key];
+    if (shift && !isCombined(event)) {
+      event.preventDefault();
+      return marking.shift(...shift, event.shiftKey);
+    }
+    if (event.key === "Escape" && marking.tool !== null) return marking.use(null);
     const keys: Record<string, () => void> = {
       "+": () => eyepiece.zoom(ZOOM),
       "=": () => eyepiece.zoom(ZOOM),
@@ -73,6 +97,9 @@ export function useGestures(setProbe: (probe: Probe | null) => void) {
     onPointerDown: (event: PointerEvent) => {
       fingers.current.set(event.pointerId, { x: event.offsetX, y: event.offsetY });
       element.current?.setPointerCapture(event.pointerId);
+      // A second finger zooms.
+      const alone = marking.tool !== null && fingers.current.size === 1;
+      begun.current = alone ? marking.pixel({ x: event.offsetX, y: event.offsetY }) : null;
     },
     onPointerMove,
     onPointerUp: lift,
@@ -81,7 +108,7 @@ export function useGestures(setProbe: (probe: Probe | null) => void) {
       lift(event);
       setProbe(null);
     },
-    onDblClick: () => eyepiece.all(),
+    onDblClick: () => marking.tool === null && eyepiece.all(),
     onKeyDown,
   };
 }

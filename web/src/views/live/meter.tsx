@@ -1,61 +1,31 @@
-import { useEffect, useState } from "preact/hooks";
-import { advice, type Moved } from "../../advice";
-import { correction, tilt } from "../../correction";
-import { fixed, signed, span } from "../../format";
-import { steadyDigits } from "../../meter";
+import { tilt } from "../../correction";
+import { fixed, span } from "../../format";
 import { needle } from "../../needle";
-import type { Reading } from "../../reading";
-import { isNews, type Said } from "../../speech";
 import { addressOf } from "../../route";
 import { isBeingSetUp, showsTilt } from "../../set-up";
-import { isMeterOld, jobUnderWay, may, meterAge, type State } from "../../state";
+import { jobUnderWay, may } from "../../state";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
 import type { Scene } from "../scene";
+import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
+import { ARROW, NO_FIGURE, useNewest, useShown } from "./shown";
+import { Spoken } from "./spoken";
 import { TiltArrow, TiltUntold } from "./tilt-arrow";
-
-const ARROW = { larger: "▲", smaller: "▼", there: "✓", unsure: "≈", two_boards: "≠" } as const;
-/** What stands where a figure would. */
-const NO_FIGURE = "–";
-
-/** Whether Δv is set by hand, or e. */
-function moved(state: State): Moved {
-  return state.bench?.shell === "off" ? "delta_v" : "e";
-}
-
-/** The scene as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
-function useNewest(scene: Scene): Scene {
-  const [, draw] = useState({});
-  useEffect(() => needle.follow(() => draw({})), []);
-  return { ...scene, state: scene.newest(), now: Date.now() };
-}
 
 /** The spacing against its target, to be read from two metres. */
 export function Meter(given: Scene) {
   const scene = useNewest(given);
   const { state, now: clock } = scene;
-  const [held] = useState<{ places: number | null }>({ places: null });
-  const { missing } = state;
-  const job = jobUnderWay(state);
-  if (isBeingSetUp(state.bench, job)) return <BeingSetUp />;
+  const shown = useShown(scene);
+  if (isBeingSetUp(state.bench, jobUnderWay(state))) return <BeingSetUp />;
+  const { reading: now, missing, old, ageMs: age, difference, words, wanted } = shown;
   const target = missing ?? state.reading;
   if (!target) return <Nothing {...scene} />;
-  // What was read before it was lost is no reading of what there is now.
-  const now = missing?.is === "lost" ? null : state.reading;
-  const old = isMeterOld(state, clock);
-  const age = meterAge(state, clock);
-  if (now) held.places = steadyDigits(now.sigmaPx, held.places);
-  const difference = now ? signed(now.differencePx, held.places ?? 0) : NO_FIGURE;
-  // What a job moves is up to it: what is shown beside it is no order.
-  const wanted = job
-    ? { main: strings.meter.job, other: null }
-    : now && advice(now, correction(state.design, now), moved(state), state.preferences.unit);
   const lostOverSteps = missing?.is === "lost" && state.bench?.in_view === "stepped_board";
   const leaning = tilt(state.design, state.reading, state.widthPx);
-  const words = now && (now.inFocus ? strings.meter.sharp : strings.meter.words)[now.direction];
   return (
     <section
       class="card meter"
@@ -77,6 +47,7 @@ export function Meter(given: Scene) {
           )}
           {strings.meter.target(fixed(target.targetPx, 4))}
         </span>
+        <Alone />
       </h2>
       <p class="meter-tags">
         <Pace framesLeftOut={state.framesLeftOut} combined={now?.frames ?? 0} />
@@ -114,8 +85,12 @@ export function Meter(given: Scene) {
       )}
       {!missing && now && wanted && (
         <p class="advice">
-          <b>{words}.</b> {wanted.main}
-          {wanted.other && <small>{strings.meter.otherwise(wanted.other)}</small>}
+          <b>{words}.</b> <Explained text={wanted.main} />
+          {wanted.other && (
+            <small>
+              <Explained text={strings.meter.otherwise(wanted.other)} />
+            </small>
+          )}
         </p>
       )}
       <div class="meter-more">
@@ -137,6 +112,15 @@ export function Meter(given: Scene) {
   );
 }
 
+/** The way to the meter by itself. */
+function Alone() {
+  return (
+    <a class="alone-link" href={addressOf("meter")} title={strings.meterPage.openMore}>
+      {strings.meterPage.open}
+    </a>
+  );
+}
+
 /** While somebody sets up another scene, what is read is of none. */
 function BeingSetUp() {
   return (
@@ -155,7 +139,9 @@ function BeingSetUp() {
 function Nothing({ state }: Scene) {
   return (
     <section class="card meter" aria-label={strings.meter.title}>
-      <h2>{strings.meter.title}</h2>
+      <h2>
+        {strings.meter.title} <Alone />
+      </h2>
       <p>{strings.meter.none}</p>
       <p class="quiet">
         {strings.meter.noneMore}{" "}
@@ -175,19 +161,5 @@ function Pace({ framesLeftOut, combined }: { framesLeftOut: number; combined: nu
       {rate > 0 && strings.meter.rate(fixed(rate, 0))}
       {rate > 0 && combined > 1 && ` · ${strings.meter.mean(combined)}`}
     </span>
-  );
-}
-
-/** What a screen reader says, where it is news. */
-function Spoken({ reading, text, now }: { reading: Reading | null; text: string; now: number }) {
-  const [last] = useState<{ said: Said | null; text: string }>({ said: null, text: "" });
-  if (isNews(last.said, reading, now)) {
-    last.said = { differencePx: reading?.differencePx ?? 0, direction: reading?.direction ?? null, at: now };
-    last.text = text;
-  }
-  return (
-    <p class="unseen" id="spoken" aria-live="polite">
-      {last.text}
-    </p>
   );
 }

@@ -1,4 +1,5 @@
-import { useMemo } from "preact/hooks";
+import { useEffect, useMemo, useState } from "preact/hooks";
+import { fullScreen } from "../../full-screen";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
 import type { Scene } from "../scene";
@@ -14,16 +15,18 @@ export function LivePage(scene: Scene) {
   const { state, now } = scene;
   const { picture, pictureAt, pictureOldMs, heardAt, ...more } = state;
   const { reading, readingAt, missing, missingAt, framesLeftOut, best, spacings, clarities, ...rest } = more;
+  const [large, enlarge] = useLarge();
   const beat = Math.round(now / CLOCK_MS);
   const about = [...Object.values(rest), beat, picture?.widthPx];
   const strip = useMemo(() => <JobStrip {...scene} />, about);
   const meter = useMemo(() => <Meter {...scene} />, about);
   const bench = useMemo(() => <Bench {...scene} />, about);
   const charts = useMemo(() => <Charts {...scene} />, [state.preferences.unit, beat]);
+  if (large) return <LivePicture {...scene} {...{ large, enlarge }} />;
   return (
     <div class="live-page">
       <div class="column">
-        <LivePicture {...scene} />
+        <LivePicture {...scene} {...{ large, enlarge }} />
         {strip}
       </div>
       <div class="column">
@@ -33,4 +36,22 @@ export function LivePage(scene: Scene) {
       {charts}
     </div>
   );
+}
+
+/** Whether the picture is alone on the page, on all of the screen where the browser has that. */
+function useLarge(): [boolean, (large: boolean) => void] {
+  const [large, set] = useState(false);
+  useEffect(() => {
+    // Escape gives the screen back.
+    const changed = () => fullScreen.on || set(false);
+    document.addEventListener("fullscreenchange", changed);
+    return () => document.removeEventListener("fullscreenchange", changed);
+  }, []);
+  return [
+    large,
+    (wanted) => {
+      set(wanted);
+      void fullScreen.set(wanted);
+    },
+  ];
 }

@@ -6,21 +6,39 @@ import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
 import { length } from "../../units";
 import type { Scene } from "../scene";
-import { Overlays } from "./overlays";
 import { useGestures } from "./gestures";
+import { Keeping } from "./keeping";
+import { Measured, Measuring } from "./measuring";
+import { Overlays } from "./overlays";
 
-export function LivePicture(scene: Scene) {
+interface Props extends Scene {
+  /** Whether it is alone on the page. */
+  large: boolean;
+  enlarge: (large: boolean) => void;
+}
+
+export function LivePicture(scene: Props) {
   const { state, now } = scene;
+  const { tool } = eyepiece.marking;
   const shown = pictureState(state, now);
   const age = pictureAge(state, now);
   const facts = state.picture;
   const camera = state.bench?.camera;
   return (
-    <section class="card picture" data-state={shown} aria-label={strings.picture.live}>
+    <section
+      class="card picture"
+      data-state={shown}
+      data-large={scene.large}
+      aria-label={strings.picture.live}
+    >
       <div class="frame" style={{ aspectRatio: facts ? `${facts.widthPx} / ${facts.heightPx}` : "1" }}>
         <Canvases
           key={eyepiece.replaced}
-          label={strings.picture.keys(strings.picture.shown[state.preferences.show])}
+          label={
+            tool
+              ? strings.measuring.keys[tool]
+              : strings.picture.keys(strings.picture.shown[state.preferences.show])
+          }
         />
         <span class="stamps">
           {facts?.simulated && <span class="stamp">{strings.simulated}</span>}
@@ -29,7 +47,12 @@ export function LivePicture(scene: Scene) {
         {shown === "none" && <p class="over">{strings.picture.none}</p>}
         {shown === "stale" && age !== null && <p class="over">{strings.picture.stale(span(age))}</p>}
       </div>
+      <Measured {...scene} />
       <Overlays {...scene} />
+      <div class="tools">
+        <Measuring {...scene} />
+        <Keeping {...scene} />
+      </div>
       <p class="facts">
         {facts && age !== null && <span>{strings.picture.frame(facts.seq, fixed(age, 0))}</span>}
         {shown === "fresh" && <span>{strings.picture.rate(fixed(eyepiece.rate, 1))}</span>}
@@ -71,6 +94,7 @@ function Canvases({ label }: { label: string }) {
         role="img"
         aria-label={label}
         data-whole={eyepiece.whole}
+        data-tool={eyepiece.marking.tool}
         {...gestures}
       />
       <canvas ref={over} class="overlay" aria-hidden="true" />

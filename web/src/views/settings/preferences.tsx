@@ -1,5 +1,6 @@
 import { useLayoutEffect, useState } from "preact/hooks";
 import { awake } from "../../awake";
+import { install } from "../../install";
 import { LANGUAGE_CHOICES, type LanguageChoice } from "../../language";
 import { choosable, SPACE, type StopKey } from "../../stop-key";
 import { speak, strings } from "../../strings";
@@ -80,6 +81,16 @@ export function Preferences({ state, newest, update }: Scene) {
         >
           {strings.settings.awakeOn}
         </Toggle>
+      </p>
+      <p class="row" id="install" data-state={install.state}>
+        <span>
+          {strings.install.title} <small class="quiet">{strings.install.more[install.state]}</small>
+        </span>
+        {install.state === "offered" && (
+          <button type="button" onClick={() => void install.ask().then(() => set({}))}>
+            {strings.install.install}
+          </button>
+        )}
       </p>
       <ChooseKey
         stopKey={preferences.stopKey}

@@ -1,0 +1,45 @@
+import * as api from "../../api";
+import { eyepiece } from "../../eyepiece";
+import { nameOf, save } from "../../kept-picture";
+import { strings } from "../../strings";
+import type { Scene } from "../scene";
+import { Toggle } from "../toggle";
+
+interface Props extends Scene {
+  large: boolean;
+  enlarge: (large: boolean) => void;
+}
+
+/** What is kept of the picture, and the picture alone. */
+export function Keeping({ state, act, update, large, enlarge }: Props) {
+  const words = strings.measuring;
+  const snapshot = async () => {
+    const taken = await eyepiece.snapshot({ simulated: strings.simulated, replayed: strings.replay });
+    if (taken) return save(taken.file, nameOf({ ...taken.facts, kind: "view" }));
+    return update({ problem: { type: "about:blank", title: words.nothing, status: 0, detail: "" } });
+  };
+  const raw = async () => {
+    const asked = api.rawFrame();
+    if (!(await act(asked))) return;
+    const got = await asked;
+    if (got.ok) save(got.value.file, nameOf(got.value.about));
+  };
+  return (
+    <span class="choice" role="group" aria-label={words.keep}>
+      <button
+        type="button"
+        title={words.snapshotMore}
+        disabled={!state.picture}
+        onClick={() => void snapshot()}
+      >
+        {words.snapshot}
+      </button>
+      <button type="button" title={words.rawMore} disabled={state.link !== "open"} onClick={() => void raw()}>
+        {words.raw}
+      </button>
+      <Toggle on={large} set={enlarge} title={words.fullMore}>
+        {words.full}
+      </Toggle>
+    </span>
+  );
+}

@@ -1,0 +1,65 @@
+// What the meter says now, however large it is drawn.
+
+import { useEffect, useState } from "preact/hooks";
+import { advice, type Advice, type Moved } from "../../advice";
+import { correction } from "../../correction";
+import { signed } from "../../format";
+import { steadyDigits } from "../../meter";
+import { needle } from "../../needle";
+import type { Missing, Reading } from "../../reading";
+import { isMeterOld, jobUnderWay, meterAge, type State } from "../../state";
+import { strings } from "../../strings";
+import type { Scene } from "../scene";
+
+export const ARROW = { larger: "▲", smaller: "▼", there: "✓", unsure: "≈", two_boards: "≠" } as const;
+/** What stands where a figure would. */
+export const NO_FIGURE = "–";
+
+export interface Shown {
+  /** Null where there is none now. */
+  reading: Reading | null;
+  /** Why there is none of the newest frame. */
+  missing: Missing | null;
+  old: boolean;
+  ageMs: number | null;
+  /** The spacing less its target, or what stands in its place. */
+  difference: string;
+  /** What it is, in words. */
+  words: string | null;
+  /** What is to be done about it. */
+  wanted: Advice | null;
+}
+
+/** Whether Δv is set by hand, or e. */
+function moved(state: State): Moved {
+  return state.bench?.shell === "off" ? "delta_v" : "e";
+}
+
+/** The scene as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
+export function useNewest(scene: Scene): Scene {
+  const [, draw] = useState({});
+  useEffect(() => needle.follow(() => draw({})), []);
+  return { ...scene, state: scene.newest(), now: Date.now() };
+}
+
+/** What the meter says; a figure keeps its number of decimals while its uncertainty only just calls for others. */
+export function useShown({ state, now }: Scene): Shown {
+  const [held] = useState<{ places: number | null }>({ places: null });
+  const { missing } = state;
+  // What was read before it was lost is no reading of what there is now.
+  const reading = missing?.is === "lost" ? null : state.reading;
+  if (reading) held.places = steadyDigits(reading.sigmaPx, held.places);
+  // What a job moves is up to it: what is shown beside it is no order.
+  const wanted = jobUnderWay(state)
+    ? { main: strings.meter.job, other: null }
+    : reading && advice(reading, correction(state.design, reading), moved(state), state.preferences.unit);
+  return {
+    reading,
+    missing,
+    old: isMeterOld(state, now),
+    ageMs: meterAge(state, now),
+    difference: reading ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE,
+    words: reading && (reading.inFocus ? strings.meter.sharp : strings.meter.words)[reading.direction],
+    wanted,
+  };
+}

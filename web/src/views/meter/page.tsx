@@ -1,0 +1,90 @@
+import { fixed, span } from "../../format";
+import { isBeingSetUp } from "../../set-up";
+import { jobUnderWay, turnOf } from "../../state";
+import { addressOf } from "../../route";
+import { strings } from "../../strings";
+import { TONE_KEY } from "../../tone-key";
+import { FullScreen } from "../full-screen";
+import { ARROW, NO_FIGURE, useNewest, useShown } from "../live/shown";
+import { Spoken } from "../live/spoken";
+import type { Scene } from "../scene";
+import { Toggle } from "../toggle";
+
+/** A figure is not to jump in size with its last digit. */
+const LEAST_LETTERS = 7;
+
+/** The meter by itself, to be read from three metres on a phone, and across a room on a screen. */
+export function MeterPage(given: Scene) {
+  const scene = useNewest(given);
+  const { state, now, update } = scene;
+  const shown = useShown(scene);
+  const settingUp = isBeingSetUp(state.bench, jobUnderWay(state));
+  const { missing, old, ageMs, words, wanted } = shown;
+  const reading = settingUp ? null : shown.reading;
+  const figure = settingUp ? NO_FIGURE : missing?.is === "lost" ? strings.meter.lost : shown.difference;
+  const says = settingUp
+    ? { of: strings.meter.beingSetUp, more: strings.meter.beingSetUpMore }
+    : missing
+      ? { of: strings.meter.missing[missing.is], more: missing.why }
+      : reading
+        ? { of: words ?? "", more: wanted?.main ?? "" }
+        : { of: strings.meter.none, more: "" };
+  return (
+    <section
+      class="meter-alone"
+      data-state={settingUp ? "being-set-up" : (missing?.is ?? (reading ? "measured" : "none"))}
+      data-old={old}
+      data-direction={reading?.direction}
+      aria-label={strings.meter.title}
+    >
+      <p class="huge" aria-hidden="true" style={{ "--letters": Math.max(LEAST_LETTERS, figure.length) }}>
+        <span class="glyph">{reading ? ARROW[reading.direction] : "?"}</span>
+        <span class="number" id="difference">
+          {figure}
+        </span>
+      </p>
+      <p class="meter-tags">
+        {old && ageMs !== null ? (
+          <span class="tag old">{strings.meter.ago(span(ageMs))}</span>
+        ) : (
+          reading && (
+            <span class="age">
+              {ageMs === null ? "" : strings.meterPage.age(fixed(Math.max(0, ageMs) / 1000, 1))}
+            </span>
+          )
+        )}
+        {reading?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
+        {reading && !reading.settled && !old && <span class="tag">{strings.meter.moving}</span>}
+        {turnOf(state) !== null && (
+          <a class="tag turn" href={addressOf("alignment")}>
+            {strings.meterPage.turn}
+          </a>
+        )}
+      </p>
+      <p class="advice">
+        <b>{says.of}.</b> {says.more}
+      </p>
+      <p class="quiet exact">
+        {reading &&
+          strings.meterPage.spacing(
+            fixed(reading.spacingPx, 4),
+            fixed(reading.sigmaPx, 4),
+            fixed(reading.targetPx, 4),
+          )}
+      </p>
+      <p class="actions">
+        <Toggle
+          on={state.tone}
+          set={(tone) => update({ tone })}
+          title={strings.meter.toneMore(TONE_KEY.name)}
+        >
+          {strings.meter.tone} <kbd>{TONE_KEY.name}</kbd>
+        </Toggle>
+        <FullScreen />
+      </p>
+      {!old && reading && (
+        <Spoken reading={reading} text={strings.meter.spoken(says.of, figure, says.more)} now={now} />
+      )}
+    </section>
+  );
+}

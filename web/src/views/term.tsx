@@ -1,0 +1,117 @@
+import { useEffect, useId, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { explain, pieces, type Word } from "../glossary";
+
+/** A text with its words explained where they stand. */
+export function Explained({ text }: { text: string }) {
+  return (
+    <>
+      {pieces(text).map((piece, index) =>
+        typeof piece === "string" ? piece : <Term key={`${piece.word} ${index}`} word={piece.word} />,
+      )}
+    </>
+  );
+}
+
+/** Why its meaning is shown. */
+interface Why {
+  hovered: boolean;
+  focused: boolean;
+  /** Pressed, or tapped. */
+  held: boolean;
+}
+
+const SHUT: Why = { hovered: false, focused: false, held: false };
+
+/** A word and, while the pointer or the focus is on it or once it is tapped, what it means. No button, which would be left out
+ *  on paper with all that can be pressed. */
+function Term({ word }: { word: Word }) {
+  const [why, set] = useState(SHUT);
+  const id = useId();
+  const around = useRef<HTMLSpanElement>(null);
+  const entry = explain(word);
+  const open = why.hovered || why.focused || why.held;
+  const shut = () => set(SHUT);
+  const press = () => (why.held ? shut() : set({ ...why, held: true }));
+  useEffect(() => {
+    if (!open) return undefined;
+    const elsewhere = (event: Event) => around.current?.contains(event.target as Node) || shut();
+    const escape = (event: KeyboardEvent) => event.key === "Escape" && shut();
+    document.addEventListener("pointerdown", elsewhere);
+    document.addEventListener("keydown", escape);
+    return () => {
+      document.removeEventListener("pointerdown", elsewhere);
+      document.removeEventListener("keydown", escape);
+    };
+  }, [open]);
+  if (!entry) return <>{word}</>;
+  return (
+    <span
+      ref={around}
+      class="term"
+      onPointerEnter={(event) => event.pointerType === "mouse" && set({ ...why, hovered: true })}
+      onPointerLeave={(event) => event.pointerType === "mouse" && set({ ...why, hovered: false })}
+    >
+      <span
+        class="word"
+        role="button"
+        tabIndex={0}
+        aria-expanded={open}
+        aria-describedby={open ? id : undefined}
+        onFocus={(event) => event.currentTarget.matches(":focus-visible") && set({ ...why, focused: true })}
+        onBlur={shut}
+        onClick={press}
+        onKeyDown={(event) => {
+          if (event.key !== "Enter") return;
+          event.preventDefault();
+          press();
+        }}
+      >
+        {word}
+      </span>
+      {open && <Meaning id={id} {...entry} />}
+    </span>
+  );
+}
+
+interface MeaningProps {
+  id: string;
+  term: string;
+  symbol: string;
+  name: string;
+  meaning: string;
+}
+
+/** From the edges of the screen at least, px. */
+const EDGE = 8;
+
+/** Above everything, by the word. */
+function Meaning({ id, term, symbol, name, meaning }: MeaningProps) {
+  const box = useRef<HTMLSpanElement>(null);
+  useLayoutEffect(() => {
+    const element = box.current;
+    const word = element?.previousElementSibling;
+    if (!element || !word) return undefined;
+    // In the top layer nothing cuts it off; a browser without one shows it in its place.
+    element.showPopover?.();
+    const place = () => {
+      const at = word.getBoundingClientRect();
+      const { width, height } = element.getBoundingClientRect();
+      const left = Math.max(EDGE, Math.min(at.left, window.innerWidth - width - EDGE));
+      const below = at.bottom + height + EDGE <= window.innerHeight;
+      element.style.left = `${left}px`;
+      element.style.top = `${below ? at.bottom : Math.max(EDGE, at.top - height)}px`;
+    };
+    place();
+    window.addEventListener("scroll", place, { capture: true, passive: true });
+    window.addEventListener("resize", place);
+    return () => {
+      window.removeEventListener("scroll", place, { capture: true });
+      window.removeEventListener("resize", place);
+    };
+  }, []);
+  return (
+    <span ref={box} id={id} class="meaning" role="tooltip" popover="manual">
+      <b>{symbol === term ? term : `${term} (${symbol})`}:</b> {meaning} {name && <code>{name}</code>}
+    </span>
+  );
+}
