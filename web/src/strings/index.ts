@@ -9,6 +9,7 @@ import { form, iterations, job, outcome, report } from "./job";
 import { charts, meter, picture } from "./live";
 import { plan } from "./plan";
 import { settings } from "./settings";
+import { setUp, steps } from "./steps";
 import { wayOn } from "./way-on";
 
 export const strings = {
@@ -24,6 +25,8 @@ export const strings = {
   shell,
   job,
   plan,
+  steps,
+  setUp,
   form,
   iterations,
   report,

@@ -17,6 +17,7 @@ import { Outcome } from "./outcome";
 import { Progress } from "./progress";
 import { Result } from "./result";
 import { StartJob } from "./start";
+import { Steps } from "./steps";
 import { Turn } from "./turn";
 import { WayOn } from "./way-on";
 
@@ -89,6 +90,7 @@ function JobCard(scene: Scene & { job: Job; present: boolean }) {
       {!over && <Turn key={job.id} {...scene} />}
       {!over && <Progress job={job} unit={unit} />}
       {over && job.reason && <p class="reason">{sentence(reworded(job.reason, unit))}</p>}
+      <Steps {...scene} />
       {present && <WayOn {...scene} />}
       {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}
