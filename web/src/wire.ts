@@ -47,6 +47,7 @@ export type JobKind = Schemas["JobKind"];
 export type JobStep = Schemas["JobStep"];
 export type StepState = Schemas["StepState"];
 export type Setup = Schemas["Setup"];
+export type FittedPlace = Schemas["FittedPlace"];
 export type JobCreated = Schemas["JobCreated"];
 export type ConfirmKeyGrant = Schemas["ConfirmKeyGrant"];
 export type JobRequest = Schemas["JobRequest"];

@@ -10,6 +10,7 @@ import { charts, meter, picture } from "./live";
 import { plan } from "./plan";
 import { settings } from "./settings";
 import { setUp, steps } from "./steps";
+import { throughFocus } from "./through-focus";
 import { wayOn } from "./way-on";
 
 export const strings = {
@@ -32,6 +33,7 @@ export const strings = {
   report,
   outcome,
   wayOn,
+  throughFocus,
   history,
   settings,
   faults,
