@@ -11,9 +11,9 @@ use super::App;
 use super::contract::{FromHistory, Motion};
 use super::error::{Problem, Result};
 use super::extract::{ConfirmKeys, JsonBody, LeaseKey, PathParam};
-use super::types::{ConfirmKeyGrant, ConfirmRequest, JobCreated, JobResource};
+use super::types::{ConfirmKeyGrant, ConfirmRequest, JobCreated, JobResource, RepeatRequest};
 use crate::access::{AuditRecord, Principal, Scope};
-use crate::control::job::JobRequest;
+use crate::control::job::{JobRequest, JobSnapshot};
 use crate::control::{Acceptance, Refusal, ServiceError};
 
 /// Starts a job.
@@ -188,17 +188,59 @@ pub(super) async fn confirm(
     keys: ConfirmKeys,
     JsonBody(request): JsonBody<ConfirmRequest>,
 ) -> Result<Json<JobResource>> {
-    match app.service.confirm(id, request.step, keys.shown()) {
-        Err(ServiceError::NoSuchJob { .. }) => Err(of_earlier_run(&app, id).await),
+    let confirmed = app.service.confirm(id, request.step, keys.shown());
+    answered(&app, &principal, id, confirmed, ("job.confirm", request.step)).await
+}
+
+/// Asks for an earlier operator step again, in place of confirming the one that the job waits for.
+///
+/// The steps that can be asked for are those that `operator_step` names in `repeatable`: the last white frame and the last
+/// board in air of an alignment, until the shell is on. The job asks for it, measures anew what depends on it, and goes on;
+/// nothing else of it is lost. It has to show what a confirmation shows.
+#[utoipa::path(
+    post, path = "/api/v1/jobs/{id}/repeat", operation_id = "repeat_step", tag = "jobs", request_body = RepeatRequest,
+    params(("id" = Uuid, Path, description = "The job's id"), ConfirmKeys),
+    responses(
+        (status = 200, body = JobResource),
+        FromHistory,
+        (status = 403, description = "The key confirms nothing of this job", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 409, description = "The job does not wait where that step can be asked for again", body = Problem,
+         content_type = "application/problem+json"),
+        (status = 428, description = "No key was shown", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "Too many keys were wrong", body = Problem,
+         content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn repeat(
+    State(app): State<App>,
+    Extension(principal): Extension<Principal>,
+    PathParam(id): PathParam<Uuid>,
+    keys: ConfirmKeys,
+    JsonBody(request): JsonBody<RepeatRequest>,
+) -> Result<Json<JobResource>> {
+    let repeated = app.service.repeat(id, request.step, keys.shown());
+    answered(&app, &principal, id, repeated, ("job.repeat", request.step)).await
+}
+
+/// What became of an answer to an operator step, and of what is kept of it.
+async fn answered(
+    app: &App,
+    principal: &Principal,
+    id: Uuid,
+    taken: std::result::Result<JobSnapshot, ServiceError>,
+    (what, step): (&'static str, u32),
+) -> Result<Json<JobResource>> {
+    match taken {
+        Err(ServiceError::NoSuchJob { .. }) => Err(of_earlier_run(app, id).await),
         Err(ServiceError::Refused(refusal @ Refusal::ConfirmKeyWrong)) => {
             app.gate.wrong_key(principal.address).map_err(Problem::too_many)?;
             Err(refusal.into())
         }
-        confirmed => {
-            let confirmed = confirmed?;
-            let detail = json!({ "job": id, "step": request.step });
-            app.gate.audit(AuditRecord::of(&principal, "job.confirm", detail));
-            Ok(Json(confirmed.into()))
+        taken => {
+            let job = taken?;
+            app.gate.audit(AuditRecord::of(principal, what, json!({ "job": id, "step": step })));
+            Ok(Json(job.into()))
         }
     }
 }

@@ -253,6 +253,7 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(jobs::create, history::jobs))
         .routes(routes!(jobs::get, jobs::cancel))
         .routes(routes!(jobs::confirm))
+        .routes(routes!(jobs::repeat))
         .routes(routes!(jobs::renew_key))
         .routes(routes!(history::log))
         .routes(routes!(history::iterations))

@@ -86,6 +86,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/jobs/{id}/recording", VIEW),
     ("GET", "/api/v1/audit", ADMIN),
     ("POST", "/api/v1/jobs/{id}/confirm", CONTROL),
+    ("POST", "/api/v1/jobs/{id}/repeat", CONTROL),
     // An administrator, or who shows the key of the job's lease: the handler looks.
     ("POST", "/api/v1/jobs/{id}/confirm-key", CONTROL),
     ("GET", "/api/v1/measurement", VIEW),

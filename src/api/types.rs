@@ -97,6 +97,16 @@ pub struct ConfirmRequest {
     pub step: u32,
 }
 
+/// A wish for an earlier operator step to be asked for again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RepeatRequest {
+    /// Number of the earlier step, one of `repeatable` of the step that the job waits for.
+    #[schema(maximum = 4294967295.0)]
+    #[serde(deserialize_with = "whole")]
+    pub step: u32,
+}
+
 /// A move of one axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

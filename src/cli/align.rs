@@ -90,6 +90,11 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
     ended
 }
 
+/// Which earlier step a line asks for again; none where it confirms.
+fn again(line: &str) -> Option<u32> {
+    line.trim().strip_prefix("again")?.trim().parse().ok()
+}
+
 /// Runs the job to its end. The first signal cancels it, the second ends the program at once.
 async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<PathBuf>) -> anyhow::Result<JobSnapshot> {
     let mut events = service.subscribe();
@@ -103,7 +108,7 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
         None => service.create_job(&permit, request).await?,
     };
     let id = created.id;
-    let mut progress = Progress::new("press Enter when it is done".to_owned());
+    let mut progress = Progress::new("press Enter when it is done".to_owned(), Some("again"));
     let mut lines = BufReader::new(tokio::io::stdin()).lines();
     let (mut interrupted, mut input_open) = (false, true);
     loop {
@@ -120,11 +125,19 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
                 Err(RecvError::Closed) => anyhow::bail!("the bench's service ended before its job"),
             },
             line = lines.next_line(), if waits && input_open => {
-                input_open = matches!(line, Ok(Some(_)));
-                match job.operator_step {
-                    Some(step) if input_open => {
+                let line = line.ok().flatten();
+                input_open = line.is_some();
+                match (job.operator_step, line) {
+                    (Some(step), Some(line)) => {
                         let shown = Shown { lease: Some(&grant.key), ..Shown::default() };
-                        service.confirm(id, step.number, shown)?;
+                        match again(&line) {
+                            None => drop(service.confirm(id, step.number, shown)?),
+                            Some(earlier) => {
+                                if let Err(error) = service.repeat(id, earlier, shown) {
+                                    progress.say(&error.to_string());
+                                }
+                            }
+                        }
                     }
                     _ => {
                         progress.say("standard input is closed: nobody can confirm the operator's steps; cancelling");

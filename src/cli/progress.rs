@@ -12,16 +12,18 @@ pub(super) struct Progress {
     operator_step: Option<u32>,
     /// How an operator step is confirmed, in words.
     how_to_confirm: String,
+    /// What is typed before the number of an earlier step to ask for it again; none where nothing is typed.
+    how_to_repeat: Option<&'static str>,
 }
 
 impl Progress {
     /// Nothing shown yet.
-    pub(super) fn new(how_to_confirm: String) -> Self {
+    pub(super) fn new(how_to_confirm: String, how_to_repeat: Option<&'static str>) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         if let Ok(style) = ProgressStyle::with_template("{elapsed:>4} [{bar:30}] {pos}/{len} {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { bar, iterations: 0, operator_step: None, how_to_confirm }
+        Self { bar, iterations: 0, operator_step: None, how_to_confirm, how_to_repeat }
     }
 
     /// A line of its own.
@@ -42,6 +44,10 @@ impl Progress {
             self.operator_step = Some(step.number);
             self.say(&report::operator_line(step));
             self.say(&format!("  {}", self.how_to_confirm));
+            if let (Some(how), false) = (self.how_to_repeat, step.repeatable.is_empty()) {
+                let steps: Vec<_> = step.repeatable.iter().map(|earlier| format!("{how} {earlier}")).collect();
+                self.say(&format!("  to do an earlier step again: {}", steps.join(", ")));
+            }
         }
         self.bar.set_length(job.progress.of.into());
         self.bar.set_position(job.progress.step.into());

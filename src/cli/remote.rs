@@ -88,7 +88,7 @@ pub(super) async fn align(server: &str, remote: &RemoteArgs, record: Option<&Pat
     } else {
         "confirm it on the page when it is done, by a key that an administrator makes"
     };
-    let mut progress = Progress::new(how_to_confirm.to_owned());
+    let mut progress = Progress::new(how_to_confirm.to_owned(), None);
     let job = wait_for_end(&daemon, &created, &mut progress).await;
     progress.finish();
     let job = job?;

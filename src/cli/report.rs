@@ -150,6 +150,7 @@ mod tests {
             },
             spacing_predicted_px: Some(19.73),
             spacing_target_px: 19.7251,
+            eog: None,
             decision: "within tolerance: verify".into(),
             at: jiff::Timestamp::UNIX_EPOCH,
         }
@@ -178,6 +179,7 @@ mod tests {
             ended_at: None,
             progress: Progress { step: 1, of: 9, doing: "nothing".into(), measure: None, time_left_s: None },
             operator_step: None,
+            steps: vec![],
             iterations: vec![iteration()],
             log: vec![],
             reason: Some("the focus axis did not move".into()),

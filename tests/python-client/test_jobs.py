@@ -25,6 +25,7 @@ from plenalign.models import (
     SpacingWatchJob,
     SpacingWatchOutcome,
     Stage,
+    StepState,
     Verdict,
 )
 
@@ -165,8 +166,14 @@ def test_the_history_is_searched(homed: plenalign.Client) -> None:
 def test_an_operator_is_asked(new_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
     daemon = new_daemon(simulation="operator_confirms = false").start()
     asked: list[OperatorStep] = []
+    again: list[OperatorStep] = []
 
     def on_step(step: OperatorStep) -> bool:
+        if step.repeatable and not again:
+            # The white frame once more, in place of putting up the board.
+            again.append(step)
+            job.repeat(step.repeatable[0])
+            return False
         asked.append(step)
         return True
 
@@ -216,8 +223,12 @@ def test_an_operator_is_asked(new_daemon: Callable[..., Daemon], tmp_path: Path)
         assert report.e_tolerance.high_mm is not None
         assert {each.stage for each in ended.iterations} == {Stage.AIR, Stage.SHELL}
         exported = job.export()
-        assert [step.number for step in exported.operator_steps] == numbers
-        assert all(step.confirmed_at for step in exported.operator_steps)
+        assert again[0].repeatable == [first.number]
+        assert [step.number for step in exported.operator_steps] == sorted([*numbers, again[0].number])
+        assert all(step.confirmed_at or step.number == again[0].number for step in exported.operator_steps)
+        assert [step.repeats for step in exported.operator_steps[:3]] == [None, None, first.number]
+        assert isinstance(ended.steps, list)
+        assert [step.state for step in ended.steps][:3] == [StepState.DONE, StepState.REPEATED, StepState.REPEATED]
         assert {picture.name for picture in exported.pictures} == {"before", "after"}
         with pytest.raises(plenalign.ProblemError):
             job.confirm(numbers[-1])

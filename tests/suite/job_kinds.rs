@@ -101,12 +101,19 @@ async fn measuring_jobs_measure_and_put_back_what_they_moved() {
 
     let swept = run(&service, sweep).await;
     ended_as(&swept, JobState::Succeeded);
-    let Some(Outcome::FocusSweep { positions: 5, measured, crossing_mm, slope_px_per_mm, .. }) = swept.outcome else {
+    let Some(Outcome::FocusSweep { positions: 5, measured, crossing_mm, slope_px_per_mm, best_focus, .. }) =
+        &swept.outcome
+    else {
         panic!("{:?}", swept.outcome);
     };
+    let measured = *measured;
     assert_eq!(swept.iterations.len(), measured as usize);
     assert!(measured >= 4, "{measured}");
     assert!((crossing_mm.unwrap() - 2.2).abs() < 0.3 && slope_px_per_mm.unwrap() < 0.0, "{crossing_mm:?}");
+    // Between two of five places the spacing is no straight line; the curve knows.
+    let best = best_focus.as_ref().unwrap();
+    assert!((best.position_mm - crossing_mm.unwrap()).abs() < 0.05 && best.sigma_mm < 0.05, "{best:?}");
+    assert!(swept.iterations.iter().all(|it| it.eog.is_some_and(|eog| eog > 0.0)));
     let focus = service.bench_view().axes[0].position_mm.unwrap();
     assert!((focus - start).abs() < 0.01, "{focus}, not back at {start}");
 

@@ -68,6 +68,7 @@ mod reference_cli;
 mod refusals;
 mod rendered;
 mod renderer;
+mod repeat;
 mod reset;
 mod retention;
 mod second_renderer;

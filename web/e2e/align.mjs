@@ -1,4 +1,4 @@
-// End to end: an alignment by clicks, STOP in mid-run, a daemon that dies and comes back.
+// End to end: an alignment by double clicks and one by keys, STOP in mid-run, a daemon that dies and comes back.
 
 import assert from "node:assert/strict";
 import { chooseUnit, lengthsIn, printed } from "./checks.mjs";
@@ -119,10 +119,8 @@ try {
   await resetStop(page, "the bench is clear");
   assert.deepEqual(await wayOn.locator("button").allInnerTexts(), ["Begin again: Joint alignment"]);
 
-  step("who double-clicks everything cancels nothing, and answers nothing that was not asked");
+  step("who double-clicks everything cancels nothing, answers nothing that was not asked, and converges");
   await open(page, "Alignment");
-  await page.locator("#kind").selectOption("spacing_watch");
-  await page.locator(".start [name=duration_s]").fill("1");
   const answers = confirmations(page);
   await page.locator("#start").dblclick();
   await page.locator("#confirm").waitFor({ timeout: 60_000 });
@@ -130,10 +128,22 @@ try {
   await page.locator(".turn .ask", { hasText: "Cancel the job?" }).waitFor();
   await page.getByRole("button", { name: "Let it go on" }).dblclick();
   await page.locator(".turn .ask").waitFor({ state: "detached" });
-  const prompts = await answer(page, (confirm) => confirm.dblclick());
-  await page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
+  const prompts = await answer(page, (confirm) => confirm.dblclick(), {
+    meanwhile: (prompt) => (prompt === 2 ? whiteFrameAgain(page) : undefined),
+  });
+  await page.locator(".job .outcome.converged").waitFor({ timeout: 60_000 });
   assert.equal(answers(), prompts);
   assert.equal(await page.locator("header .problem").count(), 0);
+
+  step("its steps are told, with what each took, and that one was done again");
+  await page.locator(".steps-taken summary").click();
+  const taken = page.locator(".steps li");
+  const states = await taken.evaluateAll((all) => all.map(({ dataset }) => dataset.state));
+  assert.deepEqual(states, ["done", "repeated", "repeated", "done", "done", "done", "done"]);
+  assert.match(await taken.nth(3).innerText(), /no\. 3.*step 1 once more.*operator \d+ s.*bench \d+ s/s);
+  await accessible(page);
+  await photograph(page, "steps");
+  await darken(page, "steps");
 
   step("an alignment runs to its end by the keyboard alone, through a reload");
   await reach(page, "#kind");
@@ -192,7 +202,7 @@ try {
   await open(page, "History");
   await page.locator("table.jobs tbody tr").nth(1).waitFor();
   await page.locator("#state").selectOption("converged");
-  await page.waitForFunction(() => document.querySelectorAll("table.jobs tbody tr").length === 1);
+  await page.waitForFunction(() => document.querySelectorAll("table.jobs tbody tr").length === 2);
   await page.locator("#state").selectOption("");
   await page.waitForFunction(() => document.querySelectorAll("table.jobs tbody tr").length >= 2);
   for (const row of [0, 1]) await page.locator("table.jobs .toggle").nth(row).click();
@@ -294,7 +304,34 @@ try {
   await accessible(page);
   await wayOn.getByRole("button", { name: "Go on: Shell step only" }).click();
   await page.locator(".operator", { hasText: "Mount the shell" }).waitFor({ timeout: 30_000 });
-  await cancel(page);
+  await answer(page, (confirm) => confirm.click(), { timed: true });
+  await page.locator(".job .outcome.converged").waitFor();
+
+  step("a sweep through focus is two curves, with best focus, on the page and in the report");
+  await page.locator("#kind").selectOption("focus_sweep");
+  const middle = await position(address, "focus");
+  await page.locator(".start [name=from_mm]").fill((middle - 0.3).toFixed(3));
+  await page.locator(".start [name=to_mm]").fill((middle + 0.3).toFixed(3));
+  await page.locator(".start [name=steps]").fill("7");
+  await page.locator("#start").click();
+  await page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
+  const best = /Best focus by the curve\s*(\d\.\d{4}) ± (0\.\d{4}) mm/;
+  const [, at, within] = (await page.locator(".result").innerText()).match(best).map(Number);
+  assert(
+    Math.abs(at - middle) < 0.01 && within < 0.01,
+    `best focus at ${at} ± ${within}, ${middle} converged`,
+  );
+  await page.locator(".through-focus", { hasText: /EOG greatest: \d\.\d{4} ± / }).waitFor();
+  assert.equal(await page.locator(".iterations .chart canvas").count(), 2);
+  const swept = await page.locator(".job .downloads a", { hasText: "Report" }).getAttribute("href");
+  const paper = await (await page.request.get(new URL(swept, address).href)).text();
+  assert.match(
+    paper,
+    /<h2>Through focus<\/h2>[^]*Spacing; best focus at \d\.\d{4} ±[^]*EOG of the central view/,
+  );
+  await accessible(page);
+  await photograph(page, "through-focus");
+  await darken(page, "through-focus");
   await open(page, "Live");
 
   step("overlays are drawn over it, and it is seen down to single pixels");
@@ -435,8 +472,22 @@ async function reach(page, selector) {
   }
 }
 
-/** Answers what a job asks, in one way or another, until it is over; returns how often it asked. */
-async function answer(page, confirm, meanwhile = async () => {}) {
+/** At the prompt for the board, has the white frame taken again: the job asks for it, and then for the board. */
+async function whiteFrameAgain(page) {
+  await page.locator(".operator .set-up[data-setup=boards_in_air]").waitFor();
+  assert.equal(await page.locator(".steps .again").count(), 1, "what can be done again is the white frame");
+  await page.locator(".steps .again").dblclick();
+  await page.locator(".steps .ask", { hasText: "Take the white frame again?" }).waitFor();
+  await photograph(page, "again");
+  await accessible(page);
+  await page.getByRole("button", { name: "Do it again", exact: true }).dblclick();
+  await page.locator(".operator .set-up[data-setup=diffuser]").waitFor({ timeout: 15_000 });
+  await page.locator(".steps li[data-state=now]", { hasText: "step 1 once more" }).waitFor();
+}
+
+/** Answers what a job asks, in one way or another, until it is over; returns how often it asked. `timed` is whether the bench
+ *  has done such a job before. */
+async function answer(page, confirm, { meanwhile = async () => {}, timed = false } = {}) {
   let asked = 0;
   let place = null;
   const over = async () => {
@@ -448,7 +499,8 @@ async function answer(page, confirm, meanwhile = async () => {}) {
       /Move|must grow|must shrink/,
       "the meter gives orders during a job",
     );
-    assert.doesNotMatch(shown?.progress ?? "", /left/, "a bench that has done none knows how long one takes");
+    const told = timed ? "" : (shown?.progress ?? "");
+    assert.doesNotMatch(told, /left/, "a bench that has done none knows how long one takes");
     const button = page.locator("#confirm");
     if (await button.isVisible()) {
       asked += 1;
@@ -508,7 +560,7 @@ async function seeThrough(page) {
     await page.locator("#confirm:not([aria-disabled=true])").waitFor();
     await page.keyboard.press("Enter");
   };
-  const asked = await answer(page, enter, async (prompt) => {
+  const look = async (prompt) => {
     if (prompt === 2) await photograph(page, "operator");
     if (prompt > 0 || photographed || (await page.locator(".iterations tbody tr").count()) < 3) return;
     photographed = true;
@@ -517,7 +569,8 @@ async function seeThrough(page) {
     await page.locator(".job .outcome").waitFor({ timeout: 10_000 });
     assert((await page.locator(".iterations tbody tr").count()) >= 3, "a reload loses iterations");
     await page.evaluate(hasty);
-  });
+  };
+  const asked = await answer(page, enter, { meanwhile: look, timed: true });
   assert(asked >= 3, `the operator was asked ${asked} times`);
   return { rows: await page.locator(".iterations tbody tr").count(), asked };
 }

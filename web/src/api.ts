@@ -159,14 +159,15 @@ function shown(job: Job): Record<string, string> {
   };
 }
 
-export async function confirmStep(job: Job, step: number): Promise<Result<Job>> {
-  const confirmed = await exchange<Job>("POST", `${job.href}/confirm`, {
-    body: { step },
-    headers: shown(job),
-  });
-  if (!confirmed.ok && confirmed.problem.type === WRONG_KEY) confirmKeys.forget();
-  return confirmed;
+async function answer(job: Job, how: "confirm" | "repeat", step: number): Promise<Result<Job>> {
+  const answered = await exchange<Job>("POST", `${job.href}/${how}`, { body: { step }, headers: shown(job) });
+  if (!answered.ok && answered.problem.type === WRONG_KEY) confirmKeys.forget();
+  return answered;
 }
+
+export const confirmStep = (job: Job, step: number) => answer(job, "confirm", step);
+/** Asks for an earlier step again, in place of confirming the one that the job waits for. */
+export const repeatStep = (job: Job, step: number) => answer(job, "repeat", step);
 
 /** Makes another confirm key for a job; the one before is dead. */
 export async function renewConfirmKey(job: Job): Promise<Result<ConfirmKeyGrant>> {

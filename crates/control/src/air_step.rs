@@ -51,7 +51,7 @@ impl Alignment<'_> {
         let mut air = AirLoop::new(plan.air_goal());
         self.findings.known_b = Some(self.configured_b());
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
-        let (mut aperture_set, moves_before) = (false, self.findings.moves_air);
+        let moves_before = self.findings.moves_air;
         let mut boards = None;
         for _ in 0..MAX_MEASUREMENTS {
             let reading_mm = self.motion.position_mm(AxisName::Focus)?;
@@ -65,10 +65,10 @@ impl Alignment<'_> {
             let standing = self.boards_in_range(boards, expected, plan).await?;
             boards = Some(standing);
             let near = (expected.0 - solution.delta_v).abs() <= plan.aperture_within_mm;
-            if near && !aperture_set {
+            if near && !self.aperture_set {
                 // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
                 self.set_aperture(&solution, standing).await?;
-                aperture_set = true;
+                self.aperture_set = true;
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
             let (observation, seen) = match self.observe_air(standing, plan, frames).await {

@@ -12,7 +12,8 @@ use super::job::Stage;
 use super::motion::{Admission, Motion};
 use super::plan::{AirBoards, Plan};
 use super::shell::ShellObservation;
-use bench::config::{Config, LBoundSource, Side};
+use super::steps::Repeatable;
+use bench::config::{Config, LBoundSource, ShellStep, Side};
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::{CameraDesign, Solution};
 
@@ -81,6 +82,8 @@ pub(super) struct Alignment<'a> {
     pub(super) config: &'a Arc<Config>,
     pub(super) design: CameraDesign,
     pub(super) findings: Findings,
+    /// Whether the aperture is set for the solution aimed for.
+    pub(super) aperture_set: bool,
 }
 
 impl Alignment<'_> {
@@ -93,17 +96,56 @@ impl Alignment<'_> {
             plan = self.joint_plan()?;
         }
         self.withdraw_e(&plan).await?;
+        self.air_then(&mut plan, Some(self.config.assembly.shell_step)).await
+    }
+
+    /// The air step and what comes after it, begun anew as often as the operator asks for its white frame or its board
+    /// again. Nothing has been moved towards the shell by then.
+    pub(super) async fn air_then(&mut self, plan: &mut Plan, shell: Option<ShellStep>) -> Result<(), JobEnd> {
         self.findings.solution = Some(plan.solution);
+        // What an l_bound was measured by is not measured again.
+        self.context.let_repeat(self.findings.l_bound_sigma_mm.is_none());
+        let mut again = None;
+        loop {
+            match self.air_once(plan, shell, again).await {
+                Err(JobEnd::Repeat(what)) => again = Some(what),
+                ended => return ended,
+            }
+        }
+    }
+
+    async fn air_once(
+        &mut self,
+        plan: &mut Plan,
+        shell: Option<ShellStep>,
+        again: Option<Repeatable>,
+    ) -> Result<(), JobEnd> {
         self.context.stage(Stage::Air);
         self.eye.aim_at(plan.solution.e);
-        let boards = self.air(&mut plan).await?;
-        self.park_e(&plan, boards).await?;
+        if let Some(what) = again {
+            self.forget_air_step();
+            if what == Repeatable::WhiteFrame {
+                self.white_frame().await?;
+            }
+        }
+        let boards = self.air(plan).await?;
+        let Some(step) = shell else { return Ok(()) };
+        self.park_e(plan, boards).await?;
         self.context.stage(Stage::Shell);
-        self.shell(&plan, self.config.assembly.shell_step).await
+        self.shell(plan, step).await
+    }
+
+    /// What the boards in air have shown counts no more. The aperture stays as it was set.
+    fn forget_air_step(&mut self) {
+        self.eye.forget_air_step();
+        let findings = &mut self.findings;
+        (findings.delta_v_air, findings.boards, findings.camera, findings.seen) = (None, None, None, None);
+        findings.focus_scale = None;
     }
 
     pub(super) async fn prepare(&mut self) -> Result<(), JobEnd> {
         self.context.stage(Stage::Preparation);
+        self.context.step_of_bench("homing");
         self.eye.check_camera()?;
         self.context.doing("devices and homing");
         for axis in AxisName::ALL {
@@ -186,16 +228,14 @@ impl Alignment<'_> {
                     self.board_place(&levels)
                 );
                 let value = format!("{:.1}, {:.1}, {:.1} mm", levels[0], levels[1], levels[2]);
-                let setup = Setup::AirTripleBoard { distances_mm: levels };
-                self.ask("triple_board_in_air", instruction, Some(value), setup).await?;
+                self.ask("triple_board_in_air", instruction, Some(value), boards.setup()).await?;
             }
             AirBoards::Flat(distance_mm) => {
                 let instruction = format!(
                     "Take the diffuser off. With the shell off, in air, put a flat board {}.",
                     self.board_place(&[distance_mm])
                 );
-                let setup = Setup::AirTripleBoard { distances_mm: [distance_mm; 3] };
-                self.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+                self.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), boards.setup()).await?;
             }
         }
         self.motion.set_shell(ShellState::Off);
@@ -222,6 +262,7 @@ impl Alignment<'_> {
             return Err(JobEnd::failed(format!("this cannot be aligned as it is configured: {}", said.join("; "))));
         }
         self.context.log(view.summary());
+        self.context.expect(plan.operator_steps(self.context.snapshot().kind, self.config));
         Ok(plan)
     }
 }

@@ -79,6 +79,21 @@ impl Service {
         Ok(job.snapshot())
     }
 
+    /// Asks a job for an earlier operator step again, in place of confirming the one that it waits for. What depends on that
+    /// step is measured anew.
+    ///
+    /// # Errors
+    /// When there is no such job, it does not wait where that step can be asked for again, or neither its lease nor its
+    /// confirm key is shown.
+    pub fn repeat(&self, id: Uuid, step: u32, shown: Shown<'_>) -> Result<JobSnapshot, ServiceError> {
+        let job = self.find(id)?;
+        if !job.snapshot().state.is_final() {
+            self.may_confirm(id, shown)?;
+        }
+        job.repeat(step)?;
+        Ok(job.snapshot())
+    }
+
     fn may_confirm(&self, id: Uuid, shown: Shown<'_>) -> Result<(), Refusal> {
         let by_lease = shown.lease.is_some_and(|key| self.is_lease_of_job(id, key).unwrap_or(false));
         if by_lease || shown.confirm.is_some_and(|key| self.confirm_keys.opens(id, key)) {

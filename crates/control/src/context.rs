@@ -3,7 +3,7 @@
 use std::future::Future;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc};
@@ -13,12 +13,14 @@ use uuid::Uuid;
 use super::clock::{JobClock, Part, enter};
 use super::events::Event;
 use super::job::{
-    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage,
+    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage, TimeSpent,
 };
 use super::journal::{Chronicle, Journal, Written};
 use super::outcome::Outcome;
+use super::plan::PlannedStep;
 use super::recording::{End, FileSink, Happening, Recording, RecordingState};
 use super::refusal::{Refusal, ServiceError};
+use super::steps::{self, JobStep, Repeatable};
 use bench::device::{DeviceError, Setup, SimulatedOperator};
 use bench::store::records::Picture;
 
@@ -45,6 +47,8 @@ pub(super) enum JobEnd {
         /// Why, in words.
         why: String,
     },
+    /// It does not end: the operator has asked for an earlier step again, and whoever can begin there anew does.
+    Repeat(Repeatable),
     /// Something failed.
     Failed {
         /// What.
@@ -85,7 +89,7 @@ pub(super) struct Job {
     cancel: CancellationToken,
     /// Why it was asked to end; the first asker's word counts.
     cancelled_why: OnceLock<String>,
-    confirmations: mpsc::Sender<u32>,
+    answers: mpsc::Sender<Answer>,
     journal: Arc<Journal>,
     idempotency_key: Option<String>,
     kept: Mutex<Kept>,
@@ -93,6 +97,15 @@ pub(super) struct Job {
     file: OnceLock<Arc<FileSink>>,
     /// How long this bench takes for such a job by itself, s, where its history tells.
     usual_s: OnceLock<f64>,
+}
+
+/// What the operator answers to a step.
+#[derive(Debug, Clone, Copy)]
+struct Answer {
+    /// The step that it answers.
+    to: u32,
+    /// Which earlier one is asked for again; none where it has been carried out.
+    again: Option<u32>,
 }
 
 /// What the history has been given of a job.
@@ -106,10 +119,22 @@ struct Kept {
 /// The job's own side: what its task holds.
 pub(super) struct JobContext {
     job: Arc<Job>,
-    confirmed: tokio::sync::Mutex<mpsc::Receiver<u32>>,
+    answered: tokio::sync::Mutex<mpsc::Receiver<Answer>>,
     operator: Option<Arc<dyn SimulatedOperator>>,
     steps_asked: AtomicU32,
     clock: Arc<JobClock>,
+    asking: Mutex<Asking>,
+}
+
+/// What is kept between two steps.
+#[derive(Debug, Default)]
+struct Asking {
+    /// What had been spent when the step under way began.
+    before: Option<TimeSpent>,
+    /// The first of the operator's steps that can be asked for again; none where none can.
+    repeat_from: Option<u32>,
+    /// The step that is asked for again next.
+    again: Option<u32>,
 }
 
 impl Job {
@@ -122,7 +147,7 @@ impl Job {
         events: broadcast::Sender<Event>,
         operator: Option<Arc<dyn SimulatedOperator>>,
     ) -> (Arc<Self>, JobContext) {
-        let (confirmations, confirmed) = mpsc::channel(4);
+        let (answers, answered) = mpsc::channel(4);
         let snapshot = JobSnapshot {
             id: Uuid::now_v7(),
             kind: request.kind,
@@ -136,6 +161,7 @@ impl Job {
             ended_at: None,
             progress: Progress { step: 0, of: 1, doing: "accepted".to_owned(), measure: None, time_left_s: None },
             operator_step: None,
+            steps: Vec::new(),
             iterations: Vec::new(),
             log: Vec::new(),
             reason: None,
@@ -148,7 +174,7 @@ impl Job {
             events,
             cancel: CancellationToken::new(),
             cancelled_why: OnceLock::new(),
-            confirmations,
+            answers,
             journal,
             idempotency_key,
             kept: Mutex::default(),
@@ -157,10 +183,11 @@ impl Job {
         });
         let context = JobContext {
             job: Arc::clone(&job),
-            confirmed: tokio::sync::Mutex::new(confirmed),
+            answered: tokio::sync::Mutex::new(answered),
             operator,
             steps_asked: AtomicU32::new(0),
             clock: JobClock::start(),
+            asking: Mutex::default(),
         };
         (job, context)
     }
@@ -264,15 +291,46 @@ impl Job {
     /// When the job does not wait for that step.
     pub(super) fn confirm(&self, step: u32) -> Result<(), ServiceError> {
         let snapshot = self.snapshot();
-        let refuse = |why: String| Err(Refusal::JobState { state: snapshot.state, why }.into());
         match &snapshot.operator_step {
-            Some(asked) if asked.number == step => match self.confirmations.try_send(step) {
-                Ok(()) => Ok(()),
-                Err(_) => refuse("this step has been confirmed already".to_owned()),
-            },
-            Some(asked) => refuse(format!("it waits for step {} ({}), not for step {step}", asked.number, asked.name)),
-            None => refuse("it waits for no confirmation".to_owned()),
+            Some(asked) if asked.number == step => self.answer(snapshot.state, Answer { to: step, again: None }),
+            Some(asked) => {
+                let why = format!("it waits for step {} ({}), not for step {step}", asked.number, asked.name);
+                Err(Refusal::JobState { state: snapshot.state, why }.into())
+            }
+            None => Err(Self::waits_for_nothing(snapshot.state)),
         }
+    }
+
+    /// Takes it that the operator asks for an earlier step again, in place of confirming the one that waits.
+    ///
+    /// # Errors
+    /// When the job waits for no step, or for one in whose place that one cannot be asked for.
+    pub(super) fn repeat(&self, step: u32) -> Result<(), ServiceError> {
+        let snapshot = self.snapshot();
+        match &snapshot.operator_step {
+            Some(asked) if asked.repeatable.contains(&step) => {
+                self.answer(snapshot.state, Answer { to: asked.number, again: Some(step) })
+            }
+            Some(asked) => {
+                let which = asked.repeatable.iter().map(|step| format!("step {step}")).collect::<Vec<_>>();
+                let which = if which.is_empty() { "no earlier step".to_owned() } else { which.join(" and ") };
+                let why = format!(
+                    "at step {} ({}) {which} can be asked for again, not step {step}",
+                    asked.number, asked.name
+                );
+                Err(Refusal::JobState { state: snapshot.state, why }.into())
+            }
+            None => Err(Self::waits_for_nothing(snapshot.state)),
+        }
+    }
+
+    fn answer(&self, state: JobState, answer: Answer) -> Result<(), ServiceError> {
+        let already = || Refusal::JobState { state, why: "this step has been confirmed already".to_owned() };
+        self.answers.try_send(answer).map_err(|_| already().into())
+    }
+
+    fn waits_for_nothing(state: JobState) -> ServiceError {
+        Refusal::JobState { state, why: "it waits for no confirmation".to_owned() }.into()
     }
 }
 
@@ -298,6 +356,38 @@ impl JobContext {
                 job.log.push(line);
             }
         });
+    }
+
+    /// Takes what the operator will be asked, where nothing was expected before.
+    pub(super) fn expect(&self, planned: Vec<PlannedStep>) {
+        self.job.change(|job| {
+            if job.steps.is_empty() {
+                steps::expect(&mut job.steps, planned);
+            }
+        });
+    }
+
+    /// Whether the operator may have steps done again from now on: those so far, too, or only what is asked from now on.
+    pub(super) fn let_repeat(&self, those_so_far: bool) {
+        let next = self.steps_asked.load(Ordering::SeqCst) + 1;
+        self.asking().repeat_from = Some(if those_so_far { 1 } else { next });
+    }
+
+    /// Another step begins that the bench does by itself.
+    pub(super) fn step_of_bench(&self, name: &str) {
+        let spent = self.spent_on_step();
+        self.job.change(|job| steps::begin(&mut job.steps, JobStep::of_bench(name), &spent));
+    }
+
+    fn asking(&self) -> MutexGuard<'_, Asking> {
+        self.asking.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the step under way has taken, which ends here.
+    fn spent_on_step(&self) -> TimeSpent {
+        let now = self.clock.time_spent();
+        let before = self.asking().before.replace(now);
+        before.map_or(now, |before| now.since(&before))
     }
 
     /// The job is at work.
@@ -359,7 +449,9 @@ impl JobContext {
 
     /// The job has ended: the last that is said of it.
     pub(super) fn close(&self, state: JobState, reason: String, report: Option<Report>) {
+        let spent = self.spent_on_step();
         self.job.change(|job| {
+            steps::close(&mut job.steps, matches!(state, JobState::Converged | JobState::Succeeded), &spent);
             job.state = state;
             job.stage = Stage::Report;
             job.ended_at = Some(jiff::Timestamp::now());
@@ -430,7 +522,7 @@ impl JobContext {
         setup: Setup,
     ) -> Result<(), JobEnd> {
         let number = self.steps_asked.fetch_add(1, Ordering::SeqCst) + 1;
-        let step = OperatorStep { number, name: name.to_owned(), instruction: instruction.clone(), value };
+        let step = self.begin_to_ask(number, name, instruction.clone(), value, &setup);
         self.doing(format!("waiting for the operator: {}", name.replace('_', " ")));
         self.log(format!("operator step {number}: {instruction}"));
         let asked_at = jiff::Timestamp::now();
@@ -443,21 +535,27 @@ impl JobContext {
                 job.operator_step = Some(step.clone());
             });
             let waiting = enter(Part::Operator);
-            let mut confirmed = self.confirmed.lock().await;
-            self.unless_cancelled(async {
-                while let Some(step) = confirmed.recv().await {
-                    if step == number {
-                        return Ok(());
+            let mut answered = self.answered.lock().await;
+            let again = self
+                .unless_cancelled(async {
+                    while let Some(answer) = answered.recv().await {
+                        if answer.to == number {
+                            return Ok(answer.again);
+                        }
                     }
-                }
-                Err(JobEnd::failed("the program is ending"))
-            })
-            .await?;
+                    Err(JobEnd::failed("the program is ending"))
+                })
+                .await?;
             drop(waiting);
             self.job.change(|job| {
                 job.state = JobState::Running;
                 job.operator_step = None;
             });
+            if let Some(again) = again {
+                return Err(self.repeat(number, again));
+            }
+        } else if let Some(again) = self.operator.as_ref().and_then(|operator| operator.asks_again(number)) {
+            return Err(self.repeat(number, again));
         }
         if let Some(operator) = &self.operator {
             operator.obey(&setup);
@@ -468,6 +566,51 @@ impl JobContext {
             if confirms { " by the simulated operator" } else { "" }
         ));
         Ok(())
+    }
+
+    /// The step that the operator is asked for now, which begins one of the job's.
+    fn begin_to_ask(
+        &self,
+        number: u32,
+        name: &str,
+        instruction: String,
+        value: Option<String>,
+        setup: &Setup,
+    ) -> OperatorStep {
+        let spent = self.spent_on_step();
+        let (from, again) = {
+            let mut asking = self.asking();
+            (asking.repeat_from, asking.again.take())
+        };
+        let mut step = OperatorStep {
+            number,
+            name: name.to_owned(),
+            instruction,
+            value: value.clone(),
+            repeats: again,
+            repeatable: Vec::new(),
+        };
+        self.job.change(|job| {
+            let begun = JobStep { repeats: again, ..JobStep::asked(number, name, value, setup) };
+            steps::begin(&mut job.steps, begun, &spent);
+            step.repeatable = from.map_or_else(Vec::new, |from| steps::repeatable(&job.steps, from, name));
+        });
+        step
+    }
+
+    /// In place of step `number` an earlier one is asked for again: how the work so far ends.
+    fn repeat(&self, number: u32, again: u32) -> JobEnd {
+        let spent = self.spent_on_step();
+        self.asking().again = Some(again);
+        self.job.journal.happened(|| Happening::Again { step: number, again });
+        let mut what = None;
+        self.job.change(|job| {
+            let step = job.steps.iter().find(|step| step.number == Some(again));
+            what = step.and_then(|step| Repeatable::of(&step.name));
+            steps::repeat(&mut job.steps, again, &spent);
+        });
+        self.log(format!("in place of step {number} the operator asks for step {again} again"));
+        what.map_or_else(|| JobEnd::failed(format!("step {again} cannot be done again")), JobEnd::Repeat)
     }
 
     /// Keeps a picture with the job, in the place of one of the same name.

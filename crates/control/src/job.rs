@@ -17,6 +17,7 @@ use uuid::Uuid;
 use super::budget::Budget;
 use super::journal::word;
 use super::outcome::Outcome;
+use super::steps::JobStep;
 use bench::device::AxisName;
 
 pub use super::recording::{Recording, RecordingState};
@@ -178,6 +179,9 @@ pub struct Iteration {
     pub spacing_predicted_px: Option<f64>,
     /// The spacing wanted, px.
     pub spacing_target_px: f64,
+    /// EOG of the central view (Eq. 20), mean per pixel; `null` where no view was made.
+    #[serde(default)]
+    pub eog: Option<f64>,
     /// What was decided, in a sentence.
     pub decision: String,
     /// When, RFC 3339.
@@ -196,6 +200,12 @@ pub struct OperatorStep {
     pub instruction: String,
     /// The number that matters, with its unit, large on the page; e.g. `159.2, 167.2, 175.2 mm`.
     pub value: Option<String>,
+    /// Number of the earlier step that it takes the place of, where that was asked for again.
+    #[serde(default)]
+    pub repeats: Option<u32>,
+    /// Numbers of the earlier steps that can be asked for again in place of confirming this one.
+    #[serde(default)]
+    pub repeatable: Vec<u32>,
 }
 
 /// The figure that a job brings to its target.
@@ -268,6 +278,9 @@ pub struct JobSnapshot {
     pub progress: Progress,
     /// What the operator is asked to do now.
     pub operator_step: Option<OperatorStep>,
+    /// Its steps: done, under way, and still to come where that can be told.
+    #[serde(default)]
+    pub steps: Vec<JobStep>,
     /// What was measured, in order.
     pub iterations: Vec<Iteration>,
     /// What happened, in order.
@@ -330,6 +343,20 @@ pub struct TimeSpent {
 }
 
 impl TimeSpent {
+    /// What has been spent since an earlier moment of the same job.
+    #[must_use]
+    pub(super) fn since(&self, before: &Self) -> Self {
+        Self {
+            total_s: self.total_s - before.total_s,
+            operator_s: self.operator_s - before.operator_s,
+            motion_s: self.motion_s - before.motion_s,
+            settling_s: self.settling_s - before.settling_s,
+            frames_s: self.frames_s - before.frames_s,
+            measuring_s: self.measuring_s - before.measuring_s,
+            other_s: self.other_s - before.other_s,
+        }
+    }
+
     /// What is left of the time that such a job usually takes by itself (s), the operator's not counted, s; `None` where it
     /// has taken longer: when it ends is not known then.
     #[must_use]

@@ -66,6 +66,8 @@ impl Alignment<'_> {
             }
         }
         self.findings.delta_v_air = None;
+        // For another solution from now on.
+        self.aperture_set = false;
         Ok(())
     }
 }

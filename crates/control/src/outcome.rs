@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::through_focus::FittedPlace;
 use bench::device::AxisName;
 
 /// What a job that is no alignment came to.
@@ -54,6 +55,13 @@ pub enum Outcome {
         crossing_sigma_mm: Option<f64>,
         /// The spacing's change there, px per mm.
         slope_px_per_mm: Option<f64>,
+        /// Best focus: where a curve through all spacings, px, meets the target; `null` where it does not, or there are too few.
+        #[serde(default)]
+        best_focus: Option<FittedPlace>,
+        /// Where a curve about the greatest EOGs is greatest; `null` where they have no peak. It is not where the spacing
+        /// meets its target: how sharp a view looks depends on how it is put together, too.
+        #[serde(default)]
+        eog_peak: Option<FittedPlace>,
     },
     /// The spacing over time.
     SpacingWatch {

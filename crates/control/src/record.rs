@@ -61,6 +61,7 @@ impl Alignment<'_> {
             spacing: seen.spacing.clone(),
             spacing_predicted_px: None,
             spacing_target_px: self.eye.target_px(),
+            eog: seen.eog,
             decision,
             at: jiff::Timestamp::now(),
         }

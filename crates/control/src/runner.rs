@@ -35,8 +35,16 @@ pub(super) async fn run(
         context.log("SIMULATED bench: no real device is driven");
     }
     context.log(format!("design: {design_origin}"));
-    let mut alignment =
-        Alignment { context, motion, admission, eye, config, design: config.design(), findings: Findings::default() };
+    let mut alignment = Alignment {
+        context,
+        motion,
+        admission,
+        eye,
+        config,
+        design: config.design(),
+        findings: Findings::default(),
+        aperture_set: false,
+    };
     let ended = alignment.carry_out().await;
     let kind = context.snapshot().kind;
     let findings = alignment.findings;
@@ -50,6 +58,10 @@ pub(super) async fn run(
         Err(JobEnd::Cancelled { why }) => (JobState::Cancelled, context.cancelled_why().unwrap_or(why)),
         Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
         Err(JobEnd::Failed { why } | JobEnd::Unmeasurable { why }) => (JobState::Failed, why),
+        Err(JobEnd::Repeat(_)) => (
+            JobState::Failed,
+            "a step was asked for again where none can be; this is a defect of the program".to_owned(),
+        ),
     };
     let good = matches!(state, JobState::Converged | JobState::Succeeded);
     bring_to_rest(context, motion, !good).await;

@@ -12,6 +12,7 @@ use super::job::{IterationKind, Stage};
 use super::outcome::Outcome;
 use super::plan::AirBoards;
 use super::request::Sweep;
+use super::through_focus::{self, Point};
 use bench::device::{AxisName, Setup};
 use plenoptics::units::Millimetres;
 
@@ -22,6 +23,8 @@ struct Sample {
     at: f64,
     spacing_px: f64,
     sigma_px: f64,
+    /// EOG of the central view, mean per pixel, where one was made.
+    eog: Option<f64>,
 }
 
 impl Alignment<'_> {
@@ -42,6 +45,7 @@ impl Alignment<'_> {
             self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, middle)).await?;
         }
         self.something_to_measure(distance_mm).await?;
+        self.context.step_of_bench("measuring");
         let mut samples = Vec::new();
         for step in 0..sweep.steps {
             let share = f64::from(step) / f64::from(sweep.steps - 1);
@@ -60,7 +64,12 @@ impl Alignment<'_> {
         if samples.is_empty() {
             return Err(JobEnd::NotConverged { why: "no spacing could be measured anywhere on the way".to_owned() });
         }
-        let crossing = crossing(&samples, self.eye.target_px());
+        let target_px = self.eye.target_px();
+        let crossing = crossing(&samples, target_px);
+        let at = |sample: &Sample, value, sigma| Point { position_mm: sample.at, value, sigma };
+        let spacings: Vec<Point> =
+            samples.iter().map(|sample| at(sample, sample.spacing_px, sample.sigma_px)).collect();
+        let eogs: Vec<Point> = samples.iter().filter_map(|sample| sample.eog.map(|eog| at(sample, eog, 0.0))).collect();
         self.context.outcome(Outcome::FocusSweep {
             axis: sweep.axis,
             positions: sweep.steps,
@@ -68,6 +77,8 @@ impl Alignment<'_> {
             crossing_mm: crossing.map(|crossing| crossing.at),
             crossing_sigma_mm: crossing.map(|crossing| crossing.sigma),
             slope_px_per_mm: crossing.map(|crossing| crossing.slope),
+            best_focus: through_focus::by_spacing(&spacings, target_px, self.design.mla.pitch / self.eye.pixel_mm()),
+            eog_peak: through_focus::by_eog(&eogs),
         });
         Ok(())
     }
@@ -79,6 +90,7 @@ impl Alignment<'_> {
         self.context.log(format!("measuring every {interval_s:.1} s for {duration_s:.0} s"));
         self.eye.check_camera()?;
         self.something_to_measure(None).await?;
+        self.context.step_of_bench("measuring");
         let (interval, duration) = (Duration::from_secs_f64(interval_s), Duration::from_secs_f64(duration_s));
         let mut samples = Vec::new();
         // By the frames' own times and no other clock: replayed, the same frames make the same watch.
@@ -111,7 +123,7 @@ impl Alignment<'_> {
             self.iteration(Stage::Survey, IterationKind::Sample, axis.unwrap_or(AxisName::Focus), seen, decision);
         iteration.axis = axis;
         self.context.record(iteration);
-        Sample { at, spacing_px, sigma_px }
+        Sample { at, spacing_px, sigma_px, eog: seen.eog }
     }
 
     /// Whether a flat board is to be put up: there is no white frame yet, or another job has left something else.
@@ -220,7 +232,7 @@ mod tests {
     use super::*;
 
     fn sample(at: f64, spacing_px: f64) -> Sample {
-        Sample { at, spacing_px, sigma_px: 0.002 }
+        Sample { at, spacing_px, sigma_px: 0.002, eog: None }
     }
 
     #[test]

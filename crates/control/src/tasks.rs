@@ -57,10 +57,7 @@ impl Alignment<'_> {
             self.measure_l_bound().await?;
             plan = self.joint_plan()?;
         }
-        self.findings.solution = Some(plan.solution);
-        self.context.stage(Stage::Air);
-        self.eye.aim_at(plan.solution.e);
-        self.air(&mut plan).await.map(drop)
+        self.air_then(&mut plan, None).await
     }
 
     async fn shell_only(&mut self) -> Result<(), JobEnd> {
@@ -90,13 +87,7 @@ impl Alignment<'_> {
         let mut plan = self.sound_plan(self.design.clarity(e_mm), e_mm)?;
         self.prepare().await?;
         self.withdraw_e(&plan).await?;
-        self.findings.solution = Some(plan.solution);
-        self.context.stage(Stage::Air);
-        self.eye.aim_at(e_mm);
-        let boards = self.air(&mut plan).await?;
-        self.park_e(&plan, boards).await?;
-        self.context.stage(Stage::Shell);
-        self.shell(&plan, ShellStep::HoldETrim).await
+        self.air_then(&mut plan, Some(ShellStep::HoldETrim)).await
     }
 
     async fn l_bound_only(&mut self) -> Result<(), JobEnd> {
@@ -150,6 +141,7 @@ impl Alignment<'_> {
 
     async fn homing(&mut self, axes: &[AxisName]) -> Result<(), JobEnd> {
         self.context.stage(Stage::Preparation);
+        self.context.step_of_bench("homing");
         for &axis in axes {
             self.context.doing(format!("homing the {axis} axis"));
             self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;

@@ -4,6 +4,8 @@ use std::fmt::Write as _;
 
 use super::figures::{BUDGET, budget, figures};
 use super::plot::{Point, Series, by_iteration, field_map};
+use super::steps::steps;
+use super::through_focus::through_focus;
 use crate::config::Config;
 use crate::control::history::JobArchive;
 use crate::control::job::Iteration;
@@ -56,12 +58,14 @@ pub fn html(archive: &JobArchive) -> String {
         }
         budget_table(&mut page, &budget(report));
     }
+    through_focus(&mut page, job);
     plots(&mut page, &job.iterations);
     field(&mut page, archive);
     pictures(&mut page, archive);
     iterations(&mut page, &job.iterations);
     moves(&mut page, archive);
-    steps(&mut page, archive);
+    steps(&mut page, &job.steps);
+    asked(&mut page, archive);
     log(&mut page, archive);
     if let Some(run) = &archive.run {
         let _ = writeln!(page, "<h2>Configuration in force</h2>\n<pre>{}</pre>", escape(&run.configuration));
@@ -117,7 +121,7 @@ fn head(page: &mut String, archive: &JobArchive) {
 
 fn points(iterations: &[Iteration], value: impl Fn(&Iteration) -> Option<(f64, Option<f64>)>) -> Vec<Point> {
     let point = |it: &Iteration| {
-        value(it).map(|(value, sigma)| Point { number: it.number, value, bar: sigma.map(|s| 2.0 * s) })
+        value(it).map(|(value, sigma)| Point { at: f64::from(it.number), value, bar: sigma.map(|s| 2.0 * s) })
     };
     iterations.iter().filter_map(point).collect()
 }
@@ -222,7 +226,7 @@ fn pictures(page: &mut String, archive: &JobArchive) {
     page.push_str("</div>\n");
 }
 
-fn number(value: Option<f64>, sigma: Option<f64>, digits: usize) -> String {
+pub(super) fn number(value: Option<f64>, sigma: Option<f64>, digits: usize) -> String {
     match (value, sigma) {
         (Some(value), Some(sigma)) => format!("{value:.digits$} ± {sigma:.digits$}"),
         (Some(value), None) => format!("{value:.digits$}"),
@@ -278,7 +282,7 @@ fn moves(page: &mut String, archive: &JobArchive) {
     page.push_str("</table>\n");
 }
 
-fn steps(page: &mut String, archive: &JobArchive) {
+fn asked(page: &mut String, archive: &JobArchive) {
     if archive.operator_steps.is_empty() {
         return;
     }

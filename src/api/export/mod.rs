@@ -5,6 +5,8 @@ pub(crate) mod figures;
 mod html;
 mod json;
 mod plot;
+mod steps;
+mod through_focus;
 
 use axum::extract::State;
 use axum::http::{HeaderName, HeaderValue, header};

@@ -1,4 +1,4 @@
-//! Plots as inline SVG: values by iteration with their uncertainties, and a map over the field.
+//! Plots as inline SVG: values by iteration or by position with their uncertainties, and a map over the field.
 
 use std::fmt::Write as _;
 
@@ -11,11 +11,11 @@ const RIGHT: f64 = 12.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 34.0;
 
-/// A value at an iteration.
+/// A value at an iteration or a position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Point {
-    /// Number of the iteration.
-    pub(super) number: u32,
+    /// Number of the iteration, or the position.
+    pub(super) at: f64,
     /// The value.
     pub(super) value: f64,
     /// Half the length of its bar.
@@ -60,14 +60,40 @@ fn ticks(low: f64, high: f64, about: f64) -> (Vec<f64>, usize) {
 
 /// Values by iteration; `None` where there are none to draw.
 pub(super) fn by_iteration(title: &str, unit: &str, series: &[Series<'_>]) -> Option<String> {
+    let marks = |low: f64, high: f64| {
+        let (first, last) = (low.ceil() as u32, high.floor() as u32);
+        let every = (last - first) / 20 + 1;
+        ((first..=last).step_by(every as usize).map(f64::from).collect(), 0)
+    };
+    drawn(title, ("", unit), series, 0.5, marks)
+}
+
+/// Values by position, which `place` says; `None` where there are none to draw.
+pub(super) fn by_position(title: &str, place: &str, unit: &str, series: &[Series<'_>]) -> Option<String> {
+    let reach = series.iter().flat_map(|series| &series.points).map(|point| point.at);
+    let (low, high) = reach.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+    drawn(title, (place, unit), series, ((high - low) * 0.04).max(1e-6), |low, high| ticks(low, high, 8.0))
+}
+
+fn drawn(
+    title: &str,
+    (place, unit): (&str, &str),
+    series: &[Series<'_>],
+    beside: f64,
+    marks_of: impl Fn(f64, f64) -> (Vec<f64>, usize),
+) -> Option<String> {
     let finite = |point: &&Point| point.value.is_finite();
     let points: Vec<&Point> = series.iter().flat_map(|series| series.points.iter()).filter(finite).collect();
-    let (first, last) = (points.iter().map(|p| p.number).min()?, points.iter().map(|p| p.number).max()?);
+    if points.is_empty() {
+        return None;
+    }
+    let places = || points.iter().map(|p| p.at);
+    let (first, last) = (places().fold(f64::INFINITY, f64::min), places().fold(f64::NEG_INFINITY, f64::max));
     let reach = |point: &Point| point.bar.filter(|bar| bar.is_finite()).unwrap_or(0.0);
     let low = points.iter().map(|p| p.value - reach(p)).fold(f64::INFINITY, f64::min);
     let high = points.iter().map(|p| p.value + reach(p)).fold(f64::NEG_INFINITY, f64::max);
     let margin = ((high - low) * 0.06).max(high.abs().max(low.abs()) * 1e-4).max(1e-6);
-    let x = Axis { low: f64::from(first) - 0.5, high: f64::from(last) + 0.5, from: LEFT, to: WIDTH - RIGHT };
+    let x = Axis { low: first - beside, high: last + beside, from: LEFT, to: WIDTH - RIGHT };
     let y = Axis { low: low - margin, high: high + margin, from: HEIGHT - BOTTOM, to: TOP };
     let mut svg = format!(
         "<svg class=\"plot\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\n",
@@ -84,10 +110,15 @@ pub(super) fn by_iteration(title: &str, unit: &str, series: &[Series<'_>]) -> Op
             at + 4.0
         );
     }
-    let every = (last - first) / 20 + 1;
-    for number in (first..=last).step_by(every as usize) {
-        let at = x.at(f64::from(number));
-        let _ = writeln!(svg, "<text class=\"x\" x=\"{at:.1}\" y=\"{:.1}\">{number}</text>", HEIGHT - BOTTOM + 16.0);
+    let (marks, digits) = marks_of(x.low, x.high);
+    for mark in marks {
+        let at = x.at(mark);
+        let _ =
+            writeln!(svg, "<text class=\"x\" x=\"{at:.1}\" y=\"{:.1}\">{mark:.digits$}</text>", HEIGHT - BOTTOM + 16.0);
+    }
+    if !place.is_empty() {
+        let _ =
+            writeln!(svg, "<text class=\"y\" x=\"{}\" y=\"{}\">{}</text>", WIDTH - RIGHT, HEIGHT - 3.0, escape(place));
     }
     for (index, series) in series.iter().enumerate() {
         draw(&mut svg, series, &x, &y);
@@ -116,7 +147,7 @@ fn draw(svg: &mut String, series: &Series<'_>, x: &Axis, y: &Axis) {
     let _ = write!(svg, "<g class=\"{}\">", series.class);
     let mut path = String::new();
     for point in series.points.iter().filter(|point| point.value.is_finite()) {
-        let (px, py) = (x.at(f64::from(point.number)), y.at(point.value));
+        let (px, py) = (x.at(point.at), y.at(point.value));
         let _ = write!(path, "{}{px:.1} {py:.1} ", if path.is_empty() { "M" } else { "L" });
         if let Some(bar) = point.bar.filter(|bar| bar.is_finite()) {
             let (from, to) = (y.at(point.value - bar), y.at(point.value + bar));
@@ -200,7 +231,7 @@ mod tests {
     use super::*;
 
     fn point(number: u32, value: f64) -> Point {
-        Point { number, value, bar: Some(0.1) }
+        Point { at: f64::from(number), value, bar: Some(0.1) }
     }
 
     #[test]
@@ -220,6 +251,18 @@ mod tests {
         assert_eq!(svg.matches("class=\"bar\"").count(), 1);
         assert!(svg.contains("a &lt;b&gt;") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         assert!(by_iteration("t", "px", &[]).is_none());
+    }
+
+    #[test]
+    fn positions_have_round_marks_and_are_where_they_are() {
+        let points = [1.96, 2.1, 2.44].map(|at| Point { at, value: 10.0 * at, bar: None }).to_vec();
+        let series = [Series { name: "a", class: "measured", points, marked: true }];
+        let svg = by_position("t", "position, mm", "px", &series).unwrap();
+        assert!(svg.contains(">2.00<") && svg.contains(">2.40<") && svg.contains("position, mm"), "{svg}");
+        let xs: Vec<f64> =
+            svg.split("cx=\"").skip(1).map(|rest| rest.split('"').next().unwrap().parse().unwrap()).collect();
+        assert!(((xs[1] - xs[0]) / (xs[2] - xs[0]) - 0.14 / 0.48).abs() < 0.01, "{xs:?}");
+        assert!(by_position("t", "", "px", &[]).is_none());
     }
 
     #[test]

@@ -37,6 +37,7 @@ from .models import (
     MeasurementView,
     Move,
     OperatorStep,
+    RepeatRequest,
 )
 
 CONFIRM_HEADER = "Plenalign-Confirm"
@@ -112,10 +113,21 @@ class Job:
         if step is None:
             raise ValueError(f"the job {self.id} asked nothing of the operator when it was last looked at")
         body = ConfirmRequest(step=step if isinstance(step, int) else step.number)
+        return self._answer(op.CONFIRM_STEP, body)
+
+    def repeat(self, step: int) -> JobResource:
+        """Asks for an earlier step again, in place of confirming the one that the job waits for.
+
+        It is one of `repeatable` of that one: the job asks for it, measures anew what depends on it, and goes on.
+        It takes what `confirm` takes.
+        """
+        return self._answer(op.REPEAT_STEP, RepeatRequest(step=step))
+
+    def _answer(self, operation: op.Operation, body: ConfirmRequest | RepeatRequest) -> JobResource:
         shown = dict(self._lease_shown)
         if self._confirm_key is not None:
             shown[CONFIRM_HEADER] = self._confirm_key
-        answer = self._transport.ask(op.CONFIRM_STEP, path=self._path, headers=shown, body=body)
+        answer = self._transport.ask(operation, path=self._path, headers=shown, body=body)
         self._resource = answer.as_(JobResource)
         return self._resource
 

@@ -23,6 +23,7 @@ use async_trait::async_trait;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 use tokio::time::Instant;
+use utoipa::ToSchema;
 
 use crate::config::Side;
 use faults::Faults;
@@ -416,17 +417,20 @@ pub trait FrameSource: Send + Sync {
 }
 
 /// What the job tells the operator to set up before the camera.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
 pub enum Setup {
     /// A diffuser before the lens, for a white frame.
     Diffuser,
     /// Diffuser off, shell off, in air: the triple-level board at these distances from the main lens's principal
     /// point, mm.
+    #[serde(rename = "boards_in_air")]
     AirTripleBoard {
-        /// Nearest, middle and farthest level.
+        /// Nearest, middle and farthest level; three times the same for a flat board.
         distances_mm: [f64; 3],
     },
     /// Shell mounted, tank filled, flat board at this distance from the shell's outer vertex, mm.
+    #[serde(rename = "board_in_water")]
     WaterBoard {
         /// Distance in water, mm.
         distance_mm: f64,
@@ -453,6 +457,11 @@ pub trait SimulatedOperator: Send + Sync {
     fn obey(&self, setup: &Setup);
     /// Whether the operator also confirms by itself.
     fn confirms(&self) -> bool;
+    /// Which earlier step is asked for again in place of confirming `step`, by an operator who confirms by itself.
+    fn asks_again(&self, step: u32) -> Option<u32> {
+        let _ = step;
+        None
+    }
     /// The simulated truth as a JSON object, for reports.
     fn truth(&self) -> serde_json::Value;
     /// What goes wrong with the simulated bench.

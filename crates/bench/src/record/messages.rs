@@ -161,10 +161,10 @@ pub struct FrameInfo {
 pub struct Answer {
     #[prost(message, optional, tag = "1")]
     pub timestamp: ::core::option::Option<::prost_types::Timestamp>,
-    /// focus, e or camera.
+    /// focus, e or camera; operator where a person asked for an earlier step again.
     #[prost(string, tag = "2")]
     pub device: ::prost::alloc::string::String,
-    /// read, move, home or release; frame of a camera that gave none.
+    /// read, move, home or release; frame of a camera that gave none; again of an operator.
     #[prost(string, tag = "3")]
     pub asked: ::prost::alloc::string::String,
     /// Where an axis was sent, mm.
@@ -179,6 +179,12 @@ pub struct Answer {
     /// Why it was not done, a device's error as JSON; absent where it was.
     #[prost(string, optional, tag = "7")]
     pub error_json: ::core::option::Option<::prost::alloc::string::String>,
+    /// Number of the operator's step that was answered by asking for an earlier one again.
+    #[prost(uint32, optional, tag = "8")]
+    pub step: ::core::option::Option<u32>,
+    /// Number of the earlier one.
+    #[prost(uint32, optional, tag = "9")]
+    pub again: ::core::option::Option<u32>,
 }
 /// A spacing measured in one frame or several of one pose.
 #[derive(Clone, PartialEq, ::prost::Message)]

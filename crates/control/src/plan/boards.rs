@@ -2,6 +2,7 @@
 
 use super::capture::Capture;
 use bench::config::{BoardsInAir, Config};
+use bench::device::Setup;
 use plenoptics::optics::mla::micro_image_pitch;
 use plenoptics::optics::{CameraDesign, Solution};
 
@@ -30,6 +31,15 @@ impl AirBoards {
     pub const fn middle_mm(&self) -> f64 {
         match self {
             Self::Levels([_, middle, _]) | Self::Flat(middle) => *middle,
+        }
+    }
+
+    /// The set-up that puts them up.
+    #[must_use]
+    pub const fn setup(&self) -> Setup {
+        match *self {
+            Self::Levels(distances_mm) => Setup::AirTripleBoard { distances_mm },
+            Self::Flat(distance_mm) => Setup::AirTripleBoard { distances_mm: [distance_mm; 3] },
         }
     }
 }

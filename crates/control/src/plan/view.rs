@@ -7,7 +7,9 @@ use super::boards::{AirBoards, Arrangement};
 use super::obstacle::Obstacle;
 use super::precision::Precision;
 use super::{Plan, spacing_in_water};
+use crate::request::JobKind;
 use bench::config::{Config, ConfigOrigin, LBoundSource};
+use bench::device::Setup;
 
 /// A frame and its measurement, s, by the megapixel.
 const MEASURED_S_PER_MEGAPIXEL: f64 = 0.35;
@@ -42,20 +44,27 @@ pub struct PlannedStep {
     pub name: String,
     /// The value to be set, with its unit; null where there is none.
     pub value: Option<String>,
+    /// What is set up.
+    pub setup: Setup,
 }
 
 impl PlannedStep {
-    fn new(name: &str, value: Option<String>) -> Self {
-        Self { name: name.to_owned(), value }
+    fn new(name: &str, value: Option<String>, setup: Setup) -> Self {
+        Self { name: name.to_owned(), value, setup }
+    }
+
+    fn white_frame() -> Self {
+        Self::new("white_frame", None, Setup::Diffuser)
     }
 
     fn boards(boards: AirBoards) -> Self {
-        match boards {
+        let (name, value) = match boards {
             AirBoards::Levels([near, middle, far]) => {
-                Self::new("triple_board_in_air", Some(format!("{near:.1}, {middle:.1}, {far:.1} mm")))
+                ("triple_board_in_air", format!("{near:.1}, {middle:.1}, {far:.1} mm"))
             }
-            AirBoards::Flat(distance) => Self::new("board_in_air", Some(format!("{distance:.1} mm"))),
-        }
+            AirBoards::Flat(distance) => ("board_in_air", format!("{distance:.1} mm")),
+        };
+        Self::new(name, Some(value), boards.setup())
     }
 }
 
@@ -187,24 +196,33 @@ impl Plan {
                 precision.noise_levels,
                 f64::from(config.sensor.width_px) * f64::from(config.sensor.height_px) / (pitch_px * pitch_px)
             ),
-            operator_steps: self.operator_steps(config, first),
+            operator_steps: self.operator_steps(JobKind::JointAlignment, config),
             duration_s: self.duration_s(config),
         }
     }
 
-    fn operator_steps(&self, config: &Config, first: Option<AirBoards>) -> Vec<PlannedStep> {
-        let (in_air, standing) = self.steps_in_air(first);
-        let in_water = Some(format!("{:.1} mm", config.object.distance_mm));
-        let mut steps = vec![PlannedStep::new("white_frame", None)];
-        if config.assembly.l_bound == LBoundSource::Measure {
+    /// What the operator is asked in a kind of job that goes by this plan.
+    pub(crate) fn operator_steps(&self, kind: JobKind, config: &Config) -> Vec<PlannedStep> {
+        let (in_air, standing) = self.steps_in_air(self.first_boards());
+        let distance_mm = config.object.distance_mm;
+        let in_water = || Some(format!("{distance_mm:.1} mm"));
+        let mut steps = vec![PlannedStep::white_frame()];
+        let l_bound_first = kind != JobKind::ClarityOnly && config.assembly.l_bound == LBoundSource::Measure;
+        if kind == JobKind::LBoundMeasurement || l_bound_first {
             // The air step of the l_bound that is configured first; then all axes are homed again.
             steps.extend(in_air.iter().cloned());
-            steps.push(PlannedStep::new("least_e_by_hand", in_water.clone()));
-            steps.push(PlannedStep::new("shell_off", None));
+            steps.push(PlannedStep::new("least_e_by_hand", in_water(), Setup::LeastE { distance_mm }));
+            steps.push(PlannedStep::new("shell_off", None, Setup::ShellOff));
+        }
+        if kind == JobKind::LBoundMeasurement {
+            return steps;
         }
         steps.extend(in_air);
-        steps.extend(self.boards_while_parking(standing).into_iter().map(AirBoards::Flat).map(PlannedStep::boards));
-        steps.push(PlannedStep::new("shell_and_water", in_water));
+        if kind != JobKind::AirOnly {
+            let parking = self.boards_while_parking(standing).into_iter().map(AirBoards::Flat);
+            steps.extend(parking.map(PlannedStep::boards));
+            steps.push(PlannedStep::new("shell_and_water", in_water(), Setup::WaterBoard { distance_mm }));
+        }
         steps
     }
 
@@ -214,13 +232,15 @@ impl Plan {
         let at_solution = self.arrangement.about(solution.equivalent_distance);
         let mut steps: Vec<PlannedStep> = first.map(PlannedStep::boards).into_iter().collect();
         if !self.grid_followed(self.focus.home_mm, solution.delta_v) {
-            steps.push(PlannedStep::new("white_frame", None));
+            steps.push(PlannedStep::white_frame());
             steps.push(PlannedStep::boards(at_solution));
         } else if first != Some(at_solution) {
             steps.push(PlannedStep::boards(at_solution));
         }
         let ring = self.design.main_lens.ring_f_number(solution.aperture);
-        steps.push(PlannedStep::new("aperture", Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture))));
+        let value = format!("{:.2} mm, f/{ring:.2}", solution.aperture);
+        let setup = Setup::Aperture { diameter_mm: solution.aperture, ring_f_number: ring };
+        steps.push(PlannedStep::new("aperture", Some(value), setup));
         let mut standing = solution.equivalent_distance;
         if let Arrangement::InTurn { places_mm } = self.arrangement {
             for place in places_mm.into_iter().filter(|&place| place != solution.equivalent_distance) {

@@ -215,6 +215,7 @@ impl Scribe {
                 words::pose(frame.captured_at, info.e_mm).map_or(Ok(()), |pose| self.message(Topic::POSE, at, &pose))
             }
             Happening::Answer(answer) => self.message(Topic::ANSWER, at, &words::answer(answer, at)),
+            Happening::Again { step, again } => self.message(Topic::ANSWER, at, &words::again(*step, *again, at)),
             Happening::Measured(view, map) => {
                 self.message(Topic::MEASUREMENT, at, &words::measurement(view))?;
                 self.message(Topic::ANNOTATIONS, at, &words::annotations(view, map.as_deref()))

@@ -67,6 +67,13 @@ pub(super) enum Happening {
     Frame(Arc<Frame>),
     /// What a device answered.
     Answer(Answer),
+    /// In place of confirming `step` the operator asked for an earlier one again.
+    Again {
+        /// Number of the step that waited.
+        step: u32,
+        /// Number of the earlier one.
+        again: u32,
+    },
     /// What was measured.
     Measured(Box<MeasurementView>, Option<Arc<FieldMap>>),
     /// What the meter read.

@@ -101,6 +101,7 @@ impl Service {
                 | JobEnd::Unmeasurable { why }
                 | JobEnd::Cancelled { why }
                 | JobEnd::NotConverged { why } => why,
+                JobEnd::Repeat(_) => "a step was asked for again where none was asked".to_owned(),
             })?;
         }
         Ok(())

@@ -7,6 +7,7 @@ use crate::events::{FieldMap, MeasurementView, TwoBoardsView};
 use crate::job::{Iteration, LogLine, SpacingReading};
 use crate::journal::word;
 use crate::meter::{NoReading, Reading};
+use bench::device::replayed::OPERATOR;
 use bench::device::{AxisName, Frame, StageState};
 use bench::record::foxglove::{
     Color, FrameTransform, ImageAnnotations, Log, Point2, PointsAnnotation, Pose, PoseInFrame, Quaternion,
@@ -148,6 +149,8 @@ pub fn decided(message: &messages::Decision) -> Result<Iteration, String> {
         spacing: reading(message.spacing.as_ref()),
         spacing_predicted_px: message.spacing_predicted_px,
         spacing_target_px: message.spacing_target_px,
+        // The measurement has it.
+        eog: None,
         decision: message.decision.clone(),
         at: time(message.timestamp.as_ref()),
     })
@@ -254,6 +257,19 @@ pub(super) fn answer(answer: &Answer, at: jiff::Timestamp) -> messages::Answer {
         readback_mm: answer.readback.map(Millimetres::value),
         state: answer.state.as_ref().map(axis_state),
         error_json: answer.error.as_ref().and_then(|error| serde_json::to_string(error).ok()),
+        ..messages::Answer::default()
+    }
+}
+
+/// What an operator answered who asked for an earlier step `again`, in place of confirming `step`.
+pub(super) fn again(step: u32, again: u32, at: jiff::Timestamp) -> messages::Answer {
+    messages::Answer {
+        timestamp: Some(stamp(at)),
+        device: OPERATOR.to_owned(),
+        asked: "again".to_owned(),
+        step: Some(step),
+        again: Some(again),
+        ..messages::Answer::default()
     }
 }
 

@@ -91,7 +91,7 @@ impl Figure {
         }
     }
 
-    /// Every value that has to be the same: all but when it was decided, which is now.
+    /// Every value that has to be the same: all but when it was decided, which is now, and what its measurement has.
     fn values(&self) -> Value {
         let mut values = match self {
             Self::Measured(view) => serde_json::to_value(view),
@@ -100,6 +100,7 @@ impl Figure {
         .unwrap_or_default();
         if let (Self::Decided(_), Some(values)) = (self, values.as_object_mut()) {
             values.remove("at");
+            values.remove("eog");
         }
         values
     }

@@ -14,6 +14,8 @@ import { meterPage } from "./meter-page";
 import { plan } from "./plan";
 import { prompt } from "./prompts";
 import { settings } from "./settings";
+import { setUp, steps } from "./steps";
+import { throughFocus } from "./through-focus";
 import { wayOn } from "./way-on";
 
 export const strings: typeof english = {
@@ -32,11 +34,14 @@ export const strings: typeof english = {
   job,
   plan,
   prompt,
+  steps,
+  setUp,
   form,
   iterations,
   report,
   outcome,
   wayOn,
+  throughFocus,
   history,
   settings,
   install,

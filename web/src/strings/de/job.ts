@@ -264,7 +264,7 @@ export const outcome: typeof en.outcome = {
   lBound: "l_bound",
   wall: "e-Sperre",
   axis: "Achse",
-  crossing: "Im Fokus bei",
+  crossing: "Im Fokus zwischen zwei Stellungen, bei",
   noCrossing: "nicht innerhalb der Messreihe",
   slope: "Steigung",
   measured: "Gemessen",

@@ -6,13 +6,6 @@ export const plan: typeof en.plan = {
   impossible: "Diese Kamera lässt sich so, wie sie konfiguriert ist, nicht justieren:",
   obstacle: (value, needed, why) => `ist ${value} und müsste ${needed} sein: ${why}`,
   summary: (steps, seconds) => `${steps} Handgriffe für Sie, dazu etwa ${Math.round(seconds)} s`,
-  steps: {
-    white_frame: "Streuscheibe aufsetzen",
-    triple_board_in_air: "Dreistufentafel in Luft",
-    board_in_air: "Ebene Tafel in Luft",
-    aperture: "Blende einstellen",
-    shell_and_water: "Kugelschale montieren, Becken füllen, Tafel ins Wasser",
-  },
   mounted: (e, spacing) => `Die Kugelschale wird bei e = ${e} montiert, wo der Punktabstand ${spacing} ist.`,
   expected: (spacing, deltaV, e) =>
     `Erwartete Unsicherheit: ${spacing}, das sind ${deltaV} bei Δv und ${e} bei e:`,

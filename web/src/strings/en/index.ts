@@ -13,6 +13,8 @@ import { meterPage } from "./meter-page";
 import { plan } from "./plan";
 import { prompt } from "./prompts";
 import { settings } from "./settings";
+import { setUp, steps } from "./steps";
+import { throughFocus } from "./through-focus";
 import { wayOn } from "./way-on";
 
 export const strings = {
@@ -31,11 +33,14 @@ export const strings = {
   job,
   plan,
   prompt,
+  steps,
+  setUp,
   form,
   iterations,
   report,
   outcome,
   wayOn,
+  throughFocus,
   history,
   settings,
   install,

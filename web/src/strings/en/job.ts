@@ -259,7 +259,7 @@ export const outcome = {
   lBound: "l_bound",
   wall: "e wall",
   axis: "Axis",
-  crossing: "In focus at",
+  crossing: "In focus between two positions, at",
   noCrossing: "not within the sweep",
   slope: "Slope",
   measured: "Measured",

@@ -4,6 +4,7 @@ import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
 import type { Iteration, Job } from "../../wire";
 import { Explained } from "../term";
 import { Convergence } from "./convergence";
+import { ThroughFocus } from "./through-focus";
 
 interface Props {
   job: Job;
@@ -38,7 +39,11 @@ export function Iterations({ job, unit }: Props) {
 function Table({ job, unit }: Props) {
   return (
     <>
-      <Convergence key={job.id} job={job} />
+      {job.request.kind === "focus_sweep" ? (
+        <ThroughFocus key={job.id} job={job} axis={job.request.axis} unit={unit} />
+      ) : (
+        <Convergence key={job.id} job={job} />
+      )}
       <div class="table" tabIndex={0} role="region" aria-label={strings.iterations.title}>
         <table>
           <thead>

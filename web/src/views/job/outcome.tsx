@@ -8,7 +8,7 @@ import {
   pixelsPer,
   type LengthUnit,
 } from "../../units";
-import type { Outcome as Found } from "../../wire";
+import type { FittedPlace, Outcome as Found } from "../../wire";
 import { Rows } from "./rows";
 
 function rows(found: Found, unit: LengthUnit): [string, string][] {
@@ -17,6 +17,9 @@ function rows(found: Found, unit: LengthUnit): [string, string][] {
     typeof mm === "number" ? length(mm, unit, digits) : strings.report.unknown;
   const measured = (mm: number | null | undefined, sigmaMm: number | null | undefined, digits: number) =>
     measuredLength(mm, sigmaMm, unit, digits) ?? strings.report.unknown;
+  const { throughFocus } = strings;
+  const best = (of: FittedPlace | null | undefined, none: string) =>
+    measuredLength(of?.position_mm, of?.sigma_mm, unit, 4) ?? none;
   switch (found.type) {
     case "homing":
       return [
@@ -45,6 +48,8 @@ function rows(found: Found, unit: LengthUnit): [string, string][] {
             ? measured(found.crossing_mm, found.crossing_sigma_mm, 4)
             : words.noCrossing,
         ],
+        [throughFocus.best, best(found.best_focus, throughFocus.noCrossing)],
+        [throughFocus.peak, best(found.eog_peak, throughFocus.noPeak)],
         [
           words.slope,
           typeof found.slope_px_per_mm === "number"

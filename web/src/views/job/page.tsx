@@ -18,6 +18,7 @@ import { Outcome } from "./outcome";
 import { Progress } from "./progress";
 import { Result } from "./result";
 import { StartJob } from "./start";
+import { Steps } from "./steps";
 import { Turn } from "./turn";
 import { WayOn } from "./way-on";
 
@@ -94,6 +95,7 @@ function JobCard(scene: Scene & { job: Job; present: boolean }) {
           {sentence(reworded(job.reason, unit))}
         </p>
       )}
+      <Steps {...scene} />
       {present && <WayOn {...scene} />}
       {!over && <HandOn {...scene} />}
       {over && <Downloads href={job.href} recording={job.recording} />}

@@ -1,8 +1,9 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { strings } from "../../strings";
-import { length, pixels, type LengthUnit } from "../../units";
+import { length, pixels, reworded, type LengthUnit } from "../../units";
 import type { Plan } from "../../wire";
+import { SetUpDrawing } from "./set-up";
 import { Explained } from "../term";
 
 /** What an alignment would do, and what stands in its way; null until the daemon has said it. */
@@ -41,11 +42,12 @@ export function PlanSummary({ plan, unit }: { plan: Plan; unit: LengthUnit }) {
   return (
     <details id="plan">
       <summary>{strings.plan.summary(plan.operator_steps.length, plan.duration_s)}</summary>
-      <ol>
+      <ol class="plan-steps">
         {plan.operator_steps.map((step, index) => (
           <li key={index}>
-            {strings.plan.steps[step.name] ?? step.name}
-            {step.value === null || step.value === undefined ? "" : `: ${step.value}`}
+            {strings.steps.name(step.name)}
+            {step.value === null || step.value === undefined ? "" : `: ${reworded(step.value, unit)}`}
+            <SetUpDrawing setup={step.setup} unit={unit} small />
           </li>
         ))}
       </ol>

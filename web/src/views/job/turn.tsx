@@ -10,6 +10,7 @@ import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Scene } from "../scene";
 import { onceHeld, useSettled } from "../settled";
+import { SetUpDrawing } from "./set-up";
 
 /**
  * Whose turn it is: what waits for the operator, with the number that matters large, confirmed by whoever has a key of the
@@ -19,6 +20,7 @@ export function Turn(scene: Scene & { job: Job }) {
   const { state, act, job } = scene;
   const { unit } = state.preferences;
   const step = job.state === "waiting_for_operator" ? job.operator_step : null;
+  const setup = step && job.steps?.find(({ number }) => number === step.number)?.setup;
   const confirmable = Boolean(step) && mayConfirm(scene);
   const [sent, send] = useState<number | null>(null);
   const [leaving, leave] = useAsked<true>(job.state !== "cancelling" && able(state, "control"));
@@ -79,6 +81,7 @@ export function Turn(scene: Scene & { job: Job }) {
       )}
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
       {step && <Instruction step={step} unit={unit} />}
+      {step && setup && <SetUpDrawing setup={setup} unit={unit} />}
       {step && !confirmable && <GiveKey {...scene} />}
     </div>
   );
@@ -105,7 +108,7 @@ function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
 }
 
 /** Whether this tab holds the lease that the job has, or the job's confirm key. */
-function mayConfirm({ state, job }: Scene & { job: Job }): boolean {
+export function mayConfirm({ state, job }: Scene & { job: Job }): boolean {
   if (!may(state, "control")) return false;
   return api.confirmKeys.of(job.id) !== null || api.lease.hasJob(state.bench?.lease ?? null, job.id);
 }

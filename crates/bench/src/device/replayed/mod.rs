@@ -11,6 +11,7 @@ use std::sync::Arc;
 pub use camera::{EXHAUSTED, RecordedFrames};
 
 use self::camera::{CAMERA, ReplayedCamera};
+pub use self::operator::OPERATOR;
 use self::operator::ReplayedOperator;
 use self::stage::{ReplayedStage, Tape};
 use super::{AxisName, Bench, DeviceError};
@@ -24,14 +25,15 @@ const NAME: &str = "the recording";
 #[must_use]
 pub fn bench(start: &JobStart, path: &Path, frames: RecordedFrames, answers: Vec<Answer>) -> Bench {
     let path: PathBuf = path.to_owned();
-    let answers = answers.into_iter().filter(|answer| answer.device != CAMERA).collect();
+    let operator = ReplayedOperator::new(&answers);
+    let answers = answers.into_iter().filter(|answer| ![CAMERA, OPERATOR].contains(&answer.device.as_str())).collect();
     let tape = Arc::new(Tape::new(start, answers));
     let stage = |axis| Arc::new(ReplayedStage::new(axis, Arc::clone(&tape), &path));
     Bench {
         focus: stage(AxisName::Focus),
         e: stage(AxisName::E),
         camera: Arc::new(ReplayedCamera::new(start, frames)),
-        simulated: Some(Arc::new(ReplayedOperator)),
+        simulated: Some(Arc::new(operator)),
     }
 }
 

@@ -1,0 +1,132 @@
+//! An earlier step of an alignment asked for again, where it went wrong: without losing the job.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
+use plenalign::control::lease::LeaseRequest;
+use plenalign::control::replay::replay;
+use plenalign::control::steps::StepState;
+use plenalign::control::{Refusal, Service, ServiceError, Shown};
+use uuid::Uuid;
+
+use super::bench::{quick_axes, service, small_config};
+use super::until::{elapse, until, when};
+
+/// How long the operator takes for everything that is asked.
+const OPERATOR: Duration = Duration::from_secs(5);
+
+/// The job once it asks for a step after `seen`, or has ended.
+async fn asks(service: &Arc<Service>, id: Uuid, seen: u32) -> JobSnapshot {
+    until("the job asks for more, or has ended", async || {
+        let job = service.job(id).unwrap();
+        let new = job.operator_step.as_ref().is_none_or(|step| step.number > seen);
+        let here = |state: &JobState| state.is_final() || (*state == JobState::WaitingForOperator && new);
+        when(job.state, here).map(|_| job).map_err(|state| state.to_string())
+    })
+    .await
+}
+
+/// What a refusal says of the job's state.
+fn why(answer: Result<JobSnapshot, ServiceError>) -> String {
+    match answer {
+        Err(ServiceError::Refused(Refusal::JobState { why, .. })) => why,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
+    let mut config = small_config(7);
+    config.bench.simulation.operator_confirms = false;
+    config.bench.simulation.rays = 8;
+    quick_axes(&mut config.bench);
+    let service = service(config).await;
+    let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
+    let key = service.leases().take_over(request).key;
+    let permit = service.leases().permit(Some(&key)).unwrap();
+    let shown = Shown { lease: Some(&key), ..Shown::default() };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("repeated.mcap");
+    let request = JobRequest::of(JobKind::AirOnly);
+    let id = service.create_job_recorded(&permit, request, file.clone()).await.unwrap().id;
+
+    let first = asks(&service, id, 0).await;
+    let planned: Vec<_> = first.steps.iter().map(|step| (step.name.as_str(), step.state)).collect();
+    let (now, next) = (StepState::Now, StepState::Next);
+    let rest = [("white_frame", now), ("triple_board_in_air", next), ("aperture", next)];
+    assert_eq!(planned, [&[("homing", StepState::Done)][..], &rest].concat());
+    assert!(first.operator_step.unwrap().repeatable.is_empty());
+    assert_eq!(
+        why(service.repeat(id, 1, shown)),
+        "at step 1 (white_frame) no earlier step can be asked for again, not step 1"
+    );
+
+    // The white frame once more while the board is waited for; the board once more while the aperture is.
+    let (mut seen, mut at_aperture, mut iterations) = (0, false, 0);
+    let job = loop {
+        let job = asks(&service, id, seen).await;
+        let Some(step) = job.operator_step.clone() else { break job };
+        elapse(OPERATOR).await;
+        seen = step.number;
+        match (step.number, step.name.as_str()) {
+            (2, _) => {
+                assert_eq!(step.repeatable, [1]);
+                assert_eq!(
+                    service.repeat(id, 1, Shown::default()).unwrap_err(),
+                    ServiceError::Refused(Refusal::ConfirmKeyRequired)
+                );
+                service.repeat(id, 1, shown).unwrap();
+            }
+            (3, name) => {
+                assert_eq!((name, step.repeats), ("white_frame", Some(1)));
+                service.confirm(id, 3, shown).unwrap();
+            }
+            (_, "aperture") if !at_aperture => {
+                (at_aperture, iterations) = (true, job.iterations.len());
+                assert_eq!(step.repeatable, [3, 4]);
+                let refused = why(service.repeat(id, 1, shown));
+                assert_eq!(
+                    refused,
+                    format!("at step {} (aperture) step 3 and step 4 can be asked for again, not step 1", step.number)
+                );
+                service.repeat(id, 4, shown).unwrap();
+            }
+            // It has come to where it was; the rest is as without.
+            (_, "aperture") => drop(service.cancel(id).unwrap()),
+            _ => drop(service.confirm(id, step.number, shown).unwrap()),
+        }
+    };
+    assert_eq!(job.state, JobState::Cancelled, "{:?}", job.reason);
+    assert!(at_aperture && iterations > 0 && job.iterations.len() >= iterations, "what was measured before is kept");
+    let report = job.report.as_ref().unwrap();
+
+    let told: Vec<_> = job.steps.iter().map(|step| (step.name.as_str(), step.state, step.repeats)).collect();
+    let (done, repeated) = (StepState::Done, StepState::Repeated);
+    let expected = [
+        ("homing", done, None),
+        ("white_frame", repeated, None),
+        ("triple_board_in_air", repeated, None),
+        ("white_frame", done, Some(1)),
+        ("triple_board_in_air", repeated, None),
+        ("aperture", repeated, None),
+        ("triple_board_in_air", done, Some(4)),
+        ("aperture", now, None),
+    ];
+    assert_eq!(told, expected);
+    let spent = report.time_spent.unwrap();
+    let sum = |of: fn(&plenalign::control::steps::JobStep) -> Option<f64>| job.steps.iter().filter_map(of).sum::<f64>();
+    let (operator_s, bench_s) = (sum(|step| step.operator_s), sum(|step| step.bench_s));
+    assert!((operator_s - spent.operator_s).abs() < 0.1, "{operator_s}: {spent:?}");
+    assert!((bench_s - (spent.total_s - spent.operator_s)).abs() < 0.5, "{bench_s}: {spent:?}");
+    let archive = service.archive(id).await.unwrap();
+    let kept = |number: u32| archive.operator_steps.iter().find(|asked| asked.step.number == number).unwrap();
+    assert_eq!((kept(2).confirmed_at, kept(3).step.repeats), (None, Some(1)));
+    let printed = plenalign::api::export::html(&archive);
+    assert!(printed.contains("step 4 once more") && printed.contains("asked for again, counts no more"));
+    assert!(job.log.iter().any(|line| line.message == "in place of step 2 the operator asks for step 1 again"));
+
+    // Replayed, the same steps are asked for again, and the same comes of it.
+    let replayed = replay(&file).await.unwrap();
+    assert!(replayed.identical, "{:?} {:?}", replayed.differences, replayed.replayed_end);
+}

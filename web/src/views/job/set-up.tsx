@@ -1,0 +1,229 @@
+import { fixed } from "../../format";
+import {
+  AXIS_Y,
+  boardInWater,
+  boardsAt,
+  iris,
+  LENS_X,
+  opening,
+  ringAbout,
+  SHELL,
+  SIZE,
+  type Board,
+} from "../../set-up-drawing";
+import { strings } from "../../strings";
+import { length, lengths, type LengthUnit } from "../../units";
+import type { Setup } from "../../wire";
+
+interface Props {
+  setup: Setup;
+  unit: LengthUnit;
+  /** Small, it is a sign without words. */
+  small?: boolean;
+}
+
+/** A drawing of what is to stand before the camera. */
+export function SetUpDrawing({ setup, unit, small = false }: Props) {
+  return (
+    <svg
+      class={small ? "set-up small" : "set-up"}
+      data-setup={setup.type}
+      viewBox={`0 0 ${SIZE.width} ${SIZE.height}`}
+      role="img"
+      aria-label={told(setup, unit)}
+    >
+      <Scene setup={setup} unit={unit} small={small} />
+    </svg>
+  );
+}
+
+/** The same in words. */
+function told(setup: Setup, unit: LengthUnit): string {
+  const words = strings.setUp.drawing;
+  switch (setup.type) {
+    case "diffuser":
+      return words.diffuser();
+    case "boards_in_air": {
+      const places = [...new Set(setup.distances_mm)];
+      return words.boards_in_air(lengths(places, unit, 1), places.length);
+    }
+    case "aperture":
+      return words.aperture(length(setup.diameter_mm, unit, 2), fixed(setup.ring_f_number, 2));
+    case "board_in_water":
+      return words.board_in_water(length(setup.distance_mm, unit, 1));
+    case "least_e":
+      return words.least_e(length(setup.distance_mm, unit, 1));
+    case "shell_off":
+      return words.shell_off();
+  }
+}
+
+function Scene({ setup, unit, small }: Required<Props>) {
+  switch (setup.type) {
+    case "diffuser":
+      return (
+        <>
+          <path class="light" d={LIGHT} />
+          <rect class="diffuser" x={LENS_X - 24} y={AXIS_Y - 36} width={9} height={72} rx={2} />
+          <Camera />
+          {!small && (
+            <text x={LENS_X - 20} y={SIZE.height - 8} text-anchor="middle">
+              {strings.setUp.diffuser}
+            </text>
+          )}
+        </>
+      );
+    case "boards_in_air": {
+      const boards = boardsAt(setup.distances_mm);
+      return (
+        <>
+          <Axis />
+          <Boards of={boards} />
+          <Camera />
+          {!small &&
+            boards.map((board, row) => (
+              <Distance
+                key={row}
+                {...{ board, row, unit }}
+                to={LENS_X}
+                along={boards.length > 1 ? 0.82 - 0.27 * row : 0.5}
+              />
+            ))}
+        </>
+      );
+    }
+    case "aperture":
+      return <Aperture number={setup.ring_f_number} small={small} />;
+    case "board_in_water":
+    case "least_e": {
+      const board = boardInWater(setup.distance_mm);
+      return (
+        <>
+          <path class="water" d={`M6 16H${SHELL.vertexX + 60}V${AXIS_Y + 44}H6Z`} />
+          <path
+            class="level"
+            d={`M6 16q8 -5 16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0`}
+          />
+          <Shell />
+          <Axis />
+          <Boards of={[board]} />
+          <Camera />
+          {setup.type === "least_e" && (
+            <path class="push" d={`M${SIZE.width - 4} 104H${LENS_X}m10 -7l-10 7l10 7`} />
+          )}
+          {!small && (
+            <Distance board={board} row={setup.type === "least_e" ? -1 : 0} unit={unit} to={SHELL.vertexX} />
+          )}
+        </>
+      );
+    }
+    case "shell_off":
+      return (
+        <>
+          <g class="aside">
+            <Shell />
+          </g>
+          <path class="push" d={`M${SHELL.vertexX - 10} ${AXIS_Y}l-60 0m10 -7l-10 7l10 7`} />
+          <Camera />
+        </>
+      );
+  }
+}
+
+const LIGHT = [-28, 0, 28].map((off) => `M40 ${AXIS_Y + off}h120m-9 -6l9 6l-9 6`).join("");
+
+function Axis() {
+  return <path class="axis" d={`M8 ${AXIS_Y}H${LENS_X}`} />;
+}
+
+/** Lens, microlens array, sensor, and the box about them. */
+function Camera() {
+  return (
+    <>
+      <path class="body" d={`M${LENS_X + 6} ${AXIS_Y - 16}h14v-12h58v56h-58v-12h-14z`} />
+      <path class="lens" d={`M${LENS_X} ${AXIS_Y - 22}q8 22 0 44q-8 -22 0 -44z`} />
+      <path class="mla" d={`M${LENS_X + 56} ${AXIS_Y - 20}v40`} />
+      <path class="sensor" d={`M${LENS_X + 66} ${AXIS_Y - 20}v40`} />
+    </>
+  );
+}
+
+function Shell() {
+  const { vertexX, reach } = SHELL;
+  const end = vertexX + 40;
+  const arc = (x: number, half: number) =>
+    `M${end} ${AXIS_Y - half}C${x - 4} ${AXIS_Y - half} ${x} ${AXIS_Y - half / 2} ${x} ${AXIS_Y}S${x - 4} ${AXIS_Y + half} ${end} ${AXIS_Y + half}`;
+  return (
+    <>
+      <path class="air" d={`${arc(vertexX, reach)}Z`} />
+      <path class="shell" d={arc(vertexX, reach)} />
+      <path class="shell" d={arc(vertexX + 5, reach - 5)} />
+    </>
+  );
+}
+
+function Boards({ of }: { of: Board[] }) {
+  return (
+    <>
+      {of.map(({ x, top, bottom }) => (
+        <path key={x} class="board" d={`M${x} ${top}V${bottom}`} />
+      ))}
+      {of.slice(1).map((board, n) => (
+        <path key={board.x} class="tread" d={`M${of[n]?.x ?? board.x} ${board.bottom}H${board.x}`} />
+      ))}
+    </>
+  );
+}
+
+interface DistanceProps {
+  board: Board;
+  /** Which of the lines below the drawing it has, the lowest first. */
+  row: number;
+  unit: LengthUnit;
+  to: number;
+  /** Where along it its figure stands: several would lie over each other. */
+  along?: number;
+}
+
+/** From a board to what it is measured from, with its length. */
+function Distance({ board, row, unit, to, along = 0.5 }: DistanceProps) {
+  const y = SIZE.height - 3 - row * 9;
+  const label = length(board.distanceMm, unit, 1);
+  return (
+    <>
+      <path
+        class="distance"
+        d={`M${board.x} ${board.bottom + 2}V${y}M${board.x} ${y - 3}H${to}M${to} ${AXIS_Y + 24}V${y}`}
+      />
+      <text x={board.x + (to - board.x) * along} y={y - 6} text-anchor="middle">
+        {label}
+      </text>
+    </>
+  );
+}
+
+function Aperture({ number, small }: { number: number; small: boolean }) {
+  const middle = SIZE.width / 2;
+  const y = small ? SIZE.height / 2 : 42;
+  const rim = small ? 50 : 34;
+  return (
+    <>
+      <circle class="rim" cx={middle} cy={y} r={rim} />
+      <polygon class="iris" points={iris(middle, y, rim * opening(number))} />
+      {!small && (
+        <>
+          <path class="pointer" d={`M${middle} 92l-5 -8h10z`} />
+          <path class="ring" d={`M${middle - 110} 94H${middle + 110}`} />
+          {ringAbout(number).map(({ x, stop }) => (
+            <g key={stop}>
+              <path class="ring" d={`M${x} 94v6`} />
+              <text x={x} y={113} text-anchor="middle">
+                {String(stop)}
+              </text>
+            </g>
+          ))}
+        </>
+      )}
+    </>
+  );
+}
