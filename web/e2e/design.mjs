@@ -158,7 +158,7 @@ try {
   }
   assert.match(await summary.innerText(), /Δv\s+\+\d\.\d{3} mm/);
   await page.screenshot({ path: `${shots}/design-fields-360.png` });
-  await summary.getByRole("button").click();
+  await summary.locator("button").click();
   await page.waitForFunction(() => {
     const { top } = document.querySelector(".figures").getBoundingClientRect();
     const { bottom } = document.querySelector("header").getBoundingClientRect();

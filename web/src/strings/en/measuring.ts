@@ -37,7 +37,7 @@ export const measuring = {
   keep: "Keep",
   snapshot: "Snapshot",
   snapshotMore: "The picture as it is seen here, with what is laid over it",
-  raw: "Raw frame file",
+  raw: "Raw file",
   rawMore: "The newest frame with the camera's own samples, every bit of them",
   full: "Large",
   fullMore: "The picture alone, on all of the screen where the browser has that",
