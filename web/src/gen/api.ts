@@ -123,6 +123,87 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/camera/auto-exposure": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /**
+     * Finds exposure and gain for a white frame, by frames of what is before the lens now: put the diffuser on it first.
+     * @description The bright pixels come to lie at four fifths of white, and hardly any is clipped; exposure goes before gain, and no
+     *     frame is exposed for longer than the time between two. It takes some seconds, in which no job is accepted. Refused while
+     *     a job holds the bench. A picture that is right is left as it is; where there is too much light or too little, the camera
+     *     is set back to as it was. A change drops the white frame, as setting a control does.
+     */
+    post: operations["auto_expose"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/camera/controls": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The camera's exposure and gain, with value, limits and unit as the camera has them. */
+    get: operations["get_camera_controls"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/camera/controls/{control}": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    /**
+     * Sets the camera's exposure or gain, until it is set otherwise or the program ends.
+     * @description Refused while a job holds the bench. A change drops the white frame, and what was read of the scene is gone: the next
+     *     job takes a white frame, and its frames, with the camera set so.
+     */
+    put: operations["set_camera_control"];
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/camera/histogram": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * The grey levels of the newest frame, with what is clipped at either end; of one exposed as the camera is set now.
+     *     Counted when it is asked for.
+     */
+    get: operations["get_histogram"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/config": {
     parameters: {
       query?: never;
@@ -1029,6 +1110,26 @@ export interface components {
       entries: components["schemas"]["Audit"][];
       /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
       next?: string | null;
+    };
+    /** @description What came of a search for the exposure. */
+    AutoExposureView: components["schemas"]["LightView"] & {
+      /**
+       * Format: double
+       * @description Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it.
+       */
+      bright_level: number;
+      /** @description Whether anything was changed: a picture that is exposed as it should be is left as it is. */
+      changed: boolean;
+      /**
+       * Format: double
+       * @description Share of its pixels that are clipped.
+       */
+      clipped_share: number;
+      /**
+       * Format: int32
+       * @description Frames that it took.
+       */
+      frames: number;
     };
     /** @description What goes wrong with an axis. */
     AxisFaults: {
@@ -3087,6 +3188,24 @@ export interface components {
        */
       step: number;
     };
+    /**
+     * @description Which of a camera's controls.
+     * @enum {string}
+     */
+    ControlName: "exposure" | "gain";
+    /** @description What a control of the camera is to be. */
+    ControlRequest: {
+      /**
+       * Format: double
+       * @description The value, in the control's unit. The camera is set to the nearest that it takes, which the answer has.
+       */
+      value: number;
+    };
+    /**
+     * @description What a control's numbers are.
+     * @enum {string}
+     */
+    ControlUnit: "ms" | "factor" | "driver";
     /** @description What is known about all micro-images together. */
     DepthFigures: {
       /** @description `square` or `hexagonal`. */
@@ -3442,6 +3561,53 @@ export interface components {
       status: string;
       /** @description Version of the program. */
       version: string;
+    };
+    /**
+     * @description How many pixels of a raw frame have which grey level: all of them, at the sensor's full depth; of a mosaic all colours
+     *     together.
+     */
+    HistogramView: {
+      /**
+       * Format: int32
+       * @description Significant bits of a sample.
+       */
+      bits: number;
+      /**
+       * Format: double
+       * @description Share of the pixels at level 0: darker they cannot be.
+       */
+      black_share: number;
+      /**
+       * Format: date-time
+       * @description End of its exposure, RFC 3339.
+       */
+      captured_at: string;
+      /**
+       * Format: double
+       * @description Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell.
+       */
+      clipped_share: number;
+      /** @description Pixels in each range, darkest first. */
+      counts: number[];
+      /**
+       * Format: double
+       * @description Age of the frame when this was said, ms.
+       */
+      frame_age_ms: number;
+      /**
+       * Format: int64
+       * @description Sequence number of the frame.
+       */
+      frame_seq: number;
+      /**
+       * Format: int64
+       * @description Grey levels in each range but the last, which may have fewer.
+       */
+      levels_per_range: number;
+      /** @description Whether the frame is of old, played from a file. */
+      replayed: boolean;
+      /** @description Whether the frame was simulated. */
+      simulated: boolean;
     };
     /**
      * @description What stands before the lens, as far as the program knows.
@@ -3967,6 +4133,59 @@ export interface components {
        * @description a/b; `null` where unknown.
        */
       virtual_depth?: number | null;
+    };
+    /** @description A control of a camera. */
+    LightControl: {
+      /** @description Whether the camera adjusts it by itself. */
+      automatic: boolean;
+      /**
+       * Format: double
+       * @description What it is without anybody's doing.
+       */
+      default: number;
+      /** @description What the camera calls it: its key in `[bench.camera.controls]`. */
+      key: string;
+      /** @description Why it cannot be set; null where it can. */
+      locked?: string | null;
+      /**
+       * Format: double
+       * @description Greatest value.
+       */
+      maximum: number;
+      /**
+       * Format: double
+       * @description Least value.
+       */
+      minimum: number;
+      /** @description Which it is. */
+      name: components["schemas"]["ControlName"];
+      /**
+       * Format: double
+       * @description Between values, counted from the least.
+       */
+      step: number;
+      /** @description What value and limits are. */
+      unit: components["schemas"]["ControlUnit"];
+      /**
+       * Format: double
+       * @description The value now; null where it cannot be read.
+       */
+      value?: number | null;
+    };
+    /** @description What the camera's pictures are exposed by. */
+    LightView: {
+      /** @description Exposure and gain, as far as the camera has them; empty where it has neither. */
+      controls: components["schemas"]["LightControl"][];
+      /**
+       * Format: uuid
+       * @description The job that keeps them from being set until its end; null where none does.
+       */
+      job?: string | null;
+      /**
+       * @description Whether a white frame was taken with the camera set as it is: what is measured rests on it, and a change of a
+       *     control drops it.
+       */
+      white_frame: boolean;
     };
     /** @description A line of a job's log. */
     LogLine: {
@@ -6287,6 +6506,342 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  auto_expose: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The picture is exposed for a white frame */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["AutoExposureView"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A job holds the bench (`busy`), there is too much light or too little (`not-exposed`), or nothing of the camera can be set (`no-control`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The camera is away, or refuses */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_camera_controls: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["LightView"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The camera is away */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  set_camera_control: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
+      path: {
+        /** @description Which control */
+        control: components["schemas"]["ControlName"];
+      };
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["ControlRequest"];
+      };
+    };
+    responses: {
+      /** @description The camera is set */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["LightView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description There is nothing under this name */
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A job holds the bench (`busy`), the value is outside the control's limits (`control-range`), or the camera has no such control, or adjusts it by itself (`no-control`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The camera is away, or refuses */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_histogram: {
+    parameters: {
+      query?: {
+        /** @description In how many ranges of grey levels the pixels are counted, 2 to 65536; never more than the sensor has levels. */
+        ranges?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["HistogramView"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame, or none fresh */
+      503: {
         headers: {
           [name: string]: unknown;
         };

@@ -336,6 +336,28 @@ class ConfirmRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Number of the step that has been carried out: a late confirmation of an earlier step is refused."""
 
 
+class ControlName(str, Enum):
+    """Which of a camera's controls."""
+
+    EXPOSURE = "exposure"
+    GAIN = "gain"
+
+
+class ControlRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a control of the camera is to be."""
+
+    value: float
+    """The value, in the control's unit. The camera is set to the nearest that it takes, which the answer has."""
+
+
+class ControlUnit(str, Enum):
+    """What a control's numbers are."""
+
+    MS = "ms"
+    FACTOR = "factor"
+    DRIVER = "driver"
+
+
 class DepthFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What is known about all micro-images together."""
 
@@ -597,6 +619,33 @@ class Health(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Always `ok`: what does not answer says nothing."""
     version: str
     """Version of the program."""
+
+
+class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How many pixels of a raw frame have which grey level: all of them, at the sensor's full depth; of a mosaic
+    all colours together.
+    """
+
+    bits: int
+    """Significant bits of a sample."""
+    black_share: float
+    """Share of the pixels at level 0: darker they cannot be."""
+    captured_at: datetime
+    """End of its exposure, RFC 3339."""
+    clipped_share: float
+    """Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell."""
+    counts: list[int]
+    """Pixels in each range, darkest first."""
+    frame_age_ms: float
+    """Age of the frame when this was said, ms."""
+    frame_seq: int
+    """Sequence number of the frame."""
+    levels_per_range: int
+    """Grey levels in each range but the last, which may have fewer."""
+    replayed: bool
+    """Whether the frame is of old, played from a file."""
+    simulated: bool
+    """Whether the frame was simulated."""
 
 
 class InView(str, Enum):
@@ -1026,6 +1075,44 @@ class LensFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Where the spacing comes from."""
     virtual_depth: float | None = None
     """a/b; `null` where unknown."""
+
+
+class LightControl(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A control of a camera."""
+
+    automatic: bool
+    """Whether the camera adjusts it by itself."""
+    default: float
+    """What it is without anybody's doing."""
+    key: str
+    """What the camera calls it: its key in `[bench.camera.controls]`."""
+    locked: str | None = None
+    """Why it cannot be set; null where it can."""
+    maximum: float
+    """Greatest value."""
+    minimum: float
+    """Least value."""
+    name: ControlName
+    """Which it is."""
+    step: float
+    """Between values, counted from the least."""
+    unit: ControlUnit
+    """What value and limits are."""
+    value: float | None = None
+    """The value now; null where it cannot be read."""
+
+
+class LightView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the camera's pictures are exposed by."""
+
+    controls: list[LightControl]
+    """Exposure and gain, as far as the camera has them; empty where it has neither."""
+    job: UUID | None = None
+    """The job that keeps them from being set until its end; null where none does."""
+    white_frame: bool
+    """Whether a white frame was taken with the camera set as it is: what is measured rests on it, and a change of a
+    control drops it.
+    """
 
 
 class LogLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -2135,6 +2222,19 @@ class AskedStep(OperatorStep, frozen=True, kw_only=True, omit_defaults=True):
     """When it was asked for, RFC 3339."""
     confirmed_at: datetime | None = None
     """When it was confirmed, RFC 3339; `null` until then."""
+
+
+class AutoExposureView(LightView, frozen=True, kw_only=True, omit_defaults=True):
+    """What came of a search for the exposure."""
+
+    bright_level: float
+    """Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it."""
+    changed: bool
+    """Whether anything was changed: a picture that is exposed as it should be is left as it is."""
+    clipped_share: float
+    """Share of its pixels that are clipped."""
+    frames: int
+    """Frames that it took."""
 
 
 class JobItem(JobSummary, frozen=True, kw_only=True, omit_defaults=True):
