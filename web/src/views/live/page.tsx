@@ -2,6 +2,7 @@ import { useMemo } from "preact/hooks";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
 import type { Scene } from "../scene";
+import { CameraPanel } from "./camera-panel";
 import { Charts } from "./charts";
 import { Meter } from "./meter";
 import { LivePicture } from "./picture";
@@ -19,6 +20,7 @@ export function LivePage(scene: Scene) {
   const strip = useMemo(() => <JobStrip {...scene} />, about);
   const meter = useMemo(() => <Meter {...scene} />, about);
   const bench = useMemo(() => <Bench {...scene} />, about);
+  const camera = useMemo(() => <CameraPanel {...scene} />, about);
   const charts = useMemo(() => <Charts {...scene} />, [state.preferences.unit, beat]);
   return (
     <div class="live-page">
@@ -29,6 +31,7 @@ export function LivePage(scene: Scene) {
       <div class="column">
         {meter}
         {bench}
+        {camera}
       </div>
       {charts}
     </div>
