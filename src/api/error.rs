@@ -428,6 +428,16 @@ impl From<Refusal> for Problem {
             }
             Refusal::NotMeasurable { .. } => Self::refused("not-measurable", "Nothing can be measured", it, json!({})),
             Refusal::NotViewable { .. } => Self::refused("not-viewable", "No picture can be made", it, json!({})),
+            Refusal::NoControl { control, .. } => {
+                Self::refused("no-control", "The camera cannot be set so", it, json!({ "control": control }))
+            }
+            Refusal::ControlRange { control, value, minimum, maximum, unit } => {
+                let members = json!({
+                    "control": control, "value": value, "minimum": minimum, "maximum": maximum, "unit": unit,
+                });
+                Self::refused("control-range", "Outside the control's limits", it, members)
+            }
+            Refusal::NotExposed { .. } => Self::refused("not-exposed", "No exposure fits", it, json!({})),
             Refusal::PoseUnknown { .. } => {
                 Self::refused("pose-unknown", "The camera's pose is not known", it, json!({}))
             }

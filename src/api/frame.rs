@@ -129,6 +129,15 @@ pub(super) async fn snapshot(
     answer(&app, &headers, encoding, "image/jpeg", Some(Instant::now())).await
 }
 
+impl App {
+    /// That no frame came within so long; the newest one, if any, is of this age.
+    pub(super) fn no_fresh_frame(&self, within: Duration, age: Option<Duration>) -> Problem {
+        let fault = self.service.bench().camera.state().borrow().fault.clone();
+        let why = fault.unwrap_or_else(|| format!("no frame came within {} ms", within.as_millis()));
+        Problem::no_frame(why, age.map(milliseconds))
+    }
+}
+
 async fn answer(
     app: &App,
     asked: &HeaderMap,
@@ -138,11 +147,7 @@ async fn answer(
 ) -> Result<Response> {
     let max_age = Duration::from_millis(app.service.config().bench.camera.timeout_ms);
     let camera = app.service.bench().camera.as_ref();
-    let frame = fresh(camera, max_age, not_before).await.map_err(|age| {
-        let fault = camera.state().borrow().fault.clone();
-        let why = fault.unwrap_or_else(|| format!("no frame came within {} ms", max_age.as_millis()));
-        Problem::no_frame(why, age.map(milliseconds))
-    })?;
+    let frame = fresh(camera, max_age, not_before).await.map_err(|age| app.no_fresh_frame(max_age, age))?;
     let etag = format!("\"{}-{}\"", app.hub.boot_id().simple(), frame.seq);
     let mut headers = frame_headers(&frame);
     insert(&mut headers, header::ETAG, &etag);

@@ -5,6 +5,7 @@
 
 mod axes;
 mod bench;
+pub mod camera;
 mod client;
 mod config;
 mod contract;
@@ -265,6 +266,10 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(export::as_html))
         .routes(routes!(recording::download))
         .routes(routes!(stop::stop, stop::get, stop::reset))
+        .routes(routes!(camera::controls))
+        .routes(routes!(camera::set_control))
+        .routes(routes!(camera::auto_expose))
+        .routes(routes!(camera::histogram))
         .routes(routes!(frame::png))
         .routes(routes!(frame::snapshot))
         .routes(routes!(stream::mjpeg))

@@ -99,7 +99,7 @@ fn again(line: &str) -> Option<u32> {
 async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<PathBuf>) -> anyhow::Result<JobSnapshot> {
     let mut events = service.subscribe();
     let request =
-        LeaseRequest { owner: remote::lease_owner(), note: None, ttl: Duration::from_secs_f64(DEFAULT_TTL_S) };
+        LeaseRequest { owner: remote::lease_owner("align"), note: None, ttl: Duration::from_secs_f64(DEFAULT_TTL_S) };
     let grant = service.leases().acquire(request)?;
     let permit = service.leases().permit(Some(&grant.key))?;
     let request = JobRequest::of(JobKind::JointAlignment);

@@ -1,4 +1,5 @@
-//! `plenalign camera`: the cameras that are connected, what they offer, and their controls.
+//! `plenalign camera`: the cameras that are connected, what they offer, and their controls; a daemon's, by
+//! [`super::exposure`].
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -7,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::{Context as _, anyhow};
 use serde::Serialize;
 
-use super::Context;
+use super::{Context, exposure};
 use crate::config::CameraDriver;
 use crate::device::camera::controls::{self, Control};
 use crate::device::camera::find::{self, Node};
@@ -26,6 +27,8 @@ enum Command {
     List(ListArgs),
     /// List a camera's controls with their values and ranges.
     Controls(ControlsArgs),
+    /// Read or set the exposure and gain of a running daemon's camera.
+    Exposure(exposure::Args),
 }
 
 #[derive(Debug, clap::Args)]
@@ -80,6 +83,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
             let controls = read_controls(&context, &args)?;
             if args.json { json(&controls)? } else { controls_text(&controls)? }
         }
+        Command::Exposure(args) => return exposure::run(&args),
     };
     std::io::stdout().write_all(text.as_bytes())?;
     Ok(ExitCode::SUCCESS)

@@ -12,6 +12,7 @@ mod completions;
 mod demo;
 mod design;
 mod doctor;
+mod exposure;
 mod faults;
 mod fleet;
 mod grid;

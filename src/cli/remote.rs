@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
-use reqwest::{Certificate, Client, StatusCode};
+use reqwest::{Certificate, Client, Method, StatusCode};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tokio::io::AsyncWriteExt as _;
@@ -22,6 +22,8 @@ use crate::control::lease::LeaseGrant;
 const POLL: Duration = Duration::from_millis(250);
 /// Longest wait for one answer.
 const ANSWER: Duration = Duration::from_secs(10);
+/// Longest wait for a command to be carried out: the daemon gives a search for the exposure up after a minute.
+const COMMAND: Duration = Duration::from_secs(70);
 /// Longest wait for a recording.
 const DOWNLOAD: Duration = Duration::from_hours(1);
 /// Looks in a row that may fail before the daemon counts as lost.
@@ -32,9 +34,9 @@ pub(super) fn host_name() -> Option<String> {
     nix::unistd::gethostname().ok().and_then(|name| name.into_string().ok())
 }
 
-/// How this command names itself where it takes the control lease: its user and machine.
-pub(super) fn lease_owner() -> String {
-    format!("{} (plenalign align)", user_and_machine())
+/// How a command names itself where it takes the control lease: its user and machine.
+pub(super) fn lease_owner(command: &str) -> String {
+    format!("{} (plenalign {command})", user_and_machine())
 }
 
 /// Who types a command, and where.
@@ -71,7 +73,7 @@ pub(super) async fn align(server: &str, remote: &RemoteArgs, record: Option<&Pat
         bail!("{} is there already; a recording takes the place of no other file", file.display());
     }
     let request = JobRequest { record: record.map(|_| true), ..JobRequest::of(JobKind::JointAlignment) };
-    let asked = LeaseAsked { owner: lease_owner(), note: Some("joint alignment".to_owned()), ttl_s: None };
+    let asked = LeaseAsked { owner: lease_owner("align"), note: Some("joint alignment".to_owned()), ttl_s: None };
     let lease: LeaseGrant = daemon.read(daemon.client.post(daemon.url("/api/v1/lease")).json(&asked)).await?;
     let start = daemon.client.post(daemon.url("/api/v1/jobs")).header(LEASE_HEADER, &lease.key).json(&request);
     let created = daemon.read::<JobCreated>(start).await;
@@ -211,6 +213,37 @@ impl Daemon {
             }
             _ => Err(error),
         }
+    }
+
+    /// Does something with the control lease, whose key it is given, and gives that back.
+    ///
+    /// # Errors
+    /// What is done ends with, or that another has control.
+    pub(super) async fn with_lease<T>(
+        &self,
+        note: &str,
+        work: impl AsyncFnOnce(&str) -> anyhow::Result<T>,
+    ) -> anyhow::Result<T> {
+        let ttl_s = Some(2.0 * COMMAND.as_secs_f64());
+        let asked = LeaseAsked { owner: lease_owner("camera"), note: Some(note.to_owned()), ttl_s };
+        let lease: LeaseGrant = self.read(self.client.post(self.url("/api/v1/lease")).json(&asked)).await?;
+        let done = work(&lease.key).await;
+        let back = self.client.delete(self.url("/api/v1/lease")).header(LEASE_HEADER, &lease.key).send().await;
+        let done = done?;
+        back.context("the control lease could not be given back")?;
+        Ok(done)
+    }
+
+    /// A command by the holder of the lease of this key.
+    pub(super) async fn command<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &str,
+        key: &str,
+        body: &impl Serialize,
+    ) -> anyhow::Result<T> {
+        let request = self.client.request(method, self.url(path)).timeout(COMMAND);
+        self.read(request.header(LEASE_HEADER, key).json(body)).await
     }
 
     /// Posts a query, without a body.

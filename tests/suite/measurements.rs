@@ -13,7 +13,7 @@ use super::fakes::fakes;
 const PATH: &str = "/api/v1/measurements";
 
 /// A daemon whose job has taken a white frame and measured a board, and was then cancelled.
-async fn with_white() -> Daemon {
+pub(crate) async fn with_white() -> Daemon {
     let mut config = small_config(1);
     config.bench.simulation.rays = 4;
     quick_axes(&mut config.bench);

@@ -47,6 +47,7 @@ mod jog;
 mod kill;
 mod latch;
 mod lease;
+mod light;
 mod limits;
 mod live;
 mod measure_cli;

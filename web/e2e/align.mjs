@@ -105,6 +105,9 @@ try {
   await open(page, "Live");
   const moving = page.locator(".axes .tag", { hasText: "moving" }).first();
   await moving.waitFor({ timeout: 20_000 });
+  const exposure = page.locator(".camera [data-control=exposure] input");
+  await page.locator("#camera-barred", { hasText: "A job is under way" }).waitFor();
+  assert(await exposure.isDisabled(), "the camera can be set otherwise in a job");
   await page.locator("#stop").click();
   await page.locator(".strip .outcome.cancelled").waitFor({ timeout: 15_000 });
   await moving.waitFor({ state: "detached", timeout: 15_000 });
@@ -349,6 +352,16 @@ try {
   assert.match(await page.locator(".probe").innerText(), /pixel \d+, \d+ · grey \d+/);
   await photograph(page, "zoomed");
   await page.getByRole("button", { name: "Whole" }).click();
+
+  step(
+    "set to another exposure, the camera has no white frame, and the meter reads nothing until there is one",
+  );
+  await page.locator(".camera", { hasText: "A change drops the white frame" }).waitFor();
+  await exposure.fill("9");
+  await exposure.press("Enter");
+  await page.locator(".meter", { hasText: "once a white frame has been taken" }).waitFor();
+  assert.equal(await page.locator("#difference").count(), 0, "what was read with another exposure is shown");
+  assert.equal(await page.locator(".camera", { hasText: "A change drops the white frame" }).count(), 0);
 
   step("a daemon that is killed is seen to be gone, in the midst of a job");
   await open(page, "Alignment");

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import {
   accessible,
   browse,
+  darken,
   faults,
   fits,
   folder,
@@ -186,6 +187,33 @@ try {
     "the page shows an axis as moving that is still",
   );
 
+  step("exposure and gain are set within their limits by whoever has control, and everybody sees to what");
+  const exposure = (page) => page.locator(".camera [data-control=exposure] input");
+  await shows(exposure(ana.page), "10.0");
+  await exposure(ana.page).fill("250");
+  await ana.page.locator(".camera .fault", { hasText: "It may be 0.1 to 100.0 ms." }).waitFor();
+  assert(await ana.page.getByRole("button", { name: "Set the exposure" }).isDisabled());
+  await exposure(ana.page).fill("100");
+  await exposure(ana.page).press("Enter");
+  for (const { page } of [ana, ben]) await shows(exposure(page), "100.0");
+  assert(await exposure(ben.page).isDisabled());
+  await ben.page.locator("#camera-barred", { hasText: "Ana at the bench has control" }).waitFor();
+
+  step("what is clipped is red in the histogram, and the exposure that fits is found");
+  await ana.page.locator(".histogram").scrollIntoViewIfNeeded();
+  await ana.page.locator(".histogram[data-clipped=true]").waitFor({ timeout: 20_000 });
+  await ana.page.locator("#clipped.bad", { hasText: /^clipped \d+\.\d\d %$/ }).waitFor();
+  await accessible(ana.page);
+  await photograph(ana.page, "clipped");
+  await darken(ana.page, "clipped");
+  await ana.page.locator("#auto-exposure").click();
+  await ana.page
+    .locator(".auto-exposure [role=status]", { hasText: /at [78]\d % of white, 0\.[01]\d % are clipped/ })
+    .waitFor({ timeout: 30_000 });
+  await ana.page.locator(".histogram[data-clipped=false]").waitFor({ timeout: 20_000 });
+  assert(Number(await exposure(ana.page).inputValue()) < 100);
+  await photograph(ana.page, "exposed");
+
   step("a large move is asked about; STOP stays within reach");
   const field = ana.page.getByLabel("Move the focus axis to, mm");
   await field.fill("4.5");
@@ -291,9 +319,12 @@ try {
   await ana.page.locator(".link[data-link=lost]").waitFor({ timeout: LOST_MS });
   await ana.page.locator(".lease[data-lease=unclear]").waitFor();
   await question.waitFor({ state: "detached" });
-  await ana.page.locator(".axes .tag.old", { hasText: /^OLD · \d+ s$/ }).waitFor();
+  for (const card of [".axes", ".camera"]) {
+    await ana.page.locator(`${card} .tag.old`, { hasText: /^OLD · \d+ s$/ }).waitFor();
+  }
+  await ana.page.locator("#camera-barred", { hasText: "The daemon is not heard." }).waitFor();
   for (const button of await ana.page
-    .locator(".lease button, .axes form button, .axes .shell button")
+    .locator(".lease button, .axes form button, .axes .shell button, .camera button")
     .all()) {
     assert(await button.isDisabled(), `${await button.innerText()} is offered`);
   }
@@ -443,6 +474,12 @@ function catalogues() {
 
 function hold(page, axis, side) {
   return page.locator(`.hold[data-axis=${axis}][data-side=${side}]`);
+}
+
+/** Waits until a field has this in it. */
+async function shows(field, text) {
+  await field.waitFor();
+  await until(async () => (await field.inputValue()) === text, `a field does not show ${text}`);
 }
 
 /** Presses a button and does not let go. */

@@ -8,21 +8,25 @@ import { strings } from "./strings";
 import type { Sections } from "./water";
 import type {
   AuditList,
+  AutoExposure,
   AxisName,
   Bench,
   ConfirmKeyGrant,
   ConfigCheck,
   ConfigView,
   ConfigWritten,
+  ControlName,
   Design,
   Devices,
   Draft,
   DraftBase,
   Faults,
+  Histogram,
   Job,
   JobCreated,
   JobList,
   JobRequest,
+  Light,
   NewToken,
   Plan,
   Problem,
@@ -40,10 +44,13 @@ export type Result<T> = { ok: true; value: T } | { ok: false; problem: Problem }
 const TIMEOUT_MS = 8000;
 /** A takeover waits for a job to end. */
 const TAKEOVER_MS = 30_000;
+/** A search for the exposure takes frame after frame; the daemon gives it up after a minute. */
+const AUTO_EXPOSURE_MS = 70_000;
 /** The daemon's deadman has ended a jog long before; a stop that is not answered by then is sent anew. */
 const SHORT_MS = 3000;
 
 const STOP = "/api/v1/stop";
+const AUTO_EXPOSURE = "/api/v1/camera/auto-exposure";
 
 interface Asked {
   body?: unknown;
@@ -99,13 +106,17 @@ function unanswered(error: unknown): Problem {
 }
 
 function request<T>(method: string, path: string, body?: unknown, key?: string): Promise<Result<T>> {
-  const short = path.endsWith("/jog") || path.startsWith(STOP);
-  const timeoutMs = short ? SHORT_MS : path.endsWith("/takeover") ? TAKEOVER_MS : TIMEOUT_MS;
   return exchange<T>(method, path, {
     body,
-    timeoutMs,
+    timeoutMs: allowedMs(path),
     headers: key === undefined ? {} : { "plenalign-lease": key },
   });
+}
+
+function allowedMs(path: string): number {
+  if (path.endsWith("/jog") || path.startsWith(STOP)) return SHORT_MS;
+  if (path.endsWith("/takeover")) return TAKEOVER_MS;
+  return path === AUTO_EXPOSURE ? AUTO_EXPOSURE_MS : TIMEOUT_MS;
 }
 
 let owner = NAMELESS;
@@ -139,6 +150,15 @@ export const jog = (axis: AxisName, towards: Side, speed_mm_per_s: number | null
   lease.repeat<Bench>("POST", `/api/v1/axes/${axis}/jog`, { towards, speed_mm_per_s, press });
 export const endJog = (axis: AxisName) => request<Bench>("DELETE", `/api/v1/axes/${axis}/jog`);
 export const setShell = (state: ShellState) => lease.command<Bench>("PUT", "/api/v1/shell", { state });
+
+/** The camera's exposure and gain. */
+export const light = () => request<Light>("GET", "/api/v1/camera/controls");
+export const setLight = (control: ControlName, value: number) =>
+  lease.command<Light>("PUT", `/api/v1/camera/controls/${control}`, { value });
+/** Finds the exposure for a white frame. */
+export const autoExpose = () => lease.command<AutoExposure>("POST", AUTO_EXPOSURE);
+/** The grey levels of the newest frame. */
+export const histogram = () => request<Histogram>("GET", "/api/v1/camera/histogram");
 
 export async function startJob(job: JobRequest): Promise<Result<Job>> {
   const started = await lease.command<JobCreated>("POST", "/api/v1/jobs", job);

@@ -62,8 +62,12 @@ export class LeaseKeeper {
     const had = this.had;
     this.had = lease && this.isMine(lease) ? lease.id : null;
     if (this.had !== null) return "mine";
+    if (had === null) return null;
+    const kept = this.storage.getItem(ID);
+    // A refused command may have said first that it is lost, and not to whom.
+    const refused = kept === null && lease !== null;
     // Another has been granted meanwhile, of which the daemon has not told yet.
-    if (had === null || had !== this.storage.getItem(ID)) return null;
+    if (had !== kept && !refused) return null;
     this.forget();
     return { to: lease?.owner ?? null };
   }

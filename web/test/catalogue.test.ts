@@ -35,7 +35,8 @@ function said(catalogue: object, path = ""): Map<string, Said> {
 function given(count: number): unknown[] {
   return Array.from({ length: count }, (_, index) => {
     const mark = String(7001 + index);
-    return Object.assign([mark], { toFixed: () => mark, replaceAll: () => mark });
+    const same = () => mark;
+    return Object.assign([mark], { toFixed: same, replaceAll: same, toLowerCase: same });
   });
 }
 

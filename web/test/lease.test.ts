@@ -70,6 +70,17 @@ describe("the lease", () => {
     expect(lease.heard(null)).toBeNull();
   });
 
+  it("is lost to another where a command was refused before that was heard", async () => {
+    const { state, send } = daemon();
+    const lease = keeper(send);
+    await lease.take();
+    expect(lease.heard({ id: "id1", owner: "Ana" })).toBe("mine");
+    state.key = null;
+    expect((await lease.repeat("POST", "/api/v1/axes/e/jog", {})).ok).toBe(false);
+    expect([lease.key, lease.heard({ id: "x", owner: "Ben" })]).toEqual([null, { to: "Ben" }]);
+    expect(lease.heard({ id: "x", owner: "Ben" })).toBeNull();
+  });
+
   it("is not lost with the one before that ran out", async () => {
     const { state, send } = daemon();
     const lease = keeper(send);

@@ -200,6 +200,9 @@ impl Alignment<'_> {
         self.context.doing("white frame");
         let found = self.context.unless_cancelled(self.eye.take_white()).await?;
         self.context.log(found);
+        if let Some(set) = self.eye.camera_set().await {
+            self.context.log(format!("the camera is set to {set}"));
+        }
         Ok(())
     }
 

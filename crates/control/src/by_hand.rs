@@ -90,7 +90,7 @@ impl Service {
     }
 
     /// No job may hold the bench, and the program must not be ending.
-    fn free_for_hand(&self) -> Result<(), ServiceError> {
+    pub(super) fn free_for_hand(&self) -> Result<(), ServiceError> {
         self.open_for_motion()?;
         match self.current() {
             Some(job) => Err(Refusal::Busy { job: job.snapshot().id }.into()),

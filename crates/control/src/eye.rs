@@ -280,6 +280,22 @@ impl Eye {
         self.sight.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Forgets the white frame and what it taught: the camera is set otherwise than it was then.
+    pub(super) fn forget_white(&self) {
+        *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *self.white.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    /// How the camera is set, in words, where it says so.
+    pub(super) async fn camera_set(&self) -> Option<String> {
+        let controls = self.bench.camera.controls().await.ok()?;
+        let each = controls.iter().filter_map(|control| {
+            let by_itself = if control.automatic { " (which it adjusts by itself)" } else { "" };
+            Some(format!("{} {}{}{by_itself}", control.name, control.value?, control.unit.suffix()))
+        });
+        Some(each.collect::<Vec<_>>().join(", ")).filter(|set| !set.is_empty())
+    }
+
     /// The newest white frame.
     pub(super) fn white_frame(&self) -> Option<Arc<Frame>> {
         self.white.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -29,6 +29,7 @@ mod jobs;
 mod journal;
 mod l_bound;
 pub mod lease;
+pub mod light;
 pub mod look;
 pub mod measurement;
 pub mod meter;

@@ -232,6 +232,11 @@ impl Readings {
         self.newest.receiver_count() > 0 || self.each.receiver_count() > 0
     }
 
+    /// The newest reading is of a camera that was set otherwise: nobody is told of it any more.
+    pub(super) fn forget(&self) {
+        self.newest.send_replace(None);
+    }
+
     /// A frame was measured in whole. Where the meter has followed another match to it, it searches anew.
     pub(super) fn compare(&self, frame_seq: u64, spacing_px: f64) {
         self.whole.send_replace((frame_seq, spacing_px));

@@ -4,6 +4,7 @@ use uuid::Uuid;
 
 use super::job::JobState;
 use bench::config::Side;
+use bench::device::light::{ControlName, ControlUnit};
 use bench::device::{AxisName, DeviceError};
 use plenoptics::units::Millimetres;
 
@@ -163,6 +164,34 @@ pub enum Refusal {
     /// No picture can be made of a frame.
     #[error("no picture can be made of this frame: {why}")]
     NotViewable {
+        /// Why not.
+        why: String,
+    },
+    /// The camera has no such control, or one that cannot be set.
+    #[error("the camera's {control} cannot be set: {why}")]
+    NoControl {
+        /// Which.
+        control: ControlName,
+        /// Why not.
+        why: String,
+    },
+    /// Outside the limits of a camera's control.
+    #[error("{control}: {value}{unit} is not within {minimum} to {maximum}{unit}", unit = unit.suffix())]
+    ControlRange {
+        /// Which.
+        control: ControlName,
+        /// The value asked for.
+        value: f64,
+        /// Least value.
+        minimum: f64,
+        /// Greatest value.
+        maximum: f64,
+        /// What these numbers are.
+        unit: ControlUnit,
+    },
+    /// No exposure was found.
+    #[error("no exposure fits: {why}")]
+    NotExposed {
         /// Why not.
         why: String,
     },

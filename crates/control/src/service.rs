@@ -78,6 +78,8 @@ pub struct Service {
     /// Shared with everybody who watches the live picture's whole measurement.
     pub(super) onlookers: Arc<()>,
     pub(super) readings: Readings,
+    /// When the camera's exposure or gain was set last.
+    pub(super) light_set_at: Mutex<Option<Instant>>,
     /// What is to go wrong with a simulated bench, and when.
     pub(super) fault_plan: Mutex<Option<PlanInForce>>,
     pub(super) tasks: CancellationToken,
@@ -121,6 +123,7 @@ impl Service {
             pulses: [watch::Sender::new(0), watch::Sender::new(0)],
             onlookers: Arc::default(),
             readings: Readings::default(),
+            light_set_at: Mutex::default(),
             fault_plan: Mutex::default(),
             tasks: CancellationToken::new(),
         });

@@ -123,6 +123,87 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/camera/auto-exposure": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /**
+     * Finds exposure and gain for a white frame, by frames of what is before the lens now: put the diffuser on it first.
+     * @description The bright pixels come to lie at four fifths of white, and hardly any is clipped; exposure goes before gain, and no
+     *     frame is exposed for longer than the time between two. It takes some seconds, in which no job is accepted. Refused while
+     *     a job holds the bench. A picture that is right is left as it is; where there is too much light or too little, the camera
+     *     is set back to as it was. A change drops the white frame, as setting a control does.
+     */
+    post: operations["auto_expose"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/camera/controls": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /** The camera's exposure and gain, with value, limits and unit as the camera has them. */
+    get: operations["get_camera_controls"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/camera/controls/{control}": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    /**
+     * Sets the camera's exposure or gain, until it is set otherwise or the program ends.
+     * @description Refused while a job holds the bench. A change drops the white frame, and what was read of the scene is gone: the next
+     *     job takes a white frame, and its frames, with the camera set so.
+     */
+    put: operations["set_camera_control"];
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
+  "/api/v1/camera/histogram": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    /**
+     * The grey levels of the newest frame, with what is clipped at either end; of one exposed as the camera is set now.
+     *     Counted when it is asked for.
+     */
+    get: operations["get_histogram"];
+    put?: never;
+    post?: never;
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/config": {
     parameters: {
       query?: never;
@@ -452,28 +533,6 @@ export interface paths {
     get: operations["get_job_recording"];
     put?: never;
     post?: never;
-    delete?: never;
-    options?: never;
-    head?: never;
-    patch?: never;
-    trace?: never;
-  };
-  "/api/v1/jobs/{id}/repeat": {
-    parameters: {
-      query?: never;
-      header?: never;
-      path?: never;
-      cookie?: never;
-    };
-    get?: never;
-    put?: never;
-    /**
-     * Asks for an earlier operator step again, in place of confirming the one that the job waits for.
-     * @description The steps that can be asked for are those that `operator_step` names in `repeatable`: the last white frame and the last
-     *     board in air of an alignment, until the shell is on. The job asks for it, measures anew what depends on it, and goes on;
-     *     nothing else of it is lost. It has to show what a confirmation shows.
-     */
-    post: operations["repeat_step"];
     delete?: never;
     options?: never;
     head?: never;
@@ -1051,6 +1110,26 @@ export interface components {
       entries: components["schemas"]["Audit"][];
       /** @description What to give as `cursor` for the next, older page; `null` on the last one. */
       next?: string | null;
+    };
+    /** @description What came of a search for the exposure. */
+    AutoExposureView: components["schemas"]["LightView"] & {
+      /**
+       * Format: double
+       * @description Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it.
+       */
+      bright_level: number;
+      /** @description Whether anything was changed: a picture that is exposed as it should be is left as it is. */
+      changed: boolean;
+      /**
+       * Format: double
+       * @description Share of its pixels that are clipped.
+       */
+      clipped_share: number;
+      /**
+       * Format: int32
+       * @description Frames that it took.
+       */
+      frames: number;
     };
     /** @description What goes wrong with an axis. */
     AxisFaults: {
@@ -3109,19 +3188,24 @@ export interface components {
        */
       step: number;
     };
-    /** @description A place of a curve. */
-    CurvePoint: {
+    /**
+     * @description Which of a camera's controls.
+     * @enum {string}
+     */
+    ControlName: "exposure" | "gain";
+    /** @description What a control of the camera is to be. */
+    ControlRequest: {
       /**
        * Format: double
-       * @description Position of the axis, mm.
-       */
-      position_mm: number;
-      /**
-       * Format: double
-       * @description The curve there, in the unit of what it goes through.
+       * @description The value, in the control's unit. The camera is set to the nearest that it takes, which the answer has.
        */
       value: number;
     };
+    /**
+     * @description What a control's numbers are.
+     * @enum {string}
+     */
+    ControlUnit: "ms" | "factor" | "driver";
     /** @description What is known about all micro-images together. */
     DepthFigures: {
       /** @description `square` or `hexagonal`. */
@@ -3444,7 +3528,6 @@ export interface components {
        *       "board_turned_mrad": 0,
        *       "bubbles": 0,
        *       "no_shell": false,
-       *       "second_board_mm": 0,
        *       "shell_radius_mm": 0,
        *       "tank_empty": false
        *     }
@@ -3462,26 +3545,6 @@ export interface components {
        */
       serial: components["schemas"]["SerialFaults"];
     };
-    /** @description A place of the swept axis, by a curve fitted to what was seen. */
-    FittedPlace: {
-      /** @description The curve, over those. */
-      curve: components["schemas"]["CurvePoint"][];
-      /**
-       * Format: int32
-       * @description Points that the curve goes through.
-       */
-      points: number;
-      /**
-       * Format: double
-       * @description Position of the axis, mm.
-       */
-      position_mm: number;
-      /**
-       * Format: double
-       * @description Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm.
-       */
-      sigma_mm: number;
-    };
     /** @description Whether the daemon answers. */
     Health: {
       /**
@@ -3498,6 +3561,53 @@ export interface components {
       status: string;
       /** @description Version of the program. */
       version: string;
+    };
+    /**
+     * @description How many pixels of a raw frame have which grey level: all of them, at the sensor's full depth; of a mosaic all colours
+     *     together.
+     */
+    HistogramView: {
+      /**
+       * Format: int32
+       * @description Significant bits of a sample.
+       */
+      bits: number;
+      /**
+       * Format: double
+       * @description Share of the pixels at level 0: darker they cannot be.
+       */
+      black_share: number;
+      /**
+       * Format: date-time
+       * @description End of its exposure, RFC 3339.
+       */
+      captured_at: string;
+      /**
+       * Format: double
+       * @description Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell.
+       */
+      clipped_share: number;
+      /** @description Pixels in each range, darkest first. */
+      counts: number[];
+      /**
+       * Format: double
+       * @description Age of the frame when this was said, ms.
+       */
+      frame_age_ms: number;
+      /**
+       * Format: int64
+       * @description Sequence number of the frame.
+       */
+      frame_seq: number;
+      /**
+       * Format: int64
+       * @description Grey levels in each range but the last, which may have fewer.
+       */
+      levels_per_range: number;
+      /** @description Whether the frame is of old, played from a file. */
+      replayed: boolean;
+      /** @description Whether the frame was simulated. */
+      simulated: boolean;
     };
     /**
      * @description What stands before the lens, as far as the program knows.
@@ -3557,11 +3667,6 @@ export interface components {
        * @description Readback of the e axis, mm; `null` while unknown.
        */
       e_mm?: number | null;
-      /**
-       * Format: double
-       * @description EOG of the central view (Eq. 20), mean per pixel; `null` where no view was made.
-       */
-      eog?: number | null;
       /**
        * Format: double
        * @description Readback of the focus axis, mm; `null` while unknown.
@@ -3862,8 +3967,6 @@ export interface components {
       stage: components["schemas"]["Stage"];
       /** @description Where it is in its life. */
       state: components["schemas"]["JobState"];
-      /** @description Its steps: done, under way, and still to come where that can be told. */
-      steps?: components["schemas"]["JobStep"][];
     };
     /**
      * @description Where a job is in its life.
@@ -3880,41 +3983,6 @@ export interface components {
       | "cancelled"
       | "failed"
       | "interrupted";
-    /** @description A step of a job: something is set up, and the bench works with it until the next is asked for. */
-    JobStep: {
-      /**
-       * Format: date-time
-       * @description When it began, RFC 3339; `null` where it is still to come.
-       */
-      began_at?: string | null;
-      /**
-       * Format: double
-       * @description How long the bench worked on it, s; `null` until it is over.
-       */
-      bench_s?: number | null;
-      /** @description `homing`, `measuring`, or the name of the operator's step that it begins with, e.g. `white_frame`. */
-      name: string;
-      /**
-       * Format: int32
-       * @description Number of the operator's step that it begins with; `null` where it begins with none, or is still to come.
-       */
-      number?: number | null;
-      /**
-       * Format: double
-       * @description How long the operator took for it, s; `null` until it is over.
-       */
-      operator_s?: number | null;
-      /**
-       * Format: int32
-       * @description Number of the earlier step that it takes the place of.
-       */
-      repeats?: number | null;
-      setup?: components["schemas"]["Setup"] | null;
-      /** @description Where it is. */
-      state: components["schemas"]["StepState"];
-      /** @description The value to be set, with its unit; `null` where there is none. */
-      value?: string | null;
-    };
     /** @description A job in a list. */
     JobSummary: {
       /**
@@ -4066,6 +4134,59 @@ export interface components {
        */
       virtual_depth?: number | null;
     };
+    /** @description A control of a camera. */
+    LightControl: {
+      /** @description Whether the camera adjusts it by itself. */
+      automatic: boolean;
+      /**
+       * Format: double
+       * @description What it is without anybody's doing.
+       */
+      default: number;
+      /** @description What the camera calls it: its key in `[bench.camera.controls]`. */
+      key: string;
+      /** @description Why it cannot be set; null where it can. */
+      locked?: string | null;
+      /**
+       * Format: double
+       * @description Greatest value.
+       */
+      maximum: number;
+      /**
+       * Format: double
+       * @description Least value.
+       */
+      minimum: number;
+      /** @description Which it is. */
+      name: components["schemas"]["ControlName"];
+      /**
+       * Format: double
+       * @description Between values, counted from the least.
+       */
+      step: number;
+      /** @description What value and limits are. */
+      unit: components["schemas"]["ControlUnit"];
+      /**
+       * Format: double
+       * @description The value now; null where it cannot be read.
+       */
+      value?: number | null;
+    };
+    /** @description What the camera's pictures are exposed by. */
+    LightView: {
+      /** @description Exposure and gain, as far as the camera has them; empty where it has neither. */
+      controls: components["schemas"]["LightControl"][];
+      /**
+       * Format: uuid
+       * @description The job that keeps them from being set until its end; null where none does.
+       */
+      job?: string | null;
+      /**
+       * @description Whether a white frame was taken with the camera set as it is: what is measured rests on it, and a change of a
+       *     control drops it.
+       */
+      white_frame: boolean;
+    };
     /** @description A line of a job's log. */
     LogLine: {
       /**
@@ -4149,7 +4270,7 @@ export interface components {
        * @description Sequence number of the frame measured.
        */
       frame_seq: number;
-      /** @description |spacing − target| within the blur limit, of one board. */
+      /** @description |spacing − target| within the blur limit. */
       in_focus: boolean;
       /**
        * Format: double
@@ -4183,7 +4304,6 @@ export interface components {
        * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
        */
       ssim?: number | null;
-      two_boards?: components["schemas"]["TwoBoardsView"] | null;
     };
     /**
      * @description What is before the camera.
@@ -4294,13 +4414,6 @@ export interface components {
        * @description Number of the step within its job, to be named when confirming.
        */
       number: number;
-      /** @description Numbers of the earlier steps that can be asked for again in place of confirming this one. */
-      repeatable?: number[];
-      /**
-       * Format: int32
-       * @description Number of the earlier step that it takes the place of, where that was asked for again.
-       */
-      repeats?: number | null;
       /** @description The number that matters, with its unit, large on the page; e.g. `159.2, 167.2, 175.2 mm`. */
       value?: string | null;
     };
@@ -4373,7 +4486,6 @@ export interface components {
       | {
           /** @description The axis swept. */
           axis: components["schemas"]["AxisName"];
-          best_focus?: components["schemas"]["FittedPlace"] | null;
           /**
            * Format: double
            * @description Where the spacing meets its target, between two neighbours, mm; `null` where it does not.
@@ -4384,7 +4496,6 @@ export interface components {
            * @description Its standard uncertainty by the spacings' own, mm.
            */
           crossing_sigma_mm?: number | null;
-          eog_peak?: components["schemas"]["FittedPlace"] | null;
           /**
            * Format: int32
            * @description Positions at which a spacing was measured: the job's iterations have them.
@@ -4604,8 +4715,6 @@ export interface components {
     PlannedStep: {
       /** @description The step's name, as the job asks for it. */
       name: string;
-      /** @description What is set up. */
-      setup: components["schemas"]["Setup"];
       /** @description The value to be set, with its unit; null where there is none. */
       value?: string | null;
     };
@@ -4760,14 +4869,6 @@ export interface components {
        * @description Δv that focuses on the near end, mm; null where nothing is too near.
        */
       near_delta_v_mm?: number | null;
-    };
-    /** @description A wish for an earlier operator step to be asked for again. */
-    RepeatRequest: {
-      /**
-       * Format: int32
-       * @description Number of the earlier step, one of `repeatable` of the step that the job waits for.
-       */
-      step: number;
     };
     /** @description What an alignment came to. */
     Report: {
@@ -4977,12 +5078,6 @@ export interface components {
       no_shell: boolean;
       /**
        * Format: double
-       * @description How far before a flat board another stands that fills half of the field, mm; 0 where there is none.
-       * @default 0
-       */
-      second_board_mm: number;
-      /**
-       * Format: double
        * @description By how much the shell's radii are larger than they should be, mm; its vertex is in its place.
        * @default 0
        */
@@ -5175,54 +5270,6 @@ export interface components {
       /** @description Whether this is a browser that has signed in, and can sign out. */
       signed_in: boolean;
     };
-    /** @description What the job tells the operator to set up before the camera. */
-    Setup:
-      | {
-          /** @enum {string} */
-          type: "diffuser";
-        }
-      | {
-          /** @description Nearest, middle and farthest level; three times the same for a flat board. */
-          distances_mm: number[];
-          /** @enum {string} */
-          type: "boards_in_air";
-        }
-      | {
-          /**
-           * Format: double
-           * @description Distance in water, mm.
-           */
-          distance_mm: number;
-          /** @enum {string} */
-          type: "board_in_water";
-        }
-      | {
-          /**
-           * Format: double
-           * @description Distance of the board in water, mm.
-           */
-          distance_mm: number;
-          /** @enum {string} */
-          type: "least_e";
-        }
-      | {
-          /** @enum {string} */
-          type: "shell_off";
-        }
-      | {
-          /**
-           * Format: double
-           * @description Diameter, mm.
-           */
-          diameter_mm: number;
-          /**
-           * Format: double
-           * @description The number on the lens's ring.
-           */
-          ring_f_number: number;
-          /** @enum {string} */
-          type: "aperture";
-        };
     /** @description The operator's statement about the shell. */
     ShellRequest: {
       /** @description Whether the shell is on the camera. */
@@ -5437,11 +5484,6 @@ export interface components {
      */
     Stage: "preparation" | "l_bound" | "air" | "shell" | "survey" | "report";
     /**
-     * @description Where a step is.
-     * @enum {string}
-     */
-    StepState: "done" | "now" | "next" | "repeated";
-    /**
      * @description How sure it is that an axis was told to stop.
      * @enum {string}
      */
@@ -5603,21 +5645,6 @@ export interface components {
       name: string;
       /** @description What it allows. */
       scope: components["schemas"]["Scope"];
-    };
-    /** @description Two boards in one field. */
-    TwoBoardsView: {
-      /**
-       * Format: double
-       * @description Standard uncertainty of their difference, px.
-       */
-      difference_sigma_px: number;
-      /**
-       * Format: double
-       * @description Share of the field that the second fills.
-       */
-      share: number;
-      /** @description Spacing on the axis as each has it, px: first that of the board that fills more of the field. */
-      spacings_px: number[];
     };
     /**
      * @description Whether a value is within its tolerance, as far as its uncertainty lets anybody tell.
@@ -6479,6 +6506,342 @@ export interface operations {
       };
       /** @description Too many requests; Retry-After says when to try again */
       429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  auto_expose: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      /** @description The picture is exposed for a white frame */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["AutoExposureView"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A job holds the bench (`busy`), there is too much light or too little (`not-exposed`), or nothing of the camera can be set (`no-control`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The camera is away, or refuses */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_camera_controls: {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["LightView"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The camera is away */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  set_camera_control: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the control lease. */
+        "Plenalign-Lease"?: string | null;
+      };
+      path: {
+        /** @description Which control */
+        control: components["schemas"]["ControlName"];
+      };
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["ControlRequest"];
+      };
+    };
+    responses: {
+      /** @description The camera is set */
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["LightView"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Who asks may not do this */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description There is nothing under this name */
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A job holds the bench (`busy`), the value is outside the control's limits (`control-range`), or the camera has no such control, or adjusts it by itself (`no-control`) */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The lease's key is not the holder's */
+      412: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No lease was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The camera is away, or refuses */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  get_histogram: {
+    parameters: {
+      query?: {
+        /** @description In how many ranges of grey levels the pixels are counted, 2 to 65536; never more than the sensor has levels. */
+        ranges?: number;
+      };
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    requestBody?: never;
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["HistogramView"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No frame, or none fresh */
+      503: {
         headers: {
           [name: string]: unknown;
         };
@@ -8035,145 +8398,6 @@ export interface operations {
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
-      429: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The history cannot be read */
-      503: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-    };
-  };
-  repeat_step: {
-    parameters: {
-      query?: never;
-      header?: {
-        /** @description Key of the lease that the job has. */
-        "Plenalign-Lease"?: string | null;
-        /** @description The job's confirm key. */
-        "Plenalign-Confirm"?: string | null;
-      };
-      path: {
-        /** @description The job's id */
-        id: string;
-      };
-      cookie?: never;
-    };
-    requestBody: {
-      content: {
-        "application/json": components["schemas"]["RepeatRequest"];
-      };
-    };
-    responses: {
-      200: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/json": components["schemas"]["JobResource"];
-        };
-      };
-      /** @description The body is not JSON */
-      400: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
-      401: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The key confirms nothing of this job */
-      403: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description There is nothing under this name */
-      404: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The body is late */
-      408: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The job does not wait where that step can be asked for again */
-      409: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The body is too large */
-      413: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The body is not said to be JSON */
-      415: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description The request does not say what it must; `field` names where */
-      422: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description No key was shown */
-      428: {
-        headers: {
-          [name: string]: unknown;
-        };
-        content: {
-          "application/problem+json": components["schemas"]["Problem"];
-        };
-      };
-      /** @description Too many keys were wrong */
       429: {
         headers: {
           [name: string]: unknown;

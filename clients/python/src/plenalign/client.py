@@ -28,6 +28,7 @@ from .models import (
     FaultPlan,
     Faults,
     Health,
+    HistogramView,
     JobItem,
     JobKind,
     JobList,
@@ -37,6 +38,7 @@ from .models import (
     LeaseGrant,
     LeaseState,
     LeaseView,
+    LightView,
     MeasurementAsked,
     MeasurementList,
     MeasurementView,
@@ -257,6 +259,16 @@ class Client:
             cursor = listed.next
             if cursor is None:
                 return
+
+    # The camera.
+
+    def light(self) -> LightView:
+        """The camera's exposure and gain, with limits and units; `Lease.set_camera` sets them."""
+        return self._transport.ask(op.GET_CAMERA_CONTROLS).as_(LightView)
+
+    def histogram(self, *, ranges: int | None = None) -> HistogramView:
+        """How many pixels of the newest frame have which grey level, in so many ranges, 256 unless given."""
+        return self._transport.ask(op.GET_HISTOGRAM, query={"ranges": ranges}, timeout_s=LONG_S).as_(HistogramView)
 
     # The design.
 

@@ -24,9 +24,12 @@ from .errors import (
 )
 from .job import Job
 from .models import (
+    AutoExposureView,
     AxisName,
     AxisView,
     BenchView,
+    ControlName,
+    ControlRequest,
     JobCreated,
     JobRequest,
     JobResource,
@@ -34,6 +37,7 @@ from .models import (
     LeaseGrant,
     LeaseView,
     LeaveSwitchRequest,
+    LightView,
     MoveRequest,
     ShellRequest,
     ShellState,
@@ -44,6 +48,8 @@ HEADER = "Plenalign-Lease"
 _JOG_AGAIN_S = 0.1
 """Between two requests of one jog: the axis moves for 0.3 s from each."""
 _JOG_ANSWER_S = 2.0
+_EXPOSING_S = 70.0
+"""The daemon gives a search for the exposure up after a minute."""
 
 
 class Lease:
@@ -211,6 +217,29 @@ class Lease:
         self.check()
         body = ShellRequest(state=ShellState(state))
         return self._transport.ask(op.PUT_SHELL, headers=self._shown(), body=body).as_(BenchView)
+
+    def set_camera(self, control: ControlName | str, value: float) -> LightView:
+        """Sets the camera's exposure or gain, in the unit that `Client.light` says.
+
+        It is set to the nearest value that the camera takes, which the answer has. A change drops the white frame: the
+        next job takes one. Refused while a job runs.
+        """
+        self.check()
+        path = {"control": ControlName(control)}
+        body = ControlRequest(value=_finite("value", value))
+        answer = self._transport.ask(
+            op.SET_CAMERA_CONTROL, path=path, headers=self._shown(), body=body, timeout_s=LONG_S
+        )
+        return answer.as_(LightView)
+
+    def auto_expose(self) -> AutoExposureView:
+        """Finds the camera's exposure and gain for a white frame, in some seconds: put the diffuser on the lens first.
+
+        Where there is too much light or too little, `ProblemError` of the kind `not-exposed` says so, and the camera is
+        as it was.
+        """
+        self.check()
+        return self._transport.ask(op.AUTO_EXPOSE, headers=self._shown(), timeout_s=_EXPOSING_S).as_(AutoExposureView)
 
     def renew(self) -> LeaseView:
         """Renews the lease now; the thread does it in time without being asked."""

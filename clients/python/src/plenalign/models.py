@@ -336,13 +336,26 @@ class ConfirmRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Number of the step that has been carried out: a late confirmation of an earlier step is refused."""
 
 
-class CurvePoint(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A place of a curve."""
+class ControlName(str, Enum):
+    """Which of a camera's controls."""
 
-    position_mm: float
-    """Position of the axis, mm."""
+    EXPOSURE = "exposure"
+    GAIN = "gain"
+
+
+class ControlRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a control of the camera is to be."""
+
     value: float
-    """The curve there, in the unit of what it goes through."""
+    """The value, in the control's unit. The camera is set to the nearest that it takes, which the answer has."""
+
+
+class ControlUnit(str, Enum):
+    """What a control's numbers are."""
+
+    MS = "ms"
+    FACTOR = "factor"
+    DRIVER = "driver"
 
 
 class DepthFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -595,19 +608,6 @@ class Faults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The stages' controller, and the wire to it."""
 
 
-class FittedPlace(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A place of the swept axis, by a curve fitted to what was seen."""
-
-    curve: list[CurvePoint]
-    """The curve, over those."""
-    points: int
-    """Points that the curve goes through."""
-    position_mm: float
-    """Position of the axis, mm."""
-    sigma_mm: float
-    """Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm."""
-
-
 class Health(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Whether the daemon answers."""
 
@@ -619,6 +619,33 @@ class Health(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Always `ok`: what does not answer says nothing."""
     version: str
     """Version of the program."""
+
+
+class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How many pixels of a raw frame have which grey level: all of them, at the sensor's full depth; of a mosaic
+    all colours together.
+    """
+
+    bits: int
+    """Significant bits of a sample."""
+    black_share: float
+    """Share of the pixels at level 0: darker they cannot be."""
+    captured_at: datetime
+    """End of its exposure, RFC 3339."""
+    clipped_share: float
+    """Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell."""
+    counts: list[int]
+    """Pixels in each range, darkest first."""
+    frame_age_ms: float
+    """Age of the frame when this was said, ms."""
+    frame_seq: int
+    """Sequence number of the frame."""
+    levels_per_range: int
+    """Grey levels in each range but the last, which may have fewer."""
+    replayed: bool
+    """Whether the frame is of old, played from a file."""
+    simulated: bool
+    """Whether the frame was simulated."""
 
 
 class InView(str, Enum):
@@ -660,8 +687,6 @@ class Iteration(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Its standard uncertainty, mm."""
     e_mm: float | None = None
     """Readback of the e axis, mm; `null` while unknown."""
-    eog: float | None = None
-    """EOG of the central view (Eq. 20), mean per pixel; `null` where no view was made."""
     focus_mm: float | None = None
     """Readback of the focus axis, mm; `null` while unknown."""
     kind: IterationKind
@@ -918,8 +943,6 @@ class JobSnapshot(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Part of the alignment it is in."""
     state: JobState
     """Where it is in its life."""
-    steps: list[JobStep] | UnsetType = UNSET
-    """Its steps: done, under way, and still to come where that can be told."""
 
 
 class JobState(str, Enum):
@@ -935,29 +958,6 @@ class JobState(str, Enum):
     CANCELLED = "cancelled"
     FAILED = "failed"
     INTERRUPTED = "interrupted"
-
-
-class JobStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A step of a job: something is set up, and the bench works with it until the next is asked for."""
-
-    began_at: datetime | None = None
-    """When it began, RFC 3339; `null` where it is still to come."""
-    bench_s: float | None = None
-    """How long the bench worked on it, s; `null` until it is over."""
-    name: str
-    """`homing`, `measuring`, or the name of the operator's step that it begins with, e.g. `white_frame`."""
-    number: int | None = None
-    """Number of the operator's step that it begins with; `null` where it begins with none, or is still to come."""
-    operator_s: float | None = None
-    """How long the operator took for it, s; `null` until it is over."""
-    repeats: int | None = None
-    """Number of the earlier step that it takes the place of."""
-    setup: Setup | None = None
-    """What is set up; `null` where nothing is."""
-    state: StepState
-    """Where it is."""
-    value: str | None = None
-    """The value to be set, with its unit; `null` where there is none."""
 
 
 class JobSummary(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1077,6 +1077,44 @@ class LensFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """a/b; `null` where unknown."""
 
 
+class LightControl(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A control of a camera."""
+
+    automatic: bool
+    """Whether the camera adjusts it by itself."""
+    default: float
+    """What it is without anybody's doing."""
+    key: str
+    """What the camera calls it: its key in `[bench.camera.controls]`."""
+    locked: str | None = None
+    """Why it cannot be set; null where it can."""
+    maximum: float
+    """Greatest value."""
+    minimum: float
+    """Least value."""
+    name: ControlName
+    """Which it is."""
+    step: float
+    """Between values, counted from the least."""
+    unit: ControlUnit
+    """What value and limits are."""
+    value: float | None = None
+    """The value now; null where it cannot be read."""
+
+
+class LightView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the camera's pictures are exposed by."""
+
+    controls: list[LightControl]
+    """Exposure and gain, as far as the camera has them; empty where it has neither."""
+    job: UUID | None = None
+    """The job that keeps them from being set until its end; null where none does."""
+    white_frame: bool
+    """Whether a white frame was taken with the camera set as it is: what is measured rests on it, and a change of a
+    control drops it.
+    """
+
+
 class LogLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A line of a job's log."""
 
@@ -1135,7 +1173,7 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     frame_seq: int
     """Sequence number of the frame measured."""
     in_focus: bool
-    """|spacing − target| within the blur limit, of one board."""
+    """|spacing − target| within the blur limit."""
     micro_image_pitch_px: float
     """Pitch of the micro-images found, px."""
     micro_image_pitch_sigma_px: float | None = None
@@ -1156,8 +1194,6 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to
     1.
     """
-    two_boards: TwoBoardsView | None = None
-    """The two boards that the frame shows, where it does: the spacing then is neither's."""
 
 
 class Medium(str, Enum):
@@ -1241,10 +1277,6 @@ class OperatorStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Short name, e.g. `white_frame`."""
     number: int
     """Number of the step within its job, to be named when confirming."""
-    repeatable: list[int] | UnsetType = UNSET
-    """Numbers of the earlier steps that can be asked for again in place of confirming this one."""
-    repeats: int | None = None
-    """Number of the earlier step that it takes the place of, where that was asked for again."""
     value: str | None = None
     """The number that matters, with its unit, large on the page; e.g. `159.2, 167.2, 175.2 mm`."""
 
@@ -1291,18 +1323,10 @@ class FocusSweepOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True, t
 
     axis: AxisName
     """The axis swept."""
-    best_focus: FittedPlace | None = None
-    """Best focus: where a curve through all spacings, px, meets the target; `null` where it does not, or there are
-    too few.
-    """
     crossing_mm: float | None = None
     """Where the spacing meets its target, between two neighbours, mm; `null` where it does not."""
     crossing_sigma_mm: float | None = None
     """Its standard uncertainty by the spacings' own, mm."""
-    eog_peak: FittedPlace | None = None
-    """Where a curve about the greatest EOGs is greatest; `null` where they have no peak. It is not where the
-    spacing meets its target: how sharp a view looks depends on how it is put together, too.
-    """
     measured: int
     """Positions at which a spacing was measured: the job's iterations have them."""
     positions: int
@@ -1458,8 +1482,6 @@ class PlannedStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     name: str
     """The step's name, as the job asks for it."""
-    setup: Setup
-    """What is set up."""
     value: str | None = None
     """The value to be set, with its unit; null where there is none."""
 
@@ -1594,13 +1616,6 @@ class ReoptimiseView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Δv that focuses on the near end, mm; null where nothing is too near."""
 
 
-class RepeatRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A wish for an earlier operator step to be asked for again."""
-
-    step: int
-    """Number of the earlier step, one of `repeatable` of the step that the job waits for."""
-
-
 class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What an alignment came to."""
 
@@ -1721,8 +1736,6 @@ class SceneFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Bubbles in the field, instead of as many as are configured."""
     no_shell: bool | UnsetType = UNSET
     """There is no shell: a flat window stands in the place of its vertex."""
-    second_board_mm: float | UnsetType = UNSET
-    """How far before a flat board another stands that fills half of the field, mm; 0 where there is none."""
     shell_radius_mm: float | UnsetType = UNSET
     """By how much the shell's radii are larger than they should be, mm; its vertex is in its place."""
     tank_empty: bool | UnsetType = UNSET
@@ -1850,46 +1863,6 @@ class SessionView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What one may do."""
     signed_in: bool
     """Whether this is a browser that has signed in, and can sign out."""
-
-
-class DiffuserSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="diffuser"):
-    """A diffuser before the lens, for a white frame."""
-
-
-class BoardsInAirSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="boards_in_air"):
-    """Diffuser off, shell off, in air: the triple-level board at these distances from the main lens's principal
-    point, mm.
-    """
-
-    distances_mm: list[float]
-    """Nearest, middle and farthest level; three times the same for a flat board."""
-
-
-class BoardInWaterSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="board_in_water"):
-    """Shell mounted, tank filled, flat board at this distance from the shell's outer vertex, mm."""
-
-    distance_mm: float
-    """Distance in water, mm."""
-
-
-class LeastESetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="least_e"):
-    """The lens pushed by hand to the least e the shell allows, motors off; then the board as in `WaterBoard`."""
-
-    distance_mm: float
-    """Distance of the board in water, mm."""
-
-
-class ShellOffSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="shell_off"):
-    """Shell taken off, tank away, motors on again."""
-
-
-class ApertureSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="aperture"):
-    """The aperture set to a diameter, mm."""
-
-    diameter_mm: float
-    """Diameter, mm."""
-    ring_f_number: float
-    """The number on the lens's ring."""
 
 
 class ShellRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -2024,15 +1997,6 @@ class Stage(str, Enum):
     SHELL = "shell"
     SURVEY = "survey"
     REPORT = "report"
-
-
-class StepState(str, Enum):
-    """Where a step is."""
-
-    DONE = "done"
-    NOW = "now"
-    NEXT = "next"
-    REPEATED = "repeated"
 
 
 class StopDelivery(str, Enum):
@@ -2174,17 +2138,6 @@ class TokenView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What it allows."""
 
 
-class TwoBoardsView(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Two boards in one field."""
-
-    difference_sigma_px: float
-    """Standard uncertainty of their difference, px."""
-    share: float
-    """Share of the field that the second fills."""
-    spacings_px: list[float]
-    """Spacing on the axis as each has it, px: first that of the board that fills more of the field."""
-
-
 class Verdict(str, Enum):
     """Whether a value is within its tolerance, as far as its uncertainty lets anybody tell."""
 
@@ -2269,6 +2222,19 @@ class AskedStep(OperatorStep, frozen=True, kw_only=True, omit_defaults=True):
     """When it was asked for, RFC 3339."""
     confirmed_at: datetime | None = None
     """When it was confirmed, RFC 3339; `null` until then."""
+
+
+class AutoExposureView(LightView, frozen=True, kw_only=True, omit_defaults=True):
+    """What came of a search for the exposure."""
+
+    bright_level: float
+    """Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it."""
+    changed: bool
+    """Whether anything was changed: a picture that is exposed as it should be is left as it is."""
+    clipped_share: float
+    """Share of its pixels that are clipped."""
+    frames: int
+    """Frames that it took."""
 
 
 class JobItem(JobSummary, frozen=True, kw_only=True, omit_defaults=True):
@@ -2369,7 +2335,5 @@ Outcome: TypeAlias = HomingOutcome | CalibrationOutcome | LBoundOutcome | FocusS
 ServerMessage: TypeAlias = (
     SnapshotMessage | GapMessage | BenchMessage | JobMessage | MeasurementMessage | TickMessage | ProblemMessage
 )
-
-Setup: TypeAlias = DiffuserSetup | BoardsInAirSetup | BoardInWaterSetup | LeastESetup | ShellOffSetup | ApertureSetup
 
 ViewerMessage: TypeAlias = PicturesRequest | ReadingsRequest | HoldRequest | SeenRequest

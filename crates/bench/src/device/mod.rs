@@ -8,6 +8,7 @@ pub mod camera;
 pub mod connected;
 pub mod faults;
 pub mod jog;
+pub mod light;
 pub mod open;
 pub mod port;
 pub mod position;
@@ -28,6 +29,7 @@ use utoipa::ToSchema;
 use crate::config::Side;
 use faults::Faults;
 use jog::{Course, Seen};
+use light::{ControlName, LightControl};
 use plenoptics::raw::RawImage;
 use plenoptics::units::Millimetres;
 use ramp::Ramp;
@@ -414,6 +416,24 @@ pub trait FrameSource: Send + Sync {
     /// # Errors
     /// When the camera is lost or sends nothing within its time-out, or its frames are not fit to be measured.
     async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError>;
+
+    /// What makes its pictures brighter or darker, exposure first; empty where it has nothing of the kind.
+    ///
+    /// # Errors
+    /// When it is away, or does not answer.
+    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+        Ok(Vec::new())
+    }
+
+    /// Sets one of its [controls](Self::controls) to a [value that it takes](LightControl::nearest). What is exposed after
+    /// this has returned is exposed so, also once the camera was lost and came back.
+    ///
+    /// # Errors
+    /// When it is away, does not answer, or refuses.
+    async fn set_control(&self, name: ControlName, _value: f64) -> Result<(), DeviceError> {
+        let reason = format!("it has no control of its {name}");
+        Err(DeviceError::Refused { device: "the camera".to_owned(), reason })
+    }
 }
 
 /// What the job tells the operator to set up before the camera.

@@ -16,6 +16,7 @@ use super::picture::Picture;
 use super::truth::{Pose, Truth};
 use crate::config::Config;
 use crate::device::faults::Faults;
+use crate::device::light::{ControlName, ControlUnit, LightControl};
 use crate::device::{AxisPose, CameraState, DeviceError, Frame, FrameSource, Stage};
 use plenoptics::raw::RawImage;
 
@@ -23,8 +24,17 @@ use plenoptics::raw::RawImage;
 const NAME: &str = "the simulated camera";
 /// Why it gives no frame while it is unplugged.
 const UNPLUGGED: &str = "it is unplugged";
-/// Exposure of a simulated frame.
-const EXPOSURE: Duration = Duration::from_millis(10);
+/// Least, greatest and usual exposure of a simulated frame, and the step between two, ms.
+const EXPOSURE_MS: [f64; 4] = [0.1, 100.0, 10.0, 0.1];
+/// The same of its gain, as a factor.
+const GAIN: [f64; 4] = [1.0, 16.0, 1.0, 0.1];
+
+/// How the camera is set.
+#[derive(Debug, Clone, Copy)]
+struct Settings {
+    exposure_ms: f64,
+    gain: f64,
+}
 
 /// The simulated camera.
 pub struct SimulatedCamera {
@@ -44,6 +54,7 @@ struct Shared {
     watched: Notify,
     seq: AtomicU64,
     faults: watch::Receiver<Faults>,
+    settings: Mutex<Settings>,
     /// The newest picture, given again by a driver that hangs.
     last: Mutex<Option<Arc<RawImage>>>,
     /// One frame is rendered at a time: they all use every core.
@@ -72,6 +83,7 @@ impl SimulatedCamera {
             picture: Arc::new(Picture::new(&config)),
             faults: truth.faults(),
             last: Mutex::default(),
+            settings: Mutex::new(Settings { exposure_ms: EXPOSURE_MS[2], gain: GAIN[2] }),
             truth,
             focus,
             e,
@@ -119,6 +131,10 @@ impl Shared {
         Ok(())
     }
 
+    fn settings(&self) -> Settings {
+        *self.settings.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     async fn preview(&self) {
         let rate = self.config.bench.simulation.preview_rate_hz;
         let interval = Duration::from_secs_f64(1.0 / rate);
@@ -149,7 +165,8 @@ impl Shared {
         let pose = self.truth.pose();
         let focus = Self::axis_pose(&self.focus, self.config.bench.focus.settle_ms, exposed_from);
         let e = Self::axis_pose(&self.e, self.config.bench.e.settle_ms, exposed_from);
-        tokio::time::sleep(EXPOSURE).await;
+        let exposure = Duration::from_secs_f64(self.settings().exposure_ms / 1000.0);
+        tokio::time::sleep(exposure).await;
         let end = self.truth.pose();
         let seq = self.seq.fetch_add(1, Ordering::SeqCst) + 1;
         let image = self.image(pose, end, rays, seq, preview).await?;
@@ -158,7 +175,7 @@ impl Shared {
             image,
             seq,
             exposed_from,
-            exposed_to: exposed_from + EXPOSURE,
+            exposed_to: exposed_from + exposure,
             exposure_assumed: false,
             captured_at: jiff::Timestamp::now(),
             // What the controllers say: a camera does not know whether it is true.
@@ -217,5 +234,40 @@ impl FrameSource for SimulatedCamera {
         let frame = self.shared.take(self.shared.config.bench.simulation.rays, false).await?;
         self.shared.live.send_replace(Some(Arc::clone(&frame)));
         Ok(frame)
+    }
+
+    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+        self.shared.unplugged()?;
+        let Settings { exposure_ms, gain } = self.shared.settings();
+        let control = |name: ControlName, unit, value, [minimum, maximum, default, step]: [f64; 4]| LightControl {
+            name,
+            key: name.name().to_owned(),
+            unit,
+            value: Some(value),
+            minimum,
+            maximum,
+            step,
+            default,
+            automatic: false,
+            locked: None,
+        };
+        Ok(vec![
+            control(ControlName::Exposure, ControlUnit::Ms, exposure_ms, EXPOSURE_MS),
+            control(ControlName::Gain, ControlUnit::Factor, gain, GAIN),
+        ])
+    }
+
+    async fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
+        self.shared.unplugged()?;
+        // What is being exposed is exposed as it began.
+        let _turn = self.shared.rendering.lock().await;
+        let mut settings = self.shared.settings();
+        match name {
+            ControlName::Exposure => settings.exposure_ms = value,
+            ControlName::Gain => settings.gain = value,
+        }
+        *self.shared.settings.lock().unwrap_or_else(PoisonError::into_inner) = settings;
+        self.shared.picture.set_exposed(settings.exposure_ms / EXPOSURE_MS[2], settings.gain);
+        Ok(())
     }
 }

@@ -91,6 +91,18 @@ pub fn noise(simulation: &SimulationConfig) -> Noise {
     }
 }
 
+/// How frames are exposed for so many times as long, and amplified so many times as much: longer, there are more
+/// electrons to a level; amplified, levels and read noise grow alike, and a level is made of fewer electrons.
+#[must_use]
+pub fn exposed(noise: Noise, longer: f64, gain: f64) -> Noise {
+    Noise {
+        exposure_gain: noise.exposure_gain * longer * gain,
+        read_noise_levels: noise.read_noise_levels * gain,
+        electrons_per_level: noise.electrons_per_level / gain,
+        ..noise
+    }
+}
+
 /// The exposure, centred on the pose.
 #[must_use]
 pub fn shutter(config: &Config) -> Shutter {

@@ -20,7 +20,7 @@ use plenoptics::raw::RawImage;
 pub(super) struct Picture {
     config: Config,
     design: CameraDesign,
-    noise: Noise,
+    noise: Mutex<Noise>,
     renderers: Mutex<HashMap<u32, Arc<Renderer>>>,
     /// Textures by the side of their texels, nm.
     textures: Mutex<HashMap<u64, Arc<TextureMap>>>,
@@ -59,7 +59,7 @@ impl Picture {
         let simulation = &config.bench.simulation;
         Self {
             design: config.design(),
-            noise: configured::noise(simulation),
+            noise: Mutex::new(configured::noise(simulation)),
             config: config.clone(),
             renderers: Mutex::new(HashMap::new()),
             textures: Mutex::new(HashMap::new()),
@@ -69,13 +69,23 @@ impl Picture {
         }
     }
 
+    /// Has pictures be exposed so many times as long as one is without anybody's doing, and amplified so many times as much.
+    pub(super) fn set_exposed(&self, longer: f64, gain: f64) {
+        let plain = configured::noise(&self.config.bench.simulation);
+        *self.noise.lock().unwrap_or_else(PoisonError::into_inner) = configured::exposed(plain, longer, gain);
+    }
+
+    fn noise(&self) -> Noise {
+        *self.noise.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Takes a picture of the simulated world while it goes from one pose to another. `seq` makes its noise its own.
     ///
     /// Where the configuration samples an exposure at one moment only, that is the first.
     pub(super) fn take(&self, from: &Pose, to: &Pose, rays: u32, seq: u64, faults: &Faults) -> RawImage {
         let light = self.light(&Moment::of(from, to, faults), rays);
         let [width, height] = self.size();
-        expose(&light, width, height, &self.noise, self.seed(seq))
+        expose(&light, width, height, &self.noise(), self.seed(seq))
     }
 
     /// The same for viewers, whose pictures have to keep pace: noise comes from a bank, and the light is that of a measured
@@ -92,7 +102,7 @@ impl Picture {
         };
         let [width, height] = self.size();
         let bank = self.bank.get_or_init(|| Bank::new(self.config.bench.simulation.seed));
-        bank.expose(&light, width, height, &self.noise, self.seed(seq))
+        bank.expose(&light, width, height, &self.noise(), self.seed(seq))
     }
 
     fn size(&self) -> [usize; 2] {
@@ -320,6 +330,37 @@ mod tests {
             let before = light(&rest, 8);
             assert!(!Arc::ptr_eq(&before, &light(&other, 8)), "{other:?}");
         }
+    }
+
+    #[test]
+    fn exposure_scales_the_light_and_gain_the_noise_with_it() {
+        let mut config = Config::default();
+        (config.sensor.width_px, config.sensor.height_px) = (120, 90);
+        let simulation = &mut config.bench.simulation;
+        (simulation.read_noise_levels, simulation.electrons_per_level, simulation.bits) = (1.0, 20.0, 16);
+        let pose = Truth::new(&Arc::new(config.clone())).pose();
+        let picture = Picture::new(&config);
+        // Two frames of one moment differ in their noise alone.
+        let seen = |longer: f64, gain: f64| {
+            picture.set_exposed(longer, gain);
+            let [one, other] = [1, 2].map(|seq| picture.take(&pose, &pose, 8, seq, &Faults::default()).to_f32());
+            let mean = |of: &dyn Fn(f64, f64) -> f64| {
+                let each = one.iter().zip(&other).map(|(&one, &other)| of(f64::from(one), f64::from(other)));
+                each.sum::<f64>() / one.len() as f64
+            };
+            (mean(&|one, _| one), (0.5 * mean(&|one, other| (one - other).powi(2))).sqrt())
+        };
+        let (plain, noise) = seen(0.4, 1.0);
+        let (amplified, amplified_noise) = seen(0.4, 2.0);
+        assert!((amplified / plain - 2.0).abs() < 0.02, "{plain} {amplified}");
+        assert!((amplified_noise / noise - 2.0).abs() < 0.06, "{noise} {amplified_noise}");
+        // Twice the photons have 1.4 times their noise; the read noise stays.
+        let (longer, longer_noise) = seen(0.8, 1.0);
+        assert!((longer / plain - 2.0).abs() < 0.02, "{plain} {longer}");
+        assert!((1.2..1.45).contains(&(longer_noise / noise)), "{noise} {longer_noise}");
+        let (most, _) = seen(500.0, 1.0);
+        // Between the micro-images it is dark however long it is exposed.
+        assert!(most > 0.6 * 65_535.0, "it saturates: {most}");
     }
 
     #[test]

@@ -7,12 +7,14 @@ mod cfa;
 mod depth;
 mod file;
 mod format;
+mod histogram;
 mod scaled;
 mod window;
 
 pub use cfa::{CfaPattern, Channel};
 pub use file::{RawFileError, read, write};
 pub use format::{Layout, PixelFormat};
+pub use histogram::{Histogram, clipped_from};
 pub use window::Window;
 
 /// A raw frame of one sample a pixel, row by row from the top: monochrome, or a mosaic whose [`CfaPattern`] is known to

@@ -2,6 +2,7 @@
 
 import type { strings as english } from "../en";
 import { axis, byHand, lease, shell } from "./bench";
+import { camera } from "./camera";
 import { design } from "./design";
 import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
@@ -23,6 +24,7 @@ export const strings: typeof english = {
   stop,
   signIn,
   picture,
+  camera,
   meter,
   meterPage,
   measuring,

@@ -1,6 +1,7 @@
 // Every word the page shows, in English.
 
 import { axis, byHand, lease, shell } from "./bench";
+import { camera } from "./camera";
 import { design } from "./design";
 import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
@@ -22,6 +23,7 @@ export const strings = {
   stop,
   signIn,
   picture,
+  camera,
   meter,
   meterPage,
   measuring,

@@ -3,6 +3,7 @@ import { fullScreen } from "../../full-screen";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
 import type { Scene } from "../scene";
+import { CameraPanel } from "./camera-panel";
 import { Charts } from "./charts";
 import { Meter } from "./meter";
 import { LivePicture } from "./picture";
@@ -21,6 +22,7 @@ export function LivePage(scene: Scene) {
   const strip = useMemo(() => <JobStrip {...scene} />, about);
   const meter = useMemo(() => <Meter {...scene} />, about);
   const bench = useMemo(() => <Bench {...scene} />, about);
+  const camera = useMemo(() => <CameraPanel {...scene} />, about);
   const charts = useMemo(() => <Charts {...scene} />, [state.preferences.unit, beat]);
   if (large) return <LivePicture {...scene} {...{ large, enlarge }} />;
   return (
@@ -32,6 +34,7 @@ export function LivePage(scene: Scene) {
       <div class="column">
         {meter}
         {bench}
+        {camera}
       </div>
       {charts}
     </div>

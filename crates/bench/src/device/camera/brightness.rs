@@ -1,6 +1,6 @@
 //! Whether a frame is exposed so that it can be measured.
 
-use plenoptics::raw::{RawImage, Samples};
+use plenoptics::raw::{RawImage, Samples, clipped_from};
 
 /// Share of saturated pixels that is worth a word: more than hot pixels and mirrored lamps make up.
 const SATURATED_SHARE: f64 = 0.002;
@@ -23,8 +23,7 @@ pub enum Exposure {
 /// Judges a frame whose scale ends at `white`.
 #[must_use]
 pub fn judge(image: &RawImage, white: u16) -> Exposure {
-    // Many a camera clips a little below the end of its scale.
-    let clipped = white - white / 50;
+    let clipped = clipped_from(white);
     let lit = (f64::from(white) * LIT_LEVEL) as u16;
     let count = |of: &dyn Fn(u16) -> bool| match image.samples() {
         Samples::U8(samples) => samples.iter().filter(|&&sample| of(u16::from(sample))).count(),

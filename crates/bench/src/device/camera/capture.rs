@@ -3,8 +3,8 @@
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use nix::time::{ClockId, clock_gettime};
@@ -17,7 +17,7 @@ use super::exposure::{self, Clock, Stamp};
 use super::kernel::{Filled, Queue, Taken};
 use super::setup::{self, Agreed};
 use super::unpack::{UnpackError, frames_lost, unpack};
-use super::v4l2::PoseSource;
+use super::v4l2::{PoseSource, SetByHand};
 use super::{controls, find};
 use crate::config::CameraConfig;
 use crate::device::{CameraState, Frame};
@@ -35,6 +35,7 @@ const JUDGE_EVERY: Duration = Duration::from_secs(1);
 /// What the capture thread works with.
 pub(super) struct Capturer {
     pub(super) config: CameraConfig,
+    pub(super) set_by_hand: SetByHand,
     pub(super) format: PixelFormat,
     pub(super) size: (usize, usize),
     pub(super) poses: PoseSource,
@@ -109,11 +110,20 @@ impl Capturer {
         }
     }
 
+    /// The configuration with what was set by hand since: a camera that was without power has forgotten it.
+    fn as_set_by_hand(&self) -> CameraConfig {
+        let set = self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut config = self.config.clone();
+        config.controls.retain(|name, _| !set.contains_key(&controls::key_of(name)));
+        config.controls.extend(set.iter().map(|(key, value)| (key.clone(), value.clone())));
+        config
+    }
+
     /// Opens the device and publishes frames until the end (`Ok`) or an error, in words.
     fn capture(&mut self) -> Result<(), String> {
         let path = find::resolve(&self.config.device)?;
         let device = find::open(&path)?;
-        let agreed = setup::agree(&device, &self.config, self.format, self.size)?;
+        let agreed = setup::agree(&device, &self.as_set_by_hand(), self.format, self.size)?;
         let mut queue =
             Queue::start(&device, BUFFERS).map_err(|error| format!("its stream does not start: {error}"))?;
         let mut stream = Stream {

@@ -17,6 +17,7 @@ use v4l::v4l_sys::{
 
 use super::kernel;
 use crate::config::ControlValue;
+use crate::device::light::{ControlName, ControlUnit, LightControl};
 
 /// What adjusts itself, and the value that stops it: 0, but for exposure, where 1 is the menu's manual mode.
 const AUTOMATICS: &[(u32, i64)] = &[
@@ -33,6 +34,21 @@ const AUTOMATICS: &[(u32, i64)] = &[
 ];
 /// What sets how bright a picture is, best first.
 const BRIGHTNESS: &[u32] = &[V4L2_CID_EXPOSURE_ABSOLUTE, V4L2_CID_EXPOSURE, V4L2_CID_ANALOGUE_GAIN, V4L2_CID_GAIN];
+
+/// Controls of exposure and of gain, best first: what they are, and how many of the driver's numbers make one of those
+/// told. `exposure_time_absolute` counts units of 100 µs.
+const LIGHT: &[(u32, ControlName, ControlUnit, f64)] = &[
+    (V4L2_CID_EXPOSURE_ABSOLUTE, ControlName::Exposure, ControlUnit::Ms, 10.0),
+    (V4L2_CID_EXPOSURE, ControlName::Exposure, ControlUnit::Driver, 1.0),
+    (V4L2_CID_ANALOGUE_GAIN, ControlName::Gain, ControlUnit::Driver, 1.0),
+    (V4L2_CID_GAIN, ControlName::Gain, ControlUnit::Driver, 1.0),
+];
+/// What adjusts exposure or gain by itself, and the values by which it leaves them alone.
+const LIGHT_AUTOMATICS: &[(u32, ControlName, &[i64])] = &[
+    // A menu: automatic, manual, shutter first (the exposure is set by hand), aperture first (it is not).
+    (V4L2_CID_EXPOSURE_AUTO, ControlName::Exposure, &[1, 2]),
+    (V4L2_CID_AUTOGAIN, ControlName::Gain, &[0]),
+];
 
 /// Kinds of controls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -294,6 +310,73 @@ pub fn of_brightness(device: &Device) -> String {
     named.collect::<Vec<_>>().join(" or ")
 }
 
+/// The exposure and the gain among a camera's controls, each by the best control that there is of it, with that.
+fn light_of(controls: &[Control]) -> Vec<(LightControl, &Control, f64)> {
+    let best = |wanted: ControlName| {
+        let of = LIGHT.iter().filter(|(_, name, ..)| *name == wanted);
+        let mut found = of.filter_map(|(id, name, unit, per_unit)| {
+            let numbers = [ControlKind::Number, ControlKind::WideNumber];
+            let control = controls.iter().find(|control| control.id == *id && numbers.contains(&control.kind))?;
+            Some((control, *name, *unit, *per_unit))
+        });
+        found.next()
+    };
+    let described = |(control, name, unit, per_unit): (&'_ Control, _, _, f64)| {
+        let by_itself = LIGHT_AUTOMATICS.iter().find_map(|(id, of, by_hand)| {
+            let automatic = controls.iter().find(|control| control.id == *id && *of == name)?;
+            automatic.value.filter(|value| !by_hand.contains(value)).map(|value| (automatic, value))
+        });
+        let locked = match (by_itself, control.locked) {
+            (Some((automatic, value)), _) => Some(format!(
+                "the camera adjusts it by itself: `{}` is {}, as bench.camera.controls can change",
+                automatic.key,
+                automatic.said(value)
+            )),
+            (None, Some(why)) => {
+                Some(format!("the camera's driver does not let it be set now: `{}` is {why}", control.key))
+            }
+            (None, None) => None,
+        };
+        let told = |number: i64| number as f64 / per_unit;
+        LightControl {
+            name,
+            key: control.key.clone(),
+            unit,
+            value: control.value.map(told),
+            minimum: told(control.minimum),
+            maximum: told(control.maximum),
+            step: control.step.max(1) as f64 / per_unit,
+            default: told(control.default),
+            automatic: by_itself.is_some(),
+            locked,
+        }
+    };
+    let each = ControlName::ALL.into_iter().filter_map(best);
+    each.map(|found| (described(found), found.0, found.3)).collect()
+}
+
+/// A camera's exposure and gain.
+#[must_use]
+pub fn light(device: &Device) -> Vec<LightControl> {
+    light_of(&list(device)).into_iter().map(|(told, ..)| told).collect()
+}
+
+/// Sets a camera's exposure or gain, and returns what that is in `[bench.camera.controls]`.
+///
+/// # Errors
+/// Why it cannot, in words.
+pub fn set_light(device: &Device, name: ControlName, value: f64) -> Result<(String, ControlValue), String> {
+    let controls = list(device);
+    let of_name = light_of(&controls).into_iter().find(|(told, ..)| told.name == name);
+    let (told, control, per_unit) = of_name.ok_or_else(|| format!("it has no control of its {name}"))?;
+    if let Some(why) = told.locked {
+        return Err(why);
+    }
+    let number = control.number_of(&ControlValue::Number((value * per_unit).round() as i64))?;
+    control.set(device, number)?;
+    Ok((told.key, ControlValue::Number(number)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -353,5 +436,68 @@ mod tests {
         assert!(refused.contains("`gian`") && refused.contains("it has gain, autogain"), "{refused}");
         assert_eq!(choose(&controls, "Gain", &ControlValue::Number(5)).unwrap().1, 5);
         assert!(choose(&[], "gain", &ControlValue::Number(0)).unwrap_err().contains("it has none"));
+    }
+
+    fn numbered(id: u32, name: &str, [minimum, maximum, step, default, value]: [i64; 5]) -> Control {
+        let step = step.unsigned_abs();
+        Control { id, minimum, maximum, step, default, value: Some(value), ..control(name, ControlKind::Number) }
+    }
+
+    #[test]
+    fn exposure_and_gain_are_told_in_their_units() {
+        // As a UVC camera lists them.
+        let controls = [
+            numbered(V4L2_CID_GAIN, "Gain", [0, 480, 10, 0, 40]),
+            numbered(V4L2_CID_EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", [1, 5000, 1, 156, 333]),
+        ];
+        let light: Vec<LightControl> = light_of(&controls).into_iter().map(|(told, ..)| told).collect();
+        let [exposure, gain] = &light[..] else { panic!("{light:?}") };
+        // 333 times 100 µs.
+        assert_eq!(
+            (exposure.name, exposure.unit, exposure.value),
+            (ControlName::Exposure, ControlUnit::Ms, Some(33.3))
+        );
+        let limits = (exposure.minimum, exposure.maximum, exposure.step, exposure.default);
+        assert_eq!(limits, (0.1, 500.0, 0.1, 15.6));
+        assert_eq!((exposure.key.as_str(), exposure.automatic), ("exposure_time_absolute", false));
+        assert_eq!((gain.name, gain.unit, gain.value), (ControlName::Gain, ControlUnit::Driver, Some(40.0)));
+        assert_eq!((gain.minimum, gain.maximum, gain.step, &gain.locked), (0.0, 480.0, 10.0, &None));
+        // And back: every number that the driver takes is told by one that comes to it again.
+        for number in 1..=5000 {
+            let told = exposure.nearest(number as f64 / 10.0).unwrap();
+            assert_eq!((told * 10.0).round() as i64, number);
+        }
+    }
+
+    #[test]
+    fn what_a_camera_adjusts_by_itself_is_not_set() {
+        let exposure = |value| {
+            let absolute = numbered(V4L2_CID_EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", [1, 5000, 1, 156, 333]);
+            let auto = Control {
+                id: V4L2_CID_EXPOSURE_AUTO,
+                value: Some(value),
+                items: vec![(1, "Manual Mode".to_owned()), (3, "Aperture Priority Mode".to_owned())],
+                ..control("Auto Exposure", ControlKind::Menu)
+            };
+            light_of(&[auto, Control { locked: (value != 1).then_some("inactive"), ..absolute }])[0].0.clone()
+        };
+        let by_hand = exposure(1);
+        assert_eq!((by_hand.automatic, by_hand.locked), (false, None));
+        let by_itself = exposure(3);
+        let why = by_itself.locked.unwrap();
+        assert!(by_itself.automatic && why.contains("`auto_exposure` is 3 \"Aperture Priority Mode\""), "{why}");
+    }
+
+    #[test]
+    fn a_driver_without_absolute_exposure_tells_its_own_numbers() {
+        let controls = [
+            numbered(V4L2_CID_EXPOSURE, "Exposure", [4, 3000, 1, 1000, 800]),
+            numbered(V4L2_CID_ANALOGUE_GAIN, "Analogue Gain", [16, 248, 1, 16, 16]),
+            numbered(V4L2_CID_GAIN, "Gain", [0, 10, 1, 0, 0]),
+        ];
+        let light = light_of(&controls);
+        assert_eq!((light[0].0.unit, light[0].0.value), (ControlUnit::Driver, Some(800.0)));
+        assert_eq!((light.len(), light[1].0.key.as_str()), (2, "analogue_gain"), "the better one of two");
+        assert!(light_of(&[control("Brightness", ControlKind::Number)]).is_empty());
     }
 }

@@ -1,7 +1,8 @@
 //! Capture over Video4Linux2: the frame source in front of the capture thread.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -9,7 +10,9 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::capture::Capturer;
-use crate::config::CameraConfig;
+use super::{controls, find};
+use crate::config::{CameraConfig, ControlValue};
+use crate::device::light::{ControlName, ControlUnit, LightControl};
 use crate::device::{AxisPose, CameraState, DeviceError, Frame, FrameSource, StageState};
 use plenoptics::raw::PixelFormat;
 
@@ -19,10 +22,22 @@ pub type PoseSource = Arc<dyn Fn(Instant, Instant) -> (AxisPose, AxisPose) + Sen
 /// A camera that sent frames is waited for this long after the last one: a plug pushed back in does not cost a run.
 const RETURN_ALLOWED: Duration = Duration::from_secs(30);
 
+/// Frames that may have been under way, or already exposed, when a control was set: it is in force from the next one on.
+const FRAMES_UNDER_WAY: u32 = 3;
+/// How long a driver may take to tell or to set its controls.
+const CONTROLS_ALLOWED: Duration = Duration::from_secs(5);
+
+/// What was set by hand since the start, as `[bench.camera.controls]` has it: a camera that was lost gets it again.
+pub(super) type SetByHand = Arc<Mutex<BTreeMap<String, ControlValue>>>;
+
 /// A V4L2 capture device.
 pub struct V4l2Camera {
     name: String,
     timeout: Duration,
+    /// The time between frames, as configured.
+    interval: Duration,
+    pipeline_delay: Duration,
+    set_by_hand: SetByHand,
     state: watch::Receiver<CameraState>,
     live: watch::Receiver<Option<Arc<Frame>>>,
     seen_at: watch::Receiver<Option<Instant>>,
@@ -54,8 +69,10 @@ impl V4l2Camera {
         let (live, live_out) = watch::channel(None);
         let (seen_at, seen_at_out) = watch::channel(None);
         let ended = Arc::new(AtomicBool::new(false));
+        let set_by_hand = SetByHand::default();
         let capturer = Capturer {
             config: config.clone(),
+            set_by_hand: Arc::clone(&set_by_hand),
             format,
             size,
             poses,
@@ -69,9 +86,46 @@ impl V4l2Camera {
             DeviceError::Disconnected { device: name.clone(), reason: format!("no thread for it: {error}") }
         })?;
         // What passes besides the wait for the camera: exposure, read-out, and what its pictures are late by.
-        let intervals = Duration::try_from_secs_f64(3.0 / config.frame_rate_hz).unwrap_or_default();
-        let timeout = Duration::from_millis(config.timeout_ms + config.pipeline_delay_ms) + intervals;
-        Ok(Self { name, timeout, state: state_out, live: live_out, seen_at: seen_at_out, ended })
+        let interval = Duration::try_from_secs_f64(1.0 / config.frame_rate_hz).unwrap_or_default();
+        let pipeline_delay = Duration::from_millis(config.pipeline_delay_ms);
+        let timeout = Duration::from_millis(config.timeout_ms) + pipeline_delay + 3 * interval;
+        Ok(Self {
+            name,
+            timeout,
+            interval,
+            pipeline_delay,
+            set_by_hand,
+            state: state_out,
+            live: live_out,
+            seen_at: seen_at_out,
+            ended,
+        })
+    }
+
+    /// Does something with the device, by a handle of its own: frames are taken meanwhile.
+    async fn at_device<T: Send + 'static>(
+        &self,
+        what: &str,
+        work: impl FnOnce(&v4l::Device) -> Result<T, String> + Send + 'static,
+    ) -> Result<T, DeviceError> {
+        let device = || self.name.clone();
+        let fault = self.state.borrow().fault.clone();
+        if let Some(reason) = fault {
+            return Err(DeviceError::Disconnected { device: device(), reason });
+        }
+        let name = self.name.clone();
+        let opened = move || {
+            let gone = |reason| DeviceError::Disconnected { device: name.clone(), reason };
+            let opened = find::resolve(&name).and_then(|path| find::open(&path)).map_err(gone)?;
+            work(&opened).map_err(|reason| DeviceError::Refused { device: name, reason })
+        };
+        let late = || DeviceError::Timeout { device: device(), what: what.to_owned(), allowed: CONTROLS_ALLOWED };
+        let done = tokio::time::timeout(CONTROLS_ALLOWED, tokio::task::spawn_blocking(opened)).await;
+        let ended = |error: tokio::task::JoinError| {
+            let detail = error.to_string();
+            DeviceError::Protocol { device: device(), detail }
+        };
+        done.map_err(|_| late())?.map_err(ended)?
     }
 }
 
@@ -126,6 +180,22 @@ impl FrameSource for V4l2Camera {
                 allowed: self.timeout,
             },
         })
+    }
+
+    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+        self.at_device("tell its controls", |device| Ok(controls::light(device))).await
+    }
+
+    async fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
+        let (key, set) =
+            self.at_device("set its controls", move |device| controls::set_light(device, name, value)).await?;
+        self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).insert(key, set);
+        // A long exposure has the camera slow down.
+        let exposures = self.controls().await?.into_iter().filter(|control| control.unit == ControlUnit::Ms);
+        let longest_ms = exposures.filter_map(|control| control.value).fold(0.0, f64::max);
+        let interval = self.interval.max(Duration::try_from_secs_f64(longest_ms / 1000.0).unwrap_or_default());
+        tokio::time::sleep(FRAMES_UNDER_WAY * interval + self.pipeline_delay).await;
+        Ok(())
     }
 }
 
