@@ -52,7 +52,9 @@ impl Field {
     /// The distance at which a board has a spacing that is larger than another's by the step.
     fn nearer(&self, design: &CameraDesign, distance: f64) -> f64 {
         let wanted = self.spacing_px(design, distance) + self.step_px;
-        let (mut low, mut high) = (0.5 * distance, 2.0 * distance);
+        // Nearer in air, a board is imaged beyond the array.
+        let nearest = if self.e.is_some() { 0.5 } else { 0.8 };
+        let (mut low, mut high) = (nearest * distance, distance / nearest);
         let rising = self.spacing_px(design, high) > self.spacing_px(design, low);
         for _ in 0..60 {
             let middle = f64::midpoint(low, high);

@@ -539,6 +539,28 @@ export interface paths {
     patch?: never;
     trace?: never;
   };
+  "/api/v1/jobs/{id}/repeat": {
+    parameters: {
+      query?: never;
+      header?: never;
+      path?: never;
+      cookie?: never;
+    };
+    get?: never;
+    put?: never;
+    /**
+     * Asks for an earlier operator step again, in place of confirming the one that the job waits for.
+     * @description The steps that can be asked for are those that `operator_step` names in `repeatable`: the last white frame and the last
+     *     board in air of an alignment, until the shell is on. The job asks for it, measures anew what depends on it, and goes on;
+     *     nothing else of it is lost. It has to show what a confirmation shows.
+     */
+    post: operations["repeat_step"];
+    delete?: never;
+    options?: never;
+    head?: never;
+    patch?: never;
+    trace?: never;
+  };
   "/api/v1/jobs/{id}/report.html": {
     parameters: {
       query?: never;
@@ -3206,6 +3228,19 @@ export interface components {
      * @enum {string}
      */
     ControlUnit: "ms" | "factor" | "driver";
+    /** @description A place of a curve. */
+    CurvePoint: {
+      /**
+       * Format: double
+       * @description Position of the axis, mm.
+       */
+      position_mm: number;
+      /**
+       * Format: double
+       * @description The curve there, in the unit of what it goes through.
+       */
+      value: number;
+    };
     /** @description What is known about all micro-images together. */
     DepthFigures: {
       /** @description `square` or `hexagonal`. */
@@ -3528,6 +3563,7 @@ export interface components {
        *       "board_turned_mrad": 0,
        *       "bubbles": 0,
        *       "no_shell": false,
+       *       "second_board_mm": 0,
        *       "shell_radius_mm": 0,
        *       "tank_empty": false
        *     }
@@ -3544,6 +3580,26 @@ export interface components {
        *     }
        */
       serial: components["schemas"]["SerialFaults"];
+    };
+    /** @description A place of the swept axis, by a curve fitted to what was seen. */
+    FittedPlace: {
+      /** @description The curve, over those. */
+      curve: components["schemas"]["CurvePoint"][];
+      /**
+       * Format: int32
+       * @description Points that the curve goes through.
+       */
+      points: number;
+      /**
+       * Format: double
+       * @description Position of the axis, mm.
+       */
+      position_mm: number;
+      /**
+       * Format: double
+       * @description Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm.
+       */
+      sigma_mm: number;
     };
     /** @description Whether the daemon answers. */
     Health: {
@@ -3667,6 +3723,11 @@ export interface components {
        * @description Readback of the e axis, mm; `null` while unknown.
        */
       e_mm?: number | null;
+      /**
+       * Format: double
+       * @description EOG of the central view (Eq. 20), mean per pixel; `null` where no view was made.
+       */
+      eog?: number | null;
       /**
        * Format: double
        * @description Readback of the focus axis, mm; `null` while unknown.
@@ -3967,6 +4028,8 @@ export interface components {
       stage: components["schemas"]["Stage"];
       /** @description Where it is in its life. */
       state: components["schemas"]["JobState"];
+      /** @description Its steps: done, under way, and still to come where that can be told. */
+      steps?: components["schemas"]["JobStep"][];
     };
     /**
      * @description Where a job is in its life.
@@ -3983,6 +4046,41 @@ export interface components {
       | "cancelled"
       | "failed"
       | "interrupted";
+    /** @description A step of a job: something is set up, and the bench works with it until the next is asked for. */
+    JobStep: {
+      /**
+       * Format: date-time
+       * @description When it began, RFC 3339; `null` where it is still to come.
+       */
+      began_at?: string | null;
+      /**
+       * Format: double
+       * @description How long the bench worked on it, s; `null` until it is over.
+       */
+      bench_s?: number | null;
+      /** @description `homing`, `measuring`, or the name of the operator's step that it begins with, e.g. `white_frame`. */
+      name: string;
+      /**
+       * Format: int32
+       * @description Number of the operator's step that it begins with; `null` where it begins with none, or is still to come.
+       */
+      number?: number | null;
+      /**
+       * Format: double
+       * @description How long the operator took for it, s; `null` until it is over.
+       */
+      operator_s?: number | null;
+      /**
+       * Format: int32
+       * @description Number of the earlier step that it takes the place of.
+       */
+      repeats?: number | null;
+      setup?: components["schemas"]["Setup"] | null;
+      /** @description Where it is. */
+      state: components["schemas"]["StepState"];
+      /** @description The value to be set, with its unit; `null` where there is none. */
+      value?: string | null;
+    };
     /** @description A job in a list. */
     JobSummary: {
       /**
@@ -4270,7 +4368,7 @@ export interface components {
        * @description Sequence number of the frame measured.
        */
       frame_seq: number;
-      /** @description |spacing − target| within the blur limit. */
+      /** @description |spacing − target| within the blur limit, of one board. */
       in_focus: boolean;
       /**
        * Format: double
@@ -4304,6 +4402,7 @@ export interface components {
        * @description Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to 1.
        */
       ssim?: number | null;
+      two_boards?: components["schemas"]["TwoBoardsView"] | null;
     };
     /**
      * @description What is before the camera.
@@ -4414,6 +4513,13 @@ export interface components {
        * @description Number of the step within its job, to be named when confirming.
        */
       number: number;
+      /** @description Numbers of the earlier steps that can be asked for again in place of confirming this one. */
+      repeatable?: number[];
+      /**
+       * Format: int32
+       * @description Number of the earlier step that it takes the place of, where that was asked for again.
+       */
+      repeats?: number | null;
       /** @description The number that matters, with its unit, large on the page; e.g. `159.2, 167.2, 175.2 mm`. */
       value?: string | null;
     };
@@ -4486,6 +4592,7 @@ export interface components {
       | {
           /** @description The axis swept. */
           axis: components["schemas"]["AxisName"];
+          best_focus?: components["schemas"]["FittedPlace"] | null;
           /**
            * Format: double
            * @description Where the spacing meets its target, between two neighbours, mm; `null` where it does not.
@@ -4496,6 +4603,7 @@ export interface components {
            * @description Its standard uncertainty by the spacings' own, mm.
            */
           crossing_sigma_mm?: number | null;
+          eog_peak?: components["schemas"]["FittedPlace"] | null;
           /**
            * Format: int32
            * @description Positions at which a spacing was measured: the job's iterations have them.
@@ -4715,6 +4823,8 @@ export interface components {
     PlannedStep: {
       /** @description The step's name, as the job asks for it. */
       name: string;
+      /** @description What is set up. */
+      setup: components["schemas"]["Setup"];
       /** @description The value to be set, with its unit; null where there is none. */
       value?: string | null;
     };
@@ -4869,6 +4979,14 @@ export interface components {
        * @description Δv that focuses on the near end, mm; null where nothing is too near.
        */
       near_delta_v_mm?: number | null;
+    };
+    /** @description A wish for an earlier operator step to be asked for again. */
+    RepeatRequest: {
+      /**
+       * Format: int32
+       * @description Number of the earlier step, one of `repeatable` of the step that the job waits for.
+       */
+      step: number;
     };
     /** @description What an alignment came to. */
     Report: {
@@ -5078,6 +5196,12 @@ export interface components {
       no_shell: boolean;
       /**
        * Format: double
+       * @description How far before a flat board another stands that fills half of the field, mm; 0 where there is none.
+       * @default 0
+       */
+      second_board_mm: number;
+      /**
+       * Format: double
        * @description By how much the shell's radii are larger than they should be, mm; its vertex is in its place.
        * @default 0
        */
@@ -5270,6 +5394,54 @@ export interface components {
       /** @description Whether this is a browser that has signed in, and can sign out. */
       signed_in: boolean;
     };
+    /** @description What the job tells the operator to set up before the camera. */
+    Setup:
+      | {
+          /** @enum {string} */
+          type: "diffuser";
+        }
+      | {
+          /** @description Nearest, middle and farthest level; three times the same for a flat board. */
+          distances_mm: number[];
+          /** @enum {string} */
+          type: "boards_in_air";
+        }
+      | {
+          /**
+           * Format: double
+           * @description Distance in water, mm.
+           */
+          distance_mm: number;
+          /** @enum {string} */
+          type: "board_in_water";
+        }
+      | {
+          /**
+           * Format: double
+           * @description Distance of the board in water, mm.
+           */
+          distance_mm: number;
+          /** @enum {string} */
+          type: "least_e";
+        }
+      | {
+          /** @enum {string} */
+          type: "shell_off";
+        }
+      | {
+          /**
+           * Format: double
+           * @description Diameter, mm.
+           */
+          diameter_mm: number;
+          /**
+           * Format: double
+           * @description The number on the lens's ring.
+           */
+          ring_f_number: number;
+          /** @enum {string} */
+          type: "aperture";
+        };
     /** @description The operator's statement about the shell. */
     ShellRequest: {
       /** @description Whether the shell is on the camera. */
@@ -5484,6 +5656,11 @@ export interface components {
      */
     Stage: "preparation" | "l_bound" | "air" | "shell" | "survey" | "report";
     /**
+     * @description Where a step is.
+     * @enum {string}
+     */
+    StepState: "done" | "now" | "next" | "repeated";
+    /**
      * @description How sure it is that an axis was told to stop.
      * @enum {string}
      */
@@ -5645,6 +5822,21 @@ export interface components {
       name: string;
       /** @description What it allows. */
       scope: components["schemas"]["Scope"];
+    };
+    /** @description Two boards in one field. */
+    TwoBoardsView: {
+      /**
+       * Format: double
+       * @description Standard uncertainty of their difference, px.
+       */
+      difference_sigma_px: number;
+      /**
+       * Format: double
+       * @description Share of the field that the second fills.
+       */
+      share: number;
+      /** @description Spacing on the axis as each has it, px: first that of the board that fills more of the field. */
+      spacings_px: number[];
     };
     /**
      * @description Whether a value is within its tolerance, as far as its uncertainty lets anybody tell.
@@ -8398,6 +8590,145 @@ export interface operations {
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
+      429: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The history cannot be read */
+      503: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+    };
+  };
+  repeat_step: {
+    parameters: {
+      query?: never;
+      header?: {
+        /** @description Key of the lease that the job has. */
+        "Plenalign-Lease"?: string | null;
+        /** @description The job's confirm key. */
+        "Plenalign-Confirm"?: string | null;
+      };
+      path: {
+        /** @description The job's id */
+        id: string;
+      };
+      cookie?: never;
+    };
+    requestBody: {
+      content: {
+        "application/json": components["schemas"]["RepeatRequest"];
+      };
+    };
+    responses: {
+      200: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/json": components["schemas"]["JobResource"];
+        };
+      };
+      /** @description The body is not JSON */
+      400: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Not signed in: no token, ticket or session is shown, or one that is not valid */
+      401: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The key confirms nothing of this job */
+      403: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description There is nothing under this name */
+      404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is late */
+      408: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The job does not wait where that step can be asked for again */
+      409: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is too large */
+      413: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The body is not said to be JSON */
+      415: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description The request does not say what it must; `field` names where */
+      422: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description No key was shown */
+      428: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description Too many keys were wrong */
       429: {
         headers: {
           [name: string]: unknown;

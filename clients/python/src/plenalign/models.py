@@ -358,6 +358,15 @@ class ControlUnit(str, Enum):
     DRIVER = "driver"
 
 
+class CurvePoint(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A place of a curve."""
+
+    position_mm: float
+    """Position of the axis, mm."""
+    value: float
+    """The curve there, in the unit of what it goes through."""
+
+
 class DepthFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What is known about all micro-images together."""
 
@@ -608,6 +617,19 @@ class Faults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The stages' controller, and the wire to it."""
 
 
+class FittedPlace(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A place of the swept axis, by a curve fitted to what was seen."""
+
+    curve: list[CurvePoint]
+    """The curve, over those."""
+    points: int
+    """Points that the curve goes through."""
+    position_mm: float
+    """Position of the axis, mm."""
+    sigma_mm: float
+    """Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm."""
+
+
 class Health(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Whether the daemon answers."""
 
@@ -687,6 +709,8 @@ class Iteration(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Its standard uncertainty, mm."""
     e_mm: float | None = None
     """Readback of the e axis, mm; `null` while unknown."""
+    eog: float | None = None
+    """EOG of the central view (Eq. 20), mean per pixel; `null` where no view was made."""
     focus_mm: float | None = None
     """Readback of the focus axis, mm; `null` while unknown."""
     kind: IterationKind
@@ -943,6 +967,8 @@ class JobSnapshot(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Part of the alignment it is in."""
     state: JobState
     """Where it is in its life."""
+    steps: list[JobStep] | UnsetType = UNSET
+    """Its steps: done, under way, and still to come where that can be told."""
 
 
 class JobState(str, Enum):
@@ -958,6 +984,29 @@ class JobState(str, Enum):
     CANCELLED = "cancelled"
     FAILED = "failed"
     INTERRUPTED = "interrupted"
+
+
+class JobStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A step of a job: something is set up, and the bench works with it until the next is asked for."""
+
+    began_at: datetime | None = None
+    """When it began, RFC 3339; `null` where it is still to come."""
+    bench_s: float | None = None
+    """How long the bench worked on it, s; `null` until it is over."""
+    name: str
+    """`homing`, `measuring`, or the name of the operator's step that it begins with, e.g. `white_frame`."""
+    number: int | None = None
+    """Number of the operator's step that it begins with; `null` where it begins with none, or is still to come."""
+    operator_s: float | None = None
+    """How long the operator took for it, s; `null` until it is over."""
+    repeats: int | None = None
+    """Number of the earlier step that it takes the place of."""
+    setup: Setup | None = None
+    """What is set up; `null` where nothing is."""
+    state: StepState
+    """Where it is."""
+    value: str | None = None
+    """The value to be set, with its unit; `null` where there is none."""
 
 
 class JobSummary(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1173,7 +1222,7 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     frame_seq: int
     """Sequence number of the frame measured."""
     in_focus: bool
-    """|spacing − target| within the blur limit."""
+    """|spacing − target| within the blur limit, of one board."""
     micro_image_pitch_px: float
     """Pitch of the micro-images found, px."""
     micro_image_pitch_sigma_px: float | None = None
@@ -1194,6 +1243,8 @@ class MeasurementView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Structural similarity of the micro-images' patches with the matching content of their neighbours, mean, −1 to
     1.
     """
+    two_boards: TwoBoardsView | None = None
+    """The two boards that the frame shows, where it does: the spacing then is neither's."""
 
 
 class Medium(str, Enum):
@@ -1277,6 +1328,10 @@ class OperatorStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Short name, e.g. `white_frame`."""
     number: int
     """Number of the step within its job, to be named when confirming."""
+    repeatable: list[int] | UnsetType = UNSET
+    """Numbers of the earlier steps that can be asked for again in place of confirming this one."""
+    repeats: int | None = None
+    """Number of the earlier step that it takes the place of, where that was asked for again."""
     value: str | None = None
     """The number that matters, with its unit, large on the page; e.g. `159.2, 167.2, 175.2 mm`."""
 
@@ -1323,10 +1378,18 @@ class FocusSweepOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True, t
 
     axis: AxisName
     """The axis swept."""
+    best_focus: FittedPlace | None = None
+    """Best focus: where a curve through all spacings, px, meets the target; `null` where it does not, or there are
+    too few.
+    """
     crossing_mm: float | None = None
     """Where the spacing meets its target, between two neighbours, mm; `null` where it does not."""
     crossing_sigma_mm: float | None = None
     """Its standard uncertainty by the spacings' own, mm."""
+    eog_peak: FittedPlace | None = None
+    """Where a curve about the greatest EOGs is greatest; `null` where they have no peak. It is not where the
+    spacing meets its target: how sharp a view looks depends on how it is put together, too.
+    """
     measured: int
     """Positions at which a spacing was measured: the job's iterations have them."""
     positions: int
@@ -1482,6 +1545,8 @@ class PlannedStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     name: str
     """The step's name, as the job asks for it."""
+    setup: Setup
+    """What is set up."""
     value: str | None = None
     """The value to be set, with its unit; null where there is none."""
 
@@ -1616,6 +1681,13 @@ class ReoptimiseView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Δv that focuses on the near end, mm; null where nothing is too near."""
 
 
+class RepeatRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A wish for an earlier operator step to be asked for again."""
+
+    step: int
+    """Number of the earlier step, one of `repeatable` of the step that the job waits for."""
+
+
 class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What an alignment came to."""
 
@@ -1736,6 +1808,8 @@ class SceneFaults(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Bubbles in the field, instead of as many as are configured."""
     no_shell: bool | UnsetType = UNSET
     """There is no shell: a flat window stands in the place of its vertex."""
+    second_board_mm: float | UnsetType = UNSET
+    """How far before a flat board another stands that fills half of the field, mm; 0 where there is none."""
     shell_radius_mm: float | UnsetType = UNSET
     """By how much the shell's radii are larger than they should be, mm; its vertex is in its place."""
     tank_empty: bool | UnsetType = UNSET
@@ -1863,6 +1937,46 @@ class SessionView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What one may do."""
     signed_in: bool
     """Whether this is a browser that has signed in, and can sign out."""
+
+
+class DiffuserSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="diffuser"):
+    """A diffuser before the lens, for a white frame."""
+
+
+class BoardsInAirSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="boards_in_air"):
+    """Diffuser off, shell off, in air: the triple-level board at these distances from the main lens's principal
+    point, mm.
+    """
+
+    distances_mm: list[float]
+    """Nearest, middle and farthest level; three times the same for a flat board."""
+
+
+class BoardInWaterSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="board_in_water"):
+    """Shell mounted, tank filled, flat board at this distance from the shell's outer vertex, mm."""
+
+    distance_mm: float
+    """Distance in water, mm."""
+
+
+class LeastESetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="least_e"):
+    """The lens pushed by hand to the least e the shell allows, motors off; then the board as in `WaterBoard`."""
+
+    distance_mm: float
+    """Distance of the board in water, mm."""
+
+
+class ShellOffSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="shell_off"):
+    """Shell taken off, tank away, motors on again."""
+
+
+class ApertureSetup(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="aperture"):
+    """The aperture set to a diameter, mm."""
+
+    diameter_mm: float
+    """Diameter, mm."""
+    ring_f_number: float
+    """The number on the lens's ring."""
 
 
 class ShellRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1997,6 +2111,15 @@ class Stage(str, Enum):
     SHELL = "shell"
     SURVEY = "survey"
     REPORT = "report"
+
+
+class StepState(str, Enum):
+    """Where a step is."""
+
+    DONE = "done"
+    NOW = "now"
+    NEXT = "next"
+    REPEATED = "repeated"
 
 
 class StopDelivery(str, Enum):
@@ -2136,6 +2259,17 @@ class TokenView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What its holder is called."""
     scope: Scope
     """What it allows."""
+
+
+class TwoBoardsView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Two boards in one field."""
+
+    difference_sigma_px: float
+    """Standard uncertainty of their difference, px."""
+    share: float
+    """Share of the field that the second fills."""
+    spacings_px: list[float]
+    """Spacing on the axis as each has it, px: first that of the board that fills more of the field."""
 
 
 class Verdict(str, Enum):
@@ -2335,5 +2469,7 @@ Outcome: TypeAlias = HomingOutcome | CalibrationOutcome | LBoundOutcome | FocusS
 ServerMessage: TypeAlias = (
     SnapshotMessage | GapMessage | BenchMessage | JobMessage | MeasurementMessage | TickMessage | ProblemMessage
 )
+
+Setup: TypeAlias = DiffuserSetup | BoardsInAirSetup | BoardInWaterSetup | LeastESetup | ShellOffSetup | ApertureSetup
 
 ViewerMessage: TypeAlias = PicturesRequest | ReadingsRequest | HoldRequest | SeenRequest

@@ -128,7 +128,9 @@ pub(super) fn two_boards(solver: &Solver<'_>, model: &Model, options: &SpacingOp
     let mut sided = Model { scales: vec![1.0; 2], spacings: vec![model.spacings[0], start], ..model.clone() };
     let settled = apart.iterate(&mut sided, reach(options), 1e-3, 20) == Outcome::Converged;
     let &[outside, inside] = &apart.normal.region_pairs[..] else { return None };
-    if !settled || outside.min(inside) < LEAST_PAIRS {
+    let share = inside as f64 / (outside + inside) as f64;
+    // Pairs across an edge count for neither.
+    if !settled || outside.min(inside) < LEAST_PAIRS || share.min(1.0 - share) < 0.75 * LEAST_SHARE {
         return None;
     }
     let inverse = apart.normal.inverse()?;
@@ -139,7 +141,6 @@ pub(super) fn two_boards(solver: &Solver<'_>, model: &Model, options: &SpacingOp
     if (second.spacing - first.spacing).abs() < LEAST_STEP_PX.max(SIGNIFICANCE * sigma) {
         return None;
     }
-    let share = inside as f64 / (outside + inside) as f64;
     let mut spacings_px = [first.spacing, second.spacing];
     if share > 0.5 {
         spacings_px.reverse();
