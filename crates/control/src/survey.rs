@@ -69,7 +69,7 @@ impl Alignment<'_> {
         let at = |sample: &Sample, value, sigma| Point { position_mm: sample.at, value, sigma };
         let spacings: Vec<Point> =
             samples.iter().map(|sample| at(sample, sample.spacing_px, sample.sigma_px)).collect();
-        let eogs: Vec<Point> = samples.iter().filter_map(|sample| sample.eog.map(|eog| at(sample, eog, 0.0))).collect();
+        let eogs: Vec<Point> = samples.iter().filter_map(|sample| sample.eog.map(|eog| at(sample, eog, 1.0))).collect();
         self.context.outcome(Outcome::FocusSweep {
             axis: sweep.axis,
             positions: sweep.steps,

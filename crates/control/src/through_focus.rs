@@ -22,7 +22,7 @@ const PEAK_ABOVE: f64 = 0.5;
 pub(super) struct Point {
     pub(super) position_mm: f64,
     pub(super) value: f64,
-    /// Its standard uncertainty; 0 where only the scatter tells.
+    /// Its standard uncertainty; where only the scatter tells that, how it compares with the others'.
     pub(super) sigma: f64,
 }
 
@@ -60,8 +60,9 @@ struct Polynomial {
 }
 
 impl Polynomial {
-    /// The weighted least-squares fit; `None` where the points do not tell it.
-    fn fit(points: &[Point], degree: usize) -> Option<Self> {
+    /// The weighted least-squares fit; `None` where the points do not tell it. Where the uncertainties are `known`, scatter
+    /// beyond them adds to the terms' own; otherwise it is all that they go by.
+    fn fit(points: &[Point], degree: usize, known: bool) -> Option<Self> {
         let terms = degree + 1;
         let spare = points.len().checked_sub(terms).filter(|spare| *spare > 0)?;
         let places = || points.iter().map(|point| point.position_mm);
@@ -70,8 +71,7 @@ impl Polynomial {
         if half_mm <= 0.0 {
             return None;
         }
-        let known = points.iter().all(|point| point.sigma > 0.0);
-        let weight = |point: &Point| if known { 1.0 / point.sigma } else { 1.0 };
+        let weight = |point: &Point| 1.0 / point.sigma;
         let design = DMatrix::from_fn(points.len(), terms, |row, term| {
             let point = &points[row];
             weight(point) * ((point.position_mm - middle_mm) / half_mm).powi(term as i32)
@@ -138,9 +138,9 @@ pub(super) fn by_spacing(points: &[Point], target: f64, pitch: f64) -> Option<Fi
         .filter(|point| point.value.is_finite())
         .collect();
     let most = MOST_DEGREE.min(points.len().checked_sub(1 + SPARE)?);
-    let mut curve = Polynomial::fit(&points, 1).filter(|_| most >= 1)?;
+    let mut curve = Polynomial::fit(&points, 1, true).filter(|_| most >= 1)?;
     for degree in 2..=most {
-        let Some(finer) = Polynomial::fit(&points, degree) else { break };
+        let Some(finer) = Polynomial::fit(&points, degree, true) else { break };
         if finer.scatter < WORTH * curve.scatter && curve.scatter > 1.0 {
             curve = finer;
         }
@@ -169,7 +169,8 @@ fn crossing(curve: &Polynomial, value: f64) -> Option<f64> {
 }
 
 /// Where a parabola through the logarithms of the EOGs about the greatest is greatest. `None` where the greatest is at an
-/// end of the sweep, or stands out too little for a peak.
+/// end of the sweep, or stands out too little for a peak. All EOGs count as equally uncertain, and so their logarithms the
+/// more the less they are.
 pub(super) fn by_eog(points: &[Point]) -> Option<FittedPlace> {
     let mut points: Vec<Point> = points.iter().copied().filter(|point| point.value > 0.0).collect();
     points.sort_by(|one, other| one.position_mm.total_cmp(&other.position_mm));
@@ -180,12 +181,14 @@ pub(super) fn by_eog(points: &[Point]) -> Option<FittedPlace> {
     let high = points[best..].iter().position(|point| point.value < above).map_or(points.len(), |place| best + place);
     // A narrow peak takes its feet along: two points on either side at the least.
     let (low, high) = (low.min(best.saturating_sub(2)), high.max((best + 3).min(points.len())));
-    let peak: Vec<Point> =
-        points[low..high].iter().map(|point| Point { value: point.value.ln(), sigma: 0.0, ..*point }).collect();
+    let peak: Vec<Point> = points[low..high]
+        .iter()
+        .map(|point| Point { value: point.value.ln(), sigma: 1.0 / point.value, ..*point })
+        .collect();
     if peak.len() < PEAK_DEGREE + 1 + SPARE {
         return None;
     }
-    let curve = Polynomial::fit(&peak, PEAK_DEGREE)?;
+    let curve = Polynomial::fit(&peak, PEAK_DEGREE, false)?;
     let bend = curve.curvature(0.0);
     let t = -curve.slope(0.0) / bend;
     if bend >= 0.0 || t.abs() >= 1.0 {

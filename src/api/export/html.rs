@@ -27,7 +27,8 @@ svg rect { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
 .grid { stroke: #e4e4e4; } .line, .bar { fill: none; stroke: currentColor; stroke-width: 1.5; }
 .bar { stroke-width: 1; } circle { fill: currentColor; } text { fill: #333; }
 text.y { text-anchor: end; } text.x, text.unit { text-anchor: middle; }
-.measured { color: #1f5fa8; } .target { color: #b00020; } .target .line { stroke-dasharray: 5 3; } .second { color: #0a6b2d; }
+.measured { color: #1f5fa8; } .target { color: #b00020; } .target .line { stroke-dasharray: 5 3; }
+.second { color: #0a6b2d; } .apart path.line { stroke: none; }
 figure { margin: 0; } figcaption { font-size: 12px; color: #444; } .pair { display: flex; gap: 1rem; flex-wrap: wrap; }
 .pair img { width: 22rem; max-width: 100%; image-rendering: pixelated; border: 1px solid #999; }
 pre { white-space: pre-wrap; font-size: 11px; } .quiet { color: #555; }

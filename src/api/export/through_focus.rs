@@ -23,7 +23,7 @@ pub(super) fn through_focus(page: &mut String, job: &JobSnapshot) {
         best.as_ref()
             .map_or_else(|| none.to_owned(), |best| number(Some(best.position_mm), Some(best.sigma_mm), 4) + " mm")
     };
-    page.push_str("<h2>Through focus</h2>\n<div class=\"pair\">\n");
+    page.push_str("<h2>Through focus</h2>\n");
     let place = format!("position of the {axis} axis, mm");
     let figures = [
         (
@@ -32,7 +32,7 @@ pub(super) fn through_focus(page: &mut String, job: &JobSnapshot) {
             vec![
                 series(
                     "spacing",
-                    "measured",
+                    "measured apart",
                     seen(&|it| Some((it.spacing.spacing_px, it.spacing.spacing_sigma_px))),
                     true,
                 ),
@@ -44,7 +44,7 @@ pub(super) fn through_focus(page: &mut String, job: &JobSnapshot) {
             format!("EOG of the central view, per pixel; greatest at {}", told(eog_peak, "no place of the sweep")),
             "",
             vec![
-                series("EOG", "measured", seen(&|it| Some((it.eog?, 0.0))), true),
+                series("EOG", "measured apart", seen(&|it| Some((it.eog?, 0.0))), true),
                 series("fitted", "second", curve(eog_peak), false),
             ],
         ),
@@ -54,7 +54,6 @@ pub(super) fn through_focus(page: &mut String, job: &JobSnapshot) {
             let _ = writeln!(page, "<figure>{svg}<figcaption>{}</figcaption></figure>", escape(&caption));
         }
     }
-    page.push_str("</div>\n");
 }
 
 /// A value and its standard uncertainty, 0 for none, wherever the axis was.
