@@ -146,7 +146,7 @@ async fn a_board_in_the_wrong_place_is_named_and_a_turned_one_noted() {
 
 #[tokio::test(start_paused = true)]
 async fn a_second_board_in_the_field_ends_the_job_before_anything_moves_by_it() {
-    let two = with_the_board_in_water(|faults| faults.scene.second_board_mm = 60.0).await;
+    let two = with_the_board_in_water(|faults| faults.scene.second_board_mm = 150.0).await;
     failed_naming(&two, &["two boards where one flat board was asked for", "let one fill the picture"]);
 }
 

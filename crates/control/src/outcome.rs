@@ -51,7 +51,7 @@ pub enum Outcome {
         measured: u32,
         /// Where the spacing meets its target, between two neighbours, mm; `null` where it does not.
         crossing_mm: Option<f64>,
-        /// Its standard uncertainty by the spacings' own, mm.
+        /// Its standard uncertainty by the spacings' own and by how they bend between the two, mm.
         crossing_sigma_mm: Option<f64>,
         /// The spacing's change there, px per mm.
         slope_px_per_mm: Option<f64>,

@@ -190,9 +190,10 @@ struct Crossing {
     slope: f64,
 }
 
-/// The first pair of neighbours astride the target, interpolated linearly.
+/// The first pair of neighbours astride the target, interpolated linearly. By how much the spacing bends between them, as
+/// those beside them show, is part of the uncertainty.
 fn crossing(samples: &[Sample], target_px: f64) -> Option<Crossing> {
-    samples.windows(2).find_map(|pair| {
+    samples.windows(2).enumerate().find_map(|(k, pair)| {
         let (near, far) = (pair[0], pair[1]);
         let (below, above) = (near.spacing_px - target_px, far.spacing_px - target_px);
         if below * above > 0.0 || below == above {
@@ -200,9 +201,18 @@ fn crossing(samples: &[Sample], target_px: f64) -> Option<Crossing> {
         }
         let slope = (far.spacing_px - near.spacing_px) / (far.at - near.at);
         let share = below / (below - above);
-        let sigma = (near.sigma_px * (1.0 - share)).hypot(far.sigma_px * share) / slope.abs();
-        Some(Crossing { at: near.at + share * (far.at - near.at), sigma, slope })
+        let at = near.at + share * (far.at - near.at);
+        let beside = [k.checked_sub(1), Some(k)].into_iter().flatten().filter_map(|from| samples.get(from..from + 3));
+        let bend_px = beside.map(bend).fold(0.0, f64::max) * ((at - near.at) * (far.at - at)).abs();
+        let sigma = (near.sigma_px * (1.0 - share)).hypot(far.sigma_px * share).hypot(bend_px) / slope.abs();
+        Some(Crossing { at, sigma, slope })
     })
+}
+
+/// Half of how fast the slope of three samples changes, px per mm².
+fn bend(three: &[Sample]) -> f64 {
+    let slope = |a: &Sample, b: &Sample| (b.spacing_px - a.spacing_px) / (b.at - a.at);
+    ((slope(&three[1], &three[2]) - slope(&three[0], &three[1])) / (three[2].at - three[0].at)).abs()
 }
 
 /// Mean, line over time, and scatter about it.
@@ -240,7 +250,11 @@ mod tests {
         let samples = [sample(0.0, 22.0), sample(1.0, 20.0), sample(2.0, 19.0)];
         let found = crossing(&samples, 19.25).unwrap();
         assert!((found.at - 1.75).abs() < 1e-12 && (found.slope + 1.0).abs() < 1e-12, "{found:?}");
-        assert!((found.sigma - 0.002 * 0.25f64.hypot(0.75)).abs() < 1e-12, "{found:?}");
+        // The slope changes by 1 px/mm from one stretch to the next: halfway less what a quarter has to go.
+        let bend = 0.5 * 0.75 * 0.25;
+        assert!((found.sigma - (0.002 * 0.25f64.hypot(0.75)).hypot(bend)).abs() < 1e-12, "{found:?}");
+        let straight = crossing(&samples[1..], 19.25).unwrap();
+        assert!((straight.sigma - 0.002 * 0.25f64.hypot(0.75)).abs() < 1e-12, "{straight:?}");
         assert_eq!(crossing(&samples, 18.0), None);
         assert_eq!(crossing(&samples[..1], 22.5), None);
     }

@@ -4600,7 +4600,7 @@ export interface components {
           crossing_mm?: number | null;
           /**
            * Format: double
-           * @description Its standard uncertainty by the spacings' own, mm.
+           * @description Its standard uncertainty by the spacings' own and by how they bend between the two, mm.
            */
           crossing_sigma_mm?: number | null;
           eog_peak?: components["schemas"]["FittedPlace"] | null;

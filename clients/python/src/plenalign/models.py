@@ -1385,7 +1385,7 @@ class FocusSweepOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True, t
     crossing_mm: float | None = None
     """Where the spacing meets its target, between two neighbours, mm; `null` where it does not."""
     crossing_sigma_mm: float | None = None
-    """Its standard uncertainty by the spacings' own, mm."""
+    """Its standard uncertainty by the spacings' own and by how they bend between the two, mm."""
     eog_peak: FittedPlace | None = None
     """Where a curve about the greatest EOGs is greatest; `null` where they have no peak. It is not where the
     spacing meets its target: how sharp a view looks depends on how it is put together, too.

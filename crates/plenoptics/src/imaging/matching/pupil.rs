@@ -104,9 +104,8 @@ impl Pupil {
         let Some(width) = self.width else { return untouched };
         let shift = apparent - self.pitch;
         let Some([lever, inwards]) = self.pulls(shift, radius) else { return untouched };
-        // In focus the spacing is the pitch less, or more, what a pixel moves by while the edge passes.
         let sign = -shift.signum();
-        let target = self.pitch - sign * width;
+        let target = self.in_focus(width, shift);
         let lever = sign * lever;
         let (mut spacing, mut share) = (apparent, 0.0);
         for _ in 0..4 {
@@ -116,6 +115,17 @@ impl Pupil {
         }
         let pull = share * (target - spacing);
         Corrected { spacing, slope: 1.0 / (1.0 - share).max(0.5), sigma: (DOUBTS[0] * pull).hypot(DOUBTS[1] * inwards) }
+    }
+
+    /// How far from the one in focus a spacing is, px: how wide a point is spread out. 0 where no edge is seen.
+    pub(in crate::imaging) fn blur(&self, spacing: f64) -> f64 {
+        self.width.map_or(0.0, |width| (spacing - self.in_focus(width, spacing - self.pitch)).abs())
+    }
+
+    /// In focus the spacing is the pitch less, or more, what a pixel moves by while the edge passes (`width`), as micro-images
+    /// are a `shift` apart, px.
+    fn in_focus(&self, width: f64, shift: f64) -> f64 {
+        self.pitch + shift.signum() * width
     }
 
     /// What the two effects make of a spacing whose micro-images are a shift (px) apart: px for each px out of focus, and
