@@ -90,9 +90,23 @@ async fn in_process(mut context: Context, args: &Args) -> anyhow::Result<JobSnap
     ended
 }
 
-/// Which earlier step a line asks for again; none where it confirms.
-fn again(line: &str) -> Option<u32> {
-    line.trim().strip_prefix("again")?.trim().parse().ok()
+/// What a line answers to a step.
+#[derive(Debug, PartialEq, Eq)]
+enum Answer {
+    /// It has been carried out.
+    Done,
+    /// An earlier one is asked for again.
+    Again(u32),
+    /// Neither.
+    Unknown,
+}
+
+impl Answer {
+    fn of(line: &str) -> Self {
+        let line = line.trim();
+        let again = || line.strip_prefix("again ")?.trim().parse().ok();
+        if line.is_empty() { Self::Done } else { again().map_or(Self::Unknown, Self::Again) }
+    }
 }
 
 /// Runs the job to its end. The first signal cancels it, the second ends the program at once.
@@ -130,9 +144,12 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
                 match (job.operator_step, line) {
                     (Some(step), Some(line)) => {
                         let shown = Shown { lease: Some(&grant.key), ..Shown::default() };
-                        match again(&line) {
-                            None => drop(service.confirm(id, step.number, shown)?),
-                            Some(earlier) => {
+                        match Answer::of(&line) {
+                            Answer::Done => drop(service.confirm(id, step.number, shown)?),
+                            Answer::Unknown => progress.say(
+                                "nothing was confirmed: Enter alone says that it is done, `again 1` asks for step 1 again",
+                            ),
+                            Answer::Again(earlier) => {
                                 if let Err(error) = service.repeat(id, earlier, shown) {
                                     progress.say(&error.to_string());
                                 }
@@ -154,5 +171,18 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
                 service.cancel(id)?;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_an_empty_line_confirms() {
+        let answers = ["", "  ", "again 2", " again 12 ", "again", "again x", "Again 2", "agian 2", "again2", "y"];
+        let of = answers.map(Answer::of);
+        assert_eq!(of[..4], [Answer::Done, Answer::Done, Answer::Again(2), Answer::Again(12)]);
+        assert!(of[4..].iter().all(|answer| *answer == Answer::Unknown), "{of:?}");
     }
 }

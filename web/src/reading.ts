@@ -79,6 +79,7 @@ export function frameReading(
   read: FrameReading,
   measurement: Measurement | null,
   inAir: boolean,
+  setUpAt = -Infinity,
 ): Reading | null {
   const { found, targetPx, tolerancePx, focusMm, eMm, settled, capturedAt } = read;
   if (found.is !== "measured") return null;
@@ -90,7 +91,8 @@ export function frameReading(
     frames: combined.frames,
     single: { spacingPx, sigmaPx },
     ...{ inFocus, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
-    ...told(measurement),
+    // What was in view before it was set up anew says nothing of what is there now.
+    ...told(measurement && Date.parse(measurement.captured_at) >= setUpAt ? measurement : null),
   };
 }
 

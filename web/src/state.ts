@@ -257,7 +257,7 @@ function withReading(state: State, newest: Reading, sentAt: number) {
 export function receiveReading(state: State, read: FrameReading, now: number): State {
   const heard = { ...state, heardAt: now, framesLeftOut: read.framesLeftOut, widthPx: read.widthPx };
   if (read.capturedAt < setUpAt(state.bench)) return heard;
-  const newest = frameReading(read, state.measurement, isInAir(state.bench));
+  const newest = frameReading(read, state.measurement, isInAir(state.bench), setUpAt(state.bench));
   const takenAt = now - read.ageMs;
   return newest
     ? { ...heard, ...withReading(state, newest, takenAt) }

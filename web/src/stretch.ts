@@ -11,6 +11,8 @@ export interface Stretch {
 /** The newest minutes, or all there is, both as time goes on; or a stretch that stands still. */
 export type Looked = "recent" | "whole" | Stretch;
 
+/** What two lengths may differ by and be the same, s. */
+const SAME_S = 0.01;
 /** No shorter one says anything, s. */
 export const SHORTEST_S = 2;
 
@@ -32,9 +34,12 @@ export function zoomed({ from, to }: Stretch, factor: number, about: number, all
   return within({ from: start, to: start + long }, all);
 }
 
-/** Later by so many seconds. */
-export function moved({ from, to }: Stretch, byS: number, all: Stretch): Stretch {
-  return within({ from: from + byS, to: to + byS }, all);
+/** Later by so many seconds. Two minutes that end now go on with time, and so does all there is. */
+export function moved({ from, to }: Stretch, byS: number, all: Stretch): Looked {
+  const there = within({ from: from + byS, to: to + byS }, all);
+  if (there.to < all.to) return there;
+  if (Math.abs(there.to - there.from - SPAN_S) < SAME_S) return "recent";
+  return there.from <= all.from ? "whole" : there;
 }
 
 function within({ from, to }: Stretch, all: Stretch): Stretch {

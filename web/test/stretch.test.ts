@@ -29,6 +29,14 @@ describe("the stretch of time that charts show", () => {
     expect(moved({ from: 200, to: 400 }, 900, all)).toEqual({ from: 800, to: 1000 });
   });
 
+  it("goes on with time where it is moved to the newest end, or by nothing", () => {
+    const recent = stretchOf("recent", all);
+    expect(moved(recent, 0, all)).toBe("recent");
+    expect(moved({ from: 200, to: 200 + SPAN_S }, 5000, all)).toBe("recent");
+    expect(moved(recent, -1, all)).toEqual({ from: 999 - SPAN_S, to: 999 });
+    expect(moved(all, 10, all)).toBe("whole");
+  });
+
   it("is told by the clock, the day before and after, too", () => {
     const noon = 12 * 3600;
     expect(timeOfDay(noon + 61, 60)).toBe("12:01");

@@ -68,7 +68,6 @@ impl Alignment<'_> {
             if near && !self.aperture_set {
                 // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
                 self.set_aperture(&solution, standing).await?;
-                self.aperture_set = true;
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
             let (observation, seen) = match self.observe_air(standing, plan, frames).await {
@@ -330,6 +329,7 @@ impl Alignment<'_> {
         let value = Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture));
         let setup = Setup::Aperture { diameter_mm: solution.aperture, ring_f_number: ring };
         self.ask("aperture", instruction, value, setup).await?;
+        self.aperture_set = true;
         // The micro-images have moved and changed their size: does the white frame still fit?
         if self.white_is_off().await? {
             self.white_frame().await?;

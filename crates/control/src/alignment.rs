@@ -195,7 +195,8 @@ impl Alignment<'_> {
     }
 
     pub(super) async fn white_frame(&mut self) -> Result<(), JobEnd> {
-        let instruction = "Put the diffuser on the lens and light it evenly: a white frame is taken.".to_owned();
+        let instruction =
+            "Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken.".to_owned();
         self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
         self.context.doing("white frame");
         let found = self.context.unless_cancelled(self.eye.take_white()).await?;

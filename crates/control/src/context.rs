@@ -90,6 +90,7 @@ pub(super) struct Job {
     /// Why it was asked to end; the first asker's word counts.
     cancelled_why: OnceLock<String>,
     answers: mpsc::Sender<Answer>,
+    last_answer: Mutex<Option<Answer>>,
     journal: Arc<Journal>,
     idempotency_key: Option<String>,
     kept: Mutex<Kept>,
@@ -175,6 +176,7 @@ impl Job {
             cancel: CancellationToken::new(),
             cancelled_why: OnceLock::new(),
             answers,
+            last_answer: Mutex::new(None),
             journal,
             idempotency_key,
             kept: Mutex::default(),
@@ -324,9 +326,23 @@ impl Job {
         }
     }
 
+    /// The first answer to a step counts; the same once more changes nothing.
     fn answer(&self, state: JobState, answer: Answer) -> Result<(), ServiceError> {
-        let already = || Refusal::JobState { state, why: "this step has been confirmed already".to_owned() };
-        self.answers.try_send(answer).map_err(|_| already().into())
+        let mut last = self.last_answer.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(before) = last.filter(|before| before.to == answer.to) {
+            return if before.again == answer.again {
+                Ok(())
+            } else {
+                let why = match before.again {
+                    Some(earlier) => format!("step {earlier} has been asked for again in its place already"),
+                    None => "this step has been confirmed already".to_owned(),
+                };
+                Err(Refusal::JobState { state, why }.into())
+            };
+        }
+        *last = Some(answer);
+        let over = || Refusal::JobState { state, why: "it has ended".to_owned() };
+        self.answers.try_send(answer).map_err(|_| over().into())
     }
 
     fn waits_for_nothing(state: JobState) -> ServiceError {

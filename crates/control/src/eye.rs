@@ -437,12 +437,12 @@ impl Eye {
         let (frames, seen) = self
             .unsmeared(count, |sight, images| {
                 let from = Instant::now();
-                let seen = sight.spacing(images).and_then(Measured::of_one_board);
+                let seen = sight.spacing(images);
                 telemetry::measured(from.elapsed());
                 seen
             })
             .await?;
-        Ok(self.seen(&frames, seen))
+        Ok(self.seen(&frames, seen.of_one_board()?))
     }
 
     /// Measures boards in air over so many frames: one with b held at what is known of it (mm), three levels with b held
@@ -459,6 +459,10 @@ impl Eye {
             AirBoards::Flat(distance_mm) => sight.flat(images, distance_mm, known_b),
         };
         let (frames, (camera, middle)) = self.unsmeared(count, look).await?;
+        let middle = match boards {
+            AirBoards::Levels(_) => middle,
+            AirBoards::Flat(_) => middle.of_one_board()?,
+        };
         Ok(SeenInAir { camera, middle: self.seen(&frames, middle) })
     }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::budget::BoardSeen;
+use super::context::JobEnd;
 use super::events::TwoBoardsView;
 use super::job::SpacingReading;
 use bench::config::Config;
@@ -97,15 +98,16 @@ impl Measured {
         }
     }
 
-    /// What was read, where it is of one board.
+    /// What was read, where it is of one board. Where it is of two nothing is looked for elsewhere: a person has to take one
+    /// away.
     ///
     /// # Errors
-    /// That there are two, in words.
-    pub(super) fn of_one_board(self) -> Result<Self, Unseen> {
+    /// That there are two.
+    pub(super) fn of_one_board(self) -> Result<Self, JobEnd> {
         let Some(TwoBoardsView { spacings_px: [larger, smaller], share, .. }) = self.two_boards else {
             return Ok(self);
         };
-        Err(Unseen::Other(format!(
+        Err(JobEnd::failed(format!(
             "the picture shows two boards where one flat board was asked for: a spacing of {larger:.2} px over {:.0} % of \
              it and of {smaller:.2} px over {:.0} %; take one of them away, or let one fill the picture",
             100.0 * (1.0 - share),
@@ -356,7 +358,6 @@ impl Sight {
         known_b: (f64, f64),
     ) -> Result<(CameraSeen, Measured), Unseen> {
         let (_, measured) = self.measured(images, false)?;
-        let measured = measured.of_one_board()?;
         Ok((self.camera_from(BoardSeen::at(distance_mm, &measured.spacing), known_b), measured))
     }
 

@@ -16,6 +16,10 @@ const SPARE: usize = 2;
 const PEAK_DEGREE: usize = 2;
 /// EOGs above this share of the way from the least to the greatest are at the peak.
 const PEAK_ABOVE: f64 = 0.5;
+/// A peak is so many times higher than the sweep's least EOG, and bends so many of its standard uncertainties down: noise
+/// alone has a greatest value, too.
+const PEAK_RISE: f64 = 1.1;
+const PEAK_SIGMAS: f64 = 4.0;
 
 /// What was seen at a position of the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,6 +103,11 @@ impl Polynomial {
     fn curvature(&self, t: f64) -> f64 {
         let of = |n: usize| (n * (n - 1)) as f64 * t.powi(n as i32 - 2);
         self.terms.iter().enumerate().skip(2).map(|(n, term)| of(n) * term).sum()
+    }
+
+    /// Standard uncertainty of the curvature in the middle.
+    fn curvature_sigma(&self) -> f64 {
+        2.0 * self.covariance[(2, 2)].sqrt()
     }
 
     /// The place `at_t`, uncertain by what the terms are: t changes by −gradient/steepness of each.
@@ -191,7 +200,8 @@ pub(super) fn by_eog(points: &[Point]) -> Option<FittedPlace> {
     let curve = Polynomial::fit(&peak, PEAK_DEGREE, false)?;
     let bend = curve.curvature(0.0);
     let t = -curve.slope(0.0) / bend;
-    if bend >= 0.0 || t.abs() >= 1.0 {
+    let stands_out = points[best].value > PEAK_RISE * least && -bend > PEAK_SIGMAS * curve.curvature_sigma();
+    if !stands_out || t.abs() >= 1.0 {
         return None;
     }
     let gradient = |term: usize| if term == 0 { 0.0 } else { term as f64 * t.powi(term as i32 - 1) };
@@ -250,6 +260,10 @@ mod tests {
         }
         assert_eq!(by_eog(&sweep(11, 2.4, 4.0, 0.0, eog)), None, "it only falls");
         assert_eq!(by_eog(&sweep(4, 1.0, 3.0, 0.0, eog)), None);
+        for count in [7, 11, 21] {
+            assert_eq!(by_eog(&sweep(count, 1.0, 3.0, 2.0, |_| 200.0)), None, "noise of a hundredth has no peak");
+            assert_eq!(by_eog(&sweep(count, 1.0, 3.0, 20.0, |_| 200.0)), None, "nor has one of a tenth");
+        }
         assert_eq!(by_eog(&[]), None);
     }
 }

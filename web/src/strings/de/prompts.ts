@@ -4,7 +4,7 @@ import type * as en from "../en/prompts";
 
 const PROMPTS: Record<string, (value: string) => string> = {
   white_frame: () =>
-    "Streuscheibe auf die Hauptlinse setzen und gleichmäßig beleuchten: Ein Weißbild wird aufgenommen.",
+    "Streuscheibe auf die Hauptlinse setzen, ohne Kugelschale, und gleichmäßig beleuchten: Ein Weißbild wird aufgenommen.",
   triple_board_in_air: (value) =>
     `Streuscheibe abnehmen. Ohne Kugelschale, in Luft, die drei Stufen der Dreistufentafel auf ${value} stellen, gemessen vom Hauptpunkt der Hauptlinse.`,
   board_in_air: (value) =>
