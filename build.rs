@@ -1,6 +1,7 @@
 //! Says when the crate has to be built again because of the page: `rust-embed` cannot see a folder appear.
 //!
-//! A release build embeds `web/dist`; a debug build reads it when asked. Nothing is built or fetched here.
+//! Both embed `web/dist` as it is then. A release build notices when it changes; others would be made anew with every
+//! change of the page: touch `src/api/page.rs` to have it embedded again. Nothing is built or fetched here.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
