@@ -44,7 +44,7 @@ function Table({ job, unit }: Props) {
       ) : (
         <Convergence key={job.id} job={job} />
       )}
-      <div class="table" tabIndex={0} role="region" aria-label={strings.iterations.title}>
+      <div class="table" tabIndex={0} role="group" aria-label={strings.iterations.title}>
         <table>
           <thead>
             <tr>
