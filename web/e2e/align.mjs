@@ -15,7 +15,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
-import { chartsBack, explained, measured, meterAlone } from "./looking.mjs";
+import { chartsBack, explained, measured, meterAlone, twoBoards } from "./looking.mjs";
 import { until } from "./until.mjs";
 
 const ALIGNMENT_MS = 240_000;
@@ -285,6 +285,9 @@ try {
 
   step("the meter by itself fills a phone and a wall");
   await meterAlone(page);
+
+  step("two boards in view are said to be two, and order nothing");
+  await twoBoards(page);
 
   step("charts are zoomed by wheel, drag, buttons and keys, back to when the page was opened");
   await chartsBack(page);

@@ -45,6 +45,44 @@ export async function meterAlone(page) {
   await page.locator("main[data-page=live]").waitFor();
 }
 
+/** Two boards where one should be: the meter says so with the spacing of each, calls nothing in focus and orders no move, on
+ *  the page and by itself, until there is one again. */
+export async function twoBoards(page) {
+  const open = async (name) => {
+    await page.locator("nav a", { hasText: name }).click();
+    await page.locator(`main[data-page=${name.toLowerCase()}]`).waitFor();
+  };
+  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+  await open("Settings");
+  const nearer = page.getByLabel("A second board nearer by");
+  await nearer.fill("250");
+  await nearer.press("Tab");
+  await page.locator("#faults-state", { hasText: "wrong on purpose" }).waitFor();
+  await open("Live");
+  const meter = page.locator(".meter[data-old=false][data-direction=two_boards]");
+  await meter.locator(".advice", { hasText: "Two boards in view." }).waitFor({ timeout: 20_000 });
+  await saysTwo(meter);
+  await accessible(page);
+  await photograph(page, "two-boards");
+  await meter.locator(".alone-link").click();
+  await saysTwo(page.locator(".meter-alone[data-direction=two_boards]"));
+  await page.getByRole("link", { name: "Whole page" }).click();
+  await open("Settings");
+  await page.locator("#faults-none").click();
+  await page.locator("#faults-state", { hasText: "Nothing is wrong" }).waitFor();
+  await open("Live");
+  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+}
+
+async function saysTwo(meter) {
+  const said = await meter.innerText();
+  assert.match(said, /≠/);
+  assert.doesNotMatch(said, /✓|in focus|on target|Move |must (grow|shrink)|Tilt (below )?\d/i);
+  const [, most, some] =
+    /the spacing is ([\d.]+) px over most of the picture and ([\d.]+) px over \d+ %/.exec(said);
+  assert.notEqual(most, some);
+}
+
 /** Charts go back to when the page was opened, and to the last two minutes by one press. */
 export async function chartsBack(page) {
   const charts = page.locator(".charts");

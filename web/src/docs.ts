@@ -33,6 +33,10 @@ function mend(): void {
     const name = row.getAttribute("data-param-name") ?? "";
     for (const field of row.querySelectorAll("select, input")) field.setAttribute("aria-label", name);
   }
+  // Its title is of the first rank, and what follows of the third.
+  for (const heading of document.querySelectorAll("#contract :is(h3, h4, h5, h6):not([aria-level])")) {
+    heading.setAttribute("aria-level", String(Number(heading.tagName.slice(1)) - 1));
+  }
   for (const field of document.querySelectorAll(".content-type, .body-param__text")) {
     if (!field.hasAttribute("aria-label")) field.setAttribute("aria-label", "body");
   }

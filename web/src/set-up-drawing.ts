@@ -7,8 +7,8 @@ export const LENS_X = 236;
 export const AXIS_Y = 56;
 /** Left of this nothing stands. */
 const FAR_X = 14;
-/** From the lens to the shell's outer vertex, and half its height. */
-export const SHELL = { vertexX: LENS_X - 34, reach: 46 };
+/** The shell's outer vertex and its two radii; its centre is at the lens, as joint optimisation has it about. */
+export const SHELL = { vertexX: LENS_X - 36, outer: 36, inner: 31 };
 
 export interface Board {
   x: number;

@@ -25,12 +25,13 @@ export function isNews(
   now: number,
 ): boolean {
   if (said === null) return true;
-  // What was said last would be an order to move by a spacing that is not known any more.
-  if (reading === null) return said.direction !== null;
+  // What was said last would be an order to move by a spacing that is not known any more, or is of two boards.
+  if (reading === null || reading.direction === "two_boards")
+    return said.direction !== (reading?.direction ?? null);
   if (now - said.at < SPEAK_MS) return false;
   if (reading.direction !== said.direction) return true;
   // On the target it stays on the target.
-  if (["there", "unsure", "two_boards"].includes(reading.direction)) return false;
+  if (["there", "unsure"].includes(reading.direction)) return false;
   const changed = Math.abs(reading.differencePx - said.differencePx);
   return changed > Math.max(SIGMAS * reading.sigmaPx, SHARE * Math.abs(said.differencePx));
 }

@@ -33,3 +33,9 @@ it("says once that the spacing is lost, and then what is found", () => {
   expect(isNews(lost, null, 60_000)).toBe(false);
   expect(isNews(lost, reading(0, "there"), SPEAK_MS)).toBe(true);
 });
+
+it("says at once, and once, that it is of two boards", () => {
+  expect(isNews(said, reading(0.6, "two_boards"), 1)).toBe(true);
+  const two: Said = { differencePx: 0.6, direction: "two_boards", at: 0 };
+  expect(isNews(two, reading(0.9, "two_boards"), 60_000)).toBe(false);
+});

@@ -13,6 +13,7 @@ export function AskName({ state, update }: Scene) {
   return (
     <form
       class="ask-name"
+      aria-label={strings.lease.askName}
       onSubmit={(event) => {
         event.preventDefault();
         name(text.trim());

@@ -110,7 +110,7 @@ function Meaning({ id, term, symbol, name, meaning }: MeaningProps) {
     };
   }, []);
   return (
-    <span ref={box} id={id} class="meaning" role="tooltip" popover="manual">
+    <span ref={box} id={id} class="meaning" role="tooltip" popover="manual" lang="en">
       <b>{symbol === term ? term : `${term} (${symbol})`}:</b> {meaning} {name && <code>{name}</code>}
     </span>
   );

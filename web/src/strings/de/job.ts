@@ -265,7 +265,6 @@ export const outcome: typeof en.outcome = {
   wall: "e-Sperre",
   axis: "Achse",
   crossing: "Im Fokus zwischen zwei Stellungen, bei",
-  noCrossing: "nicht innerhalb der Messreihe",
   slope: "Steigung",
   measured: "Gemessen",
   measuredOf: (measured, of) => `${measured} von ${of} Positionen`,

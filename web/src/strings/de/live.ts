@@ -123,7 +123,7 @@ export const meter: typeof en.meter = {
   tiltMore: (where) => `der Punktabstand wächst nach ${where}`,
   tiltNone: "keine erkennbar",
   tiltUntold: "Verkippung nicht angebbar",
-  tiltUntoldMore: "vor der Hauptlinse steht eine Stufentafel oder keine Tafel",
+  tiltUntoldMore: "vor der Hauptlinse stehen eine Stufentafel, zwei Tafeln oder keine",
   below: (angle) => `unter ${angle}`,
   tiltCaution: "zwischen Hauptlinse und MLA, wenn Tafel und Kugelschale rechtwinklig stehen",
   octant: {

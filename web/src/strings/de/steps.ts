@@ -31,7 +31,7 @@ export const steps: typeof en.steps = {
   repeats: (number) => `Schritt ${number} noch einmal`,
   numbered: (number) => `Nr. ${number}`,
   again: "Wiederholen…",
-  againWhat: (name) => `„${name}“ wiederholen`,
+  againWhat: (name) => `Wiederholen…: ${name}`,
   againSure: {
     white_frame:
       "Weißbild noch einmal aufnehmen? Was in Luft damit gemessen wurde, wird neu gemessen; von da an geht der Auftrag weiter.",

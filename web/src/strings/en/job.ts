@@ -260,7 +260,6 @@ export const outcome = {
   wall: "e wall",
   axis: "Axis",
   crossing: "In focus between two positions, at",
-  noCrossing: "not within the sweep",
   slope: "Slope",
   measured: "Measured",
   measuredOf: (measured: number, of: number) => `${measured} of ${of} positions`,

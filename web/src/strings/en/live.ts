@@ -124,7 +124,7 @@ export const meter = {
   tiltMore: (where: string) => `the spacing grows towards the ${where}`,
   tiltNone: "none that can be told",
   tiltUntold: "Tilt not told",
-  tiltUntoldMore: "a board of several levels, or no board, is before the lens",
+  tiltUntoldMore: "a board of several levels, two boards, or none, stand before the lens",
   below: (angle: string) => `below ${angle}`,
   tiltCaution: "between lens and MLA, if board and shell are square",
   octant: {

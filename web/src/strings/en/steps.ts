@@ -32,7 +32,7 @@ export const steps = {
   repeats: (number: number) => `step ${number} once more`,
   numbered: (number: number) => `no. ${number}`,
   again: "Do it again…",
-  againWhat: (name: string) => `Do “${name}” again`,
+  againWhat: (name: string) => `Do it again…: ${name}`,
   againSure: {
     white_frame:
       "Take the white frame again? What was measured by it in air is measured anew; the job goes on from there.",

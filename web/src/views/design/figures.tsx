@@ -70,7 +70,7 @@ export function Figures({ draft, other, unit }: Props) {
   const named = (from: Draft, name: DraftState["state"]) => from.states.find((state) => state.state === name);
   return (
     <>
-      <div class="table" tabIndex={0} role="region" aria-label={words.figures}>
+      <div class="table" tabIndex={0} role="group" aria-label={words.figures}>
         <table class="figures">
           <thead>
             <tr>

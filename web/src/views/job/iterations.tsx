@@ -24,7 +24,7 @@ export function Iterations({ job, unit }: Props) {
       )}
       <details>
         <summary>{strings.iterations.log}</summary>
-        <ol class="log">
+        <ol class="log" tabIndex={0}>
           {job.log.map((line, index) => (
             <li key={index}>
               <time>{clock(line.at)}</time> <span lang="en">{reworded(line.message, unit)}</span>
@@ -44,7 +44,7 @@ function Table({ job, unit }: Props) {
       ) : (
         <Convergence key={job.id} job={job} />
       )}
-      <div class="table" tabIndex={0} role="region" aria-label={strings.iterations.title}>
+      <div class="table" tabIndex={0} role="group" aria-label={strings.iterations.title}>
         <table>
           <thead>
             <tr>

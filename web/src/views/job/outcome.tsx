@@ -42,13 +42,10 @@ function rows(found: Found, unit: LengthUnit): [string, string][] {
     case "focus_sweep":
       return [
         [words.axis, strings.axis.name[found.axis]],
-        [
-          words.crossing,
-          typeof found.crossing_mm === "number"
-            ? measured(found.crossing_mm, found.crossing_sigma_mm, 4)
-            : words.noCrossing,
-        ],
-        [throughFocus.best, best(found.best_focus, throughFocus.noCrossing)],
+        // One best focus: the curve's, or where no curve could be fitted that between the two positions about it.
+        found.best_focus == null && typeof found.crossing_mm === "number"
+          ? [words.crossing, measured(found.crossing_mm, found.crossing_sigma_mm, 4)]
+          : [throughFocus.best, best(found.best_focus, throughFocus.noCrossing)],
         [throughFocus.peak, best(found.eog_peak, throughFocus.noPeak)],
         [
           words.slope,

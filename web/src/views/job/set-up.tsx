@@ -80,15 +80,7 @@ function Scene({ setup, unit, small }: Required<Props>) {
           <Axis />
           <Boards of={boards} />
           <Camera />
-          {!small &&
-            boards.map((board, row) => (
-              <Distance
-                key={row}
-                {...{ board, row, unit }}
-                to={LENS_X}
-                along={boards.length > 1 ? 0.82 - 0.27 * row : 0.5}
-              />
-            ))}
+          {!small && <Distances of={boards} unit={unit} to={LENS_X} />}
         </>
       );
     }
@@ -99,21 +91,18 @@ function Scene({ setup, unit, small }: Required<Props>) {
       const board = boardInWater(setup.distance_mm);
       return (
         <>
-          <path class="water" d={`M6 16H${SHELL.vertexX + 60}V${AXIS_Y + 44}H6Z`} />
-          <path
-            class="level"
-            d={`M6 16q8 -5 16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0t16 0`}
-          />
-          <Shell />
+          <path class="water" d={`M6 14H${SIZE.width}V${AXIS_Y + 44}H6Z`} />
+          <path class="level" d={`M6 14q8 -5 16 0${"t16 0".repeat(19)}`} />
+          <path class="air" d={housing(SHELL.outer)} />
+          <path class="shell" d={housing(SHELL.outer)} />
+          <path class="shell" d={housing(SHELL.inner)} />
           <Axis />
           <Boards of={[board]} />
           <Camera />
           {setup.type === "least_e" && (
             <path class="push" d={`M${SIZE.width - 4} 104H${LENS_X}m10 -7l-10 7l10 7`} />
           )}
-          {!small && (
-            <Distance board={board} row={setup.type === "least_e" ? -1 : 0} unit={unit} to={SHELL.vertexX} />
-          )}
+          {!small && <Distances of={[board]} unit={unit} to={SHELL.vertexX} />}
         </>
       );
     }
@@ -121,7 +110,8 @@ function Scene({ setup, unit, small }: Required<Props>) {
       return (
         <>
           <g class="aside">
-            <Shell />
+            <path class="shell" d={dome(SHELL.outer)} />
+            <path class="shell" d={dome(SHELL.inner)} />
           </g>
           <path class="push" d={`M${SHELL.vertexX - 10} ${AXIS_Y}l-60 0m10 -7l-10 7l10 7`} />
           <Camera />
@@ -148,18 +138,14 @@ function Camera() {
   );
 }
 
-function Shell() {
-  const { vertexX, reach } = SHELL;
-  const end = vertexX + 40;
-  const arc = (x: number, half: number) =>
-    `M${end} ${AXIS_Y - half}C${x - 4} ${AXIS_Y - half} ${x} ${AXIS_Y - half / 2} ${x} ${AXIS_Y}S${x - 4} ${AXIS_Y + half} ${end} ${AXIS_Y + half}`;
-  return (
-    <>
-      <path class="air" d={`${arc(vertexX, reach)}Z`} />
-      <path class="shell" d={arc(vertexX, reach)} />
-      <path class="shell" d={arc(vertexX + 5, reach - 5)} />
-    </>
-  );
+/** Half a sphere about the lens, from above to below. */
+function dome(radius: number): string {
+  return `M${LENS_X} ${AXIS_Y - radius}a${radius} ${radius} 0 0 0 0 ${2 * radius}`;
+}
+
+/** The same, closed by the housing that the camera is in, which goes on to the right. */
+function housing(radius: number): string {
+  return `M${SIZE.width} ${AXIS_Y - radius}H${LENS_X}a${radius} ${radius} 0 0 0 0 ${2 * radius}H${SIZE.width}`;
 }
 
 function Boards({ of }: { of: Board[] }) {
@@ -175,29 +161,32 @@ function Boards({ of }: { of: Board[] }) {
   );
 }
 
-interface DistanceProps {
-  board: Board;
-  /** Which of the lines below the drawing it has, the lowest first. */
-  row: number;
+interface DistancesProps {
+  of: Board[];
   unit: LengthUnit;
+  /** What they are measured from. */
   to: number;
-  /** Where along it its figure stands: several would lie over each other. */
-  along?: number;
 }
 
-/** From a board to what it is measured from, with its length. */
-function Distance({ board, row, unit, to, along = 0.5 }: DistanceProps) {
-  const y = SIZE.height - 3 - row * 9;
-  const label = length(board.distanceMm, unit, 1);
+/** A line below the drawing for each board's distance, the nearest lowest; the lengths above all lines, which they interrupt. */
+function Distances({ of, unit, to }: DistancesProps) {
+  const lines = of.map((board, row) => ({ ...board, y: SIZE.height - 6 - row * 9 }));
+  // Side by side: several would lie over each other.
+  const along = (row: number) => (of.length > 1 ? 0.82 - 0.27 * row : 0.5);
   return (
     <>
-      <path
-        class="distance"
-        d={`M${board.x} ${board.bottom + 2}V${y}M${board.x} ${y - 3}H${to}M${to} ${AXIS_Y + 24}V${y}`}
-      />
-      <text x={board.x + (to - board.x) * along} y={y - 6} text-anchor="middle">
-        {label}
-      </text>
+      {lines.map(({ x, bottom, y }) => (
+        <path
+          key={y}
+          class="distance"
+          d={`M${x} ${bottom + 2}V${y + 3}M${x} ${y}H${to}M${to} ${AXIS_Y + 24}V${y + 3}`}
+        />
+      ))}
+      {lines.map(({ x, y, distanceMm }, row) => (
+        <text key={y} x={x + (to - x) * along(row)} y={y + 4} text-anchor="middle">
+          {length(distanceMm, unit, 1)}
+        </text>
+      ))}
     </>
   );
 }

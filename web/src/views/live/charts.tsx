@@ -52,11 +52,20 @@ function clarity(colours: Theme, shown: () => Shown): Options {
   };
 }
 
+/** An axis that stands still is not drawn as on a scale of many times its travel. */
+const LEAST_SPAN_MM = 0.2;
+
 function axes(colours: Theme, unit: LengthUnit, shown: () => Shown): Options {
   const { x, ...more } = base(colours, shown);
+  const least = inUnit(LEAST_SPAN_MM, unit);
+  const range = (_plot: uPlot, low: number | null, high: number | null): uPlot.Range.MinMax => {
+    if (low === null || high === null) return [null, null];
+    const beyond = Math.max(0.1 * (high - low), (least - (high - low)) / 2);
+    return [low - beyond, high + beyond];
+  };
   return {
     ...more,
-    scales: { ...more.scales, focus: {}, e: {} },
+    scales: { ...more.scales, focus: { range }, e: { range } },
     axes: [
       x,
       { ...scaleAxis(colours, strings.charts.focus(unit)), scale: "focus", stroke: colours.accent },

@@ -94,7 +94,12 @@ export function Meter(given: Scene) {
         </p>
       )}
       <div class="meter-more">
-        {leaning && (showsTilt(state.bench) ? <TiltArrow tilt={leaning} /> : <TiltUntold />)}
+        {leaning &&
+          (showsTilt(state.bench) && !state.reading?.twoBoards ? (
+            <TiltArrow tilt={leaning} />
+          ) : (
+            <TiltUntold />
+          ))}
         <BestHeld {...scene} />
       </div>
       {!old && (
