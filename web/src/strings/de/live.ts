@@ -54,7 +54,7 @@ export const picture: typeof en.picture = {
   legendAway: "(Abstand unbekannt)",
   legendUnknown: "gestreift: unbekannt",
   mapNone: "Noch nichts Gemessenes zu zeichnen",
-  mapOld: (frames) => `vor ${frames} Bildern gemessen`,
+  mapOld: (frames) => `vor ${frames} ${frames === 1 ? "Bild" : "Bildern"} gemessen`,
   saturated: (percent) => `${percent} % gesättigt`,
 };
 

@@ -56,7 +56,7 @@ export const picture = {
   legendAway: "(distance not known)",
   legendUnknown: "striped: unknown",
   mapNone: "Nothing measured to be drawn yet",
-  mapOld: (frames: number) => `measured ${frames} frames ago`,
+  mapOld: (frames: number) => `measured ${frames} ${frames === 1 ? "frame" : "frames"} ago`,
   saturated: (percent: string) => `${percent} % saturated`,
 };
 
