@@ -29,10 +29,10 @@ const PLACES: usize = 24;
 const SLICES: usize = 20;
 /// Least share of the pairs that either board has.
 const LEAST_SHARE: f64 = 0.1;
-/// A step that is smaller is none, px: what one board's own flaws make of it; and the same for each pixel out of focus, where
-/// fine texture and coarse have spacings of their own. Boards of one texture have shown 0.04 px, and 0.22 px 7 px out.
+/// A step that is smaller is none, px: what one board's own flaws make of it; and px for the square of each pixel out of
+/// focus, where fine texture and coarse have spacings of their own. One board has shown 0.04 px, and 7 px out 0.37 px.
 const LEAST_STEP_PX: f64 = 0.05;
-const LEAST_STEP_BLURRED: f64 = 0.05;
+const LEAST_STEP_BLURRED: f64 = 0.015;
 /// Standard uncertainties that a step must stand above none: the likeliest of many edges is large by chance.
 const SIGNIFICANCE: f64 = 5.0;
 /// Pairs that count less than this by how badly they match do not match.
@@ -140,7 +140,8 @@ pub(super) fn two_boards(solver: &Solver<'_>, model: &Model, options: &SpacingOp
     let pupil = &solver.frames.first()?.pupil;
     let [first, second] = [0, 1].map(|k| pupil.corrected(sided.spacings[k], solver.radii[0]));
     let sigma = first.slope * (scatter[(0, 0)] + scatter[(1, 1)] - 2.0 * scatter[(0, 1)]).max(0.0).sqrt();
-    let least_px = LEAST_STEP_PX + LEAST_STEP_BLURRED * pupil.blur(first.spacing).min(pupil.blur(second.spacing));
+    let least_px =
+        LEAST_STEP_PX + LEAST_STEP_BLURRED * pupil.blur(first.spacing).min(pupil.blur(second.spacing)).powi(2);
     if (second.spacing - first.spacing).abs() < least_px.max(SIGNIFICANCE * sigma) {
         return None;
     }
