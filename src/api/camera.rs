@@ -17,7 +17,7 @@ use super::picture::{age, fresh};
 use crate::access::{AuditRecord, Principal};
 use crate::control::light::{AutoExposureView, LightView};
 use crate::device::light::ControlName;
-use crate::raw::Histogram;
+use crate::raw::CLIPPED_SHARE;
 
 /// Ranges of a histogram where no number is asked for, and the most that may be asked for: every level of 16 bits.
 const RANGES: (u64, u64) = (256, 65_536);
@@ -141,8 +141,12 @@ pub struct HistogramView {
     pub counts: Vec<u64>,
     /// Share of the pixels at level 0: darker they cannot be.
     pub black_share: f64,
-    /// Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell.
+    /// From which level on a pixel is clipped: within 2 % of white, which is the greatest level, or 235 of video levels.
+    pub clipped_from: u16,
+    /// Share of the pixels that are clipped: they may have got more light than they can tell.
     pub clipped_share: f64,
+    /// Whether that is too much: more than hot pixels and mirrored lamps make up.
+    pub overexposed: bool,
     /// Whether the frame was simulated.
     pub simulated: bool,
     /// Whether the frame is of old, played from a file.
@@ -176,8 +180,7 @@ pub(super) async fn histogram(
         frame = fresh(camera, max_age, app.service.light_set_at()).await;
     }
     let frame = frame.map_err(|age| app.no_fresh_frame(max_age, age))?;
-    let image = frame.image.clone();
-    let counted = tokio::task::spawn_blocking(move || Histogram::of(&image)).await.map_err(|_| Problem::internal())?;
+    let counted = app.service.histogram_of(&frame).await?;
     let levels_per_range = counted.levels().div_ceil(ranges as usize) as u64;
     Ok(Json(HistogramView {
         frame_seq: frame.seq,
@@ -187,7 +190,9 @@ pub(super) async fn histogram(
         levels_per_range,
         counts: counted.in_ranges(ranges as usize),
         black_share: counted.black_share(),
+        clipped_from: counted.clipped_from(),
         clipped_share: counted.clipped_share(),
+        overexposed: counted.clipped_share() > CLIPPED_SHARE,
         simulated: frame.simulated,
         replayed: frame.replayed,
     }))

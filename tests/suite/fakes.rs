@@ -226,6 +226,7 @@ pub(crate) fn fakes() -> Fakes {
         replay: false,
         unfit: None,
         size: None,
+        white: None,
     };
     let camera = Arc::new(FedCamera {
         state: watch::channel(state).0,

@@ -113,6 +113,7 @@ async fn the_histogram_has_every_pixel_and_exposure_is_found_by_it() {
     let plain = counted(&daemon, "").await;
     let counts = plain["counts"].as_array().unwrap();
     assert_eq!((counts.len(), &plain["bits"], &plain["levels_per_range"]), (256, &json!(8), &json!(1)));
+    assert_eq!(plain["clipped_from"], 250);
     let pixels =
         |view: &Value| view["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap()).sum::<u64>();
     assert_eq!(pixels(&plain), 320 * 320);
@@ -122,6 +123,7 @@ async fn the_histogram_has_every_pixel_and_exposure_is_found_by_it() {
     set(&daemon, EXPOSURE, 100.0).await;
     let bright = counted(&daemon, "?ranges=16").await;
     assert_eq!((bright["counts"].as_array().unwrap().len(), pixels(&bright)), (16, 320 * 320));
+    assert_eq!(bright["overexposed"], true);
     assert!(share(&bright, "clipped_share") > 0.1 && share(&plain, "clipped_share") < 0.01, "{bright} {plain}");
     set(&daemon, EXPOSURE, 0.1).await;
     let dark = counted(&daemon, "").await;

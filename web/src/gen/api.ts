@@ -3639,6 +3639,11 @@ export interface components {
        */
       captured_at: string;
       /**
+       * Format: int32
+       * @description From which level on a pixel is clipped: within 2 % of white, which is the greatest level, or 235 of video levels.
+       */
+      clipped_from: number;
+      /**
        * Format: double
        * @description Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell.
        */
@@ -3660,6 +3665,8 @@ export interface components {
        * @description Grey levels in each range but the last, which may have fewer.
        */
       levels_per_range: number;
+      /** @description Whether that is too much: more than hot pixels and mirrored lamps make up. */
+      overexposed: boolean;
       /** @description Whether the frame is of old, played from a file. */
       replayed: boolean;
       /** @description Whether the frame was simulated. */

@@ -654,6 +654,10 @@ class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Share of the pixels at level 0: darker they cannot be."""
     captured_at: datetime
     """End of its exposure, RFC 3339."""
+    clipped_from: int
+    """From which level on a pixel is clipped: within 2 % of white, which is the greatest level, or 235 of video
+    levels.
+    """
     clipped_share: float
     """Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell."""
     counts: list[int]
@@ -664,6 +668,8 @@ class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Sequence number of the frame."""
     levels_per_range: int
     """Grey levels in each range but the last, which may have fewer."""
+    overexposed: bool
+    """Whether that is too much: more than hot pixels and mirrored lamps make up."""
     replayed: bool
     """Whether the frame is of old, played from a file."""
     simulated: bool

@@ -152,7 +152,7 @@ impl Service {
     async fn search(&self, permit: &Permit, controls: &[LightControl]) -> Result<(u32, f64, f64), ServiceError> {
         let mut search = Search::new(controls, 1000.0 / self.config.bench.camera.frame_rate_hz);
         for frames in 1..=MOST_FRAMES {
-            let histogram = histogram_of(self.expose().await?).await?;
+            let histogram = self.histogram_of(self.expose().await?.as_ref()).await?;
             match search.next(Lit::of(&histogram)) {
                 Next::Right => return Ok((frames, Lit::of(&histogram).level(), histogram.clipped_share())),
                 Next::Impossible(why) => return Err(Refusal::NotExposed { why }.into()),
@@ -207,6 +207,19 @@ impl Service {
         self.publish_bench();
         Ok(())
     }
+
+    /// How many pixels of a frame of this camera have which grey level, counted away from the runtime's threads.
+    ///
+    /// # Errors
+    /// [`DeviceError::Protocol`] where counting ended unexpectedly.
+    pub async fn histogram_of(&self, frame: &Frame) -> Result<Histogram, ServiceError> {
+        let image = Arc::clone(&frame.image);
+        let white = self.bench.camera.state().borrow().white.unwrap_or_else(|| image.white_level());
+        let count = tokio::task::spawn_blocking(move || Histogram::of(&image, white));
+        count.await.map_err(|error| {
+            DeviceError::Protocol { device: "the camera".to_owned(), detail: error.to_string() }.into()
+        })
+    }
 }
 
 /// The control of that name, where it can be set.
@@ -218,12 +231,4 @@ fn settable(controls: &[LightControl], name: ControlName) -> Result<&LightContro
         Some(why) => Err(no(why.clone())),
         None => Ok(control),
     }
-}
-
-/// How many pixels of a frame have which grey level, counted away from the runtime's threads.
-async fn histogram_of(frame: Arc<Frame>) -> Result<Histogram, ServiceError> {
-    let count = tokio::task::spawn_blocking(move || Histogram::of(&frame.image));
-    count
-        .await
-        .map_err(|error| DeviceError::Protocol { device: "the camera".to_owned(), detail: error.to_string() }.into())
 }

@@ -217,7 +217,7 @@ impl Capturer {
                 tracing::info!(device = %self.config.device, camera = %stream.agreed.identity, "the camera is online");
                 (state.online, state.fault) = (true, None);
                 state.identity.clone_from(&stream.agreed.identity);
-                state.size = Some(self.size);
+                (state.size, state.white) = (Some(self.size), Some(stream.agreed.white));
             }
             state.frames_lost += lost;
             state.frames_damaged += count.damaged;
