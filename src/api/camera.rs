@@ -85,7 +85,8 @@ pub(super) async fn set_control(
 ///
 /// The bright pixels come to lie at four fifths of white, and hardly any is clipped; exposure goes before gain, and no
 /// frame is exposed for longer than the time between two. It takes some seconds, in which no job is accepted. Refused while
-/// a job holds the bench. A picture that is right is left as it is; where there is too much light or too little, the camera
+/// a job holds the bench. A picture that is right is left as it is. Where the camera's steps are too coarse, the brightest
+/// that is not too bright is taken, down to half of white; where there is too much light or too little, the camera
 /// is set back to as it was. A change drops the white frame, as setting a control does.
 #[utoipa::path(
     post, path = "/api/v1/camera/auto-exposure", operation_id = "auto_expose", tag = "camera", params(LeaseKey),

@@ -136,7 +136,8 @@ export interface paths {
      * Finds exposure and gain for a white frame, by frames of what is before the lens now: put the diffuser on it first.
      * @description The bright pixels come to lie at four fifths of white, and hardly any is clipped; exposure goes before gain, and no
      *     frame is exposed for longer than the time between two. It takes some seconds, in which no job is accepted. Refused while
-     *     a job holds the bench. A picture that is right is left as it is; where there is too much light or too little, the camera
+     *     a job holds the bench. A picture that is right is left as it is. Where the camera's steps are too coarse, the brightest
+     *     that is not too bright is taken, down to half of white; where there is too much light or too little, the camera
      *     is set back to as it was. A change drops the white frame, as setting a control does.
      */
     post: operations["auto_expose"];
@@ -1137,7 +1138,8 @@ export interface components {
     AutoExposureView: components["schemas"]["LightView"] & {
       /**
        * Format: double
-       * @description Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it.
+       * @description Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it. From
+       *     0.7 to 0.9; where no step of the camera's controls comes there, from 0.5 to 0.7.
        */
       bright_level: number;
       /** @description Whether anything was changed: a picture that is exposed as it should be is left as it is. */

@@ -2368,7 +2368,9 @@ class AutoExposureView(LightView, frozen=True, kw_only=True, omit_defaults=True)
     """What came of a search for the exposure."""
 
     bright_level: float
-    """Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it."""
+    """Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it.
+    From 0.7 to 0.9; where no step of the camera's controls comes there, from 0.5 to 0.7.
+    """
     changed: bool
     """Whether anything was changed: a picture that is exposed as it should be is left as it is."""
     clipped_share: float
