@@ -1,5 +1,6 @@
 //! The camera's exposure and gain, and how the newest frame is exposed.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -15,6 +16,7 @@ use super::extract::{JsonBody, LeaseKey, PathName, PathParam, Query};
 use super::frame::milliseconds;
 use super::picture::{age, fresh};
 use crate::access::{AuditRecord, Principal};
+use crate::control::ServiceError;
 use crate::control::light::{AutoExposureView, LightView};
 use crate::device::light::ControlName;
 use crate::raw::CLIPPED_SHARE;
@@ -59,9 +61,10 @@ pub(super) async fn controls(State(app): State<App>) -> Result<Json<LightView>> 
     params(("control" = ControlName, Path, description = "Which control"), LeaseKey),
     responses(
         (status = 200, description = "The camera is set", body = LightView),
-        (status = 409, description = "A job holds the bench (`busy`), the value is outside the control's limits \
-                                      (`control-range`), or the camera has no such control, or adjusts it by itself \
-                                      (`no-control`)", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "A job holds the bench or the exposure is searched for (`busy`), the value is \
+                                      outside the control's limits (`control-range`), or the camera has no such control, or \
+                                      adjusts it by itself (`no-control`)", body = Problem,
+         content_type = "application/problem+json"),
         (status = 503, description = "The camera is away, or refuses", body = Problem,
          content_type = "application/problem+json"),
         Leased,
@@ -74,11 +77,20 @@ pub(super) async fn set_control(
     key: LeaseKey,
     JsonBody(request): JsonBody<ControlRequest>,
 ) -> Result<Json<LightView>> {
-    let view = app.service.set_light(&app.permit(&key)?, control, request.value).await?;
-    let set = view.controls.iter().find(|of| of.name == control).and_then(|of| of.value);
-    let detail = json!({ "control": control, "wanted": request.value, "value": set });
-    app.gate.audit(AuditRecord::of(&principal, "camera.set", detail));
-    Ok(Json(view))
+    let (permit, wanted) = (app.permit(&key)?, request.value);
+    let gate = Arc::clone(&app.gate);
+    let tell = move |done: &Told<LightView>| {
+        let mut detail = json!({ "control": control, "wanted": wanted });
+        match done {
+            Ok(view) => {
+                let set = view.controls.iter().find(|of| of.name == control);
+                detail["value"] = json!(set.and_then(|of| of.value));
+            }
+            Err(error) => detail["error"] = json!(error.to_string()),
+        }
+        gate.audit(AuditRecord::of(&principal, "camera.set", detail));
+    };
+    Ok(Json(app.service.set_light(&permit, control, wanted, tell).await?))
 }
 
 /// Finds exposure and gain for a white frame, by frames of what is before the lens now: put the diffuser on it first.
@@ -92,8 +104,9 @@ pub(super) async fn set_control(
     post, path = "/api/v1/camera/auto-exposure", operation_id = "auto_expose", tag = "camera", params(LeaseKey),
     responses(
         (status = 200, description = "The picture is exposed for a white frame", body = AutoExposureView),
-        (status = 409, description = "A job holds the bench (`busy`), there is too much light or too little \
-                                      (`not-exposed`), or nothing of the camera can be set (`no-control`)",
+        (status = 409, description = "A job holds the bench or a search is under way (`busy`), there is too much \
+                                      light or too little, or the camera's steps are too coarse (`not-exposed`), or \
+                                      nothing of the camera can be set (`no-control`)",
          body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The camera is away, or refuses", body = Problem,
          content_type = "application/problem+json"),
@@ -105,12 +118,23 @@ pub(super) async fn auto_expose(
     Extension(principal): Extension<Principal>,
     key: LeaseKey,
 ) -> Result<Json<AutoExposureView>> {
-    let found = app.service.auto_expose(&app.permit(&key)?).await?;
-    let controls = found.light.controls.iter().map(|of| (of.name.name().to_owned(), json!(of.value)));
-    let detail = json!({ "controls": controls.collect::<serde_json::Map<_, _>>(), "changed": found.changed });
-    app.gate.audit(AuditRecord::of(&principal, "camera.auto_exposure", detail));
-    Ok(Json(found))
+    let permit = app.permit(&key)?;
+    let gate = Arc::clone(&app.gate);
+    let tell = move |done: &Told<AutoExposureView>| {
+        let detail = match done {
+            Ok(found) => {
+                let controls = found.light.controls.iter().map(|of| (of.name.name().to_owned(), json!(of.value)));
+                json!({ "controls": controls.collect::<serde_json::Map<_, _>>(), "changed": found.changed })
+            }
+            Err(error) => json!({ "error": error.to_string() }),
+        };
+        gate.audit(AuditRecord::of(&principal, "camera.auto_exposure", detail));
+    };
+    Ok(Json(app.service.auto_expose(&permit, tell).await?))
 }
+
+/// What came of a command, for the audit log: that is written whether or not somebody waits for the answer.
+type Told<T> = std::result::Result<T, ServiceError>;
 
 /// How finely a histogram is wanted.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]

@@ -1250,7 +1250,10 @@ export interface components {
     };
     /** @description The state of the whole bench. */
     BenchView: {
-      /** @description Whether a shell step can go on from the newest air step: the camera has kept its focus since. */
+      /**
+       * @description Whether a shell step can go on from the newest air step: the camera has kept its focus since, and
+       *     there is a white frame of it as it is set.
+       */
       air_step_holds?: boolean;
       /** @description Focus axis and e axis. */
       axes: components["schemas"]["AxisView"][];
@@ -3647,7 +3650,7 @@ export interface components {
       clipped_from: number;
       /**
        * Format: double
-       * @description Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell.
+       * @description Share of the pixels that are clipped: they may have got more light than they can tell.
        */
       clipped_share: number;
       /** @description Pixels in each range, darkest first. */
@@ -6755,7 +6758,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description A job holds the bench (`busy`), there is too much light or too little (`not-exposed`), or nothing of the camera can be set (`no-control`) */
+      /** @description A job holds the bench or a search is under way (`busy`), there is too much light or too little, or the camera's steps are too coarse (`not-exposed`), or nothing of the camera can be set (`no-control`) */
       409: {
         headers: {
           [name: string]: unknown;
@@ -6921,7 +6924,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description A job holds the bench (`busy`), the value is outside the control's limits (`control-range`), or the camera has no such control, or adjusts it by itself (`no-control`) */
+      /** @description A job holds the bench or the exposure is searched for (`busy`), the value is outside the control's limits (`control-range`), or the camera has no such control, or adjusts it by itself (`no-control`) */
       409: {
         headers: {
           [name: string]: unknown;

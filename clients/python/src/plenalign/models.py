@@ -121,7 +121,9 @@ class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The state of the whole bench."""
 
     air_step_holds: bool | UnsetType = UNSET
-    """Whether a shell step can go on from the newest air step: the camera has kept its focus since."""
+    """Whether a shell step can go on from the newest air step: the camera has kept its focus since, and there is a
+    white frame of it as it is set.
+    """
     axes: list[AxisView]
     """Focus axis and e axis."""
     camera: CameraView
@@ -659,7 +661,7 @@ class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     levels.
     """
     clipped_share: float
-    """Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell."""
+    """Share of the pixels that are clipped: they may have got more light than they can tell."""
     counts: list[int]
     """Pixels in each range, darkest first."""
     frame_age_ms: float
