@@ -1,5 +1,6 @@
 //! The camera's exposure and gain, and how the newest frame is exposed.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -15,9 +16,10 @@ use super::extract::{JsonBody, LeaseKey, PathName, PathParam, Query};
 use super::frame::milliseconds;
 use super::picture::{age, fresh};
 use crate::access::{AuditRecord, Principal};
+use crate::control::ServiceError;
 use crate::control::light::{AutoExposureView, LightView};
 use crate::device::light::ControlName;
-use crate::raw::Histogram;
+use crate::raw::CLIPPED_SHARE;
 
 /// Ranges of a histogram where no number is asked for, and the most that may be asked for: every level of 16 bits.
 const RANGES: (u64, u64) = (256, 65_536);
@@ -59,9 +61,10 @@ pub(super) async fn controls(State(app): State<App>) -> Result<Json<LightView>> 
     params(("control" = ControlName, Path, description = "Which control"), LeaseKey),
     responses(
         (status = 200, description = "The camera is set", body = LightView),
-        (status = 409, description = "A job holds the bench (`busy`), the value is outside the control's limits \
-                                      (`control-range`), or the camera has no such control, or adjusts it by itself \
-                                      (`no-control`)", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "A job holds the bench or the exposure is searched for (`busy`), the value is \
+                                      outside the control's limits (`control-range`), or the camera has no such control, or \
+                                      adjusts it by itself (`no-control`)", body = Problem,
+         content_type = "application/problem+json"),
         (status = 503, description = "The camera is away, or refuses", body = Problem,
          content_type = "application/problem+json"),
         Leased,
@@ -74,25 +77,36 @@ pub(super) async fn set_control(
     key: LeaseKey,
     JsonBody(request): JsonBody<ControlRequest>,
 ) -> Result<Json<LightView>> {
-    let view = app.service.set_light(&app.permit(&key)?, control, request.value).await?;
-    let set = view.controls.iter().find(|of| of.name == control).and_then(|of| of.value);
-    let detail = json!({ "control": control, "wanted": request.value, "value": set });
-    app.gate.audit(AuditRecord::of(&principal, "camera.set", detail));
-    Ok(Json(view))
+    let (permit, wanted) = (app.permit(&key)?, request.value);
+    let gate = Arc::clone(&app.gate);
+    let tell = move |done: &Told<LightView>| {
+        let mut detail = json!({ "control": control, "wanted": wanted });
+        match done {
+            Ok(view) => {
+                let set = view.controls.iter().find(|of| of.name == control);
+                detail["value"] = json!(set.and_then(|of| of.value));
+            }
+            Err(error) => detail["error"] = json!(error.to_string()),
+        }
+        gate.audit(AuditRecord::of(&principal, "camera.set", detail));
+    };
+    Ok(Json(app.service.set_light(&permit, control, wanted, tell).await?))
 }
 
 /// Finds exposure and gain for a white frame, by frames of what is before the lens now: put the diffuser on it first.
 ///
 /// The bright pixels come to lie at four fifths of white, and hardly any is clipped; exposure goes before gain, and no
 /// frame is exposed for longer than the time between two. It takes some seconds, in which no job is accepted. Refused while
-/// a job holds the bench. A picture that is right is left as it is; where there is too much light or too little, the camera
+/// a job holds the bench. A picture that is right is left as it is. Where the camera's steps are too coarse, the brightest
+/// that is not too bright is taken, down to half of white; where there is too much light or too little, the camera
 /// is set back to as it was. A change drops the white frame, as setting a control does.
 #[utoipa::path(
     post, path = "/api/v1/camera/auto-exposure", operation_id = "auto_expose", tag = "camera", params(LeaseKey),
     responses(
         (status = 200, description = "The picture is exposed for a white frame", body = AutoExposureView),
-        (status = 409, description = "A job holds the bench (`busy`), there is too much light or too little \
-                                      (`not-exposed`), or nothing of the camera can be set (`no-control`)",
+        (status = 409, description = "A job holds the bench or a search is under way (`busy`), there is too much \
+                                      light or too little, or the camera's steps are too coarse (`not-exposed`), or \
+                                      nothing of the camera can be set (`no-control`)",
          body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "The camera is away, or refuses", body = Problem,
          content_type = "application/problem+json"),
@@ -104,12 +118,23 @@ pub(super) async fn auto_expose(
     Extension(principal): Extension<Principal>,
     key: LeaseKey,
 ) -> Result<Json<AutoExposureView>> {
-    let found = app.service.auto_expose(&app.permit(&key)?).await?;
-    let controls = found.light.controls.iter().map(|of| (of.name.name().to_owned(), json!(of.value)));
-    let detail = json!({ "controls": controls.collect::<serde_json::Map<_, _>>(), "changed": found.changed });
-    app.gate.audit(AuditRecord::of(&principal, "camera.auto_exposure", detail));
-    Ok(Json(found))
+    let permit = app.permit(&key)?;
+    let gate = Arc::clone(&app.gate);
+    let tell = move |done: &Told<AutoExposureView>| {
+        let detail = match done {
+            Ok(found) => {
+                let controls = found.light.controls.iter().map(|of| (of.name.name().to_owned(), json!(of.value)));
+                json!({ "controls": controls.collect::<serde_json::Map<_, _>>(), "changed": found.changed })
+            }
+            Err(error) => json!({ "error": error.to_string() }),
+        };
+        gate.audit(AuditRecord::of(&principal, "camera.auto_exposure", detail));
+    };
+    Ok(Json(app.service.auto_expose(&permit, tell).await?))
 }
+
+/// What came of a command, for the audit log: that is written whether or not somebody waits for the answer.
+type Told<T> = std::result::Result<T, ServiceError>;
 
 /// How finely a histogram is wanted.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
@@ -141,8 +166,12 @@ pub struct HistogramView {
     pub counts: Vec<u64>,
     /// Share of the pixels at level 0: darker they cannot be.
     pub black_share: f64,
-    /// Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell.
+    /// From which level on a pixel is clipped: within 2 % of white, which is the greatest level, or 235 of video levels.
+    pub clipped_from: u16,
+    /// Share of the pixels that are clipped: they may have got more light than they can tell.
     pub clipped_share: f64,
+    /// Whether that is too much: more than hot pixels and mirrored lamps make up.
+    pub overexposed: bool,
     /// Whether the frame was simulated.
     pub simulated: bool,
     /// Whether the frame is of old, played from a file.
@@ -176,8 +205,7 @@ pub(super) async fn histogram(
         frame = fresh(camera, max_age, app.service.light_set_at()).await;
     }
     let frame = frame.map_err(|age| app.no_fresh_frame(max_age, age))?;
-    let image = frame.image.clone();
-    let counted = tokio::task::spawn_blocking(move || Histogram::of(&image)).await.map_err(|_| Problem::internal())?;
+    let counted = app.service.histogram_of(&frame).await?;
     let levels_per_range = counted.levels().div_ceil(ranges as usize) as u64;
     Ok(Json(HistogramView {
         frame_seq: frame.seq,
@@ -187,7 +215,9 @@ pub(super) async fn histogram(
         levels_per_range,
         counts: counted.in_ranges(ranges as usize),
         black_share: counted.black_share(),
+        clipped_from: counted.clipped_from(),
         clipped_share: counted.clipped_share(),
+        overexposed: counted.clipped_share() > CLIPPED_SHARE,
         simulated: frame.simulated,
         replayed: frame.replayed,
     }))

@@ -382,6 +382,7 @@ impl From<Refusal> for Problem {
                 let members = json!({ "job": job, "href": super::types::job_href(*job) });
                 Self::refused("busy", "A job holds the bench", it, members)
             }
+            Refusal::Searching => Self::refused("busy", "The camera's exposure is searched for", it, json!({})),
             Refusal::Limit { axis, target, low, high } => {
                 let members = json!({
                     "axis": axis, "target_mm": target.value(), "low_mm": low.value(), "high_mm": high.value(),

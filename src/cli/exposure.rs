@@ -182,7 +182,9 @@ mod tests {
             levels_per_range: 2048,
             counts: vec![75, 25],
             black_share: 0.5,
+            clipped_from: 4014,
             clipped_share: 0.001,
+            overexposed: false,
             simulated: false,
             replayed: false,
         };

@@ -1,11 +1,11 @@
 //! A bench of stand-ins for tests of the wire: axes that stand where they are told, a camera fed by the test.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use async_trait::async_trait;
 use plenalign::device::faults::Faults;
+use plenalign::device::light::{ControlName, LightControl};
 use plenalign::device::{
     AxisName, AxisPose, Bench, CameraState, DeviceError, Frame, FrameSource, MoveTime, Setup, SimulatedOperator, Stage,
     StageInfo, StageState, StopDelivery,
@@ -131,7 +131,9 @@ impl Stage for StillStage {
 pub(crate) struct FedCamera {
     state: watch::Sender<CameraState>,
     live: watch::Sender<Option<Arc<Frame>>>,
-    hangs: AtomicBool,
+    hangs: watch::Sender<bool>,
+    /// What it says it can be set by; it gives no answer to being set.
+    pub(crate) controls: Mutex<Vec<LightControl>>,
 }
 
 impl FedCamera {
@@ -140,9 +142,14 @@ impl FedCamera {
         self.live.receiver_count()
     }
 
-    /// From now on whoever wants a frame to measure waits for ever.
+    /// From now on whoever wants a frame to measure waits, until that is over.
     pub(crate) fn hang(&self) {
-        self.hangs.store(true, Ordering::SeqCst);
+        self.hangs.send_replace(true);
+    }
+
+    /// Whoever wants a frame to measure gets none.
+    pub(crate) fn give_up(&self) {
+        self.hangs.send_replace(false);
     }
 
     /// Takes a grey frame of 64 x 48.
@@ -199,10 +206,17 @@ impl FrameSource for FedCamera {
     }
 
     async fn frame(&self, _: Instant) -> Result<Arc<Frame>, DeviceError> {
-        if self.hangs.load(Ordering::SeqCst) {
-            std::future::pending::<()>().await;
-        }
+        // The sender lives as long as the camera.
+        let _ = self.hangs.subscribe().wait_for(|hangs| !hangs).await;
         Err(DeviceError::Disconnected { device: "camera".into(), reason: "a stand-in".into() })
+    }
+
+    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+        Ok(self.controls.lock().unwrap().clone())
+    }
+
+    async fn set_control(&self, _: ControlName, _: f64) -> Result<(), DeviceError> {
+        Err(DeviceError::Disconnected { device: "camera".into(), reason: "gone while it was set".into() })
     }
 }
 
@@ -226,11 +240,13 @@ pub(crate) fn fakes() -> Fakes {
         replay: false,
         unfit: None,
         size: None,
+        white: None,
     };
     let camera = Arc::new(FedCamera {
         state: watch::channel(state).0,
         live: watch::channel(None).0,
-        hangs: AtomicBool::new(false),
+        hangs: watch::channel(false).0,
+        controls: Mutex::default(),
     });
     let e = Arc::new(StillStage::new(AxisName::E));
     let focus = Arc::new(StillStage::new(AxisName::Focus));

@@ -4,8 +4,9 @@ use plenalign::control::events::InView;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::outcome::Outcome;
 use plenalign::device::AxisName;
+use plenalign::device::light::ControlName;
 
-use super::bench::{run, service, small_config};
+use super::bench::{permit, run, service, small_config};
 
 fn ended_as(job: &JobSnapshot, state: JobState) {
     assert_eq!(job.state, state, "{:?}\n{:#?}", job.reason, job.log);
@@ -46,9 +47,19 @@ async fn the_steps_of_an_alignment_can_be_run_one_by_one() {
     assert_eq!(report.moves_air, 0);
     assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{report:?}");
 
+    // With the camera set otherwise there is no white frame: told before anybody mounts the shell.
+    assert!(service.bench_view().air_step_holds);
+    service.set_light(&permit(&service), ControlName::Gain, 2.0, |_| ()).await.unwrap();
+    assert!(!service.bench_view().air_step_holds);
+    let dark = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
+    ended_as(&dark, JobState::Failed);
+    let why = dark.reason.as_ref().unwrap();
+    assert!(why.contains("no white frame") && why.contains("run calibration"), "{why}");
+
     // Homed anew, Δv is no longer known to what the shell step needs.
     ended_as(&run(&service, JobRequest::of(JobKind::Homing)).await, JobState::Succeeded);
-    assert!(!service.bench_view().air_step_holds);
+    let homed = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
+    assert!(homed.reason.as_ref().unwrap().contains("since the focus axis was homed"), "{:?}", homed.reason);
 }
 
 #[tokio::test(start_paused = true)]

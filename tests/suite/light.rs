@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use plenalign::control::open_bench;
+use plenalign::device::light::{ControlName, ControlUnit, LightControl};
 use reqwest::{Method, StatusCode};
 use serde_json::{Value, json};
 
@@ -113,6 +114,7 @@ async fn the_histogram_has_every_pixel_and_exposure_is_found_by_it() {
     let plain = counted(&daemon, "").await;
     let counts = plain["counts"].as_array().unwrap();
     assert_eq!((counts.len(), &plain["bits"], &plain["levels_per_range"]), (256, &json!(8), &json!(1)));
+    assert_eq!(plain["clipped_from"], 250);
     let pixels =
         |view: &Value| view["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap()).sum::<u64>();
     assert_eq!(pixels(&plain), 320 * 320);
@@ -122,6 +124,7 @@ async fn the_histogram_has_every_pixel_and_exposure_is_found_by_it() {
     set(&daemon, EXPOSURE, 100.0).await;
     let bright = counted(&daemon, "?ranges=16").await;
     assert_eq!((bright["counts"].as_array().unwrap().len(), pixels(&bright)), (16, 320 * 320));
+    assert_eq!(bright["overexposed"], true);
     assert!(share(&bright, "clipped_share") > 0.1 && share(&plain, "clipped_share") < 0.01, "{bright} {plain}");
     set(&daemon, EXPOSURE, 0.1).await;
     let dark = counted(&daemon, "").await;
@@ -201,4 +204,56 @@ async fn a_camera_without_exposure_and_gain_says_so() {
     assert_eq!(refused["control"], "gain");
     problem(daemon.command(Method::POST, AUTO, &Value::Null).await, 409, "no-control").await;
     problem(daemon.get(HISTOGRAM).await, 503, "no-frame").await;
+}
+
+#[tokio::test]
+async fn what_comes_of_it_is_in_the_audit_log_whoever_waits_for_it() {
+    let fakes = fakes();
+    *fakes.camera.controls.lock().unwrap() = vec![LightControl {
+        name: ControlName::Gain,
+        key: "gain".to_owned(),
+        unit: ControlUnit::Factor,
+        value: Some(1.0),
+        minimum: 1.0,
+        maximum: 16.0,
+        step: 1.0,
+        default: 1.0,
+        automatic: false,
+        locked: None,
+    }];
+    let camera = Arc::clone(&fakes.camera);
+    let daemon = Daemon::start(fakes.bench).await;
+    let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
+    let set = async || daemon.command(Method::PUT, GAIN, &json!({ "value": 2.0 })).await;
+    problem(set().await, 503, "device-disconnected").await;
+    // It may be set all the same: what was read before is of another set-up.
+    let time = |bench: &Value| bench["set_up_at"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
+    daemon.until("/api/v1/bench", "set up anew", |now| time(now) > time(&bench)).await;
+    let entries = |log: &Value, what: &str| -> Vec<Value> {
+        let entries = log["entries"].as_array().unwrap().iter();
+        entries.filter(|entry| entry["what"] == what).map(|entry| entry["detail"].clone()).collect()
+    };
+    let failed = |detail: &Value| detail["error"].as_str().is_some_and(|error| error.contains("camera"));
+    let log: Value = daemon.get("/api/v1/audit").await.json().await.unwrap();
+    let told = entries(&log, "camera.set");
+    assert!(told.len() == 1 && failed(&told[0]) && told[0]["wanted"] == 2.0, "{log}");
+
+    // A search that waits for a frame: nobody sets anything meanwhile, and whoever began it goes away.
+    camera.hang();
+    let key = daemon.lease().await.to_owned();
+    let search = tokio::spawn(daemon.request(Method::POST, AUTO).header("plenalign-lease", key).send());
+    let busy = loop {
+        let answer = set().await;
+        if answer.status() == StatusCode::CONFLICT {
+            break problem(answer, 409, "busy").await;
+        }
+    };
+    assert!(busy["detail"].as_str().unwrap().contains("searched for"), "{busy}");
+    problem(daemon.command(Method::POST, AUTO, &Value::Null).await, 409, "busy").await;
+    search.abort();
+    assert!(search.await.unwrap_err().is_cancelled());
+    camera.give_up();
+    let is = |log: &Value| !entries(log, "camera.auto_exposure").is_empty();
+    let log = daemon.until("/api/v1/audit", "the search in the log", is).await;
+    assert!(failed(&entries(&log, "camera.auto_exposure")[0]), "{log}");
 }

@@ -46,11 +46,14 @@ const TIMEOUT_MS = 8000;
 const TAKEOVER_MS = 30_000;
 /** A search for the exposure takes frame after frame; the daemon gives it up after a minute. */
 const AUTO_EXPOSURE_MS = 70_000;
+/** A camera's driver may take 5 s each time it is asked or told, and then some frames are let pass. */
+const SET_LIGHT_MS = 30_000;
 /** The daemon's deadman has ended a jog long before; a stop that is not answered by then is sent anew. */
 const SHORT_MS = 3000;
 
 const STOP = "/api/v1/stop";
 const AUTO_EXPOSURE = "/api/v1/camera/auto-exposure";
+const CONTROLS = "/api/v1/camera/controls";
 
 interface Asked {
   body?: unknown;
@@ -116,6 +119,7 @@ function request<T>(method: string, path: string, body?: unknown, key?: string):
 function allowedMs(path: string): number {
   if (path.endsWith("/jog") || path.startsWith(STOP)) return SHORT_MS;
   if (path.endsWith("/takeover")) return TAKEOVER_MS;
+  if (path.startsWith(CONTROLS)) return SET_LIGHT_MS;
   return path === AUTO_EXPOSURE ? AUTO_EXPOSURE_MS : TIMEOUT_MS;
 }
 
@@ -152,9 +156,9 @@ export const endJog = (axis: AxisName) => request<Bench>("DELETE", `/api/v1/axes
 export const setShell = (state: ShellState) => lease.command<Bench>("PUT", "/api/v1/shell", { state });
 
 /** The camera's exposure and gain. */
-export const light = () => request<Light>("GET", "/api/v1/camera/controls");
+export const light = () => request<Light>("GET", CONTROLS);
 export const setLight = (control: ControlName, value: number) =>
-  lease.command<Light>("PUT", `/api/v1/camera/controls/${control}`, { value });
+  lease.command<Light>("PUT", `${CONTROLS}/${control}`, { value });
 /** Finds the exposure for a white frame. */
 export const autoExpose = () => lease.command<AutoExposure>("POST", AUTO_EXPOSURE);
 /** The grey levels of the newest frame. */

@@ -2,11 +2,6 @@
 
 import type { Histogram } from "./wire";
 
-/** Within this part of the greatest level a pixel is clipped, as the daemon counts them. */
-const CLIPPED_WITHIN = 1 / 50;
-/** More clipped pixels than that are a fault of the exposure: fewer are hot pixels and mirrored lamps. */
-export const CLIPPED_SHARE = 0.002;
-
 /** SVG paths within 0 to 1, to the right and downwards. */
 export interface Drawn {
   /** What is at black, and can be no darker. */
@@ -16,13 +11,11 @@ export interface Drawn {
   white: string;
 }
 
-export function drawn(of: Pick<Histogram, "counts" | "bits" | "levels_per_range">): Drawn {
-  const { counts, bits, levels_per_range: width } = of;
+type Counted = Pick<Histogram, "counts" | "bits" | "levels_per_range" | "clipped_from">;
+
+export function drawn({ counts, bits, levels_per_range: width, clipped_from }: Counted): Drawn {
   const levels = 2 ** bits;
-  const first = Math.min(
-    counts.length,
-    Math.ceil((levels - 1 - Math.floor((levels - 1) * CLIPPED_WITHIN)) / width),
-  );
+  const first = Math.min(counts.length, Math.ceil(clipped_from / width));
   const clipped = counts.slice(first).reduce((sum, count) => sum + count, 0);
   const highest = Math.log1p(Math.max(1, clipped, ...counts));
   const step = (count: number, from: number, to: number) =>

@@ -201,7 +201,8 @@ impl Alignment<'_> {
         self.context.doing("white frame");
         let found = self.context.unless_cancelled(self.eye.take_white()).await?;
         self.context.log(found);
-        if let Some(set) = self.eye.camera_set().await {
+        let set = self.context.unless_cancelled(async { Ok::<_, JobEnd>(self.eye.camera_set().await) }).await?;
+        if let Some(set) = set {
             self.context.log(format!("the camera is set to {set}"));
         }
         Ok(())

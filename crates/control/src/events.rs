@@ -245,7 +245,8 @@ pub struct BenchView {
     #[schema(value_type = String, format = DateTime)]
     #[serde(default)]
     pub set_up_at: jiff::Timestamp,
-    /// Whether a shell step can go on from the newest air step: the camera has kept its focus since.
+    /// Whether a shell step can go on from the newest air step: the camera has kept its focus since, and
+    /// there is a white frame of it as it is set.
     #[serde(default)]
     pub air_step_holds: bool,
     /// The stop's latch.

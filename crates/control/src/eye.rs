@@ -246,6 +246,9 @@ impl Eye {
         let Some(kept) = self.air_step() else {
             return Err("the shell step needs the calibration of an air step, and none has been made since the focus axis was homed: run air_only or joint_alignment first".to_owned());
         };
+        if !self.has_white() {
+            return Err("no white frame has been taken with the camera set as it is, and the shell step takes none: run calibration, which takes one, or air_only again".to_owned());
+        }
         // Further than a trim may take it the calibration cannot be told from the axis's reading.
         let most_trim_mm = most_trim_mm(&self.config, solution);
         let focus_mm = self.motion.position_mm(AxisName::Focus).map_err(|error| error.to_string())?;

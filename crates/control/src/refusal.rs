@@ -47,6 +47,9 @@ pub enum Refusal {
         /// The holder.
         job: Uuid,
     },
+    /// The camera's exposure is searched for.
+    #[error("the camera's exposure is being searched for: wait for the end of that, a minute at most")]
+    Searching,
     /// Outside the axis's travel.
     #[error("{target:.3} is outside the {axis} axis's travel of {low} to {high}")]
     Limit {

@@ -78,6 +78,8 @@ pub struct Service {
     /// Shared with everybody who watches the live picture's whole measurement.
     pub(super) onlookers: Arc<()>,
     pub(super) readings: Readings,
+    /// Whether the camera's exposure is searched for.
+    pub(super) searching: AtomicBool,
     /// When the camera's exposure or gain was set last.
     pub(super) light_set_at: Mutex<Option<Instant>>,
     /// What is to go wrong with a simulated bench, and when.
@@ -123,6 +125,7 @@ impl Service {
             pulses: [watch::Sender::new(0), watch::Sender::new(0)],
             onlookers: Arc::default(),
             readings: Readings::default(),
+            searching: AtomicBool::default(),
             light_set_at: Mutex::default(),
             fault_plan: Mutex::default(),
             tasks: CancellationToken::new(),

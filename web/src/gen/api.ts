@@ -136,7 +136,8 @@ export interface paths {
      * Finds exposure and gain for a white frame, by frames of what is before the lens now: put the diffuser on it first.
      * @description The bright pixels come to lie at four fifths of white, and hardly any is clipped; exposure goes before gain, and no
      *     frame is exposed for longer than the time between two. It takes some seconds, in which no job is accepted. Refused while
-     *     a job holds the bench. A picture that is right is left as it is; where there is too much light or too little, the camera
+     *     a job holds the bench. A picture that is right is left as it is. Where the camera's steps are too coarse, the brightest
+     *     that is not too bright is taken, down to half of white; where there is too much light or too little, the camera
      *     is set back to as it was. A change drops the white frame, as setting a control does.
      */
     post: operations["auto_expose"];
@@ -1137,7 +1138,8 @@ export interface components {
     AutoExposureView: components["schemas"]["LightView"] & {
       /**
        * Format: double
-       * @description Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it.
+       * @description Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it. From
+       *     0.7 to 0.9; where no step of the camera's controls comes there, from 0.5 to 0.7.
        */
       bright_level: number;
       /** @description Whether anything was changed: a picture that is exposed as it should be is left as it is. */
@@ -1248,7 +1250,10 @@ export interface components {
     };
     /** @description The state of the whole bench. */
     BenchView: {
-      /** @description Whether a shell step can go on from the newest air step: the camera has kept its focus since. */
+      /**
+       * @description Whether a shell step can go on from the newest air step: the camera has kept its focus since, and
+       *     there is a white frame of it as it is set.
+       */
       air_step_holds?: boolean;
       /** @description Focus axis and e axis. */
       axes: components["schemas"]["AxisView"][];
@@ -3639,8 +3644,13 @@ export interface components {
        */
       captured_at: string;
       /**
+       * Format: int32
+       * @description From which level on a pixel is clipped: within 2 % of white, which is the greatest level, or 235 of video levels.
+       */
+      clipped_from: number;
+      /**
        * Format: double
-       * @description Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell.
+       * @description Share of the pixels that are clipped: they may have got more light than they can tell.
        */
       clipped_share: number;
       /** @description Pixels in each range, darkest first. */
@@ -3660,6 +3670,8 @@ export interface components {
        * @description Grey levels in each range but the last, which may have fewer.
        */
       levels_per_range: number;
+      /** @description Whether that is too much: more than hot pixels and mirrored lamps make up. */
+      overexposed: boolean;
       /** @description Whether the frame is of old, played from a file. */
       replayed: boolean;
       /** @description Whether the frame was simulated. */
@@ -6746,7 +6758,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description A job holds the bench (`busy`), there is too much light or too little (`not-exposed`), or nothing of the camera can be set (`no-control`) */
+      /** @description A job holds the bench or a search is under way (`busy`), there is too much light or too little, or the camera's steps are too coarse (`not-exposed`), or nothing of the camera can be set (`no-control`) */
       409: {
         headers: {
           [name: string]: unknown;
@@ -6912,7 +6924,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description A job holds the bench (`busy`), the value is outside the control's limits (`control-range`), or the camera has no such control, or adjusts it by itself (`no-control`) */
+      /** @description A job holds the bench or the exposure is searched for (`busy`), the value is outside the control's limits (`control-range`), or the camera has no such control, or adjusts it by itself (`no-control`) */
       409: {
         headers: {
           [name: string]: unknown;

@@ -121,7 +121,9 @@ class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The state of the whole bench."""
 
     air_step_holds: bool | UnsetType = UNSET
-    """Whether a shell step can go on from the newest air step: the camera has kept its focus since."""
+    """Whether a shell step can go on from the newest air step: the camera has kept its focus since, and there is a
+    white frame of it as it is set.
+    """
     axes: list[AxisView]
     """Focus axis and e axis."""
     camera: CameraView
@@ -654,8 +656,12 @@ class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Share of the pixels at level 0: darker they cannot be."""
     captured_at: datetime
     """End of its exposure, RFC 3339."""
+    clipped_from: int
+    """From which level on a pixel is clipped: within 2 % of white, which is the greatest level, or 235 of video
+    levels.
+    """
     clipped_share: float
-    """Share of the pixels within 2 % of the greatest level: they may have got more light than they can tell."""
+    """Share of the pixels that are clipped: they may have got more light than they can tell."""
     counts: list[int]
     """Pixels in each range, darkest first."""
     frame_age_ms: float
@@ -664,6 +670,8 @@ class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Sequence number of the frame."""
     levels_per_range: int
     """Grey levels in each range but the last, which may have fewer."""
+    overexposed: bool
+    """Whether that is too much: more than hot pixels and mirrored lamps make up."""
     replayed: bool
     """Whether the frame is of old, played from a file."""
     simulated: bool
@@ -2362,7 +2370,9 @@ class AutoExposureView(LightView, frozen=True, kw_only=True, omit_defaults=True)
     """What came of a search for the exposure."""
 
     bright_level: float
-    """Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it."""
+    """Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it.
+    From 0.7 to 0.9; where no step of the camera's controls comes there, from 0.5 to 0.7.
+    """
     changed: bool
     """Whether anything was changed: a picture that is exposed as it should be is left as it is."""
     clipped_share: float

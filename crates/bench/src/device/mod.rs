@@ -372,6 +372,8 @@ pub struct CameraState {
     pub frames_damaged: u64,
     /// Columns and rows of a frame, once known.
     pub size: Option<(usize, usize)>,
+    /// The level at which its frames' scale ends, where that is not their greatest: 235 of video levels.
+    pub white: Option<u16>,
     /// What is to be known about its frames, one sentence each: a clock that lies, pixels saturated.
     pub notes: Vec<String>,
     /// Whether frames of old are played from files: nothing of what is seen is now.
@@ -392,6 +394,7 @@ impl CameraState {
             frames_lost: 0,
             frames_damaged: 0,
             size: None,
+            white: None,
             notes: Vec::new(),
             replay: false,
             unfit: None,

@@ -78,6 +78,7 @@ impl SimulatedCamera {
             replay: false,
             unfit: None,
             size: Some(size),
+            white: None,
         };
         let shared = Arc::new(Shared {
             picture: Arc::new(Picture::new(&config)),

@@ -5,6 +5,7 @@
 
 mod search;
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
@@ -46,7 +47,8 @@ pub struct AutoExposureView {
     pub changed: bool,
     /// Frames that it took.
     pub frames: u32,
-    /// Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it.
+    /// Level of the bright pixels in the last of them, as a part of white: 99.5 % of all pixels are at or below it. From
+    /// 0.7 to 0.9; where no step of the camera's controls comes there, from 0.5 to 0.7.
     pub bright_level: f64,
     /// Share of its pixels that are clipped.
     pub clipped_share: f64,
@@ -76,19 +78,22 @@ impl Service {
     }
 
     /// Sets the camera's exposure or gain to the value nearest to `wanted` that it takes. Where that is another than
-    /// before, the white frame is dropped, and what was read of the scene is of another set-up from then on.
+    /// before, the white frame is dropped, and what was read of the scene is of another set-up from then on. Whether or
+    /// not somebody waits for the end, `tell` gets what came of it, unless it was refused before anything was done.
     ///
     /// # Errors
-    /// A refusal while a job holds the bench, for a value outside the limits, or where the camera has no such control;
-    /// the camera's own error.
+    /// A refusal while a job holds the bench or the exposure is searched for, for a value outside the limits, or where
+    /// the camera has no such control; the camera's own error.
     pub async fn set_light(
         self: &Arc<Self>,
         permit: &Permit,
         name: ControlName,
         wanted: f64,
+        tell: impl FnOnce(&Result<LightView, ServiceError>) + Send + 'static,
     ) -> Result<LightView, ServiceError> {
         let (service, permit) = (Arc::clone(self), permit.clone());
         self.carry_out(async move {
+            service.not_searching()?;
             // No job is accepted meanwhile.
             let _accepting = service.accepting.lock().await;
             service.may_set(&permit)?;
@@ -101,58 +106,78 @@ impl Service {
                 maximum: control.maximum,
                 unit: control.unit,
             })?;
-            if control.value != Some(value) {
-                service.change(name, value).await?;
-            }
-            service.light().await
+            let set = match control.value == Some(value) {
+                true => Ok(()),
+                false => service.change(name, value).await,
+            };
+            let done = match set {
+                Ok(()) => service.light().await,
+                Err(error) => Err(error),
+            };
+            tell(&done);
+            done
         })
         .await
     }
 
     /// Finds exposure and gain for a white frame by the camera's own pictures: the brightest micro-images at four fifths of
     /// white, none of them clipped, with the least gain. The diffuser is on the lens, or whatever is to be seen is before
-    /// it. No job is accepted until its end.
+    /// it. No job is accepted until its end. `tell` gets what came of it, as in [`Service::set_light`].
     ///
     /// # Errors
     /// As [`Service::set_light`]; [`Refusal::NotExposed`] where there is too much light or too little, and the camera is
     /// then set as before.
-    pub async fn auto_expose(self: &Arc<Self>, permit: &Permit) -> Result<AutoExposureView, ServiceError> {
+    pub async fn auto_expose(
+        self: &Arc<Self>,
+        permit: &Permit,
+        tell: impl FnOnce(&Result<AutoExposureView, ServiceError>) + Send + 'static,
+    ) -> Result<AutoExposureView, ServiceError> {
         let (service, permit) = (Arc::clone(self), permit.clone());
         self.carry_out(async move {
+            let _searching = Searching::begin(&service.searching)?;
             let _accepting = service.accepting.lock().await;
             service.may_set(&permit)?;
             let before = service.bench.camera.controls().await?;
             if !before.iter().any(|control| control.locked.is_none()) {
                 settable(&before, ControlName::Exposure)?;
             }
-            let searching = tokio::time::timeout(SEARCH_ALLOWED, service.search(&permit, &before));
-            let searched = searching.await.unwrap_or_else(|_| {
-                let what = "give the frames of an exposure search".to_owned();
-                Err(DeviceError::Timeout { device: "the camera".to_owned(), what, allowed: SEARCH_ALLOWED }.into())
-            });
-            match searched {
-                Ok((frames, lit, clipped_share)) => {
-                    let light = service.light().await?;
-                    let value = |controls: &[LightControl]| -> Vec<Option<f64>> {
-                        controls.iter().map(|control| control.value).collect()
-                    };
-                    let changed = value(&light.controls) != value(&before);
-                    Ok(AutoExposureView { light, changed, frames, bright_level: lit, clipped_share })
-                }
-                Err(error) => {
-                    service.set_back(&before).await;
-                    Err(error)
-                }
-            }
+            let done = service.exposed(&permit, &before).await;
+            tell(&done);
+            done
         })
         .await
+    }
+
+    /// Searches, and sets the camera as it was `before` where nothing is found.
+    async fn exposed(&self, permit: &Permit, before: &[LightControl]) -> Result<AutoExposureView, ServiceError> {
+        match self.search(permit, before).await {
+            Ok((frames, bright_level, clipped_share)) => {
+                let light = self.light().await?;
+                let value = |controls: &[LightControl]| -> Vec<Option<f64>> {
+                    controls.iter().map(|control| control.value).collect()
+                };
+                let changed = value(&light.controls) != value(before);
+                Ok(AutoExposureView { light, changed, frames, bright_level, clipped_share })
+            }
+            Err(error) => {
+                self.set_back(before).await;
+                Err(error)
+            }
+        }
     }
 
     /// Frame after frame until one is right: how many, the last one's bright level, and its clipped share.
     async fn search(&self, permit: &Permit, controls: &[LightControl]) -> Result<(u32, f64, f64), ServiceError> {
         let mut search = Search::new(controls, 1000.0 / self.config.bench.camera.frame_rate_hz);
+        let until = Instant::now() + SEARCH_ALLOWED;
         for frames in 1..=MOST_FRAMES {
-            let histogram = histogram_of(self.expose().await?).await?;
+            // A frame may be given up, a setting is carried to its end.
+            let exposed = tokio::time::timeout_at(until, self.expose()).await.map_err(|_| {
+                let what = "give the frames of an exposure search".to_owned();
+                DeviceError::Timeout { device: "the camera".to_owned(), what, allowed: SEARCH_ALLOWED }
+            })?;
+            let frame = exposed?;
+            let histogram = self.histogram_of(&frame).await?;
             match search.next(Lit::of(&histogram)) {
                 Next::Right => return Ok((frames, Lit::of(&histogram).level(), histogram.clipped_share())),
                 Next::Impossible(why) => return Err(Refusal::NotExposed { why }.into()),
@@ -190,6 +215,11 @@ impl Service {
         })
     }
 
+    /// The exposure must not be searched for.
+    fn not_searching(&self) -> Result<(), Refusal> {
+        if self.searching.load(Ordering::Acquire) { Err(Refusal::Searching) } else { Ok(()) }
+    }
+
     fn may_set(&self, permit: &Permit) -> Result<(), ServiceError> {
         self.leases.check(permit)?;
         self.free_for_hand()
@@ -197,15 +227,51 @@ impl Service {
 
     /// Sets a control, and drops what was learnt and read of the camera as it was set before.
     async fn change(&self, name: ControlName, value: f64) -> Result<(), ServiceError> {
-        self.bench.camera.set_control(name, value).await?;
+        // Whatever comes of it: a camera that gives no answer may have been set all the same.
+        self.forget_as_set();
+        let set = self.bench.camera.set_control(name, value).await;
+        // What was read meanwhile may be of either.
+        self.forget_as_set();
+        set?;
         tracing::info!(control = %name, value, "the camera was set");
+        Ok(())
+    }
+
+    fn forget_as_set(&self) {
         *self.light_set_at.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
         self.eye.forget_white();
         self.readings.forget();
         // Whatever a frame of before showed, the camera now shows otherwise.
         self.eye.see(None);
         self.publish_bench();
-        Ok(())
+    }
+
+    /// How many pixels of a frame of this camera have which grey level, counted away from the runtime's threads.
+    ///
+    /// # Errors
+    /// [`DeviceError::Protocol`] where counting ended unexpectedly.
+    pub async fn histogram_of(&self, frame: &Frame) -> Result<Histogram, ServiceError> {
+        let image = Arc::clone(&frame.image);
+        let white = self.bench.camera.state().borrow().white.unwrap_or_else(|| image.white_level());
+        let count = tokio::task::spawn_blocking(move || Histogram::of(&image, white));
+        count.await.map_err(|error| {
+            DeviceError::Protocol { device: "the camera".to_owned(), detail: error.to_string() }.into()
+        })
+    }
+}
+
+/// Says that the exposure is searched for, for as long as it is there.
+struct Searching<'a>(&'a AtomicBool);
+
+impl<'a> Searching<'a> {
+    fn begin(searching: &'a AtomicBool) -> Result<Self, Refusal> {
+        if searching.swap(true, Ordering::AcqRel) { Err(Refusal::Searching) } else { Ok(Self(searching)) }
+    }
+}
+
+impl Drop for Searching<'_> {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Release);
     }
 }
 
@@ -218,12 +284,4 @@ fn settable(controls: &[LightControl], name: ControlName) -> Result<&LightContro
         Some(why) => Err(no(why.clone())),
         None => Ok(control),
     }
-}
-
-/// How many pixels of a frame have which grey level, counted away from the runtime's threads.
-async fn histogram_of(frame: Arc<Frame>) -> Result<Histogram, ServiceError> {
-    let count = tokio::task::spawn_blocking(move || Histogram::of(&frame.image));
-    count
-        .await
-        .map_err(|error| DeviceError::Protocol { device: "the camera".to_owned(), detail: error.to_string() }.into())
 }

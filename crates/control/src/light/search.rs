@@ -1,7 +1,7 @@
 //! How exposure and gain are found for a white frame: decisions alone, frame by frame.
 
 use bench::device::light::{ControlName, ControlUnit, LightControl};
-use plenoptics::raw::Histogram;
+use plenoptics::raw::{CLIPPED_SHARE, Histogram};
 
 /// The level that is looked at: of a white frame's pixels all but this share are at most so bright, so that neither a lamp
 /// mirrored in the lens nor a hot pixel decides.
@@ -10,8 +10,8 @@ const BRIGHT_SHARE: f64 = 0.995;
 /// vignetting's dark edges are well above black.
 const AIM: f64 = 0.8;
 const WITHIN: [f64; 2] = [0.7, 0.9];
-/// More clipped pixels than hot ones and mirrored lamps make up.
-const CLIPPED_SHARE: f64 = 0.002;
+/// Where steps are too coarse for that, the darker of two is taken down to this: below it, half of the depth is unused.
+const FLOOR: f64 = 0.5;
 /// Nothing is concluded from less light than that, as a part of white, and more than so many times brighter is not tried
 /// at once: near black there is an offset in the levels.
 const LEAST_LEVEL: f64 = 0.02;
@@ -76,6 +76,8 @@ pub(super) struct Search {
     at: usize,
     /// Its greatest value known to be too dark, and its least known to be too bright.
     bracket: [Option<f64>; 2],
+    /// Whose steps are too coarse.
+    coarse: Option<ControlName>,
     begun: bool,
 }
 
@@ -92,7 +94,7 @@ impl Search {
             }
             Some((control, value))
         });
-        Self { controls: with_value.collect(), at: 0, bracket: [None; 2], begun: false }
+        Self { controls: with_value.collect(), at: 0, bracket: [None; 2], coarse: None, begun: false }
     }
 
     /// What is to be done after a frame.
@@ -113,7 +115,11 @@ impl Search {
                     *value = proposed;
                     return Next::Set(control.name, proposed);
                 }
-                None => (self.at, self.bracket) = (self.at + 1, [None; 2]),
+                None => {
+                    let coarse = matches!(self.bracket, [Some(_), Some(_)]).then_some(control.name);
+                    self.coarse = self.coarse.or(coarse);
+                    (self.at, self.bracket) = (self.at + 1, [None; 2]);
+                }
             }
         }
         Next::Impossible(self.why_not(lit))
@@ -130,6 +136,13 @@ impl Search {
     }
 
     fn why_not(&self, lit: Lit) -> String {
+        if let Some(name) = self.coarse.filter(|_| !lit.is_too_bright()) {
+            let (level, floor) = (100.0 * lit.level, 100.0 * FLOOR);
+            return format!(
+                "between two steps of the {name} the picture is either too bright or too dark, at {level:.0} % of white \
+                 and not {floor:.0} %: change the light"
+            );
+        }
         let [is, wanted, end] = match lit.is_too_bright() {
             true => ["too bright", "less light", "least"],
             false => ["too dark", "more light, or a diffuser before the lens that is lit", "greatest"],
@@ -142,10 +155,13 @@ impl Search {
 }
 
 /// The value to try next; the present one where no step of the control is nearer to what is wanted; `None` where the
-/// control is at its end.
+/// control is at its end, or its steps are too coarse.
 fn propose(control: &LightControl, value: f64, bracket: &mut [Option<f64>; 2], lit: Lit) -> Option<f64> {
     let too_bright = lit.is_too_bright();
     bracket[usize::from(too_bright)] = Some(value);
+    // Where the light changes, what was known of this value and of those beyond it holds no more.
+    let other = &mut bracket[usize::from(!too_bright)];
+    *other = other.filter(|other| if too_bright { *other < value } else { *other > value });
     let half_step = 0.5 * control.step;
     let at_end = if too_bright { value - half_step < control.minimum } else { value + half_step > last_of(control) };
     if at_end {
@@ -156,7 +172,7 @@ fn propose(control: &LightControl, value: f64, bracket: &mut [Option<f64>; 2], l
         && bright - dark < 1.5 * control.step
     {
         // Between two steps: the darker one is not clipped.
-        return Some(dark);
+        return (value != dark || lit.level >= FLOOR).then_some(dark);
     }
     // What a number stands for is known of a time and of a factor; of the driver's own that it grows.
     let proportional = control.unit != ControlUnit::Driver;
@@ -304,5 +320,21 @@ mod tests {
         // 20 ms gives 0.6, 30 ms 0.91.
         assert_eq!(search.next(lit(0.91)), Next::Set(ControlName::Exposure, 20.0));
         assert_eq!(search.next(lit(0.6)), Next::Right);
+    }
+
+    #[test]
+    fn a_step_that_leaves_the_picture_dark_is_not_right() {
+        let lit = |level: f64| Lit { level, clipped: if level > 0.98 { 0.1 } else { 0.0 } };
+        let coarse = || control(ControlName::Exposure, ControlUnit::Ms, 20.0, [0.0, 100.0, 10.0]);
+        // 10 ms gives 0.48, 20 ms 0.95.
+        let mut search = Search::new(&[coarse()], 100.0);
+        assert_eq!(search.next(lit(0.95)), Next::Set(ControlName::Exposure, 10.0));
+        let Next::Impossible(why) = search.next(lit(0.48)) else { panic!("taken") };
+        assert!(why.contains("two steps of the exposure") && why.contains("48 % of white"), "{why}");
+        // A gain with finer steps makes up for it.
+        let mut search = Search::new(&[coarse(), gain(1.0)], 100.0);
+        assert_eq!(search.next(lit(0.95)), Next::Set(ControlName::Exposure, 10.0));
+        assert_eq!(search.next(lit(0.48)), Next::Set(ControlName::Gain, 1.7));
+        assert_eq!(search.next(lit(0.8)), Next::Right);
     }
 }

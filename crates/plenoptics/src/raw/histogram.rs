@@ -9,20 +9,25 @@ pub const fn clipped_from(white: u16) -> u16 {
     white - white / 50
 }
 
+/// More clipped pixels than that are a fault of the exposure: fewer are hot pixels and mirrored lamps.
+pub const CLIPPED_SHARE: f64 = 0.002;
+
 /// The pixels of one frame by grey level, at its full depth; of a mosaic all colours together.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Histogram {
     counts: Vec<u32>,
     pixels: u64,
+    white: u16,
 }
 
 /// Tables that neighbouring samples are counted in, in turn: of equal ones none waits for the one before.
 const TABLES: usize = 4;
 
 impl Histogram {
-    /// Counts every pixel of a frame.
+    /// Counts every pixel of a frame whose scale ends at `white`: at its greatest level, or below that where a camera
+    /// sends video levels.
     #[must_use]
-    pub fn of(image: &RawImage) -> Self {
+    pub fn of(image: &RawImage, white: u16) -> Self {
         let levels = usize::from(image.white_level()) + 1;
         let counts = match image.samples() {
             Samples::U8(samples) => {
@@ -47,7 +52,7 @@ impl Histogram {
                 counts
             }
         };
-        Self { counts, pixels: image.samples().len() as u64 }
+        Self { counts, pixels: image.samples().len() as u64, white: white.min(image.white_level()) }
     }
 
     /// How many grey levels there are: 256 for 8 bits.
@@ -70,11 +75,16 @@ impl Histogram {
         self.share_from_to(0, 1)
     }
 
-    /// Share of the pixels that are [clipped](clipped_from).
+    /// From which level on a pixel is [clipped](clipped_from).
+    #[must_use]
+    pub const fn clipped_from(&self) -> u16 {
+        clipped_from(self.white)
+    }
+
+    /// Share of the pixels that are clipped.
     #[must_use]
     pub fn clipped_share(&self) -> f64 {
-        let white = (self.levels() - 1) as u16;
-        self.share_from_to(usize::from(clipped_from(white)), self.levels())
+        self.share_from_to(usize::from(self.clipped_from()), self.levels())
     }
 
     fn share_from_to(&self, from: usize, to: usize) -> f64 {
@@ -82,7 +92,7 @@ impl Histogram {
         count as f64 / self.pixels as f64
     }
 
-    /// The level that this share of the pixels is at or below, as a part of white.
+    /// The level that this share of the pixels is at or below, as a part of white: 1 beyond it.
     #[must_use]
     pub fn level_of(&self, share: f64) -> f64 {
         let wanted = share * self.pixels as f64;
@@ -90,7 +100,7 @@ impl Histogram {
         for (level, &count) in self.counts.iter().enumerate() {
             below += f64::from(count);
             if below >= wanted {
-                return level as f64 / (self.levels() - 1) as f64;
+                return (level as f64 / f64::from(self.white)).min(1.0);
             }
         }
         1.0
@@ -103,7 +113,7 @@ mod tests {
 
     #[test]
     fn every_pixel_is_counted_at_the_frames_own_depth() {
-        let eight = Histogram::of(&RawImage::from_u8(5, 2, vec![0, 0, 0, 7, 7, 128, 251, 254, 255, 255]));
+        let eight = Histogram::of(&RawImage::from_u8(5, 2, vec![0, 0, 0, 7, 7, 128, 251, 254, 255, 255]), 255);
         let counts = eight.in_ranges(256);
         assert_eq!((counts.len(), counts.iter().sum::<u64>()), (256, 10));
         assert_eq!((counts[0], counts[7], counts[128], counts[255]), (3, 2, 1, 2));
@@ -112,7 +122,7 @@ mod tests {
         // From 250 of 255 on.
         assert!((eight.clipped_share() - 0.4).abs() < 1e-12);
 
-        let twelve = Histogram::of(&RawImage::from_u16(4, 1, 12, vec![0, 4012, 4013, 4095]));
+        let twelve = Histogram::of(&RawImage::from_u16(4, 1, 12, vec![0, 4012, 4013, 4095]), 4095);
         assert_eq!((twelve.levels(), twelve.in_ranges(4096)[4013]), (4096, 1));
         assert_eq!(twelve.in_ranges(65_536).len(), 4096, "no more than there are");
         assert_eq!(twelve.in_ranges(256)[255], 1, "sixteen levels in each");
@@ -122,8 +132,16 @@ mod tests {
     }
 
     #[test]
+    fn video_levels_are_clipped_at_their_own_white() {
+        let video = Histogram::of(&RawImage::from_u8(5, 1, vec![16, 188, 230, 231, 240]), 235);
+        assert_eq!((video.levels(), video.clipped_from()), (256, 231));
+        assert!((video.clipped_share() - 0.4).abs() < 1e-12);
+        assert!((video.level_of(0.4) - 0.8).abs() < 1e-12 && (video.level_of(1.0) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
     fn a_level_is_found_by_the_share_below_it() {
-        let ramp = Histogram::of(&RawImage::from_u8(256, 1, (0..=255).collect()));
+        let ramp = Histogram::of(&RawImage::from_u8(256, 1, (0..=255).collect()), 255);
         assert!((ramp.level_of(0.5) - 127.0 / 255.0).abs() < 1e-12);
         assert!((ramp.level_of(1.0) - 1.0).abs() < 1e-12);
         assert!(ramp.level_of(0.0) < 1e-12);

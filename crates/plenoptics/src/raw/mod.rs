@@ -14,7 +14,7 @@ mod window;
 pub use cfa::{CfaPattern, Channel};
 pub use file::{RawFileError, read, write};
 pub use format::{Layout, PixelFormat};
-pub use histogram::{Histogram, clipped_from};
+pub use histogram::{CLIPPED_SHARE, Histogram, clipped_from};
 pub use window::Window;
 
 /// A raw frame of one sample a pixel, row by row from the top: monochrome, or a mosaic whose [`CfaPattern`] is known to

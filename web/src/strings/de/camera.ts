@@ -25,7 +25,7 @@ export const camera: typeof en.camera = {
   none: "Diese Kamera hat weder Belichtungszeit noch Verstärkung, die sich von hier aus einstellen ließen.",
   reason: {
     job: "Ein Auftrag läuft und lässt die Kamera, wie sie eingestellt ist, bis er endet.",
-    others: (owner) => `${owner} hat die Steuerung: Ohne sie lässt sich von hier aus nichts einstellen.`,
+    others: (owner) => `${owner} hat die Bedienhoheit: Ohne sie lässt sich von hier aus nichts einstellen.`,
     gone: "Die Kamera sendet nichts.",
     link: "Vom Dienst ist nichts zu hören.",
   },

@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
 import { fixed } from "../../format";
-import { CLIPPED_SHARE, drawn } from "../../histogram";
+import { drawn } from "../../histogram";
 import { strings } from "../../strings";
 import type { Histogram } from "../../wire";
 import type { Scene } from "../scene";
@@ -47,7 +47,7 @@ export function HistogramView({ state }: Scene) {
   const online = state.link === "open" && state.bench?.camera.online === true;
   const { seen, histogram } = useHistogram(online);
   const words = strings.camera;
-  const clipped = histogram !== null && histogram.clipped_share > CLIPPED_SHARE;
+  const clipped = histogram?.overexposed === true;
   return (
     <figure ref={seen} class="histogram" data-clipped={clipped} data-seq={histogram?.frame_seq}>
       {histogram ? <Steps histogram={histogram} /> : <p class="quiet">{words.histogramNone}</p>}

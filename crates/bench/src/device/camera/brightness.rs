@@ -1,9 +1,7 @@
 //! Whether a frame is exposed so that it can be measured.
 
-use plenoptics::raw::{RawImage, Samples, clipped_from};
+use plenoptics::raw::{CLIPPED_SHARE, RawImage, Samples, clipped_from};
 
-/// Share of saturated pixels that is worth a word: more than hot pixels and mirrored lamps make up.
-const SATURATED_SHARE: f64 = 0.002;
 /// A picture is dark when fewer than this share of its pixels ...
 const LIT_SHARE: f64 = 0.01;
 /// ... are brighter than this part of white.
@@ -30,7 +28,7 @@ pub fn judge(image: &RawImage, white: u16) -> Exposure {
         Samples::U16(samples) => samples.iter().filter(|&&sample| of(sample)).count(),
     } as f64 / (image.samples().len().max(1) as f64);
     let saturated = count(&|sample| sample >= clipped);
-    if saturated > SATURATED_SHARE {
+    if saturated > CLIPPED_SHARE {
         Exposure::Saturated(saturated)
     } else if count(&|sample| sample > lit) < LIT_SHARE {
         Exposure::Dark

@@ -13,11 +13,12 @@ use v4l::Device;
 use v4l::buffer::Flags;
 
 use super::brightness::{self, Exposure};
+use super::controls::KeptControls;
 use super::exposure::{self, Clock, Stamp};
 use super::kernel::{Filled, Queue, Taken};
 use super::setup::{self, Agreed};
 use super::unpack::{UnpackError, frames_lost, unpack};
-use super::v4l2::{PoseSource, SetByHand};
+use super::v4l2::PoseSource;
 use super::{controls, find};
 use crate::config::CameraConfig;
 use crate::device::{CameraState, Frame};
@@ -35,7 +36,7 @@ const JUDGE_EVERY: Duration = Duration::from_secs(1);
 /// What the capture thread works with.
 pub(super) struct Capturer {
     pub(super) config: CameraConfig,
-    pub(super) set_by_hand: SetByHand,
+    pub(super) set_by_hand: Arc<KeptControls>,
     pub(super) format: PixelFormat,
     pub(super) size: (usize, usize),
     pub(super) poses: PoseSource,
@@ -216,7 +217,7 @@ impl Capturer {
                 tracing::info!(device = %self.config.device, camera = %stream.agreed.identity, "the camera is online");
                 (state.online, state.fault) = (true, None);
                 state.identity.clone_from(&stream.agreed.identity);
-                state.size = Some(self.size);
+                (state.size, state.white) = (Some(self.size), Some(stream.agreed.white));
             }
             state.frames_lost += lost;
             state.frames_damaged += count.damaged;

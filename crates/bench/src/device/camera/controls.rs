@@ -4,6 +4,7 @@
 //! are compared, nothing may change but the pose.
 
 use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 use serde::Serialize;
 use v4l::Device;
@@ -365,7 +366,7 @@ pub fn light(device: &Device) -> Vec<LightControl> {
 ///
 /// # Errors
 /// Why it cannot, in words.
-pub fn set_light(device: &Device, name: ControlName, value: f64) -> Result<(String, ControlValue), String> {
+pub fn set_light(device: &Device, name: ControlName, value: f64, kept: &KeptControls) -> Result<(), String> {
     let controls = list(device);
     let of_name = light_of(&controls).into_iter().find(|(told, ..)| told.name == name);
     let (told, control, per_unit) = of_name.ok_or_else(|| format!("it has no control of its {name}"))?;
@@ -373,8 +374,28 @@ pub fn set_light(device: &Device, name: ControlName, value: f64) -> Result<(Stri
         return Err(why);
     }
     let number = control.number_of(&ControlValue::Number((value * per_unit).round() as i64))?;
-    control.set(device, number)?;
-    Ok((told.key, ControlValue::Number(number)))
+    keep_while(kept, told.key, ControlValue::Number(number), || control.set(device, number))
+}
+
+/// What was set by hand since the start, as `[bench.camera.controls]` has it: a camera that was lost gets it again.
+pub type KeptControls = Mutex<BTreeMap<String, ControlValue>>;
+
+/// Keeps a value and sets it, in this order: a camera that is opened anew meanwhile gets it, too. One that is refused is
+/// kept no longer.
+fn keep_while(
+    kept: &KeptControls,
+    key: String,
+    value: ControlValue,
+    set: impl FnOnce() -> Result<(), String>,
+) -> Result<(), String> {
+    let values = || kept.lock().unwrap_or_else(PoisonError::into_inner);
+    let before = values().insert(key.clone(), value);
+    set().inspect_err(|_| {
+        match before {
+            Some(before) => values().insert(key, before),
+            None => values().remove(&key),
+        };
+    })
 }
 
 #[cfg(test)]
@@ -396,6 +417,21 @@ mod tests {
             id: 1,
             flags: 0,
         }
+    }
+
+    #[test]
+    fn a_value_is_kept_before_it_is_set_and_no_longer_where_it_is_refused() {
+        let kept = KeptControls::default();
+        let now = || kept.lock().unwrap().get("gain").cloned();
+        let set = |number, refused: bool| {
+            keep_while(&kept, "gain".to_owned(), ControlValue::Number(number), || {
+                assert_eq!(now(), Some(ControlValue::Number(number)));
+                if refused { Err("no".to_owned()) } else { Ok(()) }
+            })
+        };
+        assert!(set(3, true).is_err() && now().is_none());
+        assert!(set(3, false).is_ok() && set(7, true).is_err());
+        assert_eq!(now(), Some(ControlValue::Number(3)));
     }
 
     #[test]

@@ -1,8 +1,7 @@
 //! Capture over Video4Linux2: the frame source in front of the capture thread.
 
-use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -10,8 +9,9 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::capture::Capturer;
+use super::controls::KeptControls;
 use super::{controls, find};
-use crate::config::{CameraConfig, ControlValue};
+use crate::config::CameraConfig;
 use crate::device::light::{ControlName, ControlUnit, LightControl};
 use crate::device::{AxisPose, CameraState, DeviceError, Frame, FrameSource, StageState};
 use plenoptics::raw::PixelFormat;
@@ -27,9 +27,6 @@ const FRAMES_UNDER_WAY: u32 = 3;
 /// How long a driver may take to tell or to set its controls.
 const CONTROLS_ALLOWED: Duration = Duration::from_secs(5);
 
-/// What was set by hand since the start, as `[bench.camera.controls]` has it: a camera that was lost gets it again.
-pub(super) type SetByHand = Arc<Mutex<BTreeMap<String, ControlValue>>>;
-
 /// A V4L2 capture device.
 pub struct V4l2Camera {
     name: String,
@@ -37,7 +34,7 @@ pub struct V4l2Camera {
     /// The time between frames, as configured.
     interval: Duration,
     pipeline_delay: Duration,
-    set_by_hand: SetByHand,
+    set_by_hand: Arc<KeptControls>,
     state: watch::Receiver<CameraState>,
     live: watch::Receiver<Option<Arc<Frame>>>,
     seen_at: watch::Receiver<Option<Instant>>,
@@ -69,7 +66,7 @@ impl V4l2Camera {
         let (live, live_out) = watch::channel(None);
         let (seen_at, seen_at_out) = watch::channel(None);
         let ended = Arc::new(AtomicBool::new(false));
-        let set_by_hand = SetByHand::default();
+        let set_by_hand = Arc::<KeptControls>::default();
         let capturer = Capturer {
             config: config.clone(),
             set_by_hand: Arc::clone(&set_by_hand),
@@ -187,9 +184,8 @@ impl FrameSource for V4l2Camera {
     }
 
     async fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
-        let (key, set) =
-            self.at_device("set its controls", move |device| controls::set_light(device, name, value)).await?;
-        self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).insert(key, set);
+        let kept = Arc::clone(&self.set_by_hand);
+        self.at_device("set its controls", move |device| controls::set_light(device, name, value, &kept)).await?;
         // A long exposure has the camera slow down.
         let exposures = self.controls().await?.into_iter().filter(|control| control.unit == ControlUnit::Ms);
         let longest_ms = exposures.filter_map(|control| control.value).fold(0.0, f64::max);
