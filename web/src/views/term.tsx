@@ -1,4 +1,4 @@
-import { useEffect, useId, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useId, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { explain, pieces, type Word } from "../glossary";
 
 /** A text with its words explained where they stand. */
@@ -32,7 +32,8 @@ function Term({ word }: { word: Word }) {
   const open = why.hovered || why.focused || why.held;
   const shut = () => set(SHUT);
   const press = () => (why.held ? shut() : set({ ...why, held: true }));
-  useEffect(() => {
+  // Before it is seen: whoever sees it can shut it.
+  useLayoutEffect(() => {
     if (!open) return undefined;
     const elsewhere = (event: Event) => around.current?.contains(event.target as Node) || shut();
     const escape = (event: KeyboardEvent) => event.key === "Escape" && shut();
