@@ -14,6 +14,7 @@ use plenalign::sim::texture::TextureMap;
 
 const PIXEL_MM: f64 = 0.00345;
 const DELTA_V: f64 = 2.2045;
+const TEXTURES: [Texture; 4] = [Texture::Natural, Texture::Charuco, Texture::Guppy, Texture::Oscar];
 
 /// What is in view of the reference camera.
 #[derive(Debug, Clone, Copy)]
@@ -107,8 +108,6 @@ impl Field {
         RawImage::from_u8(self.size, self.size, samples)
     }
 }
-
-const TEXTURES: [Texture; 4] = [Texture::Natural, Texture::Charuco, Texture::Guppy, Texture::Oscar];
 
 #[test]
 fn a_step_over_a_fifth_of_the_field_is_told_with_both_spacings() {
