@@ -258,7 +258,7 @@ mod tests {
         let points = [1.96, 2.1, 2.44].map(|at| Point { at, value: 10.0 * at, bar: None }).to_vec();
         let series = [Series { name: "a", class: "measured", points, marked: true }];
         let svg = by_position("t", "position, mm", "px", &series).unwrap();
-        assert!(svg.contains(">2.00<") && svg.contains(">2.40<") && svg.contains("position, mm"), "{svg}");
+        assert!(svg.contains(">2.0<") && svg.contains(">2.4<") && svg.contains("position, mm"), "{svg}");
         let xs: Vec<f64> =
             svg.split("cx=\"").skip(1).map(|rest| rest.split('"').next().unwrap().parse().unwrap()).collect();
         assert!(((xs[1] - xs[0]) / (xs[2] - xs[0]) - 0.14 / 0.48).abs() < 0.01, "{xs:?}");
