@@ -97,6 +97,7 @@ UNIONS: dict[str, Any] = {
     "JobRequest": models.JobRequest,
     "Outcome": models.Outcome,
     "ServerMessage": models.ServerMessage,
+    "Setup": models.Setup,
     "ViewerMessage": models.ViewerMessage,
     "Config.ControlValue": configuration.ControlValue,
 }
