@@ -40,6 +40,19 @@ impl IntoResponses for Motion {
     }
 }
 
+/// Failures of an answer to an operator step, which shows a key.
+pub(super) struct Keyed;
+
+impl IntoResponses for Keyed {
+    fn responses() -> BTreeMap<String, RefOr<Response>> {
+        problems([
+            ("403", "The key confirms nothing of this job"),
+            ("428", "No key was shown"),
+            ("429", "Too many keys were wrong"),
+        ])
+    }
+}
+
 /// Failures of reading the history.
 pub(super) struct FromHistory;
 

@@ -8,7 +8,7 @@ use serde_json::json;
 use uuid::Uuid;
 
 use super::App;
-use super::contract::{FromHistory, Motion};
+use super::contract::{FromHistory, Keyed, Motion};
 use super::error::{Problem, Result};
 use super::extract::{ConfirmKeys, JsonBody, LeaseKey, PathParam};
 use super::types::{ConfirmKeyGrant, ConfirmRequest, JobCreated, JobResource, RepeatRequest};
@@ -172,12 +172,8 @@ async fn of_earlier_run(app: &App, id: Uuid) -> Problem {
     responses(
         (status = 200, body = JobResource),
         FromHistory,
-        (status = 403, description = "The key confirms nothing of this job", body = Problem,
-         content_type = "application/problem+json"),
+        Keyed,
         (status = 409, description = "The job does not wait for this", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No key was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too many keys were wrong", body = Problem,
          content_type = "application/problem+json"),
     )
 )]
@@ -203,12 +199,8 @@ pub(super) async fn confirm(
     responses(
         (status = 200, body = JobResource),
         FromHistory,
-        (status = 403, description = "The key confirms nothing of this job", body = Problem,
-         content_type = "application/problem+json"),
+        Keyed,
         (status = 409, description = "The job does not wait where that step can be asked for again", body = Problem,
-         content_type = "application/problem+json"),
-        (status = 428, description = "No key was shown", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "Too many keys were wrong", body = Problem,
          content_type = "application/problem+json"),
     )
 )]

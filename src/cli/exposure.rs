@@ -14,8 +14,8 @@ use crate::api::camera::{ControlRequest, HistogramView};
 use crate::control::light::{AutoExposureView, LightView};
 use crate::device::light::ControlName;
 
-/// What the lease is taken for.
-const NOTE: &str = "the camera's exposure";
+/// The command that takes the lease, and what for.
+const LEASED_FOR: (&str, &str) = ("camera", "the camera's exposure");
 /// Widest bar of a histogram, and ranges that are shown.
 const WIDTH: usize = 50;
 const RANGES: usize = 16;
@@ -80,7 +80,8 @@ async fn carry_out(args: &Args) -> anyhow::Result<Shown> {
     let (mut light, mut found) = (None, None);
     if args.auto {
         let path = "/api/v1/camera/auto-exposure";
-        let searched = daemon.with_lease(NOTE, async |key| daemon.command(Method::POST, path, key, &json!(null)).await);
+        let searched =
+            daemon.with_lease(LEASED_FOR, async |key| daemon.command(Method::POST, path, key, &json!(null)).await);
         let AutoExposureView { light: now, changed, frames, bright_level, clipped_share } = searched.await?;
         (light, found) = (Some(now), Some(Found { changed, frames, bright_level, clipped_share }));
     } else if !wanted.is_empty() {
@@ -92,7 +93,7 @@ async fn carry_out(args: &Args) -> anyhow::Result<Shown> {
             }
             Ok(now)
         };
-        light = daemon.with_lease(NOTE, set).await?;
+        light = daemon.with_lease(LEASED_FOR, set).await?;
     }
     let light = match light {
         Some(light) => light,

@@ -215,17 +215,17 @@ impl Daemon {
         }
     }
 
-    /// Does something with the control lease, whose key it is given, and gives that back.
+    /// Does something for a command with the control lease, whose key it is given, and gives that back.
     ///
     /// # Errors
     /// What is done ends with, or that another has control.
     pub(super) async fn with_lease<T>(
         &self,
-        note: &str,
+        (command, note): (&str, &str),
         work: impl AsyncFnOnce(&str) -> anyhow::Result<T>,
     ) -> anyhow::Result<T> {
         let ttl_s = Some(2.0 * COMMAND.as_secs_f64());
-        let asked = LeaseAsked { owner: lease_owner("camera"), note: Some(note.to_owned()), ttl_s };
+        let asked = LeaseAsked { owner: lease_owner(command), note: Some(note.to_owned()), ttl_s };
         let lease: LeaseGrant = self.read(self.client.post(self.url("/api/v1/lease")).json(&asked)).await?;
         let done = work(&lease.key).await;
         let back = self.client.delete(self.url("/api/v1/lease")).header(LEASE_HEADER, &lease.key).send().await;

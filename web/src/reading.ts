@@ -74,12 +74,13 @@ export function reading(measurement: Measurement, inAir: boolean): Reading {
   };
 }
 
-/** What the meter read in a frame; what it does not know of the micro-images is from the newest whole measurement. */
+/** What the meter read in a frame; what it does not know of the micro-images is from the newest whole measurement. `setUpAt`
+ *  is when what is in view was set up, the daemon's clock, ms. */
 export function frameReading(
   read: FrameReading,
   measurement: Measurement | null,
   inAir: boolean,
-  setUpAt = -Infinity,
+  setUpAt: number,
 ): Reading | null {
   const { found, targetPx, tolerancePx, focusMm, eMm, settled, capturedAt } = read;
   if (found.is !== "measured") return null;

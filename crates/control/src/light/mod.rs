@@ -106,14 +106,13 @@ impl Service {
                 maximum: control.maximum,
                 unit: control.unit,
             })?;
-            let set = match control.value == Some(value) {
-                true => Ok(()),
-                false => service.change(name, value).await,
+            let set = async {
+                if control.value != Some(value) {
+                    service.change(name, value).await?;
+                }
+                service.light().await
             };
-            let done = match set {
-                Ok(()) => service.light().await,
-                Err(error) => Err(error),
-            };
+            let done = set.await;
             tell(&done);
             done
         })
@@ -178,8 +177,9 @@ impl Service {
             })?;
             let frame = exposed?;
             let histogram = self.histogram_of(&frame).await?;
-            match search.next(Lit::of(&histogram)) {
-                Next::Right => return Ok((frames, Lit::of(&histogram).level(), histogram.clipped_share())),
+            let lit = Lit::of(&histogram);
+            match search.next(lit) {
+                Next::Right => return Ok((frames, lit.level(), histogram.clipped_share())),
                 Next::Impossible(why) => return Err(Refusal::NotExposed { why }.into()),
                 Next::Set(name, value) => {
                     self.may_set(permit)?;

@@ -15,6 +15,7 @@ use nalgebra::DVector;
 use serde::Serialize;
 
 use super::frame::SpacingFrame;
+use super::map::LEAST_WEIGHT;
 use super::solve::{Outcome, Solver};
 use super::{SpacingOptions, reach, search};
 use crate::imaging::matching::model::{Local, Model};
@@ -35,8 +36,6 @@ const LEAST_STEP_PX: f64 = 0.05;
 const LEAST_STEP_BLURRED: f64 = 0.015;
 /// Standard uncertainties that a step must stand above none: the likeliest of many edges is large by chance.
 const SIGNIFICANCE: f64 = 5.0;
-/// Pairs that count less than this by how badly they match do not match.
-const MISMATCHED_WEIGHT: f64 = 0.2;
 /// Shares of pairs that do not match: at least in a board's part of the field, and at most elsewhere.
 const MISMATCHED: [f64; 2] = [0.5, 0.2];
 
@@ -65,18 +64,13 @@ impl Part {
         (self.range[0]..self.range[1]).contains(&along(self.across, at))
     }
 
-    /// The pairs of a frame, in jobs as its plan has them, with whether each lies within; none across an edge.
+    /// The work of comparing a frame's pairs, those within as region 1 and the others as 0; none across an edge.
     fn jobs(&self, frame: &SpacingFrame) -> Vec<Job> {
         let within = |lens: u32| self.holds(frame.plan.field.coordinates(frame.plan.centre(lens)));
-        let sided = |pair: Pair| {
+        frame.jobs_of(|pair| {
             let [first, second] = [pair.first, pair.second].map(within);
             (first == second).then_some(Pair { region: u8::from(first), ..pair })
-        };
-        let jobs = frame.plan.jobs.iter().map(|job| {
-            let pairs: Vec<Pair> = job.links().filter_map(|link| sided(link.pair)).collect();
-            frame.plan.job(&pairs)
-        });
-        jobs.filter(|job| !job.rows.is_empty()).collect()
+        })
     }
 }
 
@@ -174,7 +168,7 @@ impl Field {
                 let [[own, mixed], [also, _]] = score.information.map(|row| row.map(f64::from));
                 let said = Said {
                     pairs: 1.0,
-                    mismatched: f64::from(u8::from(weight < MISMATCHED_WEIGHT)),
+                    mismatched: f64::from(u8::from(weight < LEAST_WEIGHT)),
                     gradient: unit * weight * f64::from(score.score[0]),
                     information: unit * weight * (own * along + 0.5 * (mixed + also) * across),
                 };

@@ -135,8 +135,13 @@ impl SpacingFrame {
 
     /// The work of comparing all pairs within regions.
     pub(super) fn jobs(&self) -> Vec<Job> {
+        self.jobs_of(Some)
+    }
+
+    /// The work of comparing the pairs within regions that `taken` leaves, as it leaves them.
+    pub(super) fn jobs_of(&self, taken: impl Fn(Pair) -> Option<Pair>) -> Vec<Job> {
         let jobs = self.plan.jobs.iter().map(|job| {
-            let pairs: Vec<Pair> = job.links().filter_map(|link| self.within(link.pair)).collect();
+            let pairs: Vec<Pair> = job.links().filter_map(|link| taken(self.within(link.pair)?)).collect();
             self.plan.job(&pairs)
         });
         jobs.filter(|job| !job.rows.is_empty()).collect()

@@ -10,8 +10,9 @@ use crate::imaging::matching::model::{Model, Place};
 use crate::imaging::matching::pupil::Corrected;
 use crate::imaging::matching::score::PairScore;
 
-/// A micro-image whose pairs count less than this on the whole does not show what its neighbours show.
-const LEAST_WEIGHT: f64 = 0.2;
+/// Pairs that count less than this by how badly they match do not match; a micro-image whose pairs do so on the whole does
+/// not show what its neighbours show.
+pub(super) const LEAST_WEIGHT: f64 = 0.2;
 /// Standard uncertainty beyond which a micro-image's own spacing says nothing, px.
 const SIGMA_MAX_PX: f64 = 1.0;
 
