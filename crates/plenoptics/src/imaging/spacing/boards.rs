@@ -117,7 +117,12 @@ struct Field {
 pub(super) fn two_boards(solver: &Solver<'_>, model: &Model, options: &SpacingOptions) -> Option<TwoBoards> {
     let field = Field::new(solver, model);
     let found = |part: Part| Some((part, search_within(&part, solver.frames.first()?, options)?));
-    let (part, start) = field.mismatched().and_then(found).or_else(|| field.stepped(solver, model))?;
+    let pupil = &solver.frames.first()?.pupil;
+    let least_px = |spacing: f64| LEAST_STEP_PX + LEAST_STEP_BLURRED * pupil.blur(spacing).powi(2);
+    // A second fit costs as much as the first, and one step underrates a difference by no more than a half.
+    let worth = |&(_, start): &(Part, f64)| (start - model.spacings[0]).abs() > 0.5 * least_px(model.spacings[0]);
+    let stepped = || field.stepped(solver, model).filter(worth);
+    let (part, start) = field.mismatched().and_then(found).or_else(stepped)?;
     let mut apart = Solver::new(solver.frames, solver.frames.iter().map(|frame| part.jobs(frame)).collect());
     apart.radii.clone_from(&solver.radii);
     apart.noise_scale = solver.noise_scale;
@@ -131,11 +136,9 @@ pub(super) fn two_boards(solver: &Solver<'_>, model: &Model, options: &SpacingOp
     }
     let inverse = apart.normal.inverse()?;
     let scatter = apart.normal.scatter(&sided, &inverse, &apart.normal.step(&inverse));
-    let pupil = &solver.frames.first()?.pupil;
     let [first, second] = [0, 1].map(|k| pupil.corrected(sided.spacings[k], solver.radii[0]));
     let sigma = first.slope * (scatter[(0, 0)] + scatter[(1, 1)] - 2.0 * scatter[(0, 1)]).max(0.0).sqrt();
-    let least_px =
-        LEAST_STEP_PX + LEAST_STEP_BLURRED * pupil.blur(first.spacing).min(pupil.blur(second.spacing)).powi(2);
+    let least_px = least_px(first.spacing).min(least_px(second.spacing));
     if (second.spacing - first.spacing).abs() < least_px.max(SIGNIFICANCE * sigma) {
         return None;
     }
@@ -259,7 +262,6 @@ impl Field {
         };
         let (part, said) = self.likeliest(|said| own(said).map(|[left, information]| left * left / information))?;
         let [left, information] = own(&said)?;
-        let rise = left / information;
-        (rise.abs() > 0.5 * LEAST_STEP_PX).then(|| (part, model.spacings[0] + rise))
+        Some((part, model.spacings[0] + left / information))
     }
 }
