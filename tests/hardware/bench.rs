@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use plenalign::config::CameraConfig;
 use plenalign::device::camera::v4l2::V4l2Camera;
+use plenalign::device::light::{ControlName, LightControl};
 use plenalign::device::{AxisPose, CameraState, DeviceError, Frame, FrameSource};
 use plenalign::raw::{RawImage, Samples};
 use tokio::runtime::Runtime;
@@ -94,6 +95,16 @@ impl Camera {
         self.runtime.block_on(self.camera.frame(tokio::time::Instant::now()))
     }
 
+    /// Its exposure and gain.
+    #[track_caller]
+    pub(crate) fn controls(&self) -> Vec<LightControl> {
+        self.runtime.block_on(self.camera.controls()).unwrap()
+    }
+
+    pub(crate) fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
+        self.runtime.block_on(self.camera.set_control(name, value))
+    }
+
     /// The frames that viewers see, so many of them.
     #[track_caller]
     pub(crate) fn watch(&self, count: usize) -> Vec<Arc<Frame>> {
@@ -110,6 +121,12 @@ impl Camera {
             frames
         })
     }
+}
+
+/// Has the kernel `unbind` the webcam, as if it were unplugged, or `bind` it again.
+#[track_caller]
+pub(crate) fn driver(what: &str) {
+    std::fs::write(format!("/sys/bus/platform/drivers/vivid/{what}"), "vivid.0").unwrap();
 }
 
 /// Sets a control behind the driver's back.

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use plenalign::device::FrameSource as _;
 
 use crate::Test;
-use crate::bench::{Camera, WEBCAM, config, set};
+use crate::bench::{Camera, WEBCAM, config, driver, set};
 use crate::until::until_blocking;
 
 pub(crate) const TESTS: &[Test] = &[
@@ -99,7 +99,6 @@ fn disconnected() {
 }
 
 fn unbound() {
-    let driver = |what: &str| std::fs::write(format!("/sys/bus/platform/drivers/vivid/{what}"), "vivid.0").unwrap();
     let camera = webcam();
     let before = camera.frame().seq;
     driver("unbind");

@@ -3,9 +3,10 @@
 use plenalign::config::{CameraConfig, ControlValue};
 use plenalign::device::FrameSource as _;
 use plenalign::device::camera::find;
+use plenalign::device::light::{ControlName, ControlUnit};
 
 use crate::Test;
-use crate::bench::{BLACK, Camera, GRABBER, LOOP, WEBCAM, WHITE, config, get, sample, set, show, v4l2_ctl};
+use crate::bench::{BLACK, Camera, GRABBER, LOOP, WEBCAM, WHITE, config, driver, get, sample, set, show, v4l2_ctl};
 
 pub(crate) const TESTS: &[Test] = &[
     ("controls_are_set_and_automatics_off", controls),
@@ -15,6 +16,7 @@ pub(crate) const TESTS: &[Test] = &[
     ("region_is_cropped", cropped),
     ("scaling_is_said", scaled),
     ("exposure_is_judged", exposure),
+    ("gain_is_set_by_hand_and_again_after_a_loss", by_hand),
     ("cameras_are_found_by_card", found),
     ("cameras_are_listed_on_the_command_line", listed),
     ("clock_in_the_future_is_not_believed", clock),
@@ -45,6 +47,30 @@ fn controls() {
     let camera = Camera::online(&with("gain_automatic", ControlValue::Switch(true)));
     assert_eq!(get(WEBCAM, "gain_automatic"), 1);
     drop(camera);
+}
+
+fn by_hand() {
+    let camera = Camera::online(&config(WEBCAM, "GREY"));
+    let told = camera.controls();
+    let [gain] = &told[..] else { panic!("vivid has a gain and no exposure: {told:?}") };
+    assert_eq!((gain.name, gain.unit, gain.key.as_str()), (ControlName::Gain, ControlUnit::Driver, "gain"));
+    assert_eq!((gain.minimum, gain.maximum, gain.step), (0.0, 255.0, 1.0));
+    assert_eq!((gain.automatic, &gain.locked), (false, &None));
+    camera.set_control(ControlName::Gain, 77.0).unwrap();
+    assert_eq!((get(WEBCAM, "gain"), camera.controls()[0].value), (77, Some(77.0)));
+    let refused = camera.set_control(ControlName::Exposure, 10.0).unwrap_err().to_string();
+    assert!(refused.contains("no control of its exposure"), "{refused}");
+    // Bound anew the driver begins with its defaults.
+    driver("unbind");
+    camera.until_fault("there is no /dev/video10");
+    driver("bind");
+    camera.until("come back", |state| state.online);
+    assert_eq!(get(WEBCAM, "gain"), 77);
+    // What it adjusts by itself by now is not set by hand.
+    set(WEBCAM, "gain_automatic", 1);
+    let refused = camera.set_control(ControlName::Gain, 78.0).unwrap_err().to_string();
+    assert!(refused.contains("adjusts it by itself: `gain_automatic` is"), "{refused}");
+    assert!(camera.controls()[0].automatic);
 }
 
 fn refused_controls() {

@@ -111,6 +111,33 @@ fn every_failure_in_the_contract_is_a_problem() {
     assert!(failures > 20, "only {failures} failures are documented");
 }
 
+/// What is said to those who read no Rust: a contract's or a configuration schema's descriptions.
+fn descriptions<'v>(value: &'v serde_json::Value, found: &mut Vec<&'v str>) {
+    match value {
+        serde_json::Value::Object(object) => {
+            found.extend(object.get("description").and_then(serde_json::Value::as_str));
+            object.values().for_each(|inner| descriptions(inner, found));
+        }
+        serde_json::Value::Array(array) => array.iter().for_each(|inner| descriptions(inner, found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn descriptions_are_no_rust() {
+    let contract: serde_json::Value = serde_json::from_str(plenalign::api::openapi_json()).unwrap();
+    let schema = plenalign::config::Config::json_schema();
+    let mut found = Vec::new();
+    descriptions(&contract, &mut found);
+    let in_contract = found.len();
+    descriptions(&schema, &mut found);
+    assert!(in_contract > 500 && found.len() > in_contract + 200, "{in_contract} of {}", found.len());
+    for text in found {
+        let rust = ["`None`", "`Some", "[`", "::", "`Self"].into_iter().find(|&word| text.contains(word));
+        assert_eq!(rust, None, "{text}");
+    }
+}
+
 #[test]
 fn references_of_asyncapi_lead_somewhere() {
     let text = std::fs::read_to_string(root().join("proto/asyncapi.yaml")).unwrap();

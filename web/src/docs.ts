@@ -40,6 +40,10 @@ function mend(): void {
   for (const field of document.querySelectorAll(".content-type, .body-param__text")) {
     if (!field.hasAttribute("aria-label")) field.setAttribute("aria-label", "body");
   }
+  // Its title stands beside all landmarks.
+  const title = document.querySelector("#contract .information-container");
+  title?.setAttribute("role", "region");
+  title?.setAttribute("aria-label", "About the contract");
 }
 
 async function main(): Promise<void> {

@@ -60,9 +60,9 @@ pub struct AssemblyConfig {
     pub clearance_mm: f64,
     /// e at which the shell is mounted, mm.
     pub initial_e_mm: f64,
-    /// Δv_TOL, mm; `None` for what [`Config::tolerances`] makes of the design.
+    /// Δv_TOL, mm; left out, what changes the spacing by 0.045 px, rounded to 1, 2 or 5 times a power of ten.
     pub delta_v_tolerance_mm: Option<f64>,
-    /// Tolerance of e, mm; `None` as above.
+    /// Tolerance of e, mm; left out, what changes the spacing by 0.016 px, rounded likewise, 1 at most.
     pub e_tolerance_mm: Option<f64>,
     /// δ: diameter of the blur disc still called sharp, px.
     pub blur_limit_px: f64,

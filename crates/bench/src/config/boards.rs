@@ -21,16 +21,16 @@ pub enum BoardsInAir {
 pub struct BoardsConfig {
     /// Which boards stand before the lens in air.
     pub in_air: BoardsInAir,
-    /// Distance between the levels of the triple-level board that there is, mm; `None` where one is made as the plan
-    /// wants it.
+    /// Distance between the levels of the triple-level board that there is, mm; left out, one is made as the plan wants
+    /// it.
     pub level_step_mm: Option<f64>,
     /// From the nearest to the furthest level of a triple-level board, mm, at most.
     pub greatest_depth_mm: f64,
     /// How far from the lens a board in air may stand, mm.
     pub farthest_mm: f64,
-    /// Shortest side of the boards, mm; `None` where they fill the field wherever they stand.
+    /// Shortest side of the boards, mm; left out, they fill the field wherever they stand.
     pub side_mm: Option<f64>,
-    /// From the shell's outer vertex to the tank's far wall, mm; `None` where the board in water has all the room it needs.
+    /// From the shell's outer vertex to the tank's far wall, mm; left out, the board in water has all the room it needs.
     pub tank_mm: Option<f64>,
 }
 
