@@ -48,13 +48,13 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     let shown = Shown { lease: Some(&key), ..Shown::default() };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("repeated.mcap");
-    let request = JobRequest::of(JobKind::AirOnly);
+    let request = JobRequest::of(JobKind::JointAlignment);
     let id = service.create_job_recorded(&permit, request, file.clone()).await.unwrap().id;
 
     let first = asks(&service, id, 0).await;
     let planned: Vec<_> = first.steps.iter().map(|step| (step.name.as_str(), step.state)).collect();
     let (now, next) = (StepState::Now, StepState::Next);
-    let rest = [("white_frame", now), ("triple_board_in_air", next), ("aperture", next)];
+    let rest = [("white_frame", now), ("triple_board_in_air", next), ("aperture", next), ("shell_and_water", next)];
     assert_eq!(planned, [&[("homing", StepState::Done)][..], &rest].concat());
     assert!(first.operator_step.unwrap().repeatable.is_empty());
     assert_eq!(
@@ -62,8 +62,9 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
         "at step 1 (white_frame) no earlier step can be asked for again, not step 1"
     );
 
-    // The white frame once more while the board is waited for; the board once more while the aperture is.
-    let (mut seen, mut at_aperture, mut iterations) = (0, false, 0);
+    // The white frame once more while the board is waited for; the board once more while the aperture is, and while the
+    // shell is, when the image distance has been set.
+    let (mut seen, mut at_aperture, mut at_shell, mut iterations) = (0, false, false, 0);
     let job = loop {
         let job = asks(&service, id, seen).await;
         let Some(step) = job.operator_step.clone() else { break job };
@@ -92,13 +93,18 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
                 );
                 service.repeat(id, 4, shown).unwrap();
             }
+            (_, "shell_and_water") if !at_shell => {
+                (at_shell, iterations) = (true, job.iterations.len());
+                assert_eq!(step.repeatable, [3, 6]);
+                service.repeat(id, 6, shown).unwrap();
+            }
             // It has come to where it was; the rest is as without.
-            (_, "aperture") => drop(service.cancel(id).unwrap()),
+            (_, "shell_and_water") => drop(service.cancel(id).unwrap()),
             _ => drop(service.confirm(id, step.number, shown).unwrap()),
         }
     };
     assert_eq!(job.state, JobState::Cancelled, "{:?}", job.reason);
-    assert!(at_aperture && iterations > 0 && job.iterations.len() >= iterations, "what was measured before is kept");
+    assert!(at_aperture && at_shell && iterations > 0 && job.iterations.len() >= iterations, "what was measured before is kept");
     let report = job.report.as_ref().unwrap();
 
     let told: Vec<_> = job.steps.iter().map(|step| (step.name.as_str(), step.state, step.repeats)).collect();
@@ -110,8 +116,12 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
         ("white_frame", done, Some(1)),
         ("triple_board_in_air", repeated, None),
         ("aperture", repeated, None),
-        ("triple_board_in_air", done, Some(4)),
-        ("aperture", now, None),
+        ("triple_board_in_air", repeated, Some(4)),
+        // The lens stays stopped down.
+        ("aperture", done, None),
+        ("shell_and_water", repeated, None),
+        ("triple_board_in_air", done, Some(6)),
+        ("shell_and_water", now, None),
     ];
     assert_eq!(told, expected);
     let spent = report.time_spent.unwrap();

@@ -1807,13 +1807,13 @@ export interface components {
       clearance_mm: number;
       /**
        * Format: double
-       * @description Δv_TOL, mm; `None` for what [`Config::tolerances`] makes of the design.
+       * @description Δv_TOL, mm; left out, what changes the spacing by 0.045 px, rounded to 1, 2 or 5 times a power of ten.
        * @default null
        */
       delta_v_tolerance_mm: number | null;
       /**
        * Format: double
-       * @description Tolerance of e, mm; `None` as above.
+       * @description Tolerance of e, mm; left out, what changes the spacing by 0.016 px, rounded likewise, 1 at most.
        * @default null
        */
       e_tolerance_mm: number | null;
@@ -2154,20 +2154,20 @@ export interface components {
       in_air: components["schemas"]["Config.BoardsInAir"];
       /**
        * Format: double
-       * @description Distance between the levels of the triple-level board that there is, mm; `None` where one is made as the plan
-       *     wants it.
+       * @description Distance between the levels of the triple-level board that there is, mm; left out, one is made as the plan wants
+       *     it.
        * @default null
        */
       level_step_mm: number | null;
       /**
        * Format: double
-       * @description Shortest side of the boards, mm; `None` where they fill the field wherever they stand.
+       * @description Shortest side of the boards, mm; left out, they fill the field wherever they stand.
        * @default null
        */
       side_mm: number | null;
       /**
        * Format: double
-       * @description From the shell's outer vertex to the tank's far wall, mm; `None` where the board in water has all the room it needs.
+       * @description From the shell's outer vertex to the tank's far wall, mm; left out, the board in water has all the room it needs.
        * @default null
        */
       tank_mm: number | null;
