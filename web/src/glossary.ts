@@ -1,4 +1,4 @@
-// What the words of the field mean: the documentation's glossary, and no second wording.
+// What the words of the field mean: in English the documentation's glossary, and no second wording.
 
 import text from "../../docs/glossary.md?raw";
 

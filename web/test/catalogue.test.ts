@@ -1,5 +1,6 @@
 import { afterEach, describe, expect, it } from "vitest";
 import { moment } from "../src/format";
+import { EXPLAINED, explain } from "../src/glossary";
 import { numberOf } from "../src/job-kinds";
 import { languageOf, localeOf, spoken } from "../src/language";
 import * as page from "../src/strings";
@@ -44,8 +45,8 @@ function sentence(of: Said): string {
   return typeof of === "string" ? of : String(of(...given(of.length)));
 }
 
-/** Left to the daemon in English. */
-const DAEMONS = "prompt";
+/** In English left to the daemon, and to the documentation's glossary. */
+const ELSEWHERE = ["prompt", "explained"];
 /** What is called the same, beside symbols, units and names. */
 const ALIKE =
   /^(Plenalign|Live|STOP|Token|Link|Name|Zoom|Pixel|Sensor|hexagonal|Drift|Iteration|English|Deutsch|l_bound)$/;
@@ -67,13 +68,13 @@ describe("the German words", () => {
         typeof of,
         of.length * Number(typeof of === "function"),
       ]);
-      if (path !== DAEMONS) expect([path, ...marks(its)]).toEqual([path, ...marks(of)]);
+      if (!ELSEWHERE.includes(path)) expect([path, ...marks(its)]).toEqual([path, ...marks(of)]);
     }
   });
 
   it("are German, in German quotation marks", () => {
     const left = [...german].filter(([path, of]) => {
-      if (path === DAEMONS) return false;
+      if (ELSEWHERE.includes(path)) return false;
       const words = sentence(of);
       return words === sentence(english.get(path) ?? "") && /\p{L}{4}/u.test(words) && !ALIKE.test(words);
     });
@@ -81,6 +82,14 @@ describe("the German words", () => {
     for (const [path, of] of german) {
       const marks = sentence(of).match(/[„“”"‘]/g) ?? [];
       expect([path, marks.join("")]).toEqual([path, "„“".repeat(marks.length / 2)]);
+    }
+  });
+
+  it("explain each word of the field that the glossary explains in English", () => {
+    for (const word of EXPLAINED) {
+      const meaning = de.explained(word)?.meaning ?? "";
+      expect([word, meaning.length > 20, meaning === explain(word)?.meaning]).toEqual([word, true, false]);
+      expect(en.explained(word)).toBeNull();
     }
   });
 

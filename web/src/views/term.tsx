@@ -1,5 +1,7 @@
 import { useId, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { explain, pieces, type Word } from "../glossary";
+import { spoken, type Language } from "../language";
+import { strings } from "../strings";
 
 /** A text with its words explained where they stand. */
 export function Explained({ text }: { text: string }) {
@@ -28,7 +30,8 @@ function Term({ word }: { word: Word }) {
   const [why, set] = useState(SHUT);
   const id = useId();
   const around = useRef<HTMLSpanElement>(null);
-  const entry = explain(word);
+  const glossary = explain(word);
+  const translated = strings.explained(word);
   const open = why.hovered || why.focused || why.held;
   const shut = () => set(SHUT);
   const press = () => (why.held ? shut() : set({ ...why, held: true }));
@@ -44,7 +47,7 @@ function Term({ word }: { word: Word }) {
       document.removeEventListener("keydown", escape);
     };
   }, [open]);
-  if (!entry) return <>{word}</>;
+  if (!glossary) return <>{word}</>;
   return (
     <span
       ref={around}
@@ -69,13 +72,14 @@ function Term({ word }: { word: Word }) {
       >
         {word}
       </span>
-      {open && <Meaning id={id} {...entry} />}
+      {open && <Meaning id={id} lang={translated ? spoken.language : "en"} {...glossary} {...translated} />}
     </span>
   );
 }
 
 interface MeaningProps {
   id: string;
+  lang: Language;
   term: string;
   symbol: string;
   name: string;
@@ -86,7 +90,7 @@ interface MeaningProps {
 const EDGE = 8;
 
 /** Above everything, by the word. */
-function Meaning({ id, term, symbol, name, meaning }: MeaningProps) {
+function Meaning({ id, lang, term, symbol, name, meaning }: MeaningProps) {
   const box = useRef<HTMLSpanElement>(null);
   useLayoutEffect(() => {
     const element = box.current;
@@ -111,7 +115,7 @@ function Meaning({ id, term, symbol, name, meaning }: MeaningProps) {
     };
   }, []);
   return (
-    <span ref={box} id={id} class="meaning" role="tooltip" popover="manual" lang="en">
+    <span ref={box} id={id} class="meaning" role="tooltip" popover="manual" lang={lang}>
       <b>{symbol === term ? term : `${term} (${symbol})`}:</b> {meaning} {name && <code>{name}</code>}
     </span>
   );

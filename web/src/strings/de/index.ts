@@ -4,6 +4,7 @@ import type { strings as english } from "../en";
 import { axis, byHand, lease, shell } from "./bench";
 import { camera } from "./camera";
 import { design } from "./design";
+import { explained } from "./explained";
 import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
@@ -36,6 +37,7 @@ export const strings: typeof english = {
   job,
   plan,
   prompt,
+  explained,
   steps,
   setUp,
   form,

@@ -3,6 +3,7 @@
 import { axis, byHand, lease, shell } from "./bench";
 import { camera } from "./camera";
 import { design } from "./design";
+import { explained } from "./explained";
 import { faults } from "./faults";
 import { frame, signIn, stop } from "./frame";
 import { history } from "./history";
@@ -35,6 +36,7 @@ export const strings = {
   job,
   plan,
   prompt,
+  explained,
   steps,
   setUp,
   form,
