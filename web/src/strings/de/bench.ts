@@ -41,7 +41,7 @@ export const axis: typeof en.axis = {
 export const byHand: typeof en.byHand = {
   title: "Handbetrieb",
   home: "Ref.",
-  homeMore: (axis) => `${axis}: Referenzfahrt`,
+  homeMore: (axis) => `Ref. anfahren: ${axis}`,
   step: "Schritt",
   stepBy: (axis, step) => `${axis} um ${step} verfahren`,
   hold: {

@@ -42,7 +42,7 @@ export const design: typeof en.design = {
     "mla.array": "Raster",
     "mla.pitch_mm": "Teilung D_MLA",
     "mla.focal_length_mm": "Brennweite f_MLA",
-    "mla.angular_resolution": "Winkelauflösung N",
+    "mla.angular_resolution": "Winkel\u00adauflösung N",
     "sensor.pixel_um": "Pixel",
     "sensor.width_px": "Breite",
     "sensor.height_px": "Höhe",

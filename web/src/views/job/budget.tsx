@@ -24,7 +24,7 @@ export function BudgetTable({ budget, unit }: { budget: Budget; unit: LengthUnit
       </p>
       <details>
         <summary>{words.title}</summary>
-        <div class="table" tabIndex={0} role="region" aria-label={words.title}>
+        <div class="table budget" tabIndex={0} role="region" aria-label={words.title}>
           <table>
             <thead>
               <tr>
