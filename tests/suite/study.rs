@@ -243,7 +243,7 @@ fn what_is_asked_wrongly_is_refused_before_any_work() {
         (&["--benches", "100001"], "1..=100000"),
         (&["--quick", "merge"], "cannot be used with"),
         (&["merge"], "study/parts: No such file"),
-        (&["status"], "study/parts: No such file"),
+        (&["status"], "study: no part of a study has been begun here"),
         (&["merge", "."], "there is no part-K-of-N.json"),
     ] {
         let output = study(folder.path(), arguments);

@@ -86,6 +86,9 @@ struct Study {
 /// [`StudyError::Folder`].
 pub fn status(study: &Path) -> Result<(Vec<Status>, Vec<StudyError>), StudyError> {
     let folder = Part::folder(study);
+    if !folder.exists() {
+        return Ok(Default::default());
+    }
     let before = lengths(&folder)?;
     let begun = Instant::now();
     while begun.elapsed() < PATIENCE && lengths(&folder)?.iter().any(|(path, length)| before.get(path) == Some(length))

@@ -71,17 +71,25 @@ impl Cluster {
         self.shell(&format!("squeue --noheader --states=all --jobs={job} --format=%T"))
     }
 
-    /// Waits for a job, or every task of one, to come to an end, and says how each ended.
+    /// Waits for a job, or every task of one, to come to an end, for as long as anything moves, and says how each ended.
     pub(super) fn ended(&self, job: &str) -> Vec<String> {
-        until_blocking(&format!("job {job} ends"), || {
-            let states: Vec<String> = self.state(job).lines().map(str::to_owned).collect();
-            let goes_on = ["PENDING", "CONFIGURING", "RUNNING", "COMPLETING", "REQUEUED", "SUSPENDED"];
-            if states.iter().any(|state| goes_on.contains(&state.as_str())) {
-                Err(states.join(" "))
-            } else {
-                Ok(states)
+        loop {
+            let before = self.moved(job);
+            let now = until_blocking(&format!("job {job} goes on"), || {
+                let now = self.moved(job);
+                if now != before || has_ended(&now.0) { Ok(now) } else { Err(now.0.join(" ")) }
+            });
+            if has_ended(&now.0) {
+                return now.0;
             }
-        })
+        }
+    }
+
+    /// What changes while a job is worked on: its tasks' states, and how much there is of the parts.
+    fn moved(&self, job: &str) -> (Vec<String>, u64) {
+        let parts = fs::read_dir(self.home.path().join("study/parts")).into_iter().flatten().flatten();
+        let lengths = parts.filter_map(|file| file.metadata().ok()).map(|file| file.len());
+        (self.state(job).lines().map(str::to_owned).collect(), lengths.sum())
     }
 
     /// What a task of an array has said.
@@ -143,6 +151,12 @@ impl Cluster {
         };
         fs::read_dir("/proc").unwrap().map(|entry| entry.unwrap().path()).filter(is_own).collect()
     }
+}
+
+/// Whether none of these states is one of a job that goes on.
+fn has_ended(states: &[String]) -> bool {
+    let go_on = ["PENDING", "CONFIGURING", "RUNNING", "COMPLETING", "REQUEUED", "SUSPENDED"];
+    !states.iter().any(|state| go_on.contains(&state.as_str()))
 }
 
 /// Where a node finds the program, and Slurm's.

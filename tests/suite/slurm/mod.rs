@@ -186,8 +186,11 @@ fn on_a_full_disk() {
         let variables = format!("STUDY_ARGS='{study_args}' SHARDS=2 FIRST=1 OUT={out}");
         cluster.shell(&format!("{variables} sbatch --parsable --array={task} deploy/batch/slurm-parts.sh"))
     };
-    let (good, full) = (part("study", 1), part("small", 2));
-    assert_eq!(cluster.ended(&good), ["COMPLETED"]);
+    // One part twice at the same time, as after a node that was only thought to be lost.
+    let (good, twice, full) = (part("study", 1), part("study", 1), part("small", 2));
+    for array in [good, twice] {
+        assert_eq!(cluster.ended(&array), ["COMPLETED"], "{}", cluster.log(&array, 1));
+    }
     assert_eq!(cluster.ended(&full), ["FAILED"]);
     let log = cluster.log(&full, 2);
     assert!(log.contains("No space left on device") && log.contains("; make room there and give the same"), "{log}");
