@@ -10,6 +10,14 @@
 set -euo pipefail
 . "$(dirname "$0")/../daemon.sh"
 
+if [[ -n ${FULL:-} ]]; then
+  mkdir -p "$FULL"
+  mount -t tmpfs -o size=1m tmpfs "$FULL"
+  # Root of a user namespace may not drop its groups, as Slurm's daemons do where they are root: nobody need not.
+  if [[ $(</proc/self/setgroups) == deny ]]; then
+    exec env --unset=FULL unshare --map-user=65534 --map-group=65534 -- "$0" "$@"
+  fi
+fi
 folder=$(realpath "$1")
 shift
 # Debian has the daemons where only root looks.
@@ -79,10 +87,6 @@ CONF
 mkdir -p "$folder"/{state,node1,node2}
 (umask 077 && head -c 128 /dev/urandom >"$folder/munge.key")
 trap finish EXIT
-if [[ -n ${FULL:-} ]]; then
-  mkdir -p "$FULL"
-  mount -t tmpfs -o size=1m tmpfs "$FULL"
-fi
 munged --force --key-file="$folder/munge.key" --socket="$folder/munge.socket" --pid-file="$folder/munged.pid" \
   --log-file="$folder/munged.log" --seed-file="$folder/munge.seed"
 slurmctld -c
