@@ -28,7 +28,7 @@ done
 
 finish() {
   local file
-  # The tasks of the nodes, by the folder that their keepers were told.
+  # Tasks first: they outlive the daemon of their node.
   scancel --user="$(id -un)" 2>/dev/null || true
   wait_for no_tasks || true
   for file in "$folder"/{node1,node2,slurmctld,munged}.pid; do
