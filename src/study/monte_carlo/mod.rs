@@ -4,7 +4,7 @@
 //! ```text
 //!   shard.rs   which of how many parts
 //!   part.rs    the file that holds what a part's items came to
-//!   journal.rs what a part has finished while it is not whole
+//!   journal/   what a part has finished while it is not whole
 //!   status.rs  which parts are done, running, missing, and how long the rest takes
 //!   merge.rs   parts to the outcomes of all items
 //!   exact.rs   numbers in these files, to the last bit

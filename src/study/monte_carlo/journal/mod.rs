@@ -1,72 +1,27 @@
 //! What a part has finished while it is not whole: each attempt at it keeps its benches in a file of its own, so that the
 //! next one goes on from there. Assemblies are not kept: to work one out takes less than to write it down.
-//!
-//! A file is lines of a checksum and JSON: first what the part is made from, then benches as they are finished. A line that
-//! is torn fails its checksum, and its bench is done again.
+
+mod file;
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{ErrorKind, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
-use uuid::Uuid;
-
-use super::part::{Origin, failed};
+use self::file::{Finished, Head, line, new_path};
+pub(super) use self::file::{in_folder, read};
+use super::part::failed;
 use super::{Part, Shard};
 use crate::config::Config;
 use crate::study::loops::BenchOutcome;
 use crate::study::{StudyError, StudyOptions};
 
-/// What says that a file is a journal.
-const FORMAT: &str = "plenalign-study-journal";
-/// The version of the file's layout; it rises with every change of it.
-const FORMAT_VERSION: u64 = 1;
-/// How the names of journals end.
-const ENDING: &str = ".journal";
 /// How often a journal grows while its part is worked out, also where nothing was finished: whoever looks twice sees from
 /// that alone, without any clock, that somebody is at work.
 pub(super) const BEAT: Duration = Duration::from_secs(3);
-
-/// What an attempt is at.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Head {
-    format: String,
-    format_version: u64,
-    pub(super) shard: Shard,
-    pub(super) origin: Origin,
-    /// How many benches the study has.
-    pub(super) benches: u64,
-    /// How many assemblies the study has.
-    pub(super) assemblies: u64,
-}
-
-/// A finished bench.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Finished {
-    bench: u64,
-    /// Wall time since the attempt began, s.
-    seconds: f64,
-    outcome: BenchOutcome,
-}
-
-/// What a journal holds that can be believed.
-#[derive(Debug)]
-pub(super) struct Kept {
-    pub(super) head: Head,
-    /// The finished benches, by their indices.
-    pub(super) benches: BTreeMap<u64, BenchOutcome>,
-    /// Wall time that they took, s.
-    pub(super) seconds: f64,
-    /// Lines that were not believed.
-    pub(super) torn: usize,
-}
 
 /// The journal of an attempt at a part, and what earlier attempts have finished.
 #[derive(Debug)]
@@ -99,14 +54,7 @@ impl Journal {
     /// # Errors
     /// [`StudyError::Folder`].
     pub fn open(study: &Path, config: &Config, options: StudyOptions, shard: Shard) -> Result<Self, StudyError> {
-        let head = Head {
-            format: FORMAT.to_owned(),
-            format_version: FORMAT_VERSION,
-            shard,
-            origin: Origin::of(config, options),
-            benches: options.counts.benches,
-            assemblies: options.counts.assemblies,
-        };
+        let head = Head::of(config, options, shard);
         let folder = Part::folder(study);
         fs::create_dir_all(&folder).map_err(failed(&folder))?;
         let (mut benches, mut seconds, mut torn) = (BTreeMap::new(), 0.0, 0);
@@ -122,7 +70,7 @@ impl Journal {
                 None => torn += 1,
             }
         }
-        let path = folder.join(format!("{}.{}{ENDING}", stem(shard), Uuid::now_v7()));
+        let path = new_path(&folder, shard);
         let text = serde_json::to_string(&head).map_err(|error| failed(&path)(error.into()))?;
         let first_line = line("", &text);
         let opened = File::create(&path)
@@ -251,75 +199,6 @@ impl State {
         self.pending.clear();
         Ok(())
     }
-}
-
-/// The journals in a folder, of one part or of all, by their names.
-pub(super) fn in_folder(folder: &Path, shard: Option<Shard>) -> Result<Vec<PathBuf>, StudyError> {
-    let begin = shard.map_or_else(|| "part-".to_owned(), |shard| format!("{}.", stem(shard)));
-    let mut paths = Vec::new();
-    for entry in fs::read_dir(folder).map_err(failed(folder))? {
-        let path = entry.map_err(failed(folder))?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if name.starts_with(&begin) && name.ends_with(ENDING) {
-            paths.push(path);
-        }
-    }
-    paths.sort();
-    Ok(paths)
-}
-
-/// Reads a journal; `None` for one that does not say what it is of, or that is not there any more.
-///
-/// # Errors
-/// [`StudyError::Folder`].
-pub(super) fn read(path: &Path) -> Result<Option<Kept>, StudyError> {
-    let bytes = match fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(failed(path)(source)),
-    };
-    let text = String::from_utf8_lossy(&bytes);
-    let mut lines = text.split_inclusive('\n');
-    let first_line = lines.next().unwrap_or_default();
-    let head = believed("", first_line).and_then(|text| serde_json::from_str::<Head>(text).ok());
-    let Some(head) = head.filter(|head| head.format == FORMAT && head.format_version == FORMAT_VERSION) else {
-        return Ok(None);
-    };
-    let share = head.shard.range(head.benches);
-    let mut kept = Kept { head, benches: BTreeMap::new(), seconds: 0.0, torn: 0 };
-    // A line that says nothing is a beat.
-    for line in lines.filter(|line| *line != "\n") {
-        let finished = believed(first_line, line).and_then(|text| serde_json::from_str::<Finished>(text).ok());
-        match finished.filter(|finished| share.contains(&finished.bench)) {
-            Some(finished) => {
-                kept.seconds = finished.seconds.max(kept.seconds);
-                kept.benches.insert(finished.bench, finished.outcome);
-            }
-            None => kept.torn += 1,
-        }
-    }
-    Ok(Some(kept))
-}
-
-/// What the name of a part's journal begins with, as that of the part.
-fn stem(shard: Shard) -> String {
-    format!("part-{}-of-{}", shard.number(), shard.of())
-}
-
-/// A line of a journal with this first line; that one's own has none before it.
-fn line(first_line: &str, text: &str) -> String {
-    format!("{} {text}\n", checksum(first_line, text))
-}
-
-/// What a line says, where it is whole.
-fn believed<'l>(first_line: &str, line: &'l str) -> Option<&'l str> {
-    let (sum, text) = line.strip_suffix('\n')?.split_once(' ')?;
-    (sum == checksum(first_line, text)).then_some(text)
-}
-
-fn checksum(first_line: &str, text: &str) -> String {
-    let sum = Sha256::new().chain_update(first_line).chain_update(text).finalize();
-    sum.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]
