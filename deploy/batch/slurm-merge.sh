@@ -1,5 +1,6 @@
 #!/bin/bash
 #SBATCH --job-name=plenalign-study-merge
+#SBATCH --comment="the report of a study's merged parts"
 #SBATCH --cpus-per-task=4
 #SBATCH --mem=4G
 #SBATCH --time=04:00:00
@@ -9,4 +10,6 @@
 # that array, and with the same CONFIG and OUT. docs/study.md says how.
 set -euo pipefail
 
+# A thread for each processor that it is given.
+export RAYON_NUM_THREADS=${SLURM_CPUS_PER_TASK:-0}
 exec plenalign study merge ${CONFIG:+--config "$CONFIG"} --out "${OUT:-study}"

@@ -1,10 +1,13 @@
 #!/bin/bash
 #SBATCH --job-name=plenalign-study-parts
+#SBATCH --comment="one part of a study's Monte Carlos"
 #SBATCH --array=1-8
 #SBATCH --cpus-per-task=4
 #SBATCH --mem=4G
 #SBATCH --time=04:00:00
+#SBATCH --requeue
 #SBATCH --output=%x-%A_%a.log
+#SBATCH --open-mode=append
 #
 # The study's Monte Carlos in parts, as a Slurm array: each task works out one part and leaves it in a folder that all of
 # them share. slurm-merge.sh puts the parts together. docs/study.md says how both are submitted.
@@ -16,13 +19,19 @@
 #                 parts 3 and 7 of 8 again, SHARDS=8 FIRST=1 sbatch --array=3,7 slurm-parts.sh
 set -euo pipefail
 
-if [[ -z ${SLURM_ARRAY_TASK_ID:-} ]]; then
-  echo "slurm-parts: not a task of an array; submit it: sbatch --array=1-8 slurm-parts.sh" >&2
-  exit 2
-fi
-shards=${SHARDS:-$SLURM_ARRAY_TASK_COUNT}
-# An array may be counted from 0 or from 1, and parts are counted from 1.
-number=$((SLURM_ARRAY_TASK_ID - ${FIRST:-$SLURM_ARRAY_TASK_MIN} + 1))
 read -ra study_args <<<"${STUDY_ARGS:-}"
+if [[ -n ${SHARDS:-}${FIRST:-} ]]; then
+  : "${SHARDS:?how many parts there are, such as SHARDS=8: it goes with FIRST}"
+  : "${FIRST:?the index of the first part, FIRST=0 or FIRST=1: it goes with SHARDS}"
+  # As in the array that has all the parts.
+  export SLURM_ARRAY_TASK_COUNT=$SHARDS SLURM_ARRAY_TASK_STEP=1
+  export SLURM_ARRAY_TASK_MIN=$FIRST SLURM_ARRAY_TASK_MAX=$((FIRST + SHARDS - 1))
+fi
+if [[ -n ${SLURM_ARRAY_TASK_ID:-} ]]; then
+  # For squeue; what it shows is no reason not to work. By the array's number: the last task's own is that of all.
+  part="index $SLURM_ARRAY_TASK_ID of $SLURM_ARRAY_TASK_MIN-$SLURM_ARRAY_TASK_MAX"
+  scontrol update JobId="${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID" Comment="part of a study, $part, into ${OUT:-study}" || true
+fi
 
-exec plenalign study ${CONFIG:+--config "$CONFIG"} --out "${OUT:-study}" --shard "$number/$shards" "${study_args[@]}"
+# In this shell's place, so that it gets the signal at the time limit.
+exec plenalign study ${CONFIG:+--config "$CONFIG"} --out "${OUT:-study}" --shard slurm "${study_args[@]}"

@@ -40,11 +40,12 @@ mod studio;
 mod table_2;
 mod two_fish;
 
+use std::io::ErrorKind;
 use std::time::Instant;
 
 pub use archive::Archive;
 pub use chapter::{Chapter, Chart, Curve, Finding, Picture, Table, Verdict};
-pub use monte_carlo::{Counts, Merged, Part, Shard, merge};
+pub use monte_carlo::{Counts, Journal, Merged, Part, PartStatus, Shard, State, Status, merge, status};
 pub use report::{csv, html};
 
 use crate::config::Config;
@@ -80,7 +81,7 @@ pub enum StudyError {
         why: String,
     },
     /// The study's folder cannot be used.
-    #[error("{path}: {source}")]
+    #[error("{path}: {source}{}", room(source))]
     Folder {
         /// The file or folder.
         path: String,
@@ -106,6 +107,16 @@ pub enum StudyError {
     /// Parts that are not the whole.
     #[error("the parts cannot be merged: {0}")]
     Merge(String),
+}
+
+/// What is to be done where a file finds no room.
+fn room(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            "; make room there and give the same command again: it goes on from what is finished"
+        }
+        _ => "",
+    }
 }
 
 impl StudyError {
@@ -141,6 +152,8 @@ struct Desk<'a> {
     watch: &'a dyn Watch,
     /// What the Monte Carlos came to, where others have worked it out.
     merged: Option<&'a Merged>,
+    /// What is finished of a part, and where the rest is kept.
+    journal: Option<&'a Journal>,
 }
 
 type Write = fn(&Desk<'_>) -> Result<Chapter, StudyError>;
@@ -168,7 +181,7 @@ pub fn run(
     archive: &Archive,
     watch: &dyn Watch,
 ) -> Result<Vec<Chapter>, StudyError> {
-    chapters(&Desk { config, options, watch, merged: None }, archive)
+    chapters(&Desk { config, options, watch, merged: None, journal: None }, archive)
 }
 
 /// Runs the study that parts were made of: the Monte Carlos' chapters are made of these, the others as by [`run`].
@@ -181,24 +194,33 @@ pub fn run_merged(
     archive: &Archive,
     watch: &dyn Watch,
 ) -> Result<Vec<Chapter>, StudyError> {
-    chapters(&Desk { config, options: merged.options(), watch, merged: Some(merged) }, archive)
+    chapters(&Desk { config, options: merged.options(), watch, merged: Some(merged), journal: None }, archive)
 }
 
-/// Works out one part of the Monte Carlos, and nothing else.
+/// Works out one part of the Monte Carlos, and nothing else: what its journal has is taken from there, and what is finished
+/// is kept in it.
 ///
 /// # Errors
-/// [`StudyError`].
-pub fn run_part(config: &Config, options: StudyOptions, shard: Shard, watch: &dyn Watch) -> Result<Part, StudyError> {
-    let desk = Desk { config, options, watch, merged: None };
+/// [`StudyError`]; the benches finished until then are in the journal.
+pub fn run_part(
+    config: &Config,
+    options: StudyOptions,
+    journal: &Journal,
+    watch: &dyn Watch,
+) -> Result<Part, StudyError> {
+    let shard = journal.shard();
+    let desk = Desk { config, options, watch, merged: None, journal: Some(journal) };
     let begin = |number: usize, name: &str| {
         let title = CHAPTERS.iter().find(|chapter| chapter.0 == name).map_or(name, |chapter| chapter.1);
         watch.chapter(number, 2, title, Source::Made);
     };
-    begin(1, "loops");
-    let benches = loops::judge(&desk, shard.range(options.counts.benches))?;
-    begin(2, "assembly");
-    let assemblies = assembly::judge(&desk, shard.range(options.counts.assemblies))?;
-    Ok(Part::new(config, options, shard, benches, assemblies))
+    journal.beating(|| {
+        begin(1, "loops");
+        let benches = loops::judge(&desk, shard.range(options.counts.benches))?;
+        begin(2, "assembly");
+        let assemblies = assembly::judge(&desk, shard.range(options.counts.assemblies))?;
+        Ok(Part::new(config, options, shard, benches, assemblies))
+    })
 }
 
 fn chapters(desk: &Desk<'_>, archive: &Archive) -> Result<Vec<Chapter>, StudyError> {

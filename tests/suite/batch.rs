@@ -1,4 +1,4 @@
-//! The files for batch engines in `deploy/batch`: their commands, run by hand as the engines would run them.
+//! The files for Kubernetes in `deploy/batch`: their commands, run by hand as it would run them.
 
 // Helpers of tests may panic as tests do.
 #![allow(clippy::unwrap_used)]
@@ -97,41 +97,6 @@ fn kubernetes_pods_do_every_part_and_merge_them() {
         said(&ready(&job).env("JOB_COMPLETION_INDEX", index).output().unwrap());
     }
     said(&ready(&of_kind(&merge, "Job")).output().unwrap());
-    let results = results(folder.path());
-    assert_eq!((&results["benches"], &results["assemblies"]), (&2.into(), &200.into()));
-}
-
-#[test]
-fn slurm_tasks_do_every_part_and_merge_them() {
-    let folder = with_chapters(&["loops", "assembly"]);
-    let task = |variables: &[(&str, &str)]| {
-        let mut command = bare("/bin/bash", folder.path());
-        command.arg(file("slurm-parts.sh")).env("STUDY_ARGS", STUDY_ARGS).envs(variables.iter().copied());
-        command.output().unwrap()
-    };
-    let array = |id: &str, least: &str| {
-        let variables = [("SLURM_ARRAY_TASK_ID", id), ("SLURM_ARRAY_TASK_COUNT", "2"), ("SLURM_ARRAY_TASK_MIN", least)];
-        said(&task(&variables))
-    };
-    for (id, least, part, again) in [
-        ("1", "1", "1-of-2", false),
-        ("2", "1", "2-of-2", false),
-        ("0", "0", "1-of-2", true),
-        ("1", "0", "2-of-2", true),
-    ] {
-        let said = array(id, least);
-        assert!(said.contains(&format!("study/parts/part-{part}.json")), "{said}");
-        assert_eq!(said.contains("there from an earlier run"), again, "{said}");
-    }
-    // One task of them again, in an array of its own.
-    let variables = [("SLURM_ARRAY_TASK_ID", "2"), ("SLURM_ARRAY_TASK_COUNT", "1"), ("SLURM_ARRAY_TASK_MIN", "2")];
-    let said_again = said(&task(&[&variables[..], &[("SHARDS", "2"), ("FIRST", "1")]].concat()));
-    assert!(said_again.contains("part-2-of-2.json (there from an earlier run)"), "{said_again}");
-    let alone = task(&[]);
-    assert_eq!(alone.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&alone.stderr).contains("sbatch --array=1-8"));
-
-    said(&bare("/bin/bash", folder.path()).arg(file("slurm-merge.sh")).output().unwrap());
     let results = results(folder.path());
     assert_eq!((&results["benches"], &results["assemblies"]), (&2.into(), &200.into()));
 }

@@ -74,6 +74,7 @@ mod reset;
 mod retention;
 mod second_renderer;
 mod shutdown;
+mod slurm;
 mod smear;
 mod soak;
 mod spacing;

@@ -5,15 +5,19 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
-use std::io::{BufRead as _, BufReader};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use serde_json::Value;
 
+use super::until::until_blocking;
+
 /// What the shards make, and merge takes from them.
-const MONTE_CARLOS: [&str; 2] = ["loops", "assembly"];
+pub(super) const MONTE_CARLOS: [&str; 2] = ["loops", "assembly"];
 
 /// `plenalign study`, run in a folder, where its own folder is `study`.
 pub(super) fn study(folder: &Path, arguments: &[&str]) -> Output {
@@ -27,7 +31,7 @@ fn command(folder: &Path, arguments: &[&str]) -> Command {
 }
 
 /// What it says on standard error, after it ended well.
-fn told(output: &Output) -> String {
+pub(super) fn told(output: &Output) -> String {
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{told}");
     told
@@ -175,31 +179,49 @@ fn merged_parts_are_the_whole_study() {
 }
 
 #[test]
-fn an_interrupted_part_is_begun_again_and_a_finished_one_kept() {
+fn an_interrupted_part_goes_on_and_a_finished_one_is_kept() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = ["--quick", "--benches", "2", "--assemblies", "9000", "--shard", "2/2", "--json"];
-    let mut interrupted =
-        command(folder.path(), &arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-    // It says what it has begun with.
-    let mut begun = String::new();
-    BufReader::new(interrupted.stderr.as_mut().unwrap()).read_line(&mut begun).unwrap();
-    interrupted.kill().unwrap();
-    assert!(!interrupted.wait().unwrap().success());
+    let arguments = ["--quick", "--benches", "4", "--assemblies", "9000", "--shard", "2/2", "--json"];
+    let status = || -> Value {
+        let output = study(folder.path(), &["status", "--json"]);
+        told(&output);
+        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+        said["studies"][0]["parts"][0].clone()
+    };
+    let mut interrupted = command(folder.path(), &arguments);
+    // With one thread it is at its second bench when the first is finished.
+    interrupted.env("RAYON_NUM_THREADS", "1").stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut interrupted = interrupted.spawn().unwrap();
+    let journal = until_blocking("a bench is finished", || {
+        let mut files = fs::read_dir(folder.path().join("study/parts")).ok()?;
+        let path = files.next()?.unwrap().path();
+        fs::read_to_string(&path).unwrap().contains("\"outcome\"").then_some(path)
+    });
+    kill(Pid::from_raw(i32::try_from(interrupted.id()).unwrap()), Signal::SIGTERM).unwrap();
+    let mut why = String::new();
+    interrupted.stderr.take().unwrap().read_to_string(&mut why).unwrap();
+    assert_eq!(interrupted.wait().unwrap().code(), Some(143));
+    assert!(why.contains("ended by a signal: 1 of 2 benches of part 2/2 are kept"), "{why}");
     let path = folder.path().join("study/parts/part-2-of-2.json");
-    assert!(!path.exists());
+    assert!(!path.exists() && journal.exists());
+    let interrupted = status();
+    assert_eq!((&interrupted["state"], &interrupted["benches_finished"]), (&"interrupted".into(), &1.into()));
 
     let said = |kept: bool| {
         let output = study(folder.path(), &arguments);
-        told(&output);
+        let goes_on = told(&output).contains("1 of 2 benches are there from earlier attempts at part 2/2");
+        assert_eq!(goes_on, !kept);
         let said: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(said["kept"], kept, "{said}");
         assert_eq!(said["part"], "study/parts/part-2-of-2.json");
-        assert_eq!(said["benches"], serde_json::json!({ "first": 1, "end": 2 }));
+        assert_eq!(said["benches"], serde_json::json!({ "first": 2, "end": 4 }));
         assert_eq!(said["assemblies"], serde_json::json!({ "first": 4500, "end": 9000 }));
         fs::read(&path).unwrap()
     };
     let first = said(false);
     assert!(said(true) == first);
+    assert!(!journal.exists());
+    assert_eq!(status()["state"], "done");
     let part: Value = serde_json::from_slice(&first).unwrap();
     assert_eq!(part["format"], "plenalign-study-part");
     assert_eq!(part["assemblies"]["outcomes"].as_array().unwrap().len(), 4500);
@@ -216,10 +238,12 @@ fn what_is_asked_wrongly_is_refused_before_any_work() {
     for (arguments, says) in [
         (&["--shard", "5/4"][..], "there is no part 5 of 4"),
         (&["--shard", "0/4"], "counted from 1"),
+        (&["--shard", "slurm"], "SLURM_ARRAY_TASK_ID is not set: --shard slurm is for a task of an array"),
         (&["--assemblies", "0"], "1..=10000000"),
         (&["--benches", "100001"], "1..=100000"),
         (&["--quick", "merge"], "cannot be used with"),
         (&["merge"], "study/parts: No such file"),
+        (&["status"], "study: no part of a study has been begun here"),
         (&["merge", "."], "there is no part-K-of-N.json"),
     ] {
         let output = study(folder.path(), arguments);

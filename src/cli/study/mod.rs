@@ -5,12 +5,14 @@ mod merge;
 mod part;
 mod progress;
 mod report;
+mod slurm;
+mod status;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::Context;
-use crate::study::{self, Archive, Counts, Shard, StudyOptions};
+use crate::study::{self, Archive, Counts, StudyOptions};
 
 /// Arguments of `plenalign study`.
 #[derive(Debug, clap::Args)]
@@ -26,6 +28,8 @@ pub(super) struct Args {
 enum Action {
     /// Put the parts that `--shard` made together, and write the study's report with them.
     Merge(merge::Args),
+    /// Say which parts are done, running, interrupted and missing, and how long the rest takes.
+    Status(status::Args),
 }
 
 #[derive(Debug, clap::Args)]
@@ -50,22 +54,25 @@ struct StudyArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=Counts::MOST_BENCHES))]
     benches: Option<u64>,
     /// Only work out the K-th of N parts of the Monte Carlos (assemblies and benches), counted from 1, into DIR/parts;
-    /// `plenalign study merge` puts the parts together.
-    #[arg(long, value_name = "K/N")]
-    shard: Option<Shard>,
+    /// `plenalign study merge` puts the parts together. A part that was interrupted goes on from the benches that are
+    /// finished. `slurm` is the part of this task of a Slurm array, with a thread for each processor that it was given.
+    #[arg(long, value_name = "K/N|slurm")]
+    shard: Option<part::Asked>,
 }
 
 pub(super) fn run(context: &Context, args: Args) -> anyhow::Result<ExitCode> {
     let (action, args) = (args.action, args.study);
-    if let Some(Action::Merge(args)) = action {
-        return merge::run(context, &args);
+    match action {
+        Some(Action::Merge(args)) => return merge::run(context, &args),
+        Some(Action::Status(args)) => return status::run(&args),
+        None => {}
     }
     let mut options = StudyOptions::new(args.quick, args.seed);
     options.counts.assemblies = args.assemblies.unwrap_or(options.counts.assemblies);
     options.counts.benches = args.benches.unwrap_or(options.counts.benches);
     let bar = progress::Bar::new();
-    if let Some(shard) = args.shard {
-        return part::run(context, options, shard, &args.out, args.json, &bar);
+    if let Some(asked) = args.shard {
+        return part::run(context, options, asked, &args.out, args.json, &bar);
     }
     let archive = Archive::open(&args.out, &context.config, options)?;
     let chapters = study::run(&context.config, options, &archive, &bar)?;

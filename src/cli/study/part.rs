@@ -3,31 +3,68 @@
 use std::ops::Range;
 use std::path::Path;
 use std::process::ExitCode;
+use std::str::FromStr;
+use std::sync::Arc;
 
+use anyhow::Context as _;
 use serde_json::json;
+use tokio::signal::unix::{SignalKind, signal};
 
-use super::Context;
 use super::progress::Bar;
-use crate::study::{self, Part, Shard, StudyOptions};
+use super::{Context, slurm};
+use crate::study::{self, Journal, Part, Shard, StudyOptions};
+
+/// What a shell says of a program that a signal has ended: this, and the signal's number.
+const SIGNALLED: i32 = 128;
+
+/// Which part is asked for.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Asked {
+    /// By its number.
+    Numbered(Shard),
+    /// That of this task of a Slurm array.
+    Slurm,
+}
+
+impl FromStr for Asked {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "slurm" { Ok(Self::Slurm) } else { text.parse().map(Self::Numbered) }
+    }
+}
+
+impl Asked {
+    /// The part; under Slurm with as many threads as this task may have.
+    fn shard(self) -> anyhow::Result<Shard> {
+        if let Self::Numbered(shard) = self {
+            return Ok(shard);
+        }
+        let variable = |name: &str| std::env::var(name).ok();
+        let shard = slurm::shard(&variable)?;
+        if let Some(threads) = slurm::threads(&variable)? {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
+            pool.build_global().context("the threads do not start")?;
+        }
+        Ok(shard)
+    }
+}
 
 pub(super) fn run(
     context: &Context,
     options: StudyOptions,
-    shard: Shard,
+    asked: Asked,
     out: &Path,
     as_json: bool,
     bar: &Bar,
 ) -> anyhow::Result<ExitCode> {
+    let shard = asked.shard()?;
     let path = Part::path(out, shard);
     let kept = Part::kept(&path, &context.config, options, shard)?;
     let was_there = kept.is_some();
     let part = match kept {
         Some(part) => part,
-        None => {
-            let part = study::run_part(&context.config, options, shard, bar)?;
-            part.write(&path)?;
-            part
-        }
+        None => made(context, options, shard, out, bar)?,
     };
     bar.end();
     let [benches, assemblies] = part.ranges();
@@ -51,4 +88,60 @@ pub(super) fn run(
         println!("assemblies       {}", items(&assemblies, options.counts.assemblies));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// The part worked out, from where earlier attempts at it have come to.
+fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar: &Bar) -> anyhow::Result<Part> {
+    let path = Part::path(out, shard);
+    let journal = Arc::new(Journal::open(out, &context.config, options, shard)?);
+    let share = shard.range(options.counts.benches);
+    let benches = share.end - share.start;
+    if journal.found() > 0 {
+        eprintln!("{} of {benches} benches are there from earlier attempts at part {shard}", journal.found());
+    }
+    if journal.torn() > 0 {
+        eprintln!("{} torn lines of earlier attempts are not believed, and their benches done again", journal.torn());
+    }
+    end_with_what_is_finished(Arc::clone(&journal), benches)?;
+    let made = study::run_part(&context.config, options, &journal, bar).and_then(|part| {
+        journal.complete(&part, &path)?;
+        Ok(part)
+    });
+    match made {
+        Ok(part) => Ok(part),
+        // Another task of the same part, which was done before and has taken the journals away.
+        Err(error) => Part::kept(&path, &context.config, options, shard)?.ok_or_else(|| error.into()),
+    }
+}
+
+/// Has a signal that ends the program keep first what is finished.
+fn end_with_what_is_finished(journal: Arc<Journal>, benches: u64) -> anyhow::Result<()> {
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().context("signals cannot be taken")?;
+    let guard = runtime.enter();
+    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    drop(guard);
+    let wait = move || {
+        let kind = runtime.block_on(async {
+            tokio::select! {
+                _ = terminate.recv() => SignalKind::terminate(),
+                _ = interrupt.recv() => SignalKind::interrupt(),
+            }
+        });
+        journal.end(|kept| {
+            match kept {
+                Ok(finished) => eprintln!(
+                    "plenalign: ended by a signal: {finished} of {benches} benches of part {} are kept, and the same \
+                     command goes on from there",
+                    journal.shard()
+                ),
+                Err(error) => {
+                    eprintln!("plenalign: ended by a signal, and what was finished last is not kept: {error}");
+                }
+            }
+            std::process::exit(SIGNALLED + kind.as_raw_value())
+        })
+    };
+    std::thread::Builder::new().name("signals".to_owned()).spawn(wait).context("signals cannot be taken")?;
+    Ok(())
 }

@@ -49,7 +49,7 @@ pub(super) fn write(desk: &Desk<'_>) -> Result<Chapter, StudyError> {
 }
 
 /// Draws the benches of these indices and aligns each by both strategies. What a bench comes to depends on the study's
-/// seed and its own index, and on nothing else.
+/// seed and its own index, and on nothing else: those that the desk's journal has are not aligned again.
 pub(super) fn judge(desk: &Desk<'_>, indices: Range<u64>) -> Result<Block<BenchOutcome>, StudyError> {
     let (config, design) = (desk.config, desk.config.design());
     let pixel = config.pixel_pitch().millimetres();
@@ -57,9 +57,21 @@ pub(super) fn judge(desk: &Desk<'_>, indices: Range<u64>) -> Result<Block<BenchO
     let joint = design.joint(config.assembly.l_bound_mm);
     let medium = Medium::Water { shell: design.shell, e: joint.e, decentre: [0.0; 2] };
     let texel = texel_for(&design, medium, design.object_distance, pixel);
-    monte_carlo::judged(indices, desk.options.counts.benches, desk.watch, |index| {
+    let align = |index: u64| {
         let seed = desk.options.seed.wrapping_add(index);
         let texture = Arc::new(TextureMap::generate(Texture::Natural, texel, seed));
         bench::Bench::draw(&studio, config, texture, seed).align()
-    })
+    };
+    let count = desk.options.counts.benches;
+    let Some(journal) = desk.journal else { return monte_carlo::judged(indices, count, desk.watch, align) };
+    let mut block = monte_carlo::judged(indices, count, desk.watch, |index| match journal.bench(index) {
+        Some(outcome) => Ok(outcome.clone()),
+        None => {
+            let outcome = align(index)?;
+            journal.finish(index, &outcome)?;
+            Ok(outcome)
+        }
+    })?;
+    block.seconds += journal.seconds();
+    Ok(block)
 }

@@ -4,14 +4,18 @@
 //! ```text
 //!   shard.rs   which of how many parts
 //!   part.rs    the file that holds what a part's items came to
+//!   journal/   what a part has finished while it is not whole
+//!   status.rs  which parts are done, running, missing, and how long the rest takes
 //!   merge.rs   parts to the outcomes of all items
-//!   exact.rs   numbers in that file, to the last bit
+//!   exact.rs   numbers in these files, to the last bit
 //! ```
 
 pub(super) mod exact;
+mod journal;
 mod merge;
 mod part;
 mod shard;
+mod status;
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,9 +24,11 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+pub use journal::Journal;
 pub use merge::{Merged, merge};
 pub use part::Part;
 pub use shard::Shard;
+pub use status::{PartStatus, State, Status, status};
 
 use super::{StudyError, Watch};
 

@@ -54,6 +54,12 @@ struct Head {
     format_version: u64,
 }
 
+/// What could not be done with a file or folder.
+pub(super) fn failed(path: &Path) -> impl FnOnce(std::io::Error) -> StudyError {
+    let path = path.display().to_string();
+    move |source| StudyError::Folder { path, source }
+}
+
 impl Origin {
     pub(super) fn of(config: &Config, options: StudyOptions) -> Self {
         let text = serde_json::to_vec(config).unwrap_or_default();
@@ -113,10 +119,9 @@ impl Part {
     /// # Errors
     /// [`StudyError::Folder`].
     pub fn in_folder(folder: &Path) -> Result<Vec<PathBuf>, StudyError> {
-        let failed = |source| StudyError::Folder { path: folder.display().to_string(), source };
         let mut paths = Vec::new();
-        for entry in fs::read_dir(folder).map_err(failed)? {
-            let path = entry.map_err(failed)?.path();
+        for entry in fs::read_dir(folder).map_err(failed(folder))? {
+            let path = entry.map_err(failed(folder))?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             if name.starts_with("part-") && name.ends_with(".json") {
                 paths.push(path);
@@ -132,7 +137,7 @@ impl Part {
     /// [`StudyError::Folder`] for a file that cannot be read, [`StudyError::Part`] for one that is no part.
     pub fn read(path: &Path) -> Result<Self, StudyError> {
         let wrong = |why: String| StudyError::Part { path: path.display().to_string(), why };
-        let text = fs::read(path).map_err(|source| StudyError::Folder { path: path.display().to_string(), source })?;
+        let text = fs::read(path).map_err(failed(path))?;
         let head: Head = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a part: {error}")))?;
         if head.format != FORMAT {
             return Err(wrong(format!("not a part: its format is \"{}\", not \"{FORMAT}\"", head.format)));
@@ -182,10 +187,6 @@ impl Part {
     /// # Errors
     /// [`StudyError::Folder`].
     pub fn write(&self, path: &Path) -> Result<(), StudyError> {
-        let failed = |path: &Path| {
-            let path = path.display().to_string();
-            move |source| StudyError::Folder { path, source }
-        };
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(failed(folder))?;
         }

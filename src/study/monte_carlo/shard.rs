@@ -15,6 +15,11 @@ pub struct Shard {
 }
 
 impl Shard {
+    /// The `number`-th of `of`; both are known to be right.
+    pub(super) const fn new(number: u64, of: u64) -> Self {
+        Self { number, of }
+    }
+
     /// Which one it is, from 1.
     #[must_use]
     pub const fn number(self) -> u64 {

@@ -1,0 +1,150 @@
+//! The file of a journal: lines of a checksum and JSON, first what the part is made from, then benches as they are finished.
+//! A line that is torn fails its checksum, and is not believed.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+use uuid::Uuid;
+
+use crate::config::Config;
+use crate::study::loops::BenchOutcome;
+use crate::study::monte_carlo::Shard;
+use crate::study::monte_carlo::part::{Origin, failed};
+use crate::study::{StudyError, StudyOptions};
+
+/// What says that a file is a journal.
+const FORMAT: &str = "plenalign-study-journal";
+/// The version of the file's layout; it rises with every change of it.
+const FORMAT_VERSION: u64 = 1;
+/// How the names of journals end.
+const ENDING: &str = ".journal";
+/// What an attempt is at.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(in crate::study::monte_carlo) struct Head {
+    format: String,
+    format_version: u64,
+    pub(in crate::study::monte_carlo) shard: Shard,
+    pub(in crate::study::monte_carlo) origin: Origin,
+    /// How many benches the study has.
+    pub(in crate::study::monte_carlo) benches: u64,
+    /// How many assemblies the study has.
+    pub(in crate::study::monte_carlo) assemblies: u64,
+}
+
+impl Head {
+    /// That of a part of a study.
+    pub(super) fn of(config: &Config, options: StudyOptions, shard: Shard) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            format_version: FORMAT_VERSION,
+            shard,
+            origin: Origin::of(config, options),
+            benches: options.counts.benches,
+            assemblies: options.counts.assemblies,
+        }
+    }
+}
+
+/// A finished bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Finished {
+    pub(super) bench: u64,
+    /// Wall time since the attempt began, s.
+    pub(super) seconds: f64,
+    pub(super) outcome: BenchOutcome,
+}
+
+/// What a journal holds that can be believed.
+#[derive(Debug)]
+pub(in crate::study::monte_carlo) struct Kept {
+    pub(in crate::study::monte_carlo) head: Head,
+    /// The finished benches, by their indices.
+    pub(in crate::study::monte_carlo) benches: BTreeMap<u64, BenchOutcome>,
+    /// Wall time that they took, s.
+    pub(in crate::study::monte_carlo) seconds: f64,
+    /// Lines that were not believed.
+    pub(in crate::study::monte_carlo) torn: usize,
+}
+
+/// The journals in a folder, of one part or of all, by their names.
+pub(in crate::study::monte_carlo) fn in_folder(
+    folder: &Path,
+    shard: Option<Shard>,
+) -> Result<Vec<PathBuf>, StudyError> {
+    let begin = shard.map_or_else(|| "part-".to_owned(), |shard| format!("{}.", stem(shard)));
+    let mut paths = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed(folder))? {
+        let path = entry.map_err(failed(folder))?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with(&begin) && name.ends_with(ENDING) {
+            paths.push(path);
+        }
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+/// A name for another journal of a part.
+pub(super) fn new_path(folder: &Path, shard: Shard) -> PathBuf {
+    folder.join(format!("{}.{}{ENDING}", stem(shard), Uuid::now_v7()))
+}
+
+/// Reads a journal; `None` for one that does not say what it is of, or that is not there any more.
+///
+/// # Errors
+/// [`StudyError::Folder`].
+pub(in crate::study::monte_carlo) fn read(path: &Path) -> Result<Option<Kept>, StudyError> {
+    let bytes = match fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(failed(path)(source)),
+    };
+    let text = String::from_utf8_lossy(&bytes);
+    let mut lines = text.split_inclusive('\n');
+    let first_line = lines.next().unwrap_or_default();
+    let head = believed("", first_line).and_then(|text| serde_json::from_str::<Head>(text).ok());
+    let Some(head) = head.filter(|head| head.format == FORMAT && head.format_version == FORMAT_VERSION) else {
+        return Ok(None);
+    };
+    let share = head.shard.range(head.benches);
+    let mut kept = Kept { head, benches: BTreeMap::new(), seconds: 0.0, torn: 0 };
+    // A line that says nothing is a beat.
+    for line in lines.filter(|line| *line != "\n") {
+        let finished = believed(first_line, line).and_then(|text| serde_json::from_str::<Finished>(text).ok());
+        match finished.filter(|finished| share.contains(&finished.bench)) {
+            Some(finished) => {
+                kept.seconds = finished.seconds.max(kept.seconds);
+                kept.benches.insert(finished.bench, finished.outcome);
+            }
+            None => kept.torn += 1,
+        }
+    }
+    Ok(Some(kept))
+}
+
+/// What the name of a part's journal begins with, as that of the part.
+fn stem(shard: Shard) -> String {
+    format!("part-{}-of-{}", shard.number(), shard.of())
+}
+
+/// A line of a journal with this first line; that one's own has none before it.
+pub(super) fn line(first_line: &str, text: &str) -> String {
+    format!("{} {text}\n", checksum(first_line, text))
+}
+
+/// What a line says, where it is whole.
+fn believed<'l>(first_line: &str, line: &'l str) -> Option<&'l str> {
+    let (sum, text) = line.strip_suffix('\n')?.split_once(' ')?;
+    (sum == checksum(first_line, text)).then_some(text)
+}
+
+fn checksum(first_line: &str, text: &str) -> String {
+    let sum = Sha256::new().chain_update(first_line).chain_update(text).finalize();
+    sum.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+}
