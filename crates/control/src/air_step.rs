@@ -100,9 +100,7 @@ impl Alignment<'_> {
                     };
                     predicted = air.model().map(|model| model.predict(to_mm).0);
                     self.context.doing(format!("air: focus axis to {to_mm:.4} mm"));
-                    self.context
-                        .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to_mm)))
-                        .await?;
+                    self.go(AxisName::Focus, to_mm).await?;
                 }
                 AirDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
@@ -294,7 +292,7 @@ impl Alignment<'_> {
             }
             let to = from + way;
             self.context.doing(format!("air: e axis to {to:.3} mm, where the shell is mounted"));
-            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to))).await?;
+            self.go(AxisName::E, to).await?;
             let after = self.look_in_air(standing).await?;
             let [here, there] = [&before, &after].map(|seen| {
                 let (distance, slope) = camera.air_distance_mm(seen.spacing.spacing_px);

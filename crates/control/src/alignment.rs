@@ -17,6 +17,7 @@ use bench::config::{Config, LBoundSource, ShellStep, Side};
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::{CameraDesign, Solution};
 
+use plenoptics::units::Millimetres;
 /// So many lengths of its first move e may be moved with the shell off: the boards, which stay where they are, can then
 /// still be measured.
 const FOLLOWED_IN_AIR: f64 = 10.0;
@@ -179,6 +180,11 @@ impl Alignment<'_> {
     }
 
     /// [Asks](JobContext::ask) the operator to set something up, and keeps what stands before the lens then.
+    /// Moves an axis to a reading, mm.
+    pub(super) async fn go(&self, axis: AxisName, to_mm: f64) -> Result<(), JobEnd> {
+        self.context.unless_cancelled(self.motion.go(self.admission, axis, Millimetres(to_mm))).await.map(drop)
+    }
+
     pub(super) async fn ask(
         &self,
         name: &str,

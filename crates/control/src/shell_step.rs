@@ -13,7 +13,6 @@ use super::plan::Plan;
 use super::shell::{ShellDecision, ShellLoop, ShellObservation};
 use bench::config::ShellStep;
 use bench::device::{AxisName, Setup};
-use plenoptics::units::Millimetres;
 
 /// Between two looks at whether the picture stands still: longer than an axis rests between two pieces of its way, so
 /// that a carriage a second late is seen to move.
@@ -97,9 +96,7 @@ impl Alignment<'_> {
                     (kind, moved, predicted) = (IterationKind::Move, AxisName::Focus, Some(predicted_px));
                     let to = self.motion.position_mm(AxisName::Focus)? + by_mm / focus_scale;
                     self.context.doing(format!("shell: trimming Δv by {:.1} µm", by_mm * 1000.0));
-                    self.context
-                        .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to)))
-                        .await?;
+                    self.go(AxisName::Focus, to).await?;
                 }
                 ShellDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
@@ -154,7 +151,6 @@ impl Alignment<'_> {
 
     async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {
         self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
-        self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to_mm))).await?;
-        Ok(())
+        self.go(AxisName::E, to_mm).await
     }
 }
