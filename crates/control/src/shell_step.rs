@@ -77,8 +77,7 @@ impl Alignment<'_> {
                 sigma_px: seen.spacing.spacing_sigma_px,
                 sigma_random_px: seen.sigma_random_px,
             });
-            self.findings.tilt_change =
-                in_air.as_ref().map(|in_air| TiltChange::between(&in_air.spacing, &seen.spacing));
+            self.findings.tilt_change = in_air.as_ref().map(|in_air| TiltChange::between(in_air, &seen));
             self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;
@@ -142,7 +141,7 @@ impl Alignment<'_> {
     /// Notes where the spacing's tilt says that a board is turned.
     fn note_turned_board(&mut self, look: &ShellLook<'_>, in_air: Option<&Seen>, seen: &Seen) {
         let half_width_mm = self.config.sensor_extent().width / 2.0;
-        let turned = in_air.and_then(|in_air| look.turned_board(&in_air.spacing, &seen.spacing, half_width_mm));
+        let turned = in_air.and_then(|in_air| look.turned_board(&TiltChange::between(in_air, seen), half_width_mm));
         if let Some(turned) = turned {
             self.context.log(turned.clone());
             self.findings.notes.push(turned);
