@@ -33,6 +33,11 @@ fn written(plan: &PlanView) -> Result<String, std::fmt::Error> {
     let mut line = |name: &str, value: String| writeln!(out, "{name:<24} {value}");
     line("Δv", format!("{:.4} mm to ±{} mm", plan.delta_v_mm, plan.delta_v_tolerance_mm))?;
     line("e", format!("{:.3} mm to ±{} mm", plan.e_mm, plan.e_tolerance_mm))?;
+    if plan.e_above_mm > plan.e_tolerance_mm {
+        let above =
+            format!("or up to {:.1} mm more: the axis's reading does not pass the wall, whatever", plan.e_above_mm);
+        line("", format!("{above} its zero and scale"))?;
+    }
     line("spacing in focus", format!("{:.3} px to ±{:.3} px", plan.spacing_target_px, plan.spacing_tolerance_px))?;
     let boards = match plan.boards_in_air {
         PlannedBoards::TripleLevel => "three levels side by side",
@@ -49,6 +54,7 @@ fn written(plan: &PlanView) -> Result<String, std::fmt::Error> {
     line("shell mounted", mounted)?;
     line("aberrations of the shell", format!("{:+.3} px of the spacing in focus", plan.aberrations_px))?;
     line("first moves", format!("{:.3} mm of focus, {:.3} mm of e", plan.focus_probe_mm, plan.e_probe_mm))?;
+    line("search", format!("by {:.3} mm of focus where a picture cannot be measured", plan.search_step_mm))?;
     let (spacing, delta_v, e) = (plan.spacing_sigma_px, plan.delta_v_sigma_mm, plan.e_sigma_mm);
     line("expected to be good to", format!("spacing {spacing:.4} px, Δv {delta_v:.4} mm, e {e:.3} mm"))?;
     line("", format!("by the picture and the axes alone: {}", plan.assumed))?;

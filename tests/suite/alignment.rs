@@ -168,3 +168,17 @@ async fn l_bound_is_measured_before_the_air_step() {
     assert_eq!(report.e_target_mm, report.l_bound_mm);
     assert_eq!(truth(&job)["touched_shell"], false);
 }
+
+/// Dust, dead microlenses and dirty ones tilt what three levels side by side show, by as much as is stated of it.
+#[tokio::test(start_paused = true)]
+async fn dust_and_dead_microlenses_turn_no_board() {
+    let mut config = small_config(1);
+    let simulation = &mut config.bench.simulation;
+    simulation.dust.specks = 200;
+    (simulation.microlenses.dead_share, simulation.microlenses.dirty_share) = (0.02, 0.05);
+    let job = align(&service(config).await).await;
+    assert_eq!(job.state, JobState::Converged, "{:?}", job.reason);
+    covers(&job);
+    let notes = job.report.unwrap().notes;
+    assert!(!notes.iter().any(|note| note.contains("turned")), "{notes:?}");
+}

@@ -2,10 +2,10 @@
 
 use std::process::Command;
 
-use plenalign::config::{BoardsInAir, Config, ConfigOrigin, LBoundSource};
+use plenalign::config::{BoardsInAir, Config, ConfigOrigin, LBoundSource, Side};
 use plenalign::control::job::{JobKind, JobRequest, JobState};
 use plenalign::control::plan::{PlanView, PlannedBoards};
-use plenalign::optics::MlaMode;
+use plenalign::optics::{ArrayKind, MlaMode};
 use serde_json::{Value, json};
 
 use super::bench::{run, service, small_config};
@@ -35,11 +35,47 @@ fn the_preset_is_aligned_as_it_always_was() {
     close(plan.mount_spacing_px, 12.68, 0.01);
     close(plan.focus_probe_mm, 0.5, 0.01);
     close(plan.e_probe_mm, 0.5, 0.02);
+    // The wall is 0.1 mm below what is aimed at; the axis may stand 0.2 mm and twice 5 % of its way from home beside its reading.
+    close(plan.e_above_mm, 0.2 + 0.1 * 30.1 - 0.1, 1e-9);
+    // A step changes the spacing by a tenth of the pitch, which is at 8.7 px a millimetre.
+    close(plan.search_step_mm, 0.1 * 28.985 / 8.7, 0.005);
     // Near what the estimator says of such frames.
     assert!((0.002..0.003).contains(&plan.spacing_sigma_px), "{}", plan.spacing_sigma_px);
     close(plan.delta_v_sigma_mm, plan.spacing_sigma_px / 8.7, 1e-5);
     let asked: Vec<&str> = plan.operator_steps.iter().map(|step| step.name.as_str()).collect();
     assert_eq!(asked, ["white_frame", "triple_board_in_air", "aperture", "shell_and_water"]);
+}
+
+/// Each kind that goes by a plan has its own steps in it, and is as long as what it does.
+#[test]
+fn the_parts_of_an_alignment_are_planned_too() {
+    let mut config = Config::default();
+    config.assembly.initial_e_mm = 25.0;
+    let plan = plan(&config);
+    let asked = |kind| -> Vec<&str> {
+        let part = plan.parts.iter().find(|part| part.kind == kind).unwrap();
+        assert!(part.obstacles.is_empty() && part.duration_s < plan.duration_s + 1.0, "{part:?}");
+        part.operator_steps.iter().map(|step| step.name.as_str()).collect()
+    };
+    assert_eq!(asked(JobKind::AirOnly), ["white_frame", "triple_board_in_air", "aperture"]);
+    assert_eq!(asked(JobKind::ShellOnly), ["shell_and_water"]);
+    assert_eq!(asked(JobKind::LBoundMeasurement)[3..], ["least_e_by_hand", "shell_off"]);
+    // Another Δv, another place of the boards, and e where the shell is mounted.
+    let clarity = plan.parts.iter().find(|part| part.kind == JobKind::ClarityOnly).unwrap();
+    assert_eq!(clarity.e_mm, Some(25.0));
+    assert!(clarity.delta_v_mm < plan.delta_v_mm - 0.2, "{}", clarity.delta_v_mm);
+    assert_ne!(clarity.operator_steps[1].value, plan.operator_steps[1].value);
+    // What stands in the way of one kind need not in another's.
+    config.bench.focus.high_limit_mm = plan_limit(&config);
+    let plan = PlanView::of(&config, &ConfigOrigin::Preset);
+    let in_the_way = |kind| !plan.parts.iter().find(|part| part.kind == kind).unwrap().obstacles.is_empty();
+    assert!(!plan.possible && in_the_way(JobKind::AirOnly) && !in_the_way(JobKind::ClarityOnly), "{plan:?}");
+}
+
+/// A focus axis that goes far enough for e as it is mounted, and not for the joint solution.
+fn plan_limit(config: &Config) -> f64 {
+    let [clarity, joint] = [config.design().clarity(config.assembly.initial_e_mm), config.design().joint(0.0)];
+    0.5 * (clarity.delta_v + joint.delta_v) + config.bench.focus.zero_uncertainty_mm + 0.2
 }
 
 /// The levels follow the camera: what lies between their spacings is the same share of its pitch.
@@ -155,6 +191,47 @@ async fn nothing_moves_for_what_is_refused() {
     }
 }
 
+/// Where homing would run towards a shell that may be on, no other axis is homed before that is said.
+#[tokio::test(start_paused = true)]
+async fn nothing_is_homed_where_e_homes_towards_the_shell() {
+    let mut config = small_config(1);
+    (config.bench.e.home_side, config.bench.e.home_position_mm) = (Side::Low, -4.9);
+    let service = service(config).await;
+    let job = run(&service, JobRequest::of(JobKind::JointAlignment)).await;
+    let reason = job.reason.unwrap();
+    assert!(reason.contains("bench.e.home_side is \"low\", and would have to be \"high\""), "{reason}");
+    assert!(service.bench_view().axes.iter().all(|axis| !axis.homed), "an axis was homed");
+    assert!(!job.log.iter().any(|line| line.message.starts_with("homing")), "{:?}", job.log);
+}
+
+/// Cameras whose range of focus is short: that of N = 2.2 is left by 0.3 mm of Δv to one side, that of a Keplerian one of
+/// N = 2.15 begins just beside focus.
+fn of_short_range(mode: MlaMode) -> Config {
+    let mut config = small_config(5);
+    let (mla, shell) = (&mut config.mla, &mut config.shell);
+    mla.mode = mode;
+    match mode {
+        MlaMode::Galilean => {
+            config.main_lens.focal_length_mm = 28.0;
+            (mla.pitch_mm, mla.focal_length_mm, mla.angular_resolution) = (0.13, 0.5, 2.2);
+            (shell.outer_radius_mm, shell.inner_radius_mm) = (80.0, 72.0);
+            (config.object.distance_mm, config.object.air_distance_mm) = (700.0, 900.0);
+            config.sensor.pixel_um = 4.0;
+            config.bench.simulation.lens_to_mla_error_mm = 0.2;
+        }
+        MlaMode::Keplerian => {
+            config.main_lens.focal_length_mm = 40.0;
+            mla.array = ArrayKind::Hexagonal;
+            (mla.pitch_mm, mla.focal_length_mm, mla.angular_resolution) = (0.16, 0.6, 2.15);
+            (shell.outer_radius_mm, shell.inner_radius_mm, shell.refractive_index) = (100.0, 92.0, 1.52);
+            (config.object.distance_mm, config.object.air_distance_mm) = (1000.0, 1000.0);
+            config.sensor.pixel_um = 5.0;
+            config.bench.focus.high_limit_mm = 12.0;
+        }
+    }
+    config
+}
+
 /// The job does what the plan said: as many steps of the operator, by the same names and values.
 #[tokio::test(start_paused = true)]
 async fn a_job_asks_for_what_its_plan_said() {
@@ -164,7 +241,8 @@ async fn a_job_asks_for_what_its_plan_said() {
     keplerian.mla.mode = MlaMode::Keplerian;
     let mut measured = small_config(4);
     measured.assembly.l_bound = LBoundSource::Measure;
-    for config in [flat, keplerian, measured] {
+    let short = [MlaMode::Galilean, MlaMode::Keplerian].map(of_short_range);
+    for config in [flat, keplerian, measured].into_iter().chain(short) {
         let planned = plan(&config);
         let job = run(&service(config).await, JobRequest::of(JobKind::JointAlignment)).await;
         assert_eq!(job.state, JobState::Converged, "{:?}", job.reason);

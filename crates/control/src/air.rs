@@ -79,6 +79,8 @@ pub(super) const FREE_PROBES: f64 = 2.0;
 const MAX_MEASUREMENTS_AT_A_POSE: u32 = 9;
 /// Moves before the loop gives up, the probe not counted.
 const MAX_MOVES: u32 = 6;
+/// Readings nearer to one another than this are of one pose, mm.
+const SAME_POSE_MM: f64 = 1e-6;
 
 /// The loop's memory.
 #[derive(Debug, Clone)]
@@ -125,14 +127,17 @@ impl AirLoop {
         self.pose.as_ref().map(|pose| pose.combined)
     }
 
-    /// Forgets what other boards showed at this pose.
-    pub fn boards_changed(&mut self) {
-        (self.pose, self.previous) = (None, None);
+    /// Forgets what was seen at a reading (mm) of other boards or through another aperture: it is not to be combined with
+    /// what is seen there now.
+    pub fn seen_otherwise(&mut self, reading_mm: f64) {
+        if self.here().is_some_and(|here| (here.reading_mm - reading_mm).abs() <= SAME_POSE_MM) {
+            (self.pose, self.previous) = (None, None);
+        }
     }
 
     /// Takes in a measurement and decides.
     pub fn next(&mut self, observation: AirObservation) -> AirDecision {
-        let away = |here: AirObservation| (here.reading_mm - observation.reading_mm).abs() > 1e-6;
+        let away = |here: AirObservation| (here.reading_mm - observation.reading_mm).abs() > SAME_POSE_MM;
         let moved = self.here().is_none_or(away);
         if moved {
             self.previous = self.here();
@@ -312,6 +317,24 @@ mod tests {
         };
         assert!(why.starts_with("uncertainty"), "{why}");
         assert!(decisions.contains(&AirDecision::MoreFrames));
+    }
+
+    /// What a far board said of a pose does not count with what the one at the solution says there, nor is it taken for a move.
+    #[test]
+    fn other_boards_at_one_pose_are_measured_anew() {
+        let mut air = AirLoop::new(GOAL);
+        let seen = |delta_v_mm, sigma_mm| AirObservation {
+            reading_mm: 2.2,
+            delta_v_mm,
+            sigma_mm,
+            repeatability_mm: Some(0.1 * sigma_mm),
+        };
+        assert_eq!(air.next(seen(2.193, 0.0125)), AirDecision::MoreFrames);
+        air.seen_otherwise(2.2);
+        assert_eq!(air.next(seen(2.206, 0.0006)), AirDecision::Verify);
+        // At another reading there is nothing to forget.
+        air.seen_otherwise(2.1);
+        assert_eq!(air.next(seen(2.206, 0.0006)), AirDecision::Done);
     }
 
     #[test]

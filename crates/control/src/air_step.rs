@@ -63,11 +63,16 @@ impl Alignment<'_> {
                 boards = None;
             }
             let standing = self.boards_in_range(boards, expected, plan).await?;
+            let others_stood = boards.is_some_and(|boards| boards != standing);
             boards = Some(standing);
             let near = (expected.0 - solution.delta_v).abs() <= plan.aperture_within_mm;
-            if near && !self.aperture_set {
+            let set_now = near && !self.aperture_set;
+            if set_now {
                 // The micro-images shrink as d grows: with the new aperture they have the size of the white frame's.
                 self.set_aperture(&solution, standing).await?;
+            }
+            if others_stood || set_now {
+                air.seen_otherwise(reading_mm);
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
             let (observation, seen) = match self.observe_air(standing, plan, frames).await {
@@ -93,6 +98,14 @@ impl Alignment<'_> {
             frames = 1;
             match decision {
                 AirDecision::Probe { to_mm } | AirDecision::Move { to_mm } => {
+                    // A move costs less than a step of the operator.
+                    let to_mm = air.model().map_or(to_mm, |model| {
+                        let expected = |at_mm: f64| {
+                            let (delta_v, sigma) = model.predict(at_mm);
+                            (delta_v, 2.0 * sigma)
+                        };
+                        plan.without_other_boards((reading_mm, to_mm), expected, standing)
+                    });
                     kind = if matches!(decision, AirDecision::Probe { .. }) {
                         IterationKind::Probe
                     } else {
@@ -100,9 +113,7 @@ impl Alignment<'_> {
                     };
                     predicted = air.model().map(|model| model.predict(to_mm).0);
                     self.context.doing(format!("air: focus axis to {to_mm:.4} mm"));
-                    self.context
-                        .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to_mm)))
-                        .await?;
+                    self.go(AxisName::Focus, to_mm).await?;
                 }
                 AirDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
@@ -123,7 +134,7 @@ impl Alignment<'_> {
                 AirDecision::TooUncertain { why } if self.may_change_to_flat(standing) => {
                     self.context.log(format!("{why}: {IN_TURN}"));
                     (*plan, boards, kind, predicted) = (plan.with_flat_board(), None, IterationKind::Verify, None);
-                    air.boards_changed();
+                    air.seen_otherwise(reading_mm);
                 }
                 AirDecision::TooUncertain { why } | AirDecision::NotConverged { why } => {
                     return Err(JobEnd::NotConverged { why });
@@ -294,7 +305,7 @@ impl Alignment<'_> {
             }
             let to = from + way;
             self.context.doing(format!("air: e axis to {to:.3} mm, where the shell is mounted"));
-            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to))).await?;
+            self.go(AxisName::E, to).await?;
             let after = self.look_in_air(standing).await?;
             let [here, there] = [&before, &after].map(|seen| {
                 let (distance, slope) = camera.air_distance_mm(seen.spacing.spacing_px);

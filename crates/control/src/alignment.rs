@@ -10,12 +10,14 @@ use super::events::{InView, ShellState};
 use super::eye::{Eye, Seen};
 use super::job::Stage;
 use super::motion::{Admission, Motion};
-use super::plan::{AirBoards, Plan};
+use super::plan::{AirBoards, Obstacle, Plan};
+use super::refusal::{Refusal, ServiceError};
 use super::shell::ShellObservation;
 use super::steps::Repeatable;
 use bench::config::{Config, LBoundSource, ShellStep, Side};
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::{CameraDesign, Solution};
+use plenoptics::units::Millimetres;
 
 /// So many lengths of its first move e may be moved with the shell off: the boards, which stay where they are, can then
 /// still be measured.
@@ -178,6 +180,11 @@ impl Alignment<'_> {
         Ok(())
     }
 
+    /// Moves an axis to a reading, mm.
+    pub(super) async fn go(&self, axis: AxisName, to_mm: f64) -> Result<(), JobEnd> {
+        self.context.unless_cancelled(self.motion.go(self.admission, axis, Millimetres(to_mm))).await.map(drop)
+    }
+
     /// [Asks](JobContext::ask) the operator to set something up, and keeps what stands before the lens then.
     pub(super) async fn ask(
         &self,
@@ -257,13 +264,27 @@ impl Alignment<'_> {
         self.sound_plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm)
     }
 
+    /// What the homing that a job begins with would be refused for, before another axis has been homed.
+    fn homes_towards_shell(&self) -> Option<Obstacle> {
+        if self.motion.position_mm(AxisName::E).is_ok() {
+            return None;
+        }
+        match self.motion.check_home(AxisName::E) {
+            Err(ServiceError::Refused(Refusal::HomingTowardsShell { shell, .. })) => {
+                Some(Obstacle::homes_towards_shell(shell))
+            }
+            _ => None,
+        }
+    }
+
     /// A [plan](Self::plan), said, and refused where something stands in its way: before anything moves or the operator is asked.
     pub(super) fn sound_plan(&self, solution: Solution, mount_e_mm: f64) -> Result<Plan, JobEnd> {
         let plan = self.plan(solution, mount_e_mm);
         // The job's log has said where the design comes from.
         let view = plan.view(self.config, String::new());
-        if !view.possible {
-            let said: Vec<String> = view.obstacles.iter().map(ToString::to_string).collect();
+        let obstacles = view.obstacles.iter().cloned().chain(self.homes_towards_shell());
+        let said: Vec<String> = obstacles.map(|obstacle| obstacle.to_string()).collect();
+        if !said.is_empty() {
             return Err(JobEnd::failed(format!("this cannot be aligned as it is configured: {}", said.join("; "))));
         }
         self.context.log(view.summary());

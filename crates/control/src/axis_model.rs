@@ -107,6 +107,8 @@ pub enum MoveFault {
 
 /// Travel that says something about a scale must be this many times its uncertainty.
 const TELLING: f64 = 6.0;
+/// One that is seen to follow, this many times.
+const FOLLOWED: f64 = 2.0;
 /// A scale error beyond this, relative to the travel expected, is a fault and not a calibration.
 const SCALE_FAULT: f64 = 0.3;
 
@@ -132,6 +134,13 @@ pub fn check_move(
         return Some(MoveFault::Reversed { axis, expected_mm, measured_mm });
     }
     Some(MoveFault::WrongScale { axis, expected_mm, measured_mm })
+}
+
+/// Whether the picture has followed a move: it says enough of it to tell, and does not contradict it. `sigma_mm` is the
+/// standard uncertainty of `measured_mm`.
+#[must_use]
+pub(super) fn follows(expected_mm: f64, measured_mm: f64, sigma_mm: f64) -> bool {
+    expected_mm.abs() > FOLLOWED * sigma_mm && check_move("", expected_mm, measured_mm, sigma_mm, 0.0).is_none()
 }
 
 #[cfg(test)]
@@ -169,5 +178,6 @@ mod tests {
         assert!(matches!(check_move("e", -0.5, -1.0, 0.01, 0.05), Some(MoveFault::WrongScale { .. })));
         // Nothing can be told from a move that drowns in its uncertainty.
         assert_eq!(check_move("e", -0.02, 0.03, 0.02, 0.05), None);
+        assert!(follows(-0.5, -0.55, 0.01) && !follows(-0.5, 0.001, 0.01) && !follows(-0.5, -0.55, 0.3));
     }
 }

@@ -59,6 +59,8 @@ pub(super) struct Seen {
     pub(super) eog: Option<f64>,
     /// The part of the spacing's standard uncertainty that is from pixel noise, px.
     pub(super) sigma_random_px: f64,
+    /// Standard uncertainty of either tilt, px per half frame width.
+    pub(crate) tilt_sigma_px: f64,
     /// Radius of the masks that pairs were compared with, px.
     pub(super) window_px: f64,
     /// The central view, a JPEG, of a single board.
@@ -524,8 +526,8 @@ impl Eye {
         }
         let eog = seen.eog.map(|eog| eog.mean_per_pixel);
         let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
-        let Measured { spacing, sigma_random_px, window_px, picture, .. } = seen;
-        Seen { taken, spacing, focus_mm, e_mm, eog, sigma_random_px, window_px, picture }
+        let Measured { spacing, sigma_random_px, tilt_sigma_px, window_px, picture, .. } = seen;
+        Seen { taken, spacing, focus_mm, e_mm, eog, sigma_random_px, tilt_sigma_px, window_px, picture }
     }
 
     fn view(&self, frame: &Frame, seen: &Measured) -> MeasurementView {

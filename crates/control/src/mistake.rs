@@ -145,17 +145,11 @@ impl ShellLook<'_> {
         crossings.min_by(|one, other| one.abs().total_cmp(&other.abs()))
     }
 
-    /// That a board is turned, in words, from what the spacing's tilt (px per half frame width) was in air and what it is
-    /// now: lens and array have the same in both. `half_width_mm` is half the sensor's width. `None` where the difference
+    /// That a board is turned, in words, from how the spacing's tilt has changed since air: lens and array have the same in
+    /// both. `half_width_mm` is half the sensor's width. `None` where the difference
     /// is within what either is good to.
-    pub(super) fn turned_board(
-        &self,
-        in_air: &SpacingReading,
-        seen: &SpacingReading,
-        half_width_mm: f64,
-    ) -> Option<String> {
+    pub(super) fn turned_board(&self, changed: &TiltChange, half_width_mm: f64) -> Option<String> {
         let [in_water, _] = self.camera.tilt_of_turned_board_px(self.e_mm, self.trim_mm, half_width_mm);
-        let changed = TiltChange::between(in_air, seen);
         let change = changed.px[0].hypot(changed.px[1]);
         let turn_deg = (change / in_water).atan().to_degrees().abs();
         (change > SIGMAS * changed.sigma_px && turn_deg >= TURN_NAMED_DEG).then(|| {
@@ -229,11 +223,10 @@ mod tests {
     fn a_turned_board_is_told_from_a_tilted_lens() {
         let (camera, axis) = (preset(), Config::default().bench.e);
         let look = ShellLook { camera: &camera, axis: &axis, e_mm: E_MM, trim_mm: 0.0, trim_bound_mm: 0.0 };
-        let tilted = SpacingReading { tilt_x_px: 0.2, ..reading(12.0) };
-        assert_eq!(look.turned_board(&tilted, &tilted, 2.0), None);
-        let turned = look.turned_board(&reading(12.0), &tilted, 2.0).unwrap();
+        let changed = |px, sigma_px| TiltChange { px: [px, 0.0], sigma_px };
+        assert_eq!(look.turned_board(&changed(0.0, 0.012), 2.0), None);
+        let turned = look.turned_board(&changed(0.2, 0.012), 2.0).unwrap();
         assert!(turned.contains("of the board in the water"), "{turned}");
-        let noise = SpacingReading { tilt_x_px: 0.02, ..reading(12.0) };
-        assert_eq!(look.turned_board(&reading(12.0), &noise, 2.0), None);
+        assert_eq!(look.turned_board(&changed(0.02, 0.012), 2.0), None);
     }
 }

@@ -13,7 +13,6 @@ use super::plan::Plan;
 use super::shell::{ShellDecision, ShellLoop, ShellObservation};
 use bench::config::ShellStep;
 use bench::device::{AxisName, Setup};
-use plenoptics::units::Millimetres;
 
 /// Between two looks at whether the picture stands still: longer than an axis rests between two pieces of its way, so
 /// that a carriage a second late is seen to move.
@@ -78,8 +77,7 @@ impl Alignment<'_> {
                 sigma_px: seen.spacing.spacing_sigma_px,
                 sigma_random_px: seen.sigma_random_px,
             });
-            self.findings.tilt_change =
-                in_air.as_ref().map(|in_air| TiltChange::between(&in_air.spacing, &seen.spacing));
+            self.findings.tilt_change = in_air.as_ref().map(|in_air| TiltChange::between(in_air, &seen));
             self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;
@@ -97,9 +95,7 @@ impl Alignment<'_> {
                     (kind, moved, predicted) = (IterationKind::Move, AxisName::Focus, Some(predicted_px));
                     let to = self.motion.position_mm(AxisName::Focus)? + by_mm / focus_scale;
                     self.context.doing(format!("shell: trimming Δv by {:.1} µm", by_mm * 1000.0));
-                    self.context
-                        .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to)))
-                        .await?;
+                    self.go(AxisName::Focus, to).await?;
                 }
                 ShellDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
@@ -145,7 +141,7 @@ impl Alignment<'_> {
     /// Notes where the spacing's tilt says that a board is turned.
     fn note_turned_board(&mut self, look: &ShellLook<'_>, in_air: Option<&Seen>, seen: &Seen) {
         let half_width_mm = self.config.sensor_extent().width / 2.0;
-        let turned = in_air.and_then(|in_air| look.turned_board(&in_air.spacing, &seen.spacing, half_width_mm));
+        let turned = in_air.and_then(|in_air| look.turned_board(&TiltChange::between(in_air, seen), half_width_mm));
         if let Some(turned) = turned {
             self.context.log(turned.clone());
             self.findings.notes.push(turned);
@@ -154,7 +150,6 @@ impl Alignment<'_> {
 
     async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {
         self.context.doing(format!("shell: e axis to {to_mm:.3} mm"));
-        self.context.unless_cancelled(self.motion.go(self.admission, AxisName::E, Millimetres(to_mm))).await?;
-        Ok(())
+        self.go(AxisName::E, to_mm).await
     }
 }

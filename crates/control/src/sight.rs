@@ -18,7 +18,7 @@ use plenoptics::imaging::live::{LiveMeter, LiveOptions};
 use plenoptics::imaging::measurement::{
     FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame,
 };
-use plenoptics::imaging::spacing::{SpacingError, SpacingMap, SpacingOptions};
+use plenoptics::imaging::spacing::{Spacing, SpacingError, SpacingMap, SpacingOptions};
 use plenoptics::imaging::view::{View, ViewFrame, ViewOptions};
 use plenoptics::imaging::{clarity, view};
 use plenoptics::optics::CameraDesign;
@@ -67,6 +67,8 @@ pub(super) struct Measured {
     pub(super) micro_image_pitch_sigma_px: f64,
     /// The part of the spacing's standard uncertainty that is from pixel noise, px.
     pub(super) sigma_random_px: f64,
+    /// Standard uncertainty of either tilt, px per half frame width.
+    pub(super) tilt_sigma_px: f64,
     /// Radius of the masks that pairs were compared with, px.
     pub(super) window_px: f64,
     /// Energy of gradient of the central view of the last frame, of a single board.
@@ -82,9 +84,19 @@ pub(super) struct Measured {
 }
 
 impl Measured {
-    /// A spacing with the part of its standard uncertainty that is from pixel noise (px), and without a picture.
-    fn new(spacing: SpacingReading, sigma_random_px: f64, grid: &Grid, window_px: f64) -> Self {
+    /// A spacing with the part of its standard uncertainty that is from pixel noise (px), and without a picture. The tilts'
+    /// standard uncertainties (px) are what the field's blocks scatter by.
+    fn new(
+        spacing: SpacingReading,
+        sigma_random_px: f64,
+        tilt_sigmas_px: [f64; 2],
+        grid: &Grid,
+        window_px: f64,
+    ) -> Self {
+        // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean, and no less.
+        let least_px = 3.0_f64.sqrt() * spacing.spacing_sigma_px;
         Self {
+            tilt_sigma_px: tilt_sigmas_px.into_iter().fold(least_px, f64::max),
             spacing,
             micro_image_pitch_px: grid.pitch_px(),
             micro_image_pitch_sigma_px: grid.sigma.pitch_px,
@@ -265,7 +277,9 @@ impl Sight {
             difference_sigma_px: two.difference_sigma_px,
             share: two.share,
         });
-        let measured = Measured::new(spacing, seen.spacing.sigma_random_px, &seen.grid, seen.spacing.window_px);
+        let tilt_sigmas_px = [1, 2].map(|tilt| seen.spacing.covariance[tilt][tilt].max(0.0).sqrt());
+        let Spacing { sigma_random_px, window_px, .. } = seen.spacing;
+        let measured = Measured::new(spacing, sigma_random_px, tilt_sigmas_px, &seen.grid, window_px);
         Ok((seen, Measured { two_boards, ..measured }))
     }
 
@@ -343,7 +357,8 @@ impl Sight {
         };
         // How much of that is noise the boards do not tell.
         let sigma_random_px = spacing.spacing_sigma_px;
-        let measured = Measured::new(spacing, sigma_random_px, &first.grid, first.window_px);
+        let tilt_sigmas_px = [0, 1].map(|tilt| mean(&|c| c.tilt_sigmas_px[tilt]));
+        let measured = Measured::new(spacing, sigma_random_px, tilt_sigmas_px, &first.grid, first.window_px);
         Ok((camera, measured))
     }
 

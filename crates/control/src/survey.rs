@@ -40,9 +40,9 @@ impl Alignment<'_> {
         }
         if sweep.axis == AxisName::Focus && self.lacks_board() {
             // Board and white frame are to serve all of the way.
-            let middle = Millimetres(f64::midpoint(sweep.from_mm, sweep.to_mm));
-            self.context.doing(format!("sweep: focus axis to {middle:.3} mm, the middle"));
-            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, middle)).await?;
+            let middle_mm = f64::midpoint(sweep.from_mm, sweep.to_mm);
+            self.context.doing(format!("sweep: focus axis to {middle_mm:.3} mm, the middle"));
+            self.go(AxisName::Focus, middle_mm).await?;
         }
         self.something_to_measure(distance_mm).await?;
         self.context.step_of_bench("measuring");
@@ -51,7 +51,7 @@ impl Alignment<'_> {
             let share = f64::from(step) / f64::from(sweep.steps - 1);
             let to = sweep.from_mm + share * (sweep.to_mm - sweep.from_mm);
             self.context.doing(format!("sweep: {} axis at {to:.3} mm", sweep.axis));
-            self.context.unless_cancelled(self.motion.go(self.admission, sweep.axis, Millimetres(to))).await?;
+            self.go(sweep.axis, to).await?;
             match self.context.unless_cancelled(self.eye.spacing(1)).await {
                 Ok(seen) => samples.push(self.sample(&seen, Some(sweep.axis), to)),
                 // Out of the range of focus is what a sweep may well run into.
@@ -60,7 +60,7 @@ impl Alignment<'_> {
             }
         }
         self.context.doing(format!("sweep: {} axis back to {start:.3} mm", sweep.axis));
-        self.context.unless_cancelled(self.motion.go(self.admission, sweep.axis, Millimetres(start))).await?;
+        self.go(sweep.axis, start).await?;
         if samples.is_empty() {
             return Err(JobEnd::NotConverged { why: "no spacing could be measured anywhere on the way".to_owned() });
         }

@@ -4,13 +4,13 @@
 use super::air::AirObservation;
 use super::air_step::InAir;
 use super::alignment::Alignment;
+use super::axis_model::follows;
 use super::context::JobEnd;
 use super::eye::Seen;
 use super::mistake::ShellLook;
 use super::plan::{AirBoards, Plan};
 use bench::device::AxisName;
 use plenoptics::imaging::clarity::Sharpness;
-use plenoptics::units::Millimetres;
 
 /// Places of the focus axis that are tried before the search is given up.
 const MOST_PLACES: usize = 24;
@@ -18,8 +18,6 @@ const MOST_PLACES: usize = 24;
 const CHANGED_SIGMAS: f64 = 4.0;
 /// Places after which the picture must have changed.
 const CHANGED_AFTER: usize = 4;
-/// Share of a move by which the picture may differ from it and still have followed.
-const FOLLOWS_WITHIN: f64 = 0.3;
 /// Shorter ways of the focus axis than this lead nowhere new, mm.
 const SAME_PLACE_MM: f64 = 1e-6;
 
@@ -118,16 +116,14 @@ impl Alignment<'_> {
             // Far out of focus a spacing may be a chance: the picture has to follow.
             let back_mm = if reading_mm > plan.solution.delta_v { -plan.focus_probe_mm } else { plan.focus_probe_mm };
             self.context.doing("way in: does the picture follow?");
-            let to = Millimetres(reading_mm + back_mm);
-            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, to)).await?;
+            self.go(AxisName::Focus, reading_mm + back_mm).await?;
             match self.observe_air(boards, plan, 1).await {
                 Err(JobEnd::Unmeasurable { .. }) => {}
                 Err(end) => return Err(end),
-                Ok(there) if follows(&here, &there.0) => return Ok(there),
+                Ok(there) if has_followed(&here, &there.0) => return Ok(there),
                 Ok(_) => self.context.log("a picture can be measured, but does not follow the axis"),
             }
-            let back = Millimetres(reading_mm);
-            self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, back)).await?;
+            self.go(AxisName::Focus, reading_mm).await?;
         }
     }
 
@@ -143,7 +139,7 @@ impl Alignment<'_> {
         let start_mm = self.motion.position_mm(AxisName::Focus)?;
         let sharpest = self.sharpest_through_shell(plan).await?;
         self.context.doing(format!("shell: focus axis back to {start_mm:.4} mm"));
-        self.context.unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(start_mm))).await?;
+        self.go(AxisName::Focus, start_mm).await?;
         let (at_mm, seen) = match sharpest {
             Ok(found) => found,
             Err(lost) => return Ok(format!("{} ({lost})", look.unmeasurable(why))),
@@ -200,9 +196,7 @@ impl Alignment<'_> {
                     sharpness.energy, sharpness.sigma
                 ));
                 self.context.doing(format!("way in: focus axis to {to_mm:.3} mm"));
-                self.context
-                    .unless_cancelled(self.motion.go(self.admission, AxisName::Focus, Millimetres(to_mm)))
-                    .await?;
+                self.go(AxisName::Focus, to_mm).await?;
                 Ok(Ok(()))
             }
             WayDecision::Lost { why } => Ok(Err(why)),
@@ -211,11 +205,9 @@ impl Alignment<'_> {
 }
 
 /// Whether the picture followed the axis from one place to another.
-fn follows(from: &AirObservation, to: &AirObservation) -> bool {
+fn has_followed(from: &AirObservation, to: &AirObservation) -> bool {
     let moved_mm = to.reading_mm - from.reading_mm;
-    let sigma_mm = from.sigma_mm.hypot(to.sigma_mm);
-    let off_mm = to.delta_v_mm - from.delta_v_mm - moved_mm;
-    off_mm.abs() <= (FOLLOWS_WITHIN * moved_mm.abs()).max(CHANGED_SIGMAS * sigma_mm) && sigma_mm < 0.5 * moved_mm.abs()
+    follows(moved_mm, to.delta_v_mm - from.delta_v_mm, from.sigma_mm.hypot(to.sigma_mm))
 }
 
 #[cfg(test)]

@@ -4751,6 +4751,12 @@ export interface components {
       duration_s: number;
       /**
        * Format: double
+       * @description By how much e may end above what is aimed at even so, mm: the e axis's reading does not pass the wall, however far its
+       *     zero and scale are off. Δv is trimmed for the e that there is then, and the picture is as sharp.
+       */
+      e_above_mm: number;
+      /**
+       * Format: double
        * @description e aimed at, mm.
        */
       e_mm: number;
@@ -4795,8 +4801,15 @@ export interface components {
       operator_steps: components["schemas"]["PlannedStep"][];
       /** @description Where the design's numbers come from. */
       origin: string;
+      /** @description What the kinds of job that are parts of an alignment, or its like, will ask and take. */
+      parts: components["schemas"]["PlannedJob"][];
       /** @description Whether nothing stands in its way. */
       possible: boolean;
+      /**
+       * Format: double
+       * @description From one place of the focus axis to the next, mm, where the picture is looked for that can be measured.
+       */
+      search_step_mm: number;
       /**
        * Format: double
        * @description Standard uncertainty expected of a spacing, px.
@@ -4831,6 +4844,30 @@ export interface components {
      * @enum {string}
      */
     PlannedBoards: "triple_level" | "flat_in_turn";
+    /** @description What a kind of job that goes by a plan will ask and take. */
+    PlannedJob: {
+      /**
+       * Format: double
+       * @description Δv aimed at, mm.
+       */
+      delta_v_mm: number;
+      /**
+       * Format: double
+       * @description How long it takes besides the operator, about, s.
+       */
+      duration_s: number;
+      /**
+       * Format: double
+       * @description e aimed at, mm; of a clarity job, the one that it holds where its request names none. Null where e is not aimed at.
+       */
+      e_mm?: number | null;
+      /** @description Which kind. */
+      kind: components["schemas"]["JobKind"];
+      /** @description What stands in its way; nothing does where it is empty. */
+      obstacles: components["schemas"]["Obstacle"][];
+      /** @description What the operator is asked to do. */
+      operator_steps: components["schemas"]["PlannedStep"][];
+    };
     /** @description What the operator is asked to do, in the order of the job. */
     PlannedStep: {
       /** @description The step's name, as the job asks for it. */

@@ -1500,6 +1500,11 @@ class PlanView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Tolerance of Δv, mm."""
     duration_s: float
     """How long it takes besides the operator, about, s."""
+    e_above_mm: float
+    """By how much e may end above what is aimed at even so, mm: the e axis's reading does not pass the wall,
+    however far its zero and scale are off. Δv is trimmed for the e that there is then, and the picture is as
+    sharp.
+    """
     e_mm: float
     """e aimed at, mm."""
     e_probe_mm: float
@@ -1522,8 +1527,12 @@ class PlanView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the operator is asked to do."""
     origin: str
     """Where the design's numbers come from."""
+    parts: list[PlannedJob]
+    """What the kinds of job that are parts of an alignment, or its like, will ask and take."""
     possible: bool
     """Whether nothing stands in its way."""
+    search_step_mm: float
+    """From one place of the focus axis to the next, mm, where the picture is looked for that can be measured."""
     spacing_sigma_px: float
     """Standard uncertainty expected of a spacing, px."""
     spacing_target_px: float
@@ -1546,6 +1555,25 @@ class PlannedBoards(str, Enum):
 
     TRIPLE_LEVEL = "triple_level"
     FLAT_IN_TURN = "flat_in_turn"
+
+
+class PlannedJob(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a kind of job that goes by a plan will ask and take."""
+
+    delta_v_mm: float
+    """Δv aimed at, mm."""
+    duration_s: float
+    """How long it takes besides the operator, about, s."""
+    e_mm: float | None = None
+    """e aimed at, mm; of a clarity job, the one that it holds where its request names none. Null where e is not
+    aimed at.
+    """
+    kind: JobKind
+    """Which kind."""
+    obstacles: list[Obstacle]
+    """What stands in its way; nothing does where it is empty."""
+    operator_steps: list[PlannedStep]
+    """What the operator is asked to do."""
 
 
 class PlannedStep(Struct, frozen=True, kw_only=True, omit_defaults=True):

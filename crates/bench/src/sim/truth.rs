@@ -411,7 +411,8 @@ impl Truth {
         let pose = self.pose();
         let world = self.world();
         json!({
-            "delta_v_mm": pose.delta_v_mm,
+            // What a report's Δv is compared with: the axis's zero and an error of d at it are two names of one thing.
+            "delta_v_mm": pose.lens_to_mla_mm - self.design.air_lens_to_mla(),
             "lens_to_mla_mm": pose.lens_to_mla_mm,
             "focus_error_mm": self.focus_error_mm(&pose),
             "e_mm": pose.e_mm,
@@ -446,6 +447,13 @@ mod tests {
         assert!((up - start - 1.05).abs() < 0.031, "the first way up may lose the play");
         assert!((up - down - (1.05 - 0.03)).abs() < 1e-9);
         assert!((down - further - 1.05).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_reports_delta_v_has_the_error_of_d_at_the_axiss_zero_in_it() {
+        let truth = bench(|config| config.bench.simulation.lens_to_mla_error_mm = -0.1);
+        let reported = truth.report()["delta_v_mm"].as_f64().unwrap();
+        assert!((reported - truth.pose().delta_v_mm + 0.1).abs() < 1e-12, "{reported}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What an alignment has seen.
 
 use crate::calibrated::CalibratedCamera;
+use crate::eye::Seen;
 use crate::job::SpacingReading;
 use crate::shell::ShellObservation;
 
@@ -43,12 +44,12 @@ pub struct TiltChange {
 }
 
 impl TiltChange {
-    /// From a spacing in air to one through the shell.
-    pub(crate) fn between(in_air: &SpacingReading, seen: &SpacingReading) -> Self {
+    /// From boards in air to one through the shell.
+    pub(crate) fn between(in_air: &Seen, seen: &Seen) -> Self {
+        let (one, other) = (&in_air.spacing, &seen.spacing);
         Self {
-            px: [seen.tilt_x_px - in_air.tilt_x_px, seen.tilt_y_px - in_air.tilt_y_px],
-            // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
-            sigma_px: 3.0_f64.sqrt() * seen.spacing_sigma_px.hypot(in_air.spacing_sigma_px),
+            px: [other.tilt_x_px - one.tilt_x_px, other.tilt_y_px - one.tilt_y_px],
+            sigma_px: in_air.tilt_sigma_px.hypot(seen.tilt_sigma_px),
         }
     }
 }

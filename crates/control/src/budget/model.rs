@@ -25,8 +25,9 @@ pub(super) struct Model<'a> {
     pub(super) parts: Vec<(Part, f64)>,
     /// The square of the decentre that is likeliest, mm².
     decentre_squared: f64,
-    /// By how much the estimator's window exceeds the axis at every pose of the shell step, px.
-    excess_px: Vec<f64>,
+    /// By how much the estimator's window exceeds the axis at every pose of the shell step, and the standard uncertainty of
+    /// that, px.
+    excess_px: Vec<(f64, f64)>,
     /// What a decentred shell does at each of them.
     decentring: Vec<Decentring>,
 }
@@ -58,7 +59,8 @@ impl<'a> Model<'a> {
         let camera = CalibratedCamera { window_px: Some(seen.window_px), ..seen.air };
         let excess = seen.shell.iter().map(|pose| {
             let shown_mm = camera.e_mm(pose.spacing_px, pose.trim_mm);
-            camera.excess_px(if shown_mm.is_finite() { shown_mm } else { pose.e_reading_mm }, pose.trim_mm)
+            let e_mm = if shown_mm.is_finite() { shown_mm } else { pose.e_reading_mm };
+            (camera.excess_px(e_mm, pose.trim_mm), camera.excess_sigma_px(e_mm, pose.trim_mm))
         });
         model.excess_px = excess.collect();
         Some(model)
@@ -123,11 +125,10 @@ impl<'a> Model<'a> {
         let boards = self.seen.boards.iter().map(|b| named("spacings of the boards in air", b.spacing_px, b.sigma_px));
         let pitch = self.seen.pitch.iter().map(|p| named("pitch of the micro-images", p.pitch_px, p.sigma_px));
         // Beside what all poses share the window is another at each; and far from focus its shape counts for more.
-        let share = self.config.uncertainty.shell_aberrations;
         let in_focus = self.design.mla.target_spacing() / self.seen.air.pixel_mm;
-        let shell = self.seen.shell.iter().zip(&self.excess_px).map(|(seen, excess_px)| {
+        let shell = self.seen.shell.iter().zip(&self.excess_px).map(|(seen, (_, excess_sigma_px))| {
             let blurred = BLUR_SHARE * (seen.spacing_px - in_focus);
-            named("spacings through the shell", seen.spacing_px, seen.sigma_px.hypot(share * excess_px).hypot(blurred))
+            named("spacings through the shell", seen.spacing_px, seen.sigma_px.hypot(*excess_sigma_px).hypot(blurred))
         });
         boards.chain(pitch).chain(shell).unzip()
     }
@@ -148,7 +149,7 @@ impl<'a> Model<'a> {
         });
         let window = 1.0 + self.off(unknowns, Part::Aberrations);
         let shell = (0..self.seen.shell.len())
-            .map(|pose| self.paraxial_px(unknowns, &camera, pose) + window * self.excess_px[pose]);
+            .map(|pose| self.paraxial_px(unknowns, &camera, pose) + window * self.excess_px[pose].0);
         boards.chain(pitch).chain(shell).collect()
     }
 

@@ -36,7 +36,7 @@ use bench::device::{AxisName, Bench, DeviceError, StageInfo, StageState};
 use plenoptics::units::Millimetres;
 
 /// A readback this far from its target means that the controller did not do what it was told, mm.
-const READBACK_TOLERANCE_MM: f64 = 0.01;
+pub(super) const READBACK_TOLERANCE_MM: f64 = 0.01;
 
 /// The bench's stages behind the motion rules.
 pub struct Motion {

@@ -9,7 +9,7 @@ mod view;
 
 pub use boards::{AirBoards, Arrangement};
 pub use obstacle::Obstacle;
-pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedStep};
+pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedJob, PlannedStep};
 
 use super::air::{AirGoal, FREE_PROBES};
 use super::shell::ShellGoal;
@@ -37,6 +37,8 @@ const APERTURE_WITHIN: f64 = 0.023;
 const FOLLOWED_SHARE: f64 = 0.6;
 /// By how much less than its greatest step an axis is moved at once, mm, besides its play.
 const PLAY_MM: f64 = 0.5;
+/// By how much the spacing of a single frame out of focus is less certain than what is planned with.
+const SINGLE_FRAME: f64 = 1.5;
 /// Standard uncertainties of an axis's scale that a plan allows for.
 const SCALE_SIGMAS: f64 = 2.0;
 
@@ -46,6 +48,9 @@ const MOST_PIECES: i32 = 10;
 const PARKED_SIGMAS: f64 = 5.0;
 /// Most that e is ever taken from its optimum to meet the criterion, mm: it is there for the field of view.
 const MOST_DEPARTURE_MM: f64 = 1.0;
+/// How often, and by which share of it, a way of the focus axis is shortened for boards that stand to be in range.
+const SHORTER: u32 = 12;
+const SHORTER_BY: f64 = 0.05;
 /// How finely the e at which the shell is mounted is looked for.
 const MOUNTS: u32 = 60;
 
@@ -252,6 +257,37 @@ impl Plan {
         self.capture.place_mm(wanted, delta_v_mm, within_mm).map(|place| self.arrangement.about(place))
     }
 
+    /// The boards in air where the solution has them.
+    #[must_use]
+    pub fn boards_at_solution(&self) -> AirBoards {
+        self.arrangement.about(self.solution.equivalent_distance)
+    }
+
+    /// Where to go of a way of the focus axis (from and to, readings in mm) for the boards that stand, or those at the
+    /// solution, to be in range at its end: all of it, or less where the camera is not known well enough yet to see them at
+    /// once, and others would have to be put up just for that. `expected` is Δv and how well it is known at a reading, mm.
+    #[must_use]
+    pub fn without_other_boards(
+        &self,
+        (from_mm, to_mm): (f64, f64),
+        expected: impl Fn(f64) -> (f64, f64),
+        standing: AirBoards,
+    ) -> f64 {
+        let serves = |at_mm: &f64| {
+            let (delta_v_mm, within_mm) = expected(*at_mm);
+            let boards = self.boards_at(delta_v_mm, within_mm, Some(standing));
+            boards.is_some_and(|boards| boards == standing || boards == self.boards_at_solution())
+        };
+        (0..SHORTER).map(|k| to_mm - f64::from(k) * SHORTER_BY * (to_mm - from_mm)).find(serves).unwrap_or(to_mm)
+    }
+
+    /// By how much e may end above what is aimed at, mm: its axis's reading does not pass the wall, where the true e is
+    /// the greater by as much as the axis's zero and scale are off.
+    fn e_above_mm(&self) -> f64 {
+        let wall_mm = self.wall_mm.max(self.e.low_mm);
+        (wall_mm + self.e.unknown_mm(wall_mm) - self.solution.e).max(0.0)
+    }
+
     /// The levels, or the places of one board, about a distance (mm), by rising distance, mm.
     #[must_use]
     pub fn places_about(&self, middle_mm: f64) -> [f64; 3] {
@@ -276,6 +312,13 @@ impl Plan {
     #[must_use]
     pub fn unknown_delta_v_mm(&self, reading_mm: f64) -> f64 {
         self.focus.unknown_mm(reading_mm)
+    }
+
+    /// How far Δv may be from where it is wanted once the focus axis has gone there, mm: by its scale, as the first move has
+    /// told it by spacings that are good to `spacing_sigma`, in MLA pitches.
+    fn unknown_on_arrival_mm(&self, spacing_sigma: f64) -> f64 {
+        let told = SINGLE_FRAME * std::f64::consts::SQRT_2 * spacing_sigma / FOCUS_PROBE;
+        SCALE_SIGMAS * self.focus.scale_sigma.min(told) * (self.solution.delta_v - self.focus.home_mm).abs()
     }
 
     /// A place (mm) from which a board in air is measured both before and after e is moved, and how far it may be moved

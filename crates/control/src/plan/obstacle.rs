@@ -42,6 +42,18 @@ pub struct Obstacle {
     pub why: String,
 }
 
+impl Obstacle {
+    /// That homing the e axis would run it towards a shell that is `state`, in words.
+    pub(crate) fn homes_towards_shell(state: &str) -> Self {
+        obstacle(
+            "bench.e.home_side",
+            "\"low\"",
+            "\"high\", or the shell said to be off (PUT /api/v1/shell)",
+            format!("the job begins with a homing, which runs the e axis towards the shell, and that is {state}"),
+        )
+    }
+}
+
 impl std::fmt::Display for Obstacle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} is {}, and would have to be {}: {}", self.key, self.value, self.needed, self.why)

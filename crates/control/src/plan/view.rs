@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::boards::{AirBoards, Arrangement};
 use super::obstacle::Obstacle;
-use super::precision::Precision;
+use super::precision::{Precision, spacing_sigma_px};
 use super::{Plan, spacing_in_water};
 use crate::request::JobKind;
 use bench::config::{Config, ConfigOrigin, LBoundSource};
@@ -15,8 +15,15 @@ use bench::device::Setup;
 const MEASURED_S_PER_MEGAPIXEL: f64 = 0.35;
 /// Frame, settling and the pauses of a move in pieces, s, by the measurement.
 const PAUSES_S: f64 = 1.0;
-/// Measurements in air and through the shell that an alignment takes as a rule.
-const MEASUREMENTS: f64 = 12.0;
+/// Measurements in air, and through the shell, that an alignment takes as a rule.
+const MEASUREMENTS: [f64; 2] = [6.0, 6.0];
+/// The kinds of job besides the joint alignment that go by a plan.
+const PARTS: [JobKind; 4] = [JobKind::AirOnly, JobKind::ShellOnly, JobKind::ClarityOnly, JobKind::LBoundMeasurement];
+
+/// Whether a kind of job that goes by a plan brings the picture through the shell to its target.
+const fn has_shell(kind: JobKind) -> bool {
+    !matches!(kind, JobKind::AirOnly | JobKind::LBoundMeasurement)
+}
 
 /// Which boards a plan has in air.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -68,6 +75,23 @@ impl PlannedStep {
     }
 }
 
+/// What a kind of job that goes by a plan will ask and take.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlannedJob {
+    /// Which kind.
+    pub kind: JobKind,
+    /// What stands in its way; nothing does where it is empty.
+    pub obstacles: Vec<Obstacle>,
+    /// Δv aimed at, mm.
+    pub delta_v_mm: f64,
+    /// e aimed at, mm; of a clarity job, the one that it holds where its request names none. Null where e is not aimed at.
+    pub e_mm: Option<f64>,
+    /// What the operator is asked to do.
+    pub operator_steps: Vec<PlannedStep>,
+    /// How long it takes besides the operator, about, s.
+    pub duration_s: f64,
+}
+
 /// What a joint alignment will do, worked out before anything moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlanView {
@@ -99,12 +123,17 @@ pub struct PlanView {
     pub delta_v_tolerance_mm: f64,
     /// Tolerance of e, mm.
     pub e_tolerance_mm: f64,
+    /// By how much e may end above what is aimed at even so, mm: the e axis's reading does not pass the wall, however far its
+    /// zero and scale are off. Δv is trimmed for the e that there is then, and the picture is as sharp.
+    pub e_above_mm: f64,
     /// By how much the spacing may be off its target at the end, px.
     pub spacing_tolerance_px: f64,
     /// First move of the focus axis, mm.
     pub focus_probe_mm: f64,
     /// First move of the e axis, mm.
     pub e_probe_mm: f64,
+    /// From one place of the focus axis to the next, mm, where the picture is looked for that can be measured.
+    pub search_step_mm: f64,
     /// Standard uncertainty expected of a spacing, px.
     pub spacing_sigma_px: f64,
     /// The same of Δv by the picture alone, mm.
@@ -117,16 +146,23 @@ pub struct PlanView {
     pub operator_steps: Vec<PlannedStep>,
     /// How long it takes besides the operator, about, s.
     pub duration_s: f64,
+    /// What the kinds of job that are parts of an alignment, or its like, will ask and take.
+    pub parts: Vec<PlannedJob>,
 }
 
 impl PlanView {
     /// The plan of a joint alignment by a checked configuration.
     #[must_use]
     pub fn of(config: &Config, origin: &ConfigOrigin) -> Self {
-        let assembly = &config.assembly;
-        let solution = config.design().joint(assembly.l_bound_mm);
-        let plan = Plan::new(config, solution, assembly.e_wall_mm(assembly.l_bound_mm), assembly.initial_e_mm);
-        plan.view(config, origin.describe(config))
+        let (assembly, design) = (&config.assembly, config.design());
+        let of = |solution| Plan::new(config, solution, assembly.e_wall_mm(assembly.l_bound_mm), assembly.initial_e_mm);
+        let joint = of(design.joint(assembly.l_bound_mm));
+        let clarity = of(design.clarity(assembly.initial_e_mm));
+        let parts = PARTS.map(|kind| {
+            let plan = if kind == JobKind::ClarityOnly { &clarity } else { &joint };
+            plan.part(kind, config)
+        });
+        Self { parts: parts.to_vec(), ..joint.view(config, origin.describe(config)) }
     }
 
     /// In a sentence.
@@ -137,11 +173,12 @@ impl PlanView {
             PlannedBoards::FlatInTurn => "one flat board in turn at",
         };
         format!(
-            "plan: Δv = {:.4} mm to ±{} mm and e = {:.3} mm to ±{} mm; in air {boards} {} mm, whose spacings are {} px; the shell is mounted at e = {:.1} mm, where the spacing is {:.2} px; a spacing is expected to be good to {:.4} px, which is {:.4} mm of Δv and {:.3} mm of e ({})",
+            "plan: Δv = {:.4} mm to ±{} mm and e = {:.3} mm to ±{} mm, or up to {:.1} mm more where the wall does not let its axis go further; in air {boards} {} mm, whose spacings are {} px; the shell is mounted at e = {:.1} mm, where the spacing is {:.2} px; a spacing is expected to be good to {:.4} px, which is {:.4} mm of Δv and {:.3} mm of e ({})",
             self.delta_v_mm,
             self.delta_v_tolerance_mm,
             self.e_mm,
             self.e_tolerance_mm,
+            self.e_above_mm,
             list(|board| format!("{:.1}", board.distance_mm)),
             list(|board| format!("{:.2}", board.spacing_px)),
             self.mount_e_mm,
@@ -185,9 +222,11 @@ impl Plan {
             aberrations_px: self.aberrations_px(config),
             delta_v_tolerance_mm: self.delta_v_tolerance_mm,
             e_tolerance_mm: self.e_tolerance_mm,
+            e_above_mm: self.e_above_mm(),
             spacing_tolerance_px: self.spacing_tolerance_px,
             focus_probe_mm: self.focus_probe_mm,
             e_probe_mm: self.e_probe_mm,
+            search_step_mm: self.search_step_mm,
             spacing_sigma_px: precision.spacing_px,
             delta_v_sigma_mm: precision.delta_v_mm,
             e_sigma_mm: precision.e_mm,
@@ -197,15 +236,35 @@ impl Plan {
                 f64::from(config.sensor.width_px) * f64::from(config.sensor.height_px) / (pitch_px * pitch_px)
             ),
             operator_steps: self.operator_steps(JobKind::JointAlignment, config),
-            duration_s: self.duration_s(config),
+            duration_s: self.duration_s(JobKind::JointAlignment, config),
+            parts: Vec::new(),
+        }
+    }
+
+    /// What a kind of job that goes by it will ask and take.
+    fn part(&self, kind: JobKind, config: &Config) -> PlannedJob {
+        PlannedJob {
+            kind,
+            // It goes on from an air step that nothing stood in the way of.
+            obstacles: if kind == JobKind::ShellOnly { Vec::new() } else { self.obstacles(config) },
+            delta_v_mm: self.solution.delta_v,
+            e_mm: has_shell(kind).then_some(self.solution.e),
+            operator_steps: self.operator_steps(kind, config),
+            duration_s: self.duration_s(kind, config),
         }
     }
 
     /// What the operator is asked in a kind of job that goes by this plan.
     pub(crate) fn operator_steps(&self, kind: JobKind, config: &Config) -> Vec<PlannedStep> {
-        let (in_air, standing) = self.steps_in_air(self.first_boards());
+        let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
+        let spacing_sigma = spacing_sigma_px(config) / pitch_px;
+        let (in_air, standing) = self.steps_in_air(self.first_boards(), spacing_sigma);
         let distance_mm = config.object.distance_mm;
         let in_water = || Some(format!("{distance_mm:.1} mm"));
+        let shell = || PlannedStep::new("shell_and_water", in_water(), Setup::WaterBoard { distance_mm });
+        if kind == JobKind::ShellOnly {
+            return vec![shell()];
+        }
         let mut steps = vec![PlannedStep::white_frame()];
         let l_bound_first = kind != JobKind::ClarityOnly && config.assembly.l_bound == LBoundSource::Measure;
         if kind == JobKind::LBoundMeasurement || l_bound_first {
@@ -218,18 +277,18 @@ impl Plan {
             return steps;
         }
         steps.extend(in_air);
-        if kind != JobKind::AirOnly {
+        if has_shell(kind) {
             let parking = self.boards_while_parking(standing).into_iter().map(AirBoards::Flat);
             steps.extend(parking.map(PlannedStep::boards));
-            steps.push(PlannedStep::new("shell_and_water", in_water(), Setup::WaterBoard { distance_mm }));
+            steps.push(shell());
         }
         steps
     }
 
     /// The steps of an air step, and where (mm) the board stands at its end.
-    fn steps_in_air(&self, first: Option<AirBoards>) -> (Vec<PlannedStep>, f64) {
+    fn steps_in_air(&self, first: Option<AirBoards>, spacing_sigma: f64) -> (Vec<PlannedStep>, f64) {
         let solution = &self.solution;
-        let at_solution = self.arrangement.about(solution.equivalent_distance);
+        let at_solution = self.boards_at_solution();
         let mut steps: Vec<PlannedStep> = first.map(PlannedStep::boards).into_iter().collect();
         if !self.grid_followed(self.focus.home_mm, solution.delta_v) {
             steps.push(PlannedStep::white_frame());
@@ -240,7 +299,12 @@ impl Plan {
         let ring = self.design.main_lens.ring_f_number(solution.aperture);
         let value = format!("{:.2} mm, f/{ring:.2}", solution.aperture);
         let setup = Setup::Aperture { diameter_mm: solution.aperture, ring_f_number: ring };
-        steps.push(PlannedStep::new("aperture", Some(value), setup));
+        let aperture = PlannedStep::new("aperture", Some(value), setup);
+        // Where the first boards are all that is surely in range on arrival, the others are put up after the aperture is set.
+        let stay = first.is_some() && first != Some(at_solution) && steps.len() == 2;
+        let arrived = self.boards_at(solution.delta_v, self.unknown_on_arrival_mm(spacing_sigma), first);
+        let place = if stay && arrived == first { 1 } else { steps.len() };
+        steps.insert(place, aperture);
         let mut standing = solution.equivalent_distance;
         if let Arrangement::InTurn { places_mm } = self.arrangement {
             for place in places_mm.into_iter().filter(|&place| place != solution.equivalent_distance) {
@@ -264,7 +328,7 @@ impl Plan {
         places
     }
 
-    fn duration_s(&self, config: &Config) -> f64 {
+    fn duration_s(&self, kind: JobKind, config: &Config) -> f64 {
         let (focus, e) = (&config.bench.focus, &config.bench.e);
         let homing: f64 =
             [focus, e].iter().map(|axis| (axis.high_limit_mm - axis.low_limit_mm) / axis.speed_mm_per_s / 2.0).sum();
@@ -275,6 +339,9 @@ impl Plan {
         let settled_ms = focus.settle_ms.max(e.settle_ms) as f64;
         let frame_s = 2.0 / config.bench.camera.frame_rate_hz;
         let measured_s = PAUSES_S + settled_ms / 1000.0 + frame_s + MEASURED_S_PER_MEGAPIXEL * megapixels;
-        homing + 2.0 * (e_way + focus_way) + MEASUREMENTS * measured_s
+        let homing = if kind == JobKind::ShellOnly { 0.0 } else { homing };
+        let in_air = if kind == JobKind::ShellOnly { 0.0 } else { 2.0 * focus_way + MEASUREMENTS[0] * measured_s };
+        let through_shell = if has_shell(kind) { 2.0 * e_way + MEASUREMENTS[1] * measured_s } else { 0.0 };
+        homing + in_air + through_shell
     }
 }

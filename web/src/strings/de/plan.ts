@@ -7,6 +7,9 @@ export const plan: typeof en.plan = {
   obstacle: (value, needed, why) => `ist ${value} und müsste ${needed} sein: ${why}`,
   summary: (steps, seconds) => `${steps} Handgriffe für Sie, dazu etwa ${Math.round(seconds)} s`,
   mounted: (e, spacing) => `Die Kugelschale wird bei e = ${e} montiert, wo der Punktabstand ${spacing} ist.`,
+  held: (e) => `e wird bei ${e} gehalten, wenn Sie kein anderes nennen; dafür gilt der Plan.`,
+  above: (e, tolerance, more) =>
+    `e kommt auf ${e} ± ${tolerance}, oder bis zu ${more} mehr, wo die Sperre die Achse nicht weiter lässt.`,
   expected: (spacing, deltaV, e) =>
     `Erwartete Unsicherheit: ${spacing}, das sind ${deltaV} bei Δv und ${e} bei e:`,
 };

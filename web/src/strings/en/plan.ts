@@ -6,6 +6,9 @@ export const plan = {
   summary: (steps: number, seconds: number) =>
     `You are asked ${steps} times; it takes about ${Math.round(seconds)} s besides`,
   mounted: (e: string, spacing: string) => `The shell is mounted at e ${e}, where the spacing is ${spacing}.`,
+  held: (e: string) => `e is held at ${e}, unless you name another; the plan is for that.`,
+  above: (e: string, tolerance: string, more: string) =>
+    `e is brought to ${e} ± ${tolerance}, or up to ${more} more where the wall does not let its axis go further.`,
   expected: (spacing: string, deltaV: string, e: string) =>
     `Expected to be good to ${spacing}, which is ${deltaV} of Δv and ${e} of e:`,
 };

@@ -2,7 +2,7 @@ import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { strings } from "../../strings";
 import { length, pixels, reworded, type LengthUnit } from "../../units";
-import type { Plan } from "../../wire";
+import type { JobKind, Plan } from "../../wire";
 import { SetUpDrawing } from "./set-up";
 import { Explained } from "../term";
 
@@ -22,14 +22,24 @@ export function usePlan(wanted: boolean): Plan | null {
   return wanted ? plan : null;
 }
 
+/** A kind of job that goes by a plan; undefined for the others. */
+function planned(plan: Plan, kind: JobKind) {
+  return kind === "joint_alignment" ? { ...plan, kind } : plan.parts.find((part) => part.kind === kind);
+}
+
+/** Whether nothing stands in the way of a kind of job. */
+export const isPossible = (plan: Plan, kind: JobKind) => (planned(plan, kind)?.obstacles ?? []).length === 0;
+
 /** Where it measures, what the operator will be asked, and how good it is expected to be; or why it cannot be done. */
-export function PlanSummary({ plan, unit }: { plan: Plan; unit: LengthUnit }) {
-  if (!plan.possible) {
+export function PlanSummary({ plan, kind, unit }: { plan: Plan; kind: JobKind; unit: LengthUnit }) {
+  const job = planned(plan, kind);
+  if (job === undefined) return null;
+  if (job.obstacles.length > 0) {
     return (
       <div class="fault" role="alert" id="plan">
         <p>{strings.plan.impossible}</p>
         <ul>
-          {plan.obstacles.map((obstacle) => (
+          {job.obstacles.map((obstacle) => (
             <li key={obstacle.key}>
               <code>{obstacle.key}</code>{" "}
               {strings.plan.obstacle(obstacle.value, obstacle.needed, obstacle.why)}
@@ -41,9 +51,9 @@ export function PlanSummary({ plan, unit }: { plan: Plan; unit: LengthUnit }) {
   }
   return (
     <details id="plan">
-      <summary>{strings.plan.summary(plan.operator_steps.length, plan.duration_s)}</summary>
+      <summary>{strings.plan.summary(job.operator_steps.length, job.duration_s)}</summary>
       <ol class="plan-steps">
-        {plan.operator_steps.map((step, index) => (
+        {job.operator_steps.map((step, index) => (
           <li key={index}>
             {strings.steps.name(step.name)}
             {step.value === null || step.value === undefined ? "" : `: ${reworded(step.value, unit)}`}
@@ -51,11 +61,29 @@ export function PlanSummary({ plan, unit }: { plan: Plan; unit: LengthUnit }) {
           </li>
         ))}
       </ol>
-      <p>
-        <Explained
-          text={strings.plan.mounted(length(plan.mount_e_mm, unit, 1), pixels(plan.mount_spacing_px, 2))}
-        />
-      </p>
+      {kind === "clarity_only" && typeof job.e_mm === "number" && (
+        <p>
+          <Explained text={strings.plan.held(length(job.e_mm, unit, 1))} />
+        </p>
+      )}
+      {kind === "joint_alignment" && (
+        <>
+          <p>
+            <Explained
+              text={strings.plan.mounted(length(plan.mount_e_mm, unit, 1), pixels(plan.mount_spacing_px, 2))}
+            />
+          </p>
+          <p>
+            <Explained
+              text={strings.plan.above(
+                length(plan.e_mm, unit, 2),
+                length(plan.e_tolerance_mm, unit, 2),
+                length(plan.e_above_mm, unit, 1),
+              )}
+            />
+          </p>
+        </>
+      )}
       <p>
         {strings.plan.expected(
           pixels(plan.spacing_sigma_px, 4),

@@ -18,7 +18,7 @@ import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Scene } from "../scene";
 import { Explained } from "../term";
-import { PlanSummary, usePlan } from "./plan";
+import { isPossible, PlanSummary, usePlan } from "./plan";
 import { Choice, Toggle } from "../toggle";
 
 /** Before what is typed is worked out, ms. */
@@ -27,8 +27,14 @@ const AXES = ["focus", "e"] as const;
 /** Kinds that go where the joint solution says. */
 const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
 
-/** Kinds that begin by the joint solution's plan: what stands in its way stands in theirs. */
-const PLANNED: JobKind[] = ["joint_alignment", "air_only", "l_bound_measurement"];
+/** Kinds that go by a plan. */
+const PLANNED: JobKind[] = [
+  "joint_alignment",
+  "air_only",
+  "shell_only",
+  "clarity_only",
+  "l_bound_measurement",
+];
 
 /** Chooses a job, says what it will do, and starts it. */
 export function StartJob({ state, act }: Scene) {
@@ -47,7 +53,7 @@ export function StartJob({ state, act }: Scene) {
     !state.bench?.stop.latched &&
     able(state, "control") &&
     other === null &&
-    plan?.possible !== false;
+    (plan === null || eOf(draft, unit) !== null || isPossible(plan, draft.kind));
   const submit = async (event: Event) => {
     event.preventDefault();
     setTried(true);
@@ -88,9 +94,7 @@ export function StartJob({ state, act }: Scene) {
         ))}
       </ol>
       <Aim kind={draft.kind} design={state.design} eMm={eOf(draft, unit)} unit={unit} />
-      {plan && (draft.kind === "joint_alignment" || !plan.possible) && (
-        <PlanSummary plan={plan} unit={unit} />
-      )}
+      {plan && <PlanSummary plan={plan} kind={draft.kind} unit={unit} />}
       {FIELDS[draft.kind].map((field) => {
         if (field.is === "number") {
           return (

@@ -114,6 +114,8 @@ pub struct Calibration {
     pub line: ConjugateLine,
     /// Tilt x, tilt y (px per half frame width) and curvature (px per half width squared) at the mean spacing.
     pub field_px: [f64; 3],
+    /// Standard uncertainty of tilt x and of tilt y, px: boards side by side look tilted where their spacings err apart.
+    pub tilt_sigmas_px: [f64; 2],
     /// Radius of the masks that pairs were compared with, px.
     pub window_px: f64,
     /// The micro-images of the frame.
@@ -129,6 +131,7 @@ pub struct Boards {
     covariance: DMatrix<f64>,
     micro_image_pitch: Option<MicroImagePitch>,
     field_px: [f64; 3],
+    tilt_sigmas_px: [f64; 2],
     window_px: f64,
     grid: Grid,
 }
@@ -181,6 +184,9 @@ impl Boards {
             // With few field blocks the scatter can come out below noise alone by chance.
             regions.covariance[(order[i], order[j])].max(if i == j { random } else { f64::NEG_INFINITY })
         });
+        // The tilts follow the spacings.
+        let tilt_sigmas_px = [wanted, wanted + 1]
+            .map(|tilt| regions.covariance.get((tilt, tilt)).map_or(0.0, |variance| variance.max(0.0).sqrt()));
         let micro_image_pitch = match options.micro_image_pitch {
             None => None,
             Some(PitchSource::Frame) => Some(MicroImagePitch::of(&grid)),
@@ -191,6 +197,7 @@ impl Boards {
             covariance,
             micro_image_pitch,
             field_px: regions.field_px,
+            tilt_sigmas_px,
             window_px: regions.window_px,
             grid,
         })
@@ -212,7 +219,13 @@ impl Boards {
             return Err(CalibrationError::BoardsNotFound { found, wanted });
         }
         let line = fit_line(&distances, &self.spacings_px, &self.covariance, self.micro_image_pitch, options)?;
-        Ok(Calibration { line, field_px: self.field_px, window_px: self.window_px, grid: self.grid.clone() })
+        Ok(Calibration {
+            line,
+            field_px: self.field_px,
+            tilt_sigmas_px: self.tilt_sigmas_px,
+            window_px: self.window_px,
+            grid: self.grid.clone(),
+        })
     }
 }
 
