@@ -22,10 +22,11 @@ build_packages=(build-essential libclang-dev linux-libc-dev git ca-certificates 
 # jq                reads answers in the documentation's commands
 # sqlite3           backs a history up, as the documentation says
 # python3-venv      where the stage vendors' clients, Schemathesis and other tools' clients are put
-# iproute2, util-linux   a network of its own for the tests of announcement, Alpaca and MQTT
+# iproute2, util-linux   a network of its own for the tests of announcement, Alpaca, MQTT and cameras on the network
 # slurmctld, slurmd, slurm-client, munge   the study's parts and their merge in a cluster of two nodes on this machine
+# aravis-tools, aravis-tools-cli   a GigE Vision camera that is not ours, and others who want it
 test_packages=(chromium openssl jq sqlite3 python3 python3-venv iproute2 util-linux
-  slurmctld slurmd slurm-client munge)
+  slurmctld slurmd slurm-client munge aravis-tools aravis-tools-cli)
 # python3-venv      where the comparison's OpenCV and NumPy are put
 bench_packages=(python3 python3-venv)
 # qemu-system-x86   emulates the machine that the virtual cameras run on

@@ -12,6 +12,7 @@ use super::{Context, exposure};
 use crate::config::CameraDriver;
 use crate::device::camera::controls::{self, Control};
 use crate::device::camera::find::{self, Node};
+use crate::device::camera::genicam::find::{self as network, NetworkCamera};
 use crate::device::camera::offer::{self, Offer};
 
 /// Arguments of `plenalign camera`.
@@ -62,6 +63,8 @@ struct Listed {
 #[derive(Debug, Serialize)]
 struct Cameras {
     cameras: Vec<Listed>,
+    /// Those that answer on the interfaces of the configuration.
+    network: Vec<NetworkCamera>,
 }
 
 /// A camera's controls.
@@ -76,8 +79,12 @@ struct Controls {
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let text = match args.command {
         Command::List(args) => {
-            let cameras = Cameras { cameras: find::nodes().into_iter().map(listed).collect() };
-            if args.json { json(&cameras)? } else { cameras_text(&cameras.cameras)? }
+            let (network, wrong) = network::cameras(&context.config.bench.camera.interfaces);
+            for why in wrong {
+                eprintln!("{why}");
+            }
+            let cameras = Cameras { cameras: find::nodes().into_iter().map(listed).collect(), network };
+            if args.json { json(&cameras)? } else { cameras_text(&cameras)? }
         }
         Command::Controls(args) => {
             let controls = read_controls(&context, &args)?;
@@ -108,6 +115,12 @@ fn read_controls(context: &Context, args: &ControlsArgs) -> anyhow::Result<Contr
         None if camera.driver == CameraDriver::Files => {
             return Err(anyhow!("bench.camera.driver = \"files\" has no controls; name a camera"));
         }
+        None if camera.driver == CameraDriver::Genicam => {
+            return Err(anyhow!(
+                "the features of GenICam cameras are not listed here: the camera's manual has them; `plenalign camera \
+                 exposure` shows exposure and gain of a running daemon's"
+            ));
+        }
         None => &camera.device,
     };
     let path = find::resolve(device).map_err(|why| anyhow!(why))?;
@@ -119,10 +132,28 @@ fn read_controls(context: &Context, args: &ControlsArgs) -> anyhow::Result<Contr
     Ok(Controls { device: path.display().to_string(), controls: controls::list(&opened), notes })
 }
 
-fn cameras_text(cameras: &[Listed]) -> Result<String, std::fmt::Error> {
+fn cameras_text(Cameras { cameras, network }: &Cameras) -> Result<String, std::fmt::Error> {
     let mut out = String::new();
-    if cameras.is_empty() {
+    if cameras.is_empty() && network.is_empty() {
         writeln!(out, "no video device is connected")?;
+    }
+    for camera in network {
+        writeln!(out, "{}  {} (GigE Vision, {})", camera.address, camera.model, camera.interface)?;
+        for name in camera.names() {
+            writeln!(out, "  device = {name:?}")?;
+        }
+        if let Some(why) = &camera.unusable {
+            writeln!(out, "  cannot be used: {why}")?;
+        }
+        let readable = camera.readable();
+        for format in &readable {
+            writeln!(out, "  format = {format:?}")?;
+        }
+        let unread: Vec<&str> =
+            camera.formats.iter().filter(|name| !readable.contains(name)).map(String::as_str).collect();
+        if !unread.is_empty() {
+            writeln!(out, "  not read: {}", unread.join(", "))?;
+        }
     }
     for Listed { node, formats } in cameras {
         writeln!(out, "{}  {} ({}, {})", node.path.display(), node.card, node.driver, node.bus)?;
@@ -201,7 +232,17 @@ mod tests {
             sizes: vec![Size { least_px: [640, 480], most_px: [640, 480], step_px: [0, 0], rates_hz: vec![30.0, 7.5] }],
         };
         let formats = vec![format("Y12", true), format("MJPG", true), format("H264", false)];
-        let text = cameras_text(&[Listed { node, formats }]).unwrap();
+        let network = NetworkCamera {
+            address: std::net::Ipv4Addr::new(10, 0, 0, 5),
+            model: "Maker Mono".to_owned(),
+            serial: Some("B2".to_owned()),
+            user_name: None,
+            interface: "eth1".to_owned(),
+            formats: vec!["Mono12p".to_owned(), "RGB8".to_owned()],
+            unusable: None,
+        };
+        let cameras = Cameras { cameras: vec![Listed { node, formats }], network: vec![network] };
+        let text = cameras_text(&cameras).unwrap();
         for line in [
             "/dev/video2  Mono (uvcvideo, usb-1)",
             "  device = \"/dev/v4l/by-id/usb-Mono-index0\"",
@@ -211,9 +252,17 @@ mod tests {
             "    640x480  7.5, 30 Hz",
             "  format = \"MJPG\"  of the driver, for viewing only",
             "  not read: H264",
+            "10.0.0.5  Maker Mono (GigE Vision, eth1)",
+            "  device = \"serial:B2\"",
+            "  device = \"10.0.0.5\"",
+            "  format = \"Mono12p\"",
+            "  not read: RGB8",
         ] {
             assert!(text.lines().any(|shown| shown == line), "{line}\n{text}");
         }
-        assert_eq!(cameras_text(&[]).unwrap(), "no video device is connected\n");
+        assert_eq!(
+            cameras_text(&Cameras { cameras: vec![], network: vec![] }).unwrap(),
+            "no video device is connected\n"
+        );
     }
 }

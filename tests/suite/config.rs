@@ -5,6 +5,7 @@ use std::path::Path;
 use clap::ValueEnum as _;
 use plenalign::config::{
     BenchDriver, CameraDriver, Config, ConfigError, ConfigOrigin, ControlValue, ControllerDriver, Position, Side,
+    TimestampMeans,
 };
 
 fn shipped(name: &str) -> std::path::PathBuf {
@@ -65,7 +66,7 @@ fn the_shipped_file_shows_every_key() {
             _ => format!("{line}\n"),
         })
         .collect();
-    assert_eq!(uncommented, 23);
+    assert_eq!(uncommented, 25);
     // Only the water, given twice over, is at fault then.
     let faults = faults(&every);
     assert!(faults.len() == 3 && faults.iter().all(|fault| fault.contains("water.")), "{faults:?}");
@@ -94,6 +95,12 @@ fn the_camera_examples_load() {
     assert_eq!((config.bench.driver, camera.driver), (BenchDriver::Hardware, CameraDriver::V4l2));
     assert_eq!((camera.format.as_str(), camera.crop()), ("Y12", Some((380, 0))));
     assert_eq!(camera.controls["auto_exposure"], ControlValue::Item("Manual Mode".to_owned()));
+    assert_eq!(config.notices(), Vec::<String>::new());
+    let config = Config::load(&shipped("examples/genicam.toml")).unwrap();
+    let camera = &config.bench.camera;
+    assert_eq!((camera.driver, camera.timestamp_means), (CameraDriver::Genicam, TimestampMeans::ExposureStart));
+    assert_eq!((camera.interfaces.as_slice(), camera.packet_bytes), (["eth1".to_owned()].as_slice(), Some(9000)));
+    assert_eq!(camera.controls["ExposureTime"], ControlValue::Real(12_000.5));
     assert_eq!(config.notices(), Vec::<String>::new());
     let config = Config::load(&shipped("examples/files.toml")).unwrap();
     assert_eq!(config.bench.camera.driver, CameraDriver::Files);
@@ -148,6 +155,26 @@ fn a_camera_is_named_by_file_card_or_serial_number() {
         refused(&hardware(&format!("device = {device:?}")), "bench.camera.device", "names no device");
     }
     refused(&hardware("driver = \"files\""), "bench.camera.files", "is empty");
+}
+
+#[test]
+fn a_genicam_camera_is_named_by_serial_number_name_or_address() {
+    let genicam = |keys: &str| hardware(&format!("driver = \"genicam\"\nformat = \"Mono12p\"\n{keys}"));
+    for device in ["serial:40012345", "name:bench 2", "192.168.7.20"] {
+        let text = genicam(&format!("interfaces = [\"eth1\"]\ndevice = {device:?}"));
+        assert_eq!(Config::from_toml(&text, "t").unwrap().bench.camera.device, device);
+    }
+    Config::from_toml(&genicam("device = \"192.168.7.20\""), "t").unwrap();
+    refused(&genicam("device = \"serial:1\""), "bench.camera.interfaces", "on no other");
+    for device in ["", "serial:", "usb:1", "/dev/video0", "192.168.7"] {
+        refused(&genicam(&format!("device = {device:?}")), "bench.camera.device", "names no GenICam camera");
+    }
+    refused(&genicam("device = \"10.0.0.2\"\npacket_bytes = 100"), "bench.camera.packet_bytes", "576 to 65535");
+    refused(&genicam("device = \"10.0.0.2\"\npacket_delay_us = -1.0"), "bench.camera.packet_delay_us", "negative");
+    let of_format =
+        |format: &str| hardware(&format!("driver = \"genicam\"\ndevice = \"10.0.0.2\"\nformat = {format:?}"));
+    refused(&of_format("GREY"), "bench.camera.format", "Mono8, Mono10");
+    refused(&of_format("BayerRG12p"), "bench.camera.format", "set sensor.mosaic = \"rggb\"");
 }
 
 #[test]

@@ -7,6 +7,7 @@ use jiff::Timestamp;
 
 use crate::config::{Config, ConfigError, ControllerConfig};
 use crate::device::camera::find::Node;
+use crate::device::camera::genicam::find::NetworkCamera;
 use crate::device::camera::offer::Offer;
 use crate::device::connected::ConnectedPort;
 use crate::store::Inspection;
@@ -179,8 +180,22 @@ pub(super) struct VideoFacts {
 pub(super) enum CameraSource {
     /// A video device, by its path; or why there is none.
     Device(Result<PathBuf, String>),
+    /// A camera on the network; or why there is none.
+    Network(Result<NetworkCameraFacts, String>),
     /// How many files are played; or why none.
     Files(Result<usize, String>),
+}
+
+/// A camera on the network and the way to it.
+#[derive(Debug)]
+pub(super) struct NetworkCameraFacts {
+    pub(super) camera: NetworkCamera,
+    /// Bytes of the largest packet that its interface carries.
+    pub(super) mtu: Option<u32>,
+    /// What its interface carries, Mbit/s.
+    pub(super) link_mbit_per_s: Option<u32>,
+    /// The largest buffer that the kernel gives a socket for what it receives, bytes.
+    pub(super) most_buffer_bytes: Option<u64>,
 }
 
 /// A device file and who may open it.

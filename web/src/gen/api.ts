@@ -289,7 +289,10 @@ export interface paths {
       path?: never;
       cookie?: never;
     };
-    /** Cameras and serial ports that are connected now, whether the configuration names them or not. */
+    /**
+     * Cameras and serial ports that are connected now, whether the configuration names them or not. Cameras on the network are
+     *     looked for on the interfaces of `bench.camera.interfaces`, which takes a second for each.
+     */
     get: operations["get_devices"];
     put?: never;
     post?: never;
@@ -1379,13 +1382,13 @@ export interface components {
     };
     /** @description A camera that is connected. */
     CameraFound: {
-      /** @description What its driver calls it. */
+      /** @description What its driver calls it; of a camera on the network, its maker and model. */
       card: string;
       /** @description The formats it offers that this program reads. */
       formats: string[];
       /** @description What `bench.camera.device` can be to mean it, the steadiest name first. */
       names: string[];
-      /** @description Its device file. */
+      /** @description Its device file; of a camera on the network, its address. */
       path: string;
       /** @description Why no frames can be had of it; null where they can. */
       unusable?: string | null;
@@ -1477,9 +1480,11 @@ export interface components {
        *         "files": "",
        *         "format": "GREY",
        *         "frame_rate_hz": 30,
+       *         "interfaces": [],
        *         "pipeline_delay_ms": 0,
        *         "repeat": true,
-       *         "timeout_ms": 2000
+       *         "timeout_ms": 2000,
+       *         "timestamp_means": "readout"
        *       },
        *       "controllers": {},
        *       "driver": "simulated",
@@ -1964,9 +1969,11 @@ export interface components {
        *       "files": "",
        *       "format": "GREY",
        *       "frame_rate_hz": 30,
+       *       "interfaces": [],
        *       "pipeline_delay_ms": 0,
        *       "repeat": true,
-       *       "timeout_ms": 2000
+       *       "timeout_ms": 2000,
+       *       "timestamp_means": "readout"
        *     }
        */
       camera: components["schemas"]["Config.CameraConfig"];
@@ -2211,7 +2218,7 @@ export interface components {
     /** @description `[bench.camera]` */
     "Config.CameraConfig": {
       /**
-       * @description Controls set before frames are taken, by the driver's names for them.
+       * @description Controls set before frames are taken, by the driver's or the camera's names for them.
        * @default {}
        */
       controls: {
@@ -2229,13 +2236,14 @@ export interface components {
        */
       crop_top_px?: number | null;
       /**
-       * @description Which device: a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its driver gives it;
-       *     or `usb:SERIAL`, by its USB serial number.
+       * @description Which device. With `v4l2` a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its driver
+       *     gives it; or `usb:SERIAL`, by its USB serial number. With `genicam` `serial:NUMBER`; `name:NAME`, by the name that
+       *     a user gave it; or its IPv4 address.
        * @default /dev/video0
        */
       device: string;
       /**
-       * @description Driver. On a simulated bench `v4l2` stands for the simulated camera.
+       * @description Driver. On a simulated bench `v4l2` and `genicam` stand for the simulated camera.
        * @default v4l2
        */
       driver: components["schemas"]["Config.CameraDriver"];
@@ -2245,7 +2253,7 @@ export interface components {
        */
       files: string;
       /**
-       * @description Pixel format, by its V4L2 name.
+       * @description Pixel format, by its V4L2 name, or PFNC's (genicam).
        * @default GREY
        */
       format: string;
@@ -2255,6 +2263,21 @@ export interface components {
        * @default 30
        */
       frame_rate_hz: number;
+      /**
+       * @description Network interfaces on which cameras are looked for, such as `eth1`; on no other (genicam only).
+       * @default []
+       */
+      interfaces: string[];
+      /**
+       * Format: uint32
+       * @description Bytes of a packet with its headers, at most; left out: as many as the network carries (genicam only).
+       */
+      packet_bytes?: number | null;
+      /**
+       * Format: double
+       * @description The camera's pause between two packets, µs; left out: as it is set (genicam only).
+       */
+      packet_delay_us?: number | null;
       /**
        * Format: uint64
        * @description Time a picture spends between exposure and the driver's timestamp, ms.
@@ -2272,9 +2295,14 @@ export interface components {
        * @default 2000
        */
       timeout_ms: number;
+      /**
+       * @description What the camera's timestamps are of (genicam only).
+       * @default readout
+       */
+      timestamp_means: components["schemas"]["Config.TimestampMeans"];
     };
     /** @description Where frames come from. */
-    "Config.CameraDriver": "v4l2" | "files";
+    "Config.CameraDriver": "v4l2" | "genicam" | "files";
     /** @description A Bayer pattern, named by its first two rows from the frame's upper left. */
     "Config.CfaPattern": "rggb" | "bggr" | "grbg" | "gbrg";
     /** @description The value of a camera's control. */
@@ -3021,6 +3049,8 @@ export interface components {
     "Config.SpacingTarget": "paraxial" | "exact";
     /** @description What is on a board. */
     "Config.Texture": "charuco" | "natural" | "guppy" | "oscar";
+    /** @description The moment that a GenICam camera's timestamps are of, which differs by vendor. */
+    "Config.TimestampMeans": "exposure_start" | "exposure_end" | "readout" | "arrival";
     /** @description `[server.tls]` */
     "Config.TlsConfig": {
       /**

@@ -225,7 +225,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """`[bench.camera]`"""
 
     controls: dict[str, ControlValue] | UnsetType = UNSET
-    """Controls set before frames are taken, by the driver's names for them."""
+    """Controls set before frames are taken, by the driver's or the camera's names for them."""
     crop_left_px: int | None = None
     """Left column of the region read out, px from the left of what the driver can crop from; without it and
     `crop_top_px` nothing is cropped.
@@ -233,23 +233,32 @@ class CameraConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     crop_top_px: int | None = None
     """Top row of the region read out, px."""
     device: str | UnsetType = UNSET
-    """Which device: a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its driver
-    gives it; or `usb:SERIAL`, by its USB serial number.
+    """Which device. With `v4l2` a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its
+    driver gives it; or `usb:SERIAL`, by its USB serial number. With `genicam` `serial:NUMBER`; `name:NAME`, by
+    the name that a user gave it; or its IPv4 address.
     """
     driver: CameraDriver | UnsetType = UNSET
-    """Driver. On a simulated bench `v4l2` stands for the simulated camera."""
+    """Driver. On a simulated bench `v4l2` and `genicam` stand for the simulated camera."""
     files: str | UnsetType = UNSET
     """The frames to play: a folder, or a pattern such as `/data/run-7/*.png` (files only)."""
     format: str | UnsetType = UNSET
-    """Pixel format, by its V4L2 name."""
+    """Pixel format, by its V4L2 name, or PFNC's (genicam)."""
     frame_rate_hz: float | UnsetType = UNSET
     """Frames a second asked for, or played."""
+    interfaces: list[str] | UnsetType = UNSET
+    """Network interfaces on which cameras are looked for, such as `eth1`; on no other (genicam only)."""
+    packet_bytes: int | None = None
+    """Bytes of a packet with its headers, at most; left out: as many as the network carries (genicam only)."""
+    packet_delay_us: float | None = None
+    """The camera's pause between two packets, µs; left out: as it is set (genicam only)."""
     pipeline_delay_ms: int | UnsetType = UNSET
     """Time a picture spends between exposure and the driver's timestamp, ms."""
     repeat: bool | UnsetType = UNSET
     """Whether they are played again and again, and not once (files only)."""
     timeout_ms: int | UnsetType = UNSET
     """Longest wait for a frame before the camera counts as lost, ms."""
+    timestamp_means: TimestampMeans | UnsetType = UNSET
+    """What the camera's timestamps are of (genicam only)."""
 
 
 class CameraDriver(str, Enum):
@@ -257,6 +266,8 @@ class CameraDriver(str, Enum):
 
     V4L2 = "v4l2"
     """Video4Linux2 (on a simulated bench: its own camera)."""
+    GENICAM = "genicam"
+    """A GenICam camera over GigE Vision (on a simulated bench: its own camera)."""
     FILES = "files"
     """Frames kept in files, played again."""
 
@@ -690,6 +701,19 @@ class Texture(str, Enum):
     """An Oscar: dark body with bright blotches over plants."""
 
 
+class TimestampMeans(str, Enum):
+    """The moment that a GenICam camera's timestamps are of, which differs by vendor."""
+
+    EXPOSURE_START = "exposure_start"
+    """The exposure's start."""
+    EXPOSURE_END = "exposure_end"
+    """The exposure's end."""
+    READOUT = "readout"
+    """Some moment from the exposure's start to the end of read-out: the earliest exposure that fits is assumed."""
+    ARRIVAL = "arrival"
+    """Nothing of use: the time of a frame's arrival stands in for them."""
+
+
 class TlsConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """`[server.tls]`"""
 
@@ -747,4 +771,4 @@ class WaterConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Wavelength in vacuum, nm."""
 
 
-ControlValue: TypeAlias = bool | int | str
+ControlValue: TypeAlias = bool | int | float | str

@@ -37,7 +37,7 @@ pub use assembly::{AssemblyConfig, E_SPACING_PX, LBoundSource, ShellStep, Spacin
 pub use bench::{AxisConfig, BenchConfig, BenchDriver, ControllerConfig, ControllerDriver, Side};
 pub use boards::{BoardsConfig, BoardsInAir};
 pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellConfig, WaterConfig};
-pub use capture::{CameraConfig, CameraDriver, ControlValue};
+pub use capture::{CameraConfig, CameraDriver, ControlValue, GenicamName, TimestampMeans};
 pub use edit::{Change, EditError, Forbidden, LOCKED};
 pub use error::{ConfigError, Position, Violation};
 pub use flaws::{BubblesConfig, DustConfig, MicrolensesConfig, MosaicConfig, MotionConfig, ReelConfig};

@@ -46,6 +46,8 @@ pub(super) fn schema() -> Table {
     full.bench.camera.crop_left_px = Some(0);
     full.history = HistoryConfig { keep_days: Some(1), keep_mb: Some(1), keep_audit_days: Some(1) };
     full.bench.camera.crop_top_px = Some(0);
+    full.bench.camera.packet_bytes = Some(0);
+    full.bench.camera.packet_delay_us = Some(0.0);
     full.bench.camera.controls = BTreeMap::from([(ANY_NAME.to_owned(), ControlValue::Number(0))]);
     full.bench.controllers = BTreeMap::from([(ANY_NAME.to_owned(), controller)]);
     Table::try_from(full).unwrap_or_default()

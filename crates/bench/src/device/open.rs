@@ -8,7 +8,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::camera::files::FilesCamera;
-use super::camera::v4l2::{V4l2Camera, poses_of_stages};
+use super::camera::genicam::GenicamCamera;
+use super::camera::poses::poses_of_stages;
+use super::camera::v4l2::V4l2Camera;
 use super::serial::{Dial as _, SerialDial};
 use super::stage::axis::AxisSetup;
 use super::stage::grbl_controller::GrblDriver;
@@ -34,6 +36,7 @@ pub async fn open_hardware(bench: &BenchConfig, frame_size: (usize, usize)) -> R
     let poses = poses_of_stages((focus.state(), settle(&bench.focus)), (e.state(), settle(&bench.e)));
     let camera: Arc<dyn FrameSource> = match bench.camera.driver {
         CameraDriver::V4l2 => Arc::new(V4l2Camera::start(&bench.camera, frame_size, poses)?),
+        CameraDriver::Genicam => Arc::new(GenicamCamera::start(&bench.camera, frame_size, poses)?),
         CameraDriver::Files => Arc::new(FilesCamera::start(&bench.camera, frame_size)),
     };
     Ok(Bench { focus, e, camera, simulated: None })

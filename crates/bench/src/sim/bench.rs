@@ -22,7 +22,9 @@ pub async fn open(config: &Arc<Config>) -> Result<Bench, DeviceError> {
     let (focus, e, twin) = simulated_stages(Arc::clone(&truth) as _, &config.bench).await?;
     let (focus, e): (Arc<dyn Stage>, Arc<dyn Stage>) = (Arc::new(focus), Arc::new(e));
     let camera: Arc<dyn FrameSource> = match config.bench.camera.driver {
-        CameraDriver::V4l2 => Arc::new(SimulatedCamera::new(Arc::clone(&truth), Arc::clone(&focus), Arc::clone(&e))),
+        CameraDriver::V4l2 | CameraDriver::Genicam => {
+            Arc::new(SimulatedCamera::new(Arc::clone(&truth), Arc::clone(&focus), Arc::clone(&e)))
+        }
         CameraDriver::Files => {
             let size = (config.sensor.width_px as usize, config.sensor.height_px as usize);
             Arc::new(FilesCamera::start(&config.bench.camera, size))

@@ -2,7 +2,7 @@
 
 use super::CfaPattern;
 
-/// A pixel format that this program reads, named as V4L2 does.
+/// A pixel format that this program reads, named as V4L2 does or, of a GenICam camera, as PFNC does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PixelFormat {
     name: &'static str,
@@ -31,6 +31,8 @@ pub enum Layout {
     Mipi,
     /// Samples without a gap, the highest bit first.
     Dense,
+    /// Samples without a gap, the lowest bit first; from one row to the next, too, where rows are not padded.
+    DenseLow,
     /// Three bytes a pixel, of which grey is made.
     Rgb {
         /// Whether red comes first, and not blue.
@@ -116,11 +118,58 @@ const FORMATS: &[PixelFormat] = &[
     format("JPEG", Layout::Jpeg, 8),
 ];
 
+/// Every format that is read of a GenICam camera.
+const GENICAM: &[PixelFormat] = &[
+    format("Mono8", GREY, 8),
+    format("Mono10", WORDS, 10),
+    format("Mono12", WORDS, 12),
+    format("Mono14", WORDS, 14),
+    format("Mono16", WORDS, 16),
+    format("Mono10p", Layout::DenseLow, 10),
+    format("Mono12p", Layout::DenseLow, 12),
+    bayer("BayerBG8", GREY, 8, Bggr),
+    bayer("BayerGB8", GREY, 8, Gbrg),
+    bayer("BayerGR8", GREY, 8, Grbg),
+    bayer("BayerRG8", GREY, 8, Rggb),
+    bayer("BayerBG10", WORDS, 10, Bggr),
+    bayer("BayerGB10", WORDS, 10, Gbrg),
+    bayer("BayerGR10", WORDS, 10, Grbg),
+    bayer("BayerRG10", WORDS, 10, Rggb),
+    bayer("BayerBG12", WORDS, 12, Bggr),
+    bayer("BayerGB12", WORDS, 12, Gbrg),
+    bayer("BayerGR12", WORDS, 12, Grbg),
+    bayer("BayerRG12", WORDS, 12, Rggb),
+    bayer("BayerBG16", WORDS, 16, Bggr),
+    bayer("BayerGB16", WORDS, 16, Gbrg),
+    bayer("BayerGR16", WORDS, 16, Grbg),
+    bayer("BayerRG16", WORDS, 16, Rggb),
+    bayer("BayerBG10p", Layout::DenseLow, 10, Bggr),
+    bayer("BayerGB10p", Layout::DenseLow, 10, Gbrg),
+    bayer("BayerGR10p", Layout::DenseLow, 10, Grbg),
+    bayer("BayerRG10p", Layout::DenseLow, 10, Rggb),
+    bayer("BayerBG12p", Layout::DenseLow, 12, Bggr),
+    bayer("BayerGB12p", Layout::DenseLow, 12, Gbrg),
+    bayer("BayerGR12p", Layout::DenseLow, 12, Grbg),
+    bayer("BayerRG12p", Layout::DenseLow, 12, Rggb),
+];
+
 impl PixelFormat {
-    /// Every format that is read, raw ones first.
+    /// Every format that is read of a V4L2 camera, raw ones first.
     #[must_use]
     pub const fn all() -> &'static [Self] {
         FORMATS
+    }
+
+    /// Every format that is read of a GenICam camera.
+    #[must_use]
+    pub const fn genicam() -> &'static [Self] {
+        GENICAM
+    }
+
+    /// The format of a GenICam camera's name for it (PFNC), such as `Mono8` or `BayerRG12p`.
+    #[must_use]
+    pub fn from_genicam_name(name: &str) -> Option<Self> {
+        GENICAM.iter().copied().find(|format| format.name == name)
     }
 
     /// The format of a V4L2 name, such as `GREY`, `Y10` or `Y16 -BE`.
@@ -135,13 +184,14 @@ impl PixelFormat {
         FORMATS.iter().copied().find(|format| format.fourcc() == code)
     }
 
-    /// Its name: the four-character code without trailing blanks, `-BE` added where the code has its top bit set.
+    /// Its name: PFNC's, or V4L2's four-character code without trailing blanks, `-BE` added where the code has its top bit
+    /// set.
     #[must_use]
     pub const fn name(self) -> &'static str {
         self.name
     }
 
-    /// Its V4L2 four-character code.
+    /// Its V4L2 four-character code; nothing that means anything for a GenICam camera's.
     #[must_use]
     pub fn fourcc(self) -> [u8; 4] {
         let mut code = [b' '; 4];
@@ -182,9 +232,9 @@ impl PixelFormat {
     #[must_use]
     pub fn is_interpolated(self) -> bool {
         match self.layout {
-            Layout::Bytes { .. } => self.bits == 8 && self.mosaic.is_none() && self.name != "GREY",
+            Layout::Bytes { .. } => self.bits == 8 && self.mosaic.is_none() && !["GREY", "Mono8"].contains(&self.name),
             Layout::Rgb { .. } | Layout::Jpeg => true,
-            Layout::Words { .. } | Layout::Mipi | Layout::Dense => false,
+            Layout::Words { .. } | Layout::Mipi | Layout::Dense | Layout::DenseLow => false,
         }
     }
 
@@ -195,7 +245,7 @@ impl PixelFormat {
             Layout::Bytes { step, .. } => width * step,
             Layout::Words { .. } => width * 2,
             Layout::Mipi => width.div_ceil(self.mipi_group().0) * self.mipi_group().1,
-            Layout::Dense => (width * self.bits as usize).div_ceil(8),
+            Layout::Dense | Layout::DenseLow => (width * self.bits as usize).div_ceil(8),
             Layout::Rgb { .. } => width * 3,
             Layout::Jpeg => 0,
         }
@@ -227,6 +277,19 @@ mod tests {
         assert_eq!(code("Y10"), *b"Y10 ");
         assert_eq!(code("Y16 -BE"), [b'Y', b'1', b'6', b' ' | 0x80]);
         assert_eq!(PixelFormat::from_name("H264"), None);
+    }
+
+    #[test]
+    fn a_genicam_name_tells_depth_and_mosaic() {
+        for format in PixelFormat::genicam() {
+            assert_eq!(PixelFormat::from_genicam_name(format.name()), Some(*format));
+            let digits: String = format.name().chars().filter(char::is_ascii_digit).collect();
+            assert_eq!(digits, format.bits().to_string(), "{}", format.name());
+            assert_eq!(format.mosaic().is_some(), format.name().starts_with("Bayer"), "{}", format.name());
+            assert!(!format.is_interpolated(), "{}", format.name());
+        }
+        assert_eq!(PixelFormat::from_genicam_name("BayerRG12p").unwrap().row_bytes(8), 12);
+        assert_eq!(PixelFormat::from_genicam_name("GREY"), None);
     }
 
     #[test]

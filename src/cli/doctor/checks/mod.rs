@@ -4,6 +4,7 @@ mod bench;
 mod camera;
 mod configuration;
 mod machine;
+mod network_camera;
 mod permission;
 mod server;
 mod stages;

@@ -8,9 +8,11 @@ use nix::unistd::{AccessFlags, Gid, Group, eaccess};
 
 use super::is_hardware;
 use super::processes::OpenDevices;
-use crate::cli::doctor::facts::{CameraSource, ControllerFacts, DeviceFile, PortFacts, UsbFacts, VideoFacts};
-use crate::config::{CameraDriver, Config, ControllerConfig};
-use crate::device::camera::{files, find, offer};
+use crate::cli::doctor::facts::{
+    CameraSource, ControllerFacts, DeviceFile, NetworkCameraFacts, PortFacts, UsbFacts, VideoFacts,
+};
+use crate::config::{CameraConfig, CameraDriver, Config, ControllerConfig};
+use crate::device::camera::{files, find, genicam, offer};
 use crate::device::connected::{self, ConnectedCamera};
 use crate::device::serial;
 
@@ -71,7 +73,21 @@ pub(super) fn camera_source(config: &Config) -> Option<CameraSource> {
     }
     Some(match camera.driver {
         CameraDriver::V4l2 => CameraSource::Device(resolved(&camera.device)),
+        CameraDriver::Genicam => CameraSource::Network(on_network(camera)),
         CameraDriver::Files => CameraSource::Files(files::matching(&camera.files).map(|found| found.len())),
+    })
+}
+
+fn on_network(config: &CameraConfig) -> Result<NetworkCameraFacts, String> {
+    let camera = genicam::find::configured(config)?;
+    let interface = Path::new("/sys/class/net").join(&camera.interface);
+    let told = |path: &Path| fs::read_to_string(path).ok().map(|text| text.trim().to_owned());
+    Ok(NetworkCameraFacts {
+        mtu: told(&interface.join("mtu")).and_then(|text| text.parse().ok()),
+        // -1 where the link is down or has no speed.
+        link_mbit_per_s: told(&interface.join("speed")).and_then(|text| text.parse().ok()),
+        most_buffer_bytes: told(Path::new("/proc/sys/net/core/rmem_max")).and_then(|text| text.parse().ok()),
+        camera,
     })
 }
 

@@ -218,7 +218,7 @@ impl Control {
                 .find(|(index, name)| match wanted {
                     ControlValue::Number(number) => i64::from(*index) == *number,
                     ControlValue::Item(item) => name.trim().eq_ignore_ascii_case(item.trim()),
-                    ControlValue::Switch(_) => false,
+                    ControlValue::Switch(_) | ControlValue::Real(_) => false,
                 })
                 .map(|(index, _)| i64::from(*index)),
             (ControlKind::Number | ControlKind::WideNumber, ControlValue::Number(number)) => {
@@ -382,7 +382,7 @@ pub type KeptControls = Mutex<BTreeMap<String, ControlValue>>;
 
 /// Keeps a value and sets it, in this order: a camera that is opened anew meanwhile gets it, too. One that is refused is
 /// kept no longer.
-fn keep_while(
+pub(super) fn keep_while(
     kept: &KeptControls,
     key: String,
     value: ControlValue,

@@ -42,8 +42,8 @@ pub enum UnpackError {
     Jpeg(String),
 }
 
-/// Makes a frame of `width` by `height` pixels out of a buffer whose rows begin every `stride` bytes (0: tightly
-/// packed). Of formats with colour the luma is read, of RGB made (ITU-R BT.601).
+/// Makes a frame of `width` by `height` pixels out of a buffer whose rows begin every `stride` bytes (0: not padded). Of
+/// formats with colour the luma is read, of RGB made (ITU-R BT.601).
 ///
 /// # Errors
 /// When the buffer cannot hold such a frame, or its samples belie the format.
@@ -56,6 +56,14 @@ pub fn unpack(
 ) -> Result<RawImage, UnpackError> {
     if format.layout() == Layout::Jpeg {
         return unpack_jpeg(buffer, width, height);
+    }
+    if format.layout() == Layout::DenseLow && stride == 0 {
+        // Without padding a row begins where the one before has ended, within a byte.
+        let pixels = width * height;
+        let needed = format.row_bytes(pixels);
+        let short = UnpackError::Short { got: buffer.len(), needed };
+        let run = buffer.get(..needed).filter(|_| pixels > 0).ok_or(short)?;
+        return Ok(RawImage::from_u16(width, height, format.bits(), dense_low(run, pixels, format.bits())));
     }
     let row = format.row_bytes(width);
     let stride = if stride == 0 { row } else { stride };
@@ -130,8 +138,46 @@ pub fn unpack(
             }
             deep(width, height, format.bits(), samples)
         }
+        Layout::DenseLow => {
+            let bits = format.bits();
+            Ok(RawImage::from_u16(width, height, bits, rows.flat_map(|line| dense_low(line, width, bits)).collect()))
+        }
         Layout::Jpeg => unpack_jpeg(buffer, width, height),
     }
+}
+
+/// So many samples that lie without a gap, the lowest bit first: whole groups of bytes at a time.
+fn dense_low(bytes: &[u8], count: usize, bits: u8) -> Vec<u16> {
+    let mut samples = Vec::with_capacity(count + 3);
+    match bits {
+        10 => {
+            let group = |b: [u8; 5]| {
+                let held = u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], 0, 0, 0]);
+                [held, held >> 10, held >> 20, held >> 30].map(|sample| (sample & 0x3ff) as u16)
+            };
+            let (groups, rest) = bytes.as_chunks::<5>();
+            samples.extend(groups.iter().flat_map(|&bytes| group(bytes)));
+            samples.extend(group(filled(rest)));
+        }
+        _ => {
+            let group = |b: [u8; 3]| {
+                let held = u32::from_le_bytes([b[0], b[1], b[2], 0]);
+                [held, held >> 12].map(|sample| (sample & 0xfff) as u16)
+            };
+            let (groups, rest) = bytes.as_chunks::<3>();
+            samples.extend(groups.iter().flat_map(|&bytes| group(bytes)));
+            samples.extend(group(filled(rest)));
+        }
+    }
+    samples.truncate(count);
+    samples
+}
+
+/// A group whose last bytes are not there.
+fn filled<const N: usize>(rest: &[u8]) -> [u8; N] {
+    let mut group = [0; N];
+    group[..rest.len()].copy_from_slice(rest);
+    group
 }
 
 /// A frame of more than 8 bits whose samples keep to their depth.
@@ -256,6 +302,24 @@ mod tests {
         assert_eq!(unpacked("Y10B", &bytes, 4, 1), RawImage::from_u16(4, 1, 10, vec![1023, 1, 682, 341]));
     }
 
+    #[test]
+    fn dense_samples_of_genicam_cameras_run_over_bytes_and_rows() {
+        let of = |name: &str, buffer: &[u8], width, height, stride| {
+            unpack(buffer, width, height, stride, PixelFormat::from_genicam_name(name).unwrap()).unwrap()
+        };
+        // Bits 0 to 9 of the run are the first sample, 10 to 19 the second: 0x3ff, 0x001, 0x2aa, 0x155.
+        let ten = [0xff, 0x07, 0xa0, 0x6a, 0x55];
+        assert_eq!(of("Mono10p", &ten, 4, 1, 0), RawImage::from_u16(4, 1, 10, vec![0x3ff, 1, 0x2aa, 0x155]));
+        assert_eq!(of("BayerRG10p", &ten[..4], 3, 1, 0), RawImage::from_u16(3, 1, 10, vec![0x3ff, 1, 0x2aa]));
+        // Three rows of one sample each begin within a byte; padded, each begins with one.
+        let twelve = [0xbc, 0x3a, 0x12, 0xef, 0x0d];
+        assert_eq!(of("Mono12p", &twelve, 1, 3, 0), RawImage::from_u16(1, 3, 12, vec![0xabc, 0x123, 0xdef]));
+        let padded = [0xbc, 0x0a, 0, 0x23, 0x01];
+        assert_eq!(of("Mono12p", &padded, 1, 2, 3), RawImage::from_u16(1, 2, 12, vec![0xabc, 0x123]));
+        let format = PixelFormat::from_genicam_name("Mono12p").unwrap();
+        assert_eq!(unpack(&twelve, 1, 4, 0, format), Err(UnpackError::Short { got: 5, needed: 6 }));
+    }
+
     fn jpeg(kind: jpeg_encoder::ColorType, pixels: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::new();
         jpeg_encoder::Encoder::new(&mut bytes, 95).encode(pixels, 16, 8, kind).unwrap();
@@ -317,7 +381,7 @@ mod tests {
             width in 0usize..20,
             height in 0usize..20,
             stride in 0usize..60,
-            format in proptest::sample::select(PixelFormat::all()),
+            format in proptest::sample::select([PixelFormat::all(), PixelFormat::genicam()].concat()),
         ) {
             if let Ok(image) = unpack(&buffer, width, height, stride, format) {
                 prop_assert_eq!((image.width(), image.height()), (width, height));

@@ -1,0 +1,261 @@
+//! A camera's features: reading and setting them with the limits and units of the camera's own XML.
+
+use std::collections::BTreeMap;
+use std::error::Error as _;
+
+use viva_genicam::genapi::{AccessMode, FeatureState, FeatureValue, GenApiError};
+use viva_genicam::gige::{GigeError, GigeStatus};
+use viva_genicam::{Camera, GenicamError, GigeRegisterIo, StandardFeature, gencp};
+
+use super::super::controls::{KeptControls, keep_while};
+use crate::config::ControlValue;
+use crate::device::light::{ControlName, ControlUnit, LightControl};
+
+/// An open camera.
+pub(super) type Device = Camera<GigeRegisterIo>;
+
+/// What adjusts itself, and would change a picture between two frames that are compared.
+const AUTOMATICS: [&str; 6] =
+    ["ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto", "GammaAuto", "TargetBrightnessAuto"];
+/// So many names like an unknown one are told.
+const NEAREST: usize = 3;
+
+/// What is wrong where somebody else has control.
+pub(super) const CONTROLLED: &str =
+    "another program controls it: end that one, or wait until the camera has let go of it";
+
+/// Why something failed, and what to do.
+pub(super) fn why(error: &GenicamError) -> String {
+    if denied(error) {
+        return CONTROLLED.to_owned();
+    }
+    match error {
+        GenicamError::Gige { source: GigeError::Timeout, .. } => {
+            "it does not answer: unplugged, without power, or behind a firewall (UDP, port 3956)".to_owned()
+        }
+        _ => error.to_string(),
+    }
+}
+
+/// Whether a camera refused since another program has control of it.
+fn denied(error: &GenicamError) -> bool {
+    let denies = |error: &(dyn std::error::Error + 'static)| {
+        let refused = GigeStatus::Common(gencp::StatusCode::AccessDenied);
+        matches!(error.downcast_ref::<GigeError>(), Some(GigeError::Status(status)) if *status == refused)
+    };
+    let mut source = error.source();
+    while let Some(error) = source {
+        if denies(error) {
+            return true;
+        }
+        source = error.source();
+    }
+    false
+}
+
+/// What the camera says of a feature; `None` where it has none of that name.
+pub(super) fn state(device: &Device, name: &str) -> Result<Option<FeatureState>, String> {
+    match device.feature_state(name) {
+        Ok(state) => Ok(Some(state).filter(|state| state.is_implemented)),
+        Err(GenicamError::GenApi(GenApiError::NodeNotFound(_))) => Ok(None),
+        Err(error) => Err(format!("`{name}` cannot be read: {}", why(&error))),
+    }
+}
+
+/// The first of a standard feature's names that the camera has, and what it says of it.
+pub(super) fn standard(
+    device: &Device,
+    feature: StandardFeature,
+) -> Result<Option<(&'static str, FeatureState)>, String> {
+    for &name in feature.names() {
+        if let Some(state) = state(device, name)? {
+            return Ok(Some((name, state)));
+        }
+    }
+    Ok(None)
+}
+
+/// The number that a feature holds.
+pub(super) fn number(state: &FeatureState) -> Option<f64> {
+    match state.value {
+        FeatureValue::Integer(number) => Some(number as f64),
+        FeatureValue::Float(number) => Some(number),
+        _ => None,
+    }
+}
+
+/// The values that a feature takes, in words.
+pub(super) fn choices(state: &FeatureState) -> String {
+    let unit = state.unit.as_deref().map_or_else(String::new, |unit| format!(" {unit}"));
+    match (&state.enum_entries, state.range) {
+        (Some(entries), _) => entries.join(", "),
+        (None, Some(range)) => match range.inc.filter(|step| *step != 1.0) {
+            Some(step) => format!("{} to {}{unit} in steps of {step}", range.min, range.max),
+            None => format!("{} to {}{unit}", range.min, range.max),
+        },
+        (None, None) => match state.kind {
+            "Boolean" => "true or false".to_owned(),
+            "Command" => "true, which carries it out".to_owned(),
+            kind => format!("what a feature of kind {kind} can be"),
+        },
+    }
+}
+
+/// Sets a feature to text, which the camera's XML says the meaning of.
+///
+/// # Errors
+/// Why it cannot, naming what it can be.
+pub(super) fn set(device: &mut Device, name: &str, value: &str) -> Result<(), String> {
+    let now = state(device, name)?.ok_or_else(|| unknown(device, name))?;
+    let refused = |why: String| format!("`{name}` cannot be {value:?}: {why}");
+    if !now.is_available || now.access == Some(AccessMode::RO) {
+        return Err(refused("the camera does not let it be set now".to_owned()));
+    }
+    if now.enum_entries.as_ref().is_some_and(|entries| !entries.iter().any(|entry| entry == value)) {
+        return Err(refused(format!("it takes {}", choices(&now))));
+    }
+    device.set(name, value).map_err(|error| refused(format!("{}; it takes {}", why(&error), choices(&now))))
+}
+
+/// What to say of a feature that there is not.
+fn unknown(device: &Device, name: &str) -> String {
+    let mut near: Vec<(f64, &str)> = device
+        .nodemap()
+        .categories()
+        .into_iter()
+        .flat_map(|(_, children)| children)
+        .map(|known| {
+            (strsim::normalized_damerau_levenshtein(&known.to_lowercase(), &name.to_lowercase()), known.as_str())
+        })
+        .collect();
+    near.sort_by(|one, other| other.0.total_cmp(&one.0));
+    let near: Vec<String> = near.into_iter().take(NEAREST).map(|(_, known)| format!("`{known}`")).collect();
+    format!("the camera has no feature `{name}`; near it are {}", near.join(", "))
+}
+
+/// Switches off what the camera adjusts by itself and sets what is configured. Returns what is to be known of it, one
+/// sentence each.
+///
+/// # Errors
+/// The first configured feature that there is not, or whose value it does not take.
+pub(super) fn apply(device: &mut Device, wanted: &BTreeMap<String, ControlValue>) -> Result<Vec<String>, String> {
+    let mut notes = Vec::new();
+    for automatic in AUTOMATICS.into_iter().filter(|name| !wanted.contains_key(*name)) {
+        let on = state(device, automatic)?
+            .is_some_and(|state| !matches!(&state.value, FeatureValue::Enum(now) if now == "Off"));
+        if on && let Err(why) = set(device, automatic, "Off") {
+            notes.push(format!("the camera still adjusts itself: {why}"));
+        }
+    }
+    // Modes first: a number may not be set while its automatic is on.
+    let (modes, numbers): (Vec<_>, Vec<_>) =
+        wanted.iter().partition(|(_, value)| matches!(value, ControlValue::Item(_) | ControlValue::Switch(_)));
+    for (name, value) in modes.into_iter().chain(numbers) {
+        let said = match value {
+            ControlValue::Item(item) => item.clone(),
+            other => other.to_string(),
+        };
+        set(device, name, &said).map_err(|why| format!("{why} (bench.camera.controls)"))?;
+        let read = state(device, name)?.as_ref().and_then(number);
+        let asked = match value {
+            ControlValue::Number(number) => Some(*number as f64),
+            ControlValue::Real(number) => Some(*number),
+            ControlValue::Item(_) | ControlValue::Switch(_) => None,
+        };
+        if let (Some(read), Some(asked)) = (read, asked)
+            && (read - asked).abs() > 1e-6 * asked.abs()
+        {
+            notes.push(format!("`{name}` was set to {asked} and reads {read}"));
+        }
+    }
+    Ok(notes)
+}
+
+/// What of a standard feature makes a picture brighter, what its numbers are, and how many of them make one of those told.
+const LIGHT: [(StandardFeature, ControlName, &str); 2] = [
+    (StandardFeature::ExposureTime, ControlName::Exposure, "ExposureAuto"),
+    (StandardFeature::Gain, ControlName::Gain, "GainAuto"),
+];
+
+/// An exposure or gain as told to users, and how many of the camera's numbers make one of those told.
+fn light_of(
+    device: &Device,
+    (feature, name, automatic): (StandardFeature, ControlName, &str),
+) -> Result<Option<(LightControl, f64)>, String> {
+    let Some((key, state_now)) = standard(device, feature)? else { return Ok(None) };
+    // The standard has exposures in µs; those whose name says that they are raw are in units of the camera's own.
+    let (unit, per_unit) = match name {
+        ControlName::Exposure if !key.ends_with("Raw") => (ControlUnit::Ms, 1000.0),
+        _ => (ControlUnit::Driver, 1.0),
+    };
+    let Some(range) = state_now.range else { return Ok(None) };
+    let automatic = state(device, automatic)?.map_or_else(String::new, |state| match state.value {
+        FeatureValue::Enum(now) if now != "Off" => now,
+        _ => String::new(),
+    });
+    let settable = state_now.is_available && state_now.access != Some(AccessMode::RO);
+    let locked = match (automatic.as_str(), settable) {
+        ("", true) => None,
+        ("", false) => Some(format!("the camera does not let `{key}` be set now")),
+        (mode, _) => {
+            Some(format!("the camera adjusts it by itself ({mode}), as bench.camera.controls can change: {key}"))
+        }
+    };
+    let value = number(&state_now).map(|now| now / per_unit);
+    let step = match (range.inc, matches!(state_now.value, FeatureValue::Integer(_))) {
+        (Some(step), _) if step > 0.0 => step,
+        (_, true) => 1.0,
+        // A number without steps: whole µs, hundredths of anything else.
+        (_, false) if unit == ControlUnit::Ms => 1.0,
+        _ => 0.01,
+    };
+    let told = LightControl {
+        name,
+        key: key.to_owned(),
+        unit,
+        value,
+        minimum: range.min / per_unit,
+        maximum: range.max / per_unit,
+        step: step / per_unit,
+        // No camera tells what it would be without anybody's doing.
+        default: value.unwrap_or(range.min / per_unit),
+        automatic: !automatic.is_empty(),
+        locked,
+    };
+    Ok(Some((told, per_unit)))
+}
+
+/// A camera's exposure and gain.
+pub(super) fn light(device: &Device) -> Result<Vec<LightControl>, String> {
+    let each = LIGHT.into_iter().map(|of| light_of(device, of));
+    Ok(each.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().map(|(told, _)| told).collect())
+}
+
+/// Sets a camera's exposure or gain, and keeps what that is in `[bench.camera.controls]`.
+///
+/// # Errors
+/// Why it cannot, in words.
+pub(super) fn set_light(device: &mut Device, name: ControlName, value: f64, kept: &KeptControls) -> Result<(), String> {
+    let of =
+        LIGHT.into_iter().find(|(_, of, _)| *of == name).ok_or_else(|| format!("it has no control of its {name}"))?;
+    let (told, per_unit) = light_of(device, of)?.ok_or_else(|| format!("it has no control of its {name}"))?;
+    if let Some(why) = told.locked {
+        return Err(why);
+    }
+    // Of what is counted in µs, and in hundredths: what lies beyond is not meant.
+    let number = (value * per_unit * 1e3).round() / 1e3;
+    let kept_as = if number.fract() == 0.0 { ControlValue::Number(number as i64) } else { ControlValue::Real(number) };
+    let said = kept_as.to_string();
+    keep_while(kept, told.key.clone(), kept_as, || set(device, &told.key, &said))
+}
+
+/// The controls that a picture is made brighter or darker with, with their values and ranges, in words.
+pub(super) fn of_brightness(device: &Device) -> String {
+    let told = light(device).unwrap_or_default();
+    let named = told.iter().map(|control| {
+        let now = control.value.map_or_else(String::new, |value| format!("now {value}, "));
+        let unit = control.unit.suffix();
+        format!("`{}` ({now}{} to {}{unit})", control.key, control.minimum, control.maximum)
+    });
+    named.collect::<Vec<_>>().join(" or ")
+}

@@ -1,0 +1,99 @@
+//! A GenICam camera over GigE Vision: the frame source in front of the thread that takes its frames.
+//!
+//! The protocol and the camera's XML are read by `viva-genicam`, of which nothing is named outside of here.
+
+mod capture;
+mod clock;
+mod features;
+pub mod find;
+mod setup;
+
+use std::sync::Arc;
+use std::sync::mpsc;
+use std::time::Duration;
+
+use async_trait::async_trait;
+use tokio::sync::{oneshot, watch};
+use tokio::time::Instant;
+
+use self::capture::{Capturer, Order};
+use super::controls::KeptControls;
+use super::feed::{self, Feed};
+use super::poses::PoseSource;
+use crate::config::CameraConfig;
+use crate::device::light::{ControlName, LightControl};
+use crate::device::{CameraState, DeviceError, Frame, FrameSource};
+
+/// How long a camera may take to tell or to set its controls.
+const CONTROLS_ALLOWED: Duration = Duration::from_secs(5);
+
+/// A GenICam camera.
+pub struct GenicamCamera {
+    feed: Feed,
+    orders: mpsc::Sender<Order>,
+}
+
+impl GenicamCamera {
+    /// Starts taking frames of `size` (columns and rows) from the configured camera. One that is missing, unsuitable or
+    /// controlled by another program is not an error here: the state says so, and it is tried again.
+    ///
+    /// # Errors
+    /// [`DeviceError::Refused`] for a pixel format that this program does not read, [`DeviceError::Disconnected`] when
+    /// no thread can be started.
+    pub fn start(config: &CameraConfig, size: (usize, usize), poses: PoseSource) -> Result<Self, DeviceError> {
+        let format = config.pixel_format().ok_or_else(|| DeviceError::Refused {
+            device: config.device.clone(),
+            reason: format!("frames in `{}` are not read; `plenalign camera list` shows what is", config.format),
+        })?;
+        let (feed, outlet) = feed::feed(config, size, poses, CameraState::not_yet("genicam", "not opened yet"));
+        let (orders, taken) = mpsc::channel();
+        let set_by_hand = Arc::<KeptControls>::default();
+        feed::spawn(Capturer { config: config.clone(), set_by_hand, format, outlet, orders: taken })?;
+        Ok(Self { feed, orders })
+    }
+
+    /// Has the thread that takes frames do something with the camera between two of them.
+    async fn order<T>(
+        &self,
+        what: &str,
+        order: impl FnOnce(oneshot::Sender<Result<T, String>>) -> Order,
+    ) -> Result<T, DeviceError> {
+        self.feed.require_there()?;
+        let device = || self.feed.name.clone();
+        let lost = || DeviceError::Disconnected { device: device(), reason: "it was lost meanwhile".to_owned() };
+        let (reply, answer) = oneshot::channel();
+        self.orders.send(order(reply)).map_err(|_| lost())?;
+        let late = || DeviceError::Timeout { device: device(), what: what.to_owned(), allowed: CONTROLS_ALLOWED };
+        let answer = tokio::time::timeout(CONTROLS_ALLOWED, answer).await.map_err(|_| late())?;
+        answer.map_err(|_| lost())?.map_err(|reason| DeviceError::Refused { device: device(), reason })
+    }
+}
+
+#[async_trait]
+impl FrameSource for GenicamCamera {
+    fn state(&self) -> watch::Receiver<CameraState> {
+        self.feed.state.clone()
+    }
+
+    fn live(&self) -> watch::Receiver<Option<Arc<Frame>>> {
+        self.feed.live.clone()
+    }
+
+    fn newest(&self) -> Option<Arc<Frame>> {
+        self.feed.live.borrow().clone()
+    }
+
+    async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
+        self.feed.frame(not_before).await
+    }
+
+    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+        self.order("tell its controls", Order::Tell).await
+    }
+
+    async fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
+        self.order("set its controls", |reply| Order::Set(name, value, reply)).await?;
+        self.feed.let_pass(&self.controls().await?).await;
+        Ok(())
+    }
+}

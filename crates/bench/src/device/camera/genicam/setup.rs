@@ -1,0 +1,202 @@
+//! Making a camera deliver what is configured, and refusing one that does not.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use viva_genicam::genapi::{FeatureState, FeatureValue, RegisterIo as _};
+use viva_genicam::{FrameStream, ResendPolicy, StandardFeature, StreamOptions};
+
+use super::clock::{DeviceClock, Latch};
+use super::features::{self, Device, number, set, standard, state};
+use crate::config::{CameraConfig, ControlValue, TimestampMeans};
+use plenoptics::raw::PixelFormat;
+
+/// Longest and shortest time between frames that is believed of a camera.
+const INTERVALS: (f64, f64) = (1e-4, 100.0);
+/// Relative difference of frame rates worth a word.
+const RATE_OFF: f64 = 0.01;
+/// Registers that every GigE Vision device has at these places.
+const TICKS_A_SECOND: u64 = 0x093c;
+const TIMESTAMP_CONTROL: u64 = 0x0944;
+const TIMESTAMP: u64 = 0x0948;
+/// What, written to the timestamps' control, keeps the present one to be read.
+const LATCH: u32 = 2;
+
+/// What a camera and this program have agreed on.
+pub(super) struct Agreed {
+    /// The time between frames; an exposure is no longer.
+    pub(super) interval: Duration,
+    /// What is to be known about it, one sentence each.
+    pub(super) notes: Vec<String>,
+}
+
+/// Sets the camera up for frames of `size`, with what is configured and `controls`.
+///
+/// # Errors
+/// Why it cannot deliver what is configured, in words.
+pub(super) fn agree(
+    device: &mut Device,
+    config: &CameraConfig,
+    controls: &BTreeMap<String, ControlValue>,
+    format: PixelFormat,
+    size: (usize, usize),
+) -> Result<Agreed, String> {
+    // Whoever had it before may have left it running, which keeps format and size from being set.
+    let _ = device.acquisition_stop();
+    let mut notes = triggers_off(device)?;
+    set_where_there(device, StandardFeature::AcquisitionMode, "Continuous")?;
+    set(device, "PixelFormat", format.name()).map_err(|why| format!("{why} (bench.camera.format)"))?;
+    set_region(device, config.crop(), size)?;
+    notes.extend(features::apply(device, controls)?);
+    let (interval, note) = set_rate(device, config.frame_rate_hz)?;
+    notes.extend(note);
+    Ok(Agreed { interval, notes })
+}
+
+fn set_where_there(device: &mut Device, feature: StandardFeature, value: &str) -> Result<(), String> {
+    match standard(device, feature)? {
+        Some((_, state)) if matches!(&state.value, FeatureValue::Enum(now) if now == value) => Ok(()),
+        Some((name, _)) => set(device, name, value),
+        None => Ok(()),
+    }
+}
+
+/// Has the camera run by itself, whatever it waited for.
+fn triggers_off(device: &mut Device) -> Result<Vec<String>, String> {
+    let mut notes = Vec::new();
+    let selectors = state(device, "TriggerSelector")?.and_then(|state| state.enum_entries).unwrap_or_default();
+    let off = |device: &mut Device| set_where_there(device, StandardFeature::TriggerMode, "Off");
+    if selectors.is_empty() {
+        off(device)?;
+    }
+    for selector in selectors {
+        if let Err(why) = set(device, "TriggerSelector", &selector).and_then(|()| off(device)) {
+            notes.push(format!("the camera may wait for a trigger ({selector}): {why}"));
+        }
+    }
+    Ok(notes)
+}
+
+fn set_region(device: &mut Device, crop: Option<(u32, u32)>, (width, height): (usize, usize)) -> Result<(), String> {
+    let (left, top) = crop.unwrap_or_default();
+    let sides = [("OffsetX", "Width", left, width), ("OffsetY", "Height", top, height)];
+    for (offset, side, at, pixels) in sides {
+        // What there is room for depends on where the region begins.
+        if state(device, offset)?.is_some() {
+            set(device, offset, "0").or_else(|why| if at == 0 { Ok(()) } else { Err(why) })?;
+        }
+        set(device, side, &pixels.to_string()).map_err(|why| format!("{why} (sensor.{})", key_of(side)))?;
+        if at > 0 {
+            set(device, offset, &at.to_string()).map_err(|why| format!("{why} (bench.camera.{})", key_of(offset)))?;
+        }
+        let got = |state: Option<FeatureState>| state.as_ref().and_then(number);
+        let (got_at, got_pixels) = (got(state(device, offset)?).unwrap_or(0.0), got(state(device, side)?));
+        if got_pixels != Some(pixels as f64) || got_at != f64::from(at) {
+            return Err(format!(
+                "`{side}` and `{offset}` were set to {pixels} and {at}, and read {} and {got_at}: some cameras take only \
+                 coarser steps",
+                got_pixels.unwrap_or(f64::NAN)
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The key of the configuration that a feature of the region is from.
+fn key_of(feature: &str) -> &'static str {
+    match feature {
+        "Width" => "width_px",
+        "Height" => "height_px",
+        "OffsetX" => "crop_left_px",
+        _ => "crop_top_px",
+    }
+}
+
+/// The time between frames as the camera grants it, or as configured where it does not say; and what is to be said of a rate
+/// that was not granted.
+fn set_rate(device: &mut Device, wanted_hz: f64) -> Result<(Duration, Option<String>), String> {
+    if let Some((enable, state)) = standard(device, StandardFeature::FrameRateEnable)?
+        && !matches!(state.value, FeatureValue::Boolean(true))
+    {
+        // Without it the rate is what exposure and link allow, which the stream shows.
+        let _ = set(device, enable, "true");
+    }
+    let mut refused = None;
+    if let Some((rate, state)) = standard(device, StandardFeature::FrameRate)? {
+        let within = state.range.map_or(wanted_hz, |range| wanted_hz.clamp(range.min, range.max));
+        refused = set(device, rate, &within.to_string()).err();
+    }
+    let granted = standard(device, StandardFeature::FrameRate)?.and_then(|(_, state)| number(&state));
+    let seconds = granted.filter(|hz| *hz > 0.0).map_or(1.0 / wanted_hz, |hz| 1.0 / hz).clamp(INTERVALS.0, INTERVALS.1);
+    let off = (wanted_hz * seconds - 1.0).abs() > RATE_OFF;
+    let note = match (off, refused) {
+        (false, None) => None,
+        (_, Some(why)) => Some(format!("{wanted_hz} frames a second were asked for: {why}")),
+        (true, None) => {
+            Some(format!("{wanted_hz} frames a second were asked for, the camera grants {:.4}", 1.0 / seconds))
+        }
+    };
+    Ok((Duration::from_secs_f64(seconds.max(exposure_s(device)?)), note))
+}
+
+/// How long the camera exposes a frame, s; 0 where it does not say.
+pub(super) fn exposure_s(device: &Device) -> Result<f64, String> {
+    let told = standard(device, StandardFeature::ExposureTime)?.filter(|(name, _)| !name.ends_with("Raw"));
+    Ok(told.and_then(|(_, state)| number(&state)).map_or(0.0, |us| us * 1e-6))
+}
+
+/// Opens the stream. What is lost is asked for again only where the camera's timestamps tell when a frame was exposed: by
+/// its arrival, a frame that was mended would look younger than it is.
+///
+/// # Errors
+/// Why it cannot be opened, in words.
+pub(super) fn open_stream(device: &mut Device, config: &CameraConfig, stamped: bool) -> Result<FrameStream, String> {
+    let resend = if stamped { ResendPolicy::Auto } else { ResendPolicy::Off };
+    let mut options = StreamOptions::new().resend(resend);
+    options = match config.packet_bytes {
+        Some(bytes) => options.packet_size(bytes),
+        None => options.auto_packet_size(),
+    };
+    if let Some(delay_us) = config.packet_delay_us {
+        options = options.packet_delay(Duration::try_from_secs_f64(delay_us * 1e-6).unwrap_or_default());
+    }
+    device.open_stream(options).map_err(|error| format!("its stream does not open: {}", features::why(&error)))
+}
+
+/// The camera's clock, where it has one that can be read and its timestamps are to be believed; else why not.
+pub(super) fn clock(device: &Device, config: &CameraConfig) -> Result<DeviceClock, Option<String>> {
+    if config.timestamp_means == TimestampMeans::Arrival {
+        return Err(None);
+    }
+    let without = |why: &str| {
+        Err(Some(format!(
+            "the camera's timestamps are of no use: {why}; the time of a frame's arrival stands in for them"
+        )))
+    };
+    match long(device, TICKS_A_SECOND).and_then(|hz| Ok((hz, latch(device)?))) {
+        Ok((0, _)) => without("it does not say how fast they run"),
+        Ok((_, Latch { ticks: 0, .. })) => without("its clock cannot be read"),
+        Ok((hz, latch)) => Ok(DeviceClock::new(hz as f64, latch)),
+        Err(why) => without(&why),
+    }
+}
+
+/// Reads the camera's clock.
+///
+/// # Errors
+/// Why it cannot be read, in words.
+pub(super) fn latch(device: &Device) -> Result<Latch, String> {
+    let before = Instant::now();
+    device.transport().write(TIMESTAMP_CONTROL, &LATCH.to_be_bytes()).map_err(|error| error.to_string())?;
+    let after = Instant::now();
+    Ok(Latch { ticks: long(device, TIMESTAMP)?, before, after })
+}
+
+/// A number of two registers, the high one first.
+fn long(device: &Device, at: u64) -> Result<u64, String> {
+    let half = |at: u64| -> Result<u64, String> {
+        let bytes = device.transport().read(at, 4).map_err(|error| error.to_string())?;
+        bytes.try_into().map(|bytes| u64::from(u32::from_be_bytes(bytes))).map_err(|_| "no register".to_owned())
+    };
+    Ok(half(at)? << 32 | half(at + 4)?)
+}

@@ -1,0 +1,166 @@
+#!/usr/bin/env bash
+# The driver of GenICam cameras against Aravis's camera, which shares nothing with it. Camera and daemon are in two networks
+# of their own with one cable between them: nothing gets out of either.
+set -euo pipefail
+cd "$(dirname "$0")"
+. ../daemon.sh
+
+if [[ ${1:-} != inside ]]; then
+  for tool in arv-fake-gv-camera-0.8 arv-tool-0.8 arv-camera-test-0.8; do
+    command -v "$tool" >/dev/null || { echo "genicam: there is no $tool: deploy/setup.sh test installs it" >&2; exit 1; }
+  done
+  build_daemon
+  own_network ./run.sh inside
+fi
+
+plenalign=$root/target/debug/plenalign
+folder=$(mktemp -d)
+export PLENALIGN_STATE_DIR=$folder
+there=
+beyond=
+camera_pid=
+other_pid=
+second_pid=
+finish() {
+  local status=$?
+  if ((status != 0)) && [[ -e $folder/log ]]; then
+    tail -n 30 "$folder/log" >&2
+  fi
+  for pid in $other_pid $daemon_pid $camera_pid $second_pid $there $beyond; do
+    kill -KILL "$pid" 2>/dev/null || true
+  done
+  rm -rf "$folder"
+}
+trap finish EXIT
+
+ip link set lo up
+# connect CABLE NET: a network of its own at the other end of a cable; its process is then in `connected`.
+connect() {
+  unshare --net tail -f /dev/null &
+  connected=$!
+  its_own() { [[ $(readlink "/proc/$connected/ns/net") != $(readlink /proc/self/ns/net) ]]; }
+  wait_for its_own
+  ip link add "$1" type veth peer name "$1" netns "$connected"
+  ip address add "$2.1/24" dev "$1"
+  ip link set "$1" up
+  nsenter --target "$connected" --net ip address add "$2.2/24" dev "$1"
+  nsenter --target "$connected" --net ip link set "$1" up
+  nsenter --target "$connected" --net ip link set lo up
+}
+connect cable 10.9.0
+there=$connected
+connect unnamed 10.8.0
+beyond=$connected
+elsewhere() { nsenter --target "$there" --net "$@"; }
+
+# What runs in the other network is this shell's own child, and is ended by its number.
+start_camera() {
+  nsenter --target "$there" --net arv-fake-gv-camera-0.8 -i cable -s PLN-1 "$@" >/dev/null 2>&1 &
+  camera_pid=$!
+  wait_for answers
+}
+answers() { arv-tool-0.8 2>/dev/null | grep --quiet PLN-1; }
+end_camera() {
+  kill -KILL "$camera_pid"
+  wait "$camera_pid" 2>/dev/null || true
+}
+client() { python3 client.py "$ADDRESS" "$@"; }
+# A feature as Aravis reads it.
+feature() { elsewhere arv-tool-0.8 -a 10.9.0.2 control "$1" | sed 's/^[^=]* = //; s/ .*//'; }
+
+cat >"$folder/plenalign.toml" <<'TOML'
+[main_lens]
+focal_length_mm = 20.0
+[mla]
+array = "square"
+pitch_mm = 0.1
+focal_length_mm = 0.5
+angular_resolution = 3.13
+mode = "galilean"
+[sensor]
+pixel_um = 3.45
+width_px = 256
+height_px = 200
+[shell]
+outer_radius_mm = 59.0
+inner_radius_mm = 51.0
+refractive_index = 1.49
+[water]
+refractive_index = 1.333
+[server]
+requests_per_s = 100000
+[bench]
+driver = "hardware"
+[bench.controllers.main]
+driver = "grbl"
+port = "/dev/no-such-port"
+[bench.camera]
+driver = "genicam"
+interfaces = ["cable"]
+device = "serial:PLN-1"
+format = "Mono8"
+frame_rate_hz = 25.0
+timeout_ms = 600
+TOML
+
+# Another camera, where nobody is to look.
+nsenter --target "$beyond" --net arv-fake-gv-camera-0.8 -i unnamed -s PLN-2 >/dev/null 2>&1 &
+second_pid=$!
+start_camera
+second_answers() { arv-tool-0.8 2>/dev/null | grep --quiet PLN-2; }
+wait_for second_answers
+listed=$("$plenalign" --config "$folder/plenalign.toml" camera list)
+for line in '10.9.0.2  Aravis Fake (GigE Vision, cable)' '  device = "serial:PLN-1"' '  format = "Mono16"' '  not read: RGB8'; do
+  grep --quiet --fixed-strings --line-regexp -- "$line" <<<"$listed"
+done
+if grep PLN-2 <<<"$listed"; then
+  echo "a camera was looked for on an interface that is not configured" >&2
+  exit 1
+fi
+"$plenalign" --config "$folder/plenalign.toml" doctor >"$folder/doctor" || true
+grep --quiet 'camera  *Aravis Fake at 10.9.0.2, Mono8 256x200 at 25 Hz' "$folder/doctor"
+echo "- listed by camera list and doctor, on the configured interface and on no other"
+
+"$plenalign" serve --config "$folder/plenalign.toml" --json --listen 127.0.0.1:0 --insecure \
+  >"$folder/said" 2>"$folder/log" &
+daemon_pid=$!
+wait_for says_or_ended "$folder/said" "$daemon_pid"
+ADDRESS=$(sed -n 's/.*"address":"\([^"]*\)\/".*/\1/p' "$folder/said")
+client online
+whole=$(client frames 1)
+echo "- $whole frames, each whole"
+
+# What is set lands in the camera, and comes back to it after it was without power.
+"$plenalign" camera exposure --server "$ADDRESS" --exposure 12.5 >/dev/null
+[[ $(feature ExposureTimeAbs) == 12500* ]]
+end_camera
+client fault "no good frame came within 600 ms"
+start_camera
+client online
+[[ $(feature ExposureTimeAbs) == 12500* ]]
+echo "- killed and started again: taken again, exposed as before"
+
+# The daemon stands still until its heartbeat has run out and arv-tool may write; then another program has the camera.
+"$plenalign" camera exposure --server "$ADDRESS" --exposure 10 >/dev/null
+may_write() { elsewhere arv-tool-0.8 -a 10.9.0.2 control TestRegister=7 2>&1 | grep --quiet 'TestRegister = 7'; }
+kill -STOP "$daemon_pid"
+wait_for may_write
+nsenter --target "$there" --net stdbuf --output=L arv-camera-test-0.8 -n Aravis-Fake-PLN-1 >"$folder/other" 2>&1 &
+other_pid=$!
+streams() { grep --quiet frame/s "$folder/other" 2>/dev/null; }
+wait_for streams
+kill -CONT "$daemon_pid"
+client fault "another program controls it"
+kill -INT "$other_pid"
+wait "$other_pid" 2>/dev/null || true
+client online
+echo "- control taken by arv-tool and arv-camera-test: told, and taken again when the camera was free"
+
+# One packet in a hundred is lost.
+end_camera
+client fault "no good frame came"
+start_camera -r 10
+client online
+whole=$(client frames 2)
+lost=$(client counted)
+echo "- with packets lost: $whole frames shown, each whole; $lost were not, and counted"
