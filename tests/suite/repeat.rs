@@ -104,7 +104,10 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
         }
     };
     assert_eq!(job.state, JobState::Cancelled, "{:?}", job.reason);
-    assert!(at_aperture && at_shell && iterations > 0 && job.iterations.len() >= iterations, "what was measured before is kept");
+    assert!(
+        at_aperture && at_shell && iterations > 0 && job.iterations.len() >= iterations,
+        "what was measured before is kept"
+    );
     let report = job.report.as_ref().unwrap();
 
     let told: Vec<_> = job.steps.iter().map(|step| (step.name.as_str(), step.state, step.repeats)).collect();
