@@ -10,6 +10,6 @@
 # that array, and with the same CONFIG and OUT. docs/study.md says how.
 set -euo pipefail
 
-# A thread for each processor that it is given.
-export RAYON_NUM_THREADS=${SLURM_CPUS_PER_TASK:-0}
+# A thread for each processor that it is given, unless it is told otherwise.
+export RAYON_NUM_THREADS=${RAYON_NUM_THREADS:-${SLURM_CPUS_PER_TASK:-0}}
 exec plenalign study merge ${CONFIG:+--config "$CONFIG"} --out "${OUT:-study}"

@@ -27,7 +27,8 @@ finish() {
     tail -n 30 "$folder/log" >&2
   fi
   for pid in $other_pid $daemon_pid $camera_pid $second_pid $there $beyond; do
-    kill -KILL "$pid" 2>/dev/null || true
+    # Reaped here, so that the shell does not report it.
+    { kill -KILL "$pid" && wait "$pid"; } 2>/dev/null || true
   done
   rm -rf "$folder"
 }
@@ -127,7 +128,7 @@ daemon_pid=$!
 wait_for says_or_ended "$folder/said" "$daemon_pid"
 ADDRESS=$(sed -n 's/.*"address":"\([^"]*\)\/".*/\1/p' "$folder/said")
 client online
-whole=$(client frames 1)
+whole=$(client frames 20)
 echo "- $whole frames, each whole"
 
 # What is set lands in the camera, and comes back to it after it was without power.
@@ -161,6 +162,6 @@ end_camera
 client fault "no good frame came"
 start_camera -r 10
 client online
-whole=$(client frames 2)
+whole=$(client frames 20)
 lost=$(client counted)
 echo "- with packets lost: $whole frames shown, each whole; $lost were not, and counted"

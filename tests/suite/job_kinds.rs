@@ -119,6 +119,7 @@ async fn measuring_jobs_measure_and_put_back_what_they_moved() {
     };
     let measured = *measured;
     assert_eq!(swept.iterations.len(), measured as usize);
+    assert_eq!(swept.progress.measure, None, "where it ended is nothing that it reached");
     assert!(measured >= 4, "{measured}");
     assert!((crossing_mm.unwrap() - 2.2).abs() < 0.3 && slope_px_per_mm.unwrap() < 0.0, "{crossing_mm:?}");
     // Between two of five places the spacing is no straight line; the curve knows.

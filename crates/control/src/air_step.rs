@@ -98,8 +98,9 @@ impl Alignment<'_> {
             frames = 1;
             match decision {
                 AirDecision::Probe { to_mm } | AirDecision::Move { to_mm } => {
-                    // A move costs less than a step of the operator.
-                    let to_mm = air.model().map_or(to_mm, |model| {
+                    // A move costs less than a step of the operator. A probe is to tell the scale, and is not cut short.
+                    let model = air.model().filter(|_| matches!(decision, AirDecision::Move { .. }));
+                    let to_mm = model.map_or(to_mm, |model| {
                         let expected = |at_mm: f64| {
                             let (delta_v, sigma) = model.predict(at_mm);
                             (delta_v, 2.0 * sigma)

@@ -136,11 +136,13 @@ pub fn check_move(
     Some(MoveFault::WrongScale { axis, expected_mm, measured_mm })
 }
 
-/// Whether the picture has followed a move: it says enough of it to tell, and does not contradict it. `sigma_mm` is the
-/// standard uncertainty of `measured_mm`.
+/// Whether the picture has followed a move: it says enough of it to tell, does not contradict it, and is nearer to what was
+/// expected than to no move at all. `sigma_mm` is the standard uncertainty of `measured_mm`.
 #[must_use]
 pub(super) fn follows(expected_mm: f64, measured_mm: f64, sigma_mm: f64) -> bool {
-    expected_mm.abs() > FOLLOWED * sigma_mm && check_move("", expected_mm, measured_mm, sigma_mm, 0.0).is_none()
+    expected_mm.abs() > FOLLOWED * sigma_mm
+        && measured_mm * expected_mm.signum() > 0.5 * expected_mm.abs()
+        && check_move("", expected_mm, measured_mm, sigma_mm, 0.0).is_none()
 }
 
 #[cfg(test)]
@@ -178,6 +180,13 @@ mod tests {
         assert!(matches!(check_move("e", -0.5, -1.0, 0.01, 0.05), Some(MoveFault::WrongScale { .. })));
         // Nothing can be told from a move that drowns in its uncertainty.
         assert_eq!(check_move("e", -0.02, 0.03, 0.02, 0.05), None);
-        assert!(follows(-0.5, -0.55, 0.01) && !follows(-0.5, 0.001, 0.01) && !follows(-0.5, -0.55, 0.3));
+        assert!(follows(-0.5, -0.55, 0.01) && !follows(-0.5, -0.55, 0.3));
+        // Neither a dead axis nor a reversed one is followed, however little is known.
+        for sigma in [0.02, 0.05, 0.1, 0.2] {
+            assert!(
+                !follows(-0.5, 0.001, sigma) && !follows(-0.5, 0.5, sigma) && follows(-0.5, -0.5, sigma),
+                "{sigma}"
+            );
+        }
     }
 }

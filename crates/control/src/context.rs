@@ -451,7 +451,12 @@ impl JobContext {
 
     /// What a job that is no alignment came to.
     pub(super) fn outcome(&self, outcome: Outcome) {
-        self.job.change(|job| job.outcome = Some(outcome));
+        // What was measured at the last place of a sweep is not what the sweep was for.
+        let swept = matches!(outcome, Outcome::FocusSweep { .. });
+        self.job.change(|job| {
+            job.outcome = Some(outcome);
+            job.progress.measure.take_if(|_| swept);
+        });
     }
 
     /// Ends the job, its recording first. The axes have been stopped.

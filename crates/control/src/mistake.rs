@@ -146,8 +146,7 @@ impl ShellLook<'_> {
     }
 
     /// That a board is turned, in words, from how the spacing's tilt has changed since air: lens and array have the same in
-    /// both. `half_width_mm` is half the sensor's width. `None` where the difference
-    /// is within what either is good to.
+    /// both. `half_width_mm` is half the sensor's width. `None` where the difference is within what either is good to.
     pub(super) fn turned_board(&self, changed: &TiltChange, half_width_mm: f64) -> Option<String> {
         let [in_water, _] = self.camera.tilt_of_turned_board_px(self.e_mm, self.trim_mm, half_width_mm);
         let change = changed.px[0].hypot(changed.px[1]);

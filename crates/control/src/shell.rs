@@ -23,7 +23,7 @@ const MAX_MOVES: u32 = 9;
 const STICKS_MM: f64 = super::motion::READBACK_TOLERANCE_MM;
 /// Standard uncertainties of what the picture shows of a trim that are no contradiction.
 const TOLD_SIGMAS: f64 = 4.0;
-/// So many of them in a row are: of carriages that stick, one in a thousand does that.
+/// This many contradictions in a row are a fault: one in a thousand of the carriages that stick shows as many.
 const MOST_STUCK: u32 = 6;
 /// Standard uncertainties of e that a move keeps away from the wall: where the picture cannot tell e, only as much of the
 /// way is gone as the axis alone is good for.
@@ -241,7 +241,7 @@ impl ShellLoop {
         let sticks = fault.is_some() && (measured - trim).abs() <= STICKS_MM + TOLD_SIGMAS * sigma_mm;
         self.stuck = if sticks { self.stuck + 1 } else { 0 };
         // It is made again, as if it had not been.
-        self.moves -= u32::from(sticks);
+        self.moves = self.moves.saturating_sub(u32::from(sticks));
         fault.filter(|_| !sticks || self.stuck >= MOST_STUCK)
     }
 

@@ -37,7 +37,7 @@ pub(super) fn shard(variable: Variable<'_>) -> anyhow::Result<Shard> {
     );
     let alone = "parts that are to be done again alone are told how many there are: SHARDS and FIRST of slurm-parts.sh, or \
                  --shard K/N";
-    let tasks = (max - min) / step + 1;
+    let tasks = ((max - min) / step).saturating_add(1);
     if count != tasks {
         bail!(
             "the array has gaps: SLURM_ARRAY_TASK_COUNT is {count}, and {min}-{max} (SLURM_ARRAY_TASK_MIN and _MAX) would be \

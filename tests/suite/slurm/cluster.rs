@@ -17,7 +17,7 @@ pub(super) struct Cluster {
     child: Child,
     /// Where its daemons keep what is theirs.
     own: tempfile::TempDir,
-    /// The folder that a user of it works in, which has `deploy` and a full disk, `full`.
+    /// The folder that a user of it works in, which has `deploy` and a disk that is soon full, `small`.
     pub(super) home: tempfile::TempDir,
 }
 

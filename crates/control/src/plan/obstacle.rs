@@ -49,7 +49,7 @@ impl Obstacle {
             "bench.e.home_side",
             "\"low\"",
             "\"high\", or the shell said to be off (PUT /api/v1/shell)",
-            format!("the job begins with a homing, which runs the e axis towards the shell, and that is {state}"),
+            format!("the job begins with a homing, which runs the e axis towards the shell, and the shell is {state}"),
         )
     }
 }

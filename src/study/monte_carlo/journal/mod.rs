@@ -178,7 +178,7 @@ impl Journal {
         part.write(path)?;
         let folder = self.path.parent().unwrap_or(Path::new("."));
         for journal in in_folder(folder, Some(self.head.shard))? {
-            let same = read(&journal).is_ok_and(|kept| kept.is_none_or(|kept| kept.head == self.head));
+            let same = read(&journal).is_ok_and(|kept| kept.is_some_and(|kept| kept.head == self.head));
             if same {
                 // It is of no use from here on, and harms nobody.
                 let _ = fs::remove_file(&journal);
@@ -194,7 +194,12 @@ impl Journal {
 
 impl State {
     fn flush(&mut self) -> std::io::Result<()> {
-        self.file.write_all(self.pending.as_bytes())?;
+        let written = self.file.write_all(self.pending.as_bytes());
+        if written.is_err() && !self.pending.starts_with('\n') {
+            // Half a line may be there: what is written next does not go on from it.
+            self.pending.insert(0, '\n');
+        }
+        written?;
         self.file.sync_data()?;
         self.pending.clear();
         Ok(())

@@ -3,7 +3,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use tokio::sync::watch;
@@ -17,6 +17,8 @@ use crate::device::light::{ControlUnit, LightControl};
 use crate::device::{CameraState, DeviceError, Frame};
 use plenoptics::raw::RawImage;
 
+/// How long a driver may take to tell or to set its camera's controls.
+pub(super) const CONTROLS_ALLOWED: Duration = Duration::from_secs(5);
 /// A camera that sent frames is waited for this long after the last one: a plug pushed back in does not cost a run.
 const RETURN_ALLOWED: Duration = Duration::from_secs(30);
 /// Frames that may have been under way, or already exposed, when a control was set: it is in force from the next one on.
@@ -31,8 +33,8 @@ pub(super) struct Feed {
     pub(super) name: String,
     /// Longest wait for a frame.
     timeout: Duration,
-    /// The time between frames, as configured.
-    interval: Duration,
+    /// The time between frames, ns: as configured, or as the camera has it where its driver says so.
+    interval_ns: Arc<AtomicU64>,
     pipeline_delay: Duration,
     pub(super) state: watch::Receiver<CameraState>,
     pub(super) live: watch::Receiver<Option<Arc<Frame>>>,
@@ -50,6 +52,7 @@ pub(super) struct Outlet {
     /// When a frame last came.
     seen_at: watch::Sender<Option<Instant>>,
     ended: Arc<AtomicBool>,
+    interval_ns: Arc<AtomicU64>,
     /// The newest frame's number.
     pub(super) seq: u64,
 }
@@ -66,20 +69,24 @@ pub(super) fn feed(
     let (seen_at, seen_at_out) = watch::channel(None);
     let ended = Arc::new(AtomicBool::new(false));
     let device = config.device.clone();
-    // What passes besides the wait for the camera: exposure, read-out, and what its pictures are late by.
     let interval = Duration::try_from_secs_f64(1.0 / config.frame_rate_hz).unwrap_or_default();
+    let interval_ns = Arc::new(AtomicU64::new(nanoseconds(interval)));
     let pipeline_delay = Duration::from_millis(config.pipeline_delay_ms);
     let feed = Feed {
         name: device.clone(),
-        timeout: Duration::from_millis(config.timeout_ms) + pipeline_delay + 3 * interval,
-        interval,
+        timeout: Duration::from_millis(config.timeout_ms),
+        interval_ns: Arc::clone(&interval_ns),
         pipeline_delay,
         state: state_out,
         live: live_out,
         seen_at: seen_at_out,
         ended: Arc::clone(&ended),
     };
-    (feed, Outlet { device, size, poses, state, live, seen_at, ended, seq: 0 })
+    (feed, Outlet { device, size, poses, state, live, seen_at, ended, interval_ns, seq: 0 })
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl Drop for Feed {
@@ -104,7 +111,9 @@ impl Feed {
         if let Some(reason) = self.state.borrow().unfit.clone() {
             return Err(DeviceError::Refused { device: self.name.clone(), reason });
         }
-        let mut until = Instant::now().max(not_before) + self.timeout;
+        // The wait for the camera, and what passes besides: exposure, read-out, and what its pictures are late by.
+        let allowed = self.timeout + self.pipeline_delay + FRAMES_UNDER_WAY * self.interval();
+        let mut until = Instant::now().max(not_before) + allowed;
         loop {
             let mut live = self.live.clone();
             let fresh = live.wait_for(|frame| frame.as_ref().is_some_and(|frame| frame.exposed_from >= not_before));
@@ -122,7 +131,11 @@ impl Feed {
             }
         }
         self.require_there()?;
-        Err(DeviceError::Timeout { device: self.name.clone(), what: "send a frame".to_owned(), allowed: self.timeout })
+        Err(DeviceError::Timeout { device: self.name.clone(), what: "send a frame".to_owned(), allowed })
+    }
+
+    fn interval(&self) -> Duration {
+        Duration::from_nanos(self.interval_ns.load(Ordering::Relaxed))
     }
 
     /// Waits until what was set is in force in whatever frame is exposed next.
@@ -130,7 +143,7 @@ impl Feed {
         // A long exposure has the camera slow down.
         let exposures = controls.iter().filter(|control| control.unit == ControlUnit::Ms);
         let longest_ms = exposures.filter_map(|control| control.value).fold(0.0, f64::max);
-        let interval = self.interval.max(Duration::try_from_secs_f64(longest_ms / 1000.0).unwrap_or_default());
+        let interval = self.interval().max(Duration::try_from_secs_f64(longest_ms / 1000.0).unwrap_or_default());
         tokio::time::sleep(FRAMES_UNDER_WAY * interval + self.pipeline_delay).await;
     }
 }
@@ -205,6 +218,11 @@ impl Outlet {
         self.size
     }
 
+    /// Says how long the camera takes from one frame to the next.
+    pub(super) fn pace(&self, interval: Duration) {
+        self.interval_ns.store(nanoseconds(interval), Ordering::Relaxed);
+    }
+
     fn go_offline(&self, fault: String) {
         // What was seen last is no picture of now.
         self.live.send_replace(None);
@@ -253,7 +271,7 @@ impl Outlet {
     /// Renews the state.
     pub(super) fn tell(&self, news: News<'_>) {
         self.state.send_if_modified(|state| {
-            let lost = news.count.lost + news.count.damaged;
+            let lost = news.count.lost.saturating_add(news.count.damaged);
             let back = news.good && (!state.online || state.fault.is_some());
             let changed = back || lost > 0 || state.notes != news.notes;
             if back {
@@ -262,8 +280,8 @@ impl Outlet {
                 news.identity.clone_into(&mut state.identity);
                 (state.size, state.white) = (Some(self.size), Some(news.white));
             }
-            state.frames_lost += lost;
-            state.frames_damaged += news.count.damaged;
+            state.frames_lost = state.frames_lost.saturating_add(lost);
+            state.frames_damaged = state.frames_damaged.saturating_add(news.count.damaged);
             state.notes = news.notes;
             changed
         });

@@ -1,7 +1,6 @@
 //! Capture over Video4Linux2: the frame source in front of the capture thread.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use async_trait::async_trait;
 use tokio::sync::watch;
@@ -9,16 +8,13 @@ use tokio::time::Instant;
 
 use super::capture::Capturer;
 use super::controls::KeptControls;
-use super::feed::{self, Feed};
+use super::feed::{self, CONTROLS_ALLOWED, Feed};
 use super::poses::PoseSource;
 use super::{controls, find};
 use crate::config::CameraConfig;
 use crate::device::light::{ControlName, LightControl};
 use crate::device::{CameraState, DeviceError, Frame, FrameSource};
 use plenoptics::raw::PixelFormat;
-
-/// How long a driver may take to tell or to set its controls.
-const CONTROLS_ALLOWED: Duration = Duration::from_secs(5);
 
 /// A V4L2 capture device.
 pub struct V4l2Camera {
@@ -109,6 +105,8 @@ impl FrameSource for V4l2Camera {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
     use crate::device::AxisPose;
 

@@ -8,14 +8,13 @@ use tokio::sync::oneshot;
 use viva_genicam::{ControlState, Frame as Block, FrameStream, GenicamError, StreamStats};
 
 use super::super::controls::KeptControls;
-use super::super::exposure::Window;
 use super::super::feed::{Capture, Count, Judge, News, Outlet};
 use super::super::unpack::{UnpackError, unpack};
-use super::clock::{self, DeviceClock};
+use super::dating::{Dating, HELD};
 use super::features::{self, Device};
 use super::find;
 use super::setup::{self, Agreed};
-use crate::config::{CameraConfig, TimestampMeans};
+use crate::config::CameraConfig;
 use crate::device::light::{ControlName, LightControl};
 use plenoptics::raw::{Layout, PixelFormat, RawImage};
 
@@ -24,8 +23,6 @@ use plenoptics::raw::{Layout, PixelFormat, RawImage};
 const SLICE: Duration = Duration::from_millis(10);
 /// How often the camera's clock is read, so that it cannot drift away.
 const LATCH_EVERY: Duration = Duration::from_secs(1);
-/// How long a frame is held back at most while an earlier one may still be completed.
-const HELD: Duration = Duration::from_millis(100);
 
 /// What is to be done with the camera between two frames.
 pub(super) enum Order {
@@ -42,18 +39,18 @@ pub(super) struct Capturer {
     pub(super) format: PixelFormat,
     pub(super) outlet: Outlet,
     pub(super) orders: Receiver<Order>,
+    /// Why the camera's clock was not believed, where it was given up for that: it is opened anew to go by arrival, and by
+    /// its clock again once it was away.
+    pub(super) distrusted: Option<String>,
 }
 
 /// What is known of the stream since it began.
 struct Stream {
     identity: String,
     agreed: Agreed,
-    clock: Option<DeviceClock>,
+    dating: Dating,
     latched_at: Instant,
-    /// When it was last seen that no frame waits: what is taken has arrived since.
-    empty_at: Instant,
-    /// When the last frame came, and its number, for the interval that frames really have.
-    last: Option<(Instant, u64)>,
+    any: bool,
     seen: StreamStats,
     judge: Judge,
     good_at: Instant,
@@ -73,24 +70,29 @@ impl Capture for Capturer {
         let mut controls = self.config.controls.clone();
         controls.extend(self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).clone());
         let mut agreed = setup::agree(&mut device, &self.config, &controls, self.format, self.outlet.size())?;
-        let clock = match setup::clock(&device, &self.config) {
-            Ok(clock) => Some(clock),
-            Err(note) => {
-                agreed.notes.extend(note);
-                None
-            }
-        };
-        let mut frames = setup::open_stream(&mut device, &self.config, clock.is_some())?;
+        let clock =
+            match self.distrusted.take().map_or_else(|| setup::clock(&device, &self.config), |why| Err(Some(why))) {
+                Ok(clock) => Some(clock),
+                Err(note) => {
+                    agreed.notes.extend(note);
+                    None
+                }
+            };
+        let room = if clock.is_some() { None } else { Some(setup::room_by_arrival(self.frame_bytes())) };
+        let mut frames = setup::open_stream(&mut device, &self.config, room)?;
         frames.set_block_timeout(HELD);
         device.acquisition_start().map_err(|error| format!("it does not start: {}", features::why(&error)))?;
         let now = Instant::now();
+        let buffered = room.map_or(0, |room| setup::buffered(room, self.frame_bytes()));
+        let delays =
+            (Duration::from_millis(self.config.pipeline_delay_ms), Duration::from_millis(self.config.timeout_ms));
+        self.outlet.pace(agreed.interval);
         let mut stream = Stream {
             identity: find::identity(&info),
+            dating: Dating::new((self.config.timestamp_means, clock), agreed.interval, buffered, delays, now),
             agreed,
-            clock,
             latched_at: now,
-            empty_at: now,
-            last: None,
+            any: false,
             seen: frames.stats(),
             judge: Judge::default(),
             good_at: now,
@@ -123,23 +125,23 @@ impl Capturer {
                 return Err("it let go of this program: another took control of it, or it was restarted".to_owned());
             }
             if stream.good_at.elapsed() > timeout {
-                let why = match (&stream.damage, stream.last) {
+                let why = match (&stream.damage, stream.any) {
                     (Some(why), _) => format!("; the last one was damaged: {why}"),
-                    (None, Some(_)) => "; unplugged, without power, or taken by another program".to_owned(),
+                    (None, true) => "; unplugged, without power, or taken by another program".to_owned(),
                     // A switch between that does not carry large packets.
-                    (None, None) => "; where there were none at all, set bench.camera.packet_bytes = 1500".to_owned(),
+                    (None, false) => "; where there were none at all, set bench.camera.packet_bytes = 1500".to_owned(),
                 };
                 return Err(format!("no good frame came within {} ms{why}", timeout.as_millis()));
             }
             self.follow_orders(device, stream)?;
-            stream.renew_clock(device)?;
+            self.renew_clock(device, stream)?;
             let asked_at = Instant::now();
             let mut newest = None;
             let mut wait = SLICE;
             loop {
                 match frames.next_frame_blocking(wait) {
                     Ok(Some(block)) => {
-                        self.outlet.seq += 1;
+                        self.outlet.seq = self.outlet.seq.saturating_add(1);
                         newest = Some(block);
                         wait = Duration::ZERO;
                     }
@@ -149,15 +151,19 @@ impl Capturer {
                 }
             }
             let mut count = self.count(&frames.stats(), stream);
-            let news = newest.is_some() || count.lost + count.damaged > 0;
+            let lost = count.lost > 0 || count.damaged > 0;
+            if lost {
+                stream.dating.lost();
+            }
+            let news = newest.is_some() || lost;
             if let Some(block) = newest
-                && let Some(damage) = self.see(device, stream, block, count.lost + count.damaged > 0)?
+                && let Some(damage) = self.see(device, stream, block)?
             {
-                count.damaged += 1;
+                count.damaged = count.damaged.saturating_add(1);
                 stream.damage = Some(damage);
             }
             // Nothing waited after it was asked for.
-            stream.empty_at = asked_at;
+            stream.dating.nothing_waited(asked_at);
             if news {
                 self.tell(stream, count);
             }
@@ -168,22 +174,27 @@ impl Capturer {
     /// What was lost since this was last asked.
     fn count(&mut self, stats: &StreamStats, stream: &mut Stream) -> Count {
         let before = std::mem::replace(&mut stream.seen, *stats);
-        let damaged = stats.frames_incomplete - before.frames_incomplete;
-        let lost = stats.frames_missed + stats.frames_backpressure + stats.frames_unsupported
-            - (before.frames_missed + before.frames_backpressure + before.frames_unsupported);
-        self.outlet.seq += lost + damaged;
+        // How many are missed is the network's word.
+        let damaged = stats.frames_incomplete.saturating_sub(before.frames_incomplete);
+        let lost = [
+            (stats.frames_missed, before.frames_missed),
+            (stats.frames_backpressure, before.frames_backpressure),
+            (stats.frames_unsupported, before.frames_unsupported),
+        ];
+        let lost = lost.into_iter().fold(0u64, |sum, (now, then)| sum.saturating_add(now.saturating_sub(then)));
+        self.outlet.seq = self.outlet.seq.saturating_add(lost).saturating_add(damaged);
         if damaged > 0 {
-            let packets = stats.packets_missing - before.packets_missing;
+            let packets = stats.packets_missing.saturating_sub(before.packets_missing);
             stream.damage = Some(format!("{packets} packets of {damaged} frames did not come"));
         }
         Count { lost, damaged }
     }
 
-    /// Publishes a frame, `held` where it may have waited for an earlier one; or says why it is damaged.
+    /// Publishes a frame, or says why it is damaged.
     ///
     /// # Errors
     /// What no later frame will mend.
-    fn see(&self, device: &Device, stream: &mut Stream, block: Block, held: bool) -> Result<Option<String>, String> {
+    fn see(&mut self, device: &Device, stream: &mut Stream, block: Block) -> Result<Option<String>, String> {
         let (width, height) = self.outlet.size();
         let name = block.pixel_format.to_string();
         if (block.width as usize, block.height as usize) != (width, height) || name != self.format.name() {
@@ -202,10 +213,14 @@ impl Capturer {
         match image_of(block, width, height, self.format) {
             Ok(image) => {
                 let image = Arc::new(image);
-                let window = self.window(stream, ticks, held);
+                let dated = stream.dating.date(ticks, self.outlet.seq, Instant::now());
+                let window = dated.map_err(|why| self.distrust(why))?;
                 stream.good_at = Instant::now();
-                stream.damage = None;
-                self.outlet.publish(Arc::clone(&image), self.outlet.seq, window);
+                (stream.damage, stream.any) = (None, true);
+                self.outlet.pace(stream.dating.interval());
+                if let Some(window) = window {
+                    self.outlet.publish(Arc::clone(&image), self.outlet.seq, window);
+                }
                 let white = self.white();
                 stream.judge.see(&image, white, || features::of_brightness(device));
                 Ok(None)
@@ -222,25 +237,26 @@ impl Capturer {
         ((1u32 << self.format.bits()) - 1) as u16
     }
 
-    /// When a frame was exposed.
-    fn window(&self, stream: &mut Stream, ticks: Option<u64>, held: bool) -> Window {
-        let now = Instant::now();
-        let since_last = stream.last.replace((now, self.outlet.seq)).map_or(Duration::ZERO, |(at, seq)| {
-            let frames = u32::try_from(self.outlet.seq.saturating_sub(seq)).unwrap_or(u32::MAX).max(1);
-            now.saturating_duration_since(at) / frames
-        });
-        // A camera may well be slower than it says: then its exposures may be longer, too.
-        let interval = stream.agreed.interval.max(since_last);
-        let longest = Duration::from_millis(self.config.timeout_ms) + 4 * interval;
-        let stamped = match (&mut stream.clock, ticks) {
-            (Some(clock), Some(ticks)) => clock.judge(ticks, now, longest),
-            _ => None,
-        };
-        let delay = Duration::from_millis(self.config.pipeline_delay_ms);
-        let waited = if held { HELD } else { Duration::ZERO };
-        let arrived_age = now.saturating_duration_since(stream.empty_at) + waited;
-        let means = if stamped.is_some() { self.config.timestamp_means } else { TimestampMeans::Arrival };
-        clock::window(means, stamped, arrived_age, interval, delay)
+    /// Bytes of a frame as it is sent.
+    fn frame_bytes(&self) -> usize {
+        let (width, height) = self.outlet.size();
+        (width * height * self.format.bits() as usize).div_ceil(8)
+    }
+
+    /// Has the camera opened anew without its clock, and says so.
+    fn distrust(&mut self, why: String) -> String {
+        let told = format!("{why}; it is opened anew for that");
+        self.distrusted = Some(why);
+        told
+    }
+
+    fn renew_clock(&mut self, device: &Device, stream: &mut Stream) -> Result<(), String> {
+        if !stream.dating.has_clock() || stream.latched_at.elapsed() < LATCH_EVERY {
+            return Ok(());
+        }
+        stream.latched_at = Instant::now();
+        let latch = setup::latch(device).map_err(|why| format!("its clock cannot be read any more: {why}"))?;
+        stream.dating.renew(latch).map_err(|why| self.distrust(why))
     }
 
     fn follow_orders(&self, device: &mut Device, stream: &mut Stream) -> Result<(), String> {
@@ -251,7 +267,8 @@ impl Capturer {
                     let done = features::set_light(device, name, value, &self.set_by_hand);
                     // A longer exposure is in force from some frame on; a shorter one may not be yet.
                     let exposure = Duration::try_from_secs_f64(setup::exposure_s(device)?).unwrap_or_default();
-                    stream.agreed.interval = stream.agreed.interval.max(exposure);
+                    stream.dating.exposes(exposure);
+                    self.outlet.pace(stream.dating.interval());
                     drop(reply.send(done));
                 }
                 Err(TryRecvError::Empty | TryRecvError::Disconnected) => return Ok(()),
@@ -260,25 +277,13 @@ impl Capturer {
     }
 
     fn tell(&self, stream: &Stream, count: Count) {
-        let complaint = stream.clock.as_ref().and_then(DeviceClock::complaint);
         self.outlet.tell(News {
             good: stream.damage.is_none(),
             identity: &stream.identity,
             white: self.white(),
-            notes: stream.agreed.notes.iter().cloned().chain(complaint).chain(stream.judge.note()).collect(),
+            notes: stream.agreed.notes.iter().cloned().chain(stream.judge.note()).collect(),
             count,
         });
-    }
-}
-
-impl Stream {
-    fn renew_clock(&mut self, device: &Device) -> Result<(), String> {
-        let Some(clock) = self.clock.as_mut().filter(|_| self.latched_at.elapsed() >= LATCH_EVERY) else {
-            return Ok(());
-        };
-        self.latched_at = Instant::now();
-        clock.renew(setup::latch(device).map_err(|why| format!("its clock cannot be read any more: {why}"))?);
-        Ok(())
     }
 }
 

@@ -53,7 +53,7 @@ impl DeviceClock {
     }
 
     /// Seconds from one reading to another, by the camera.
-    fn seconds(&self, from: u64, to: u64) -> f64 {
+    pub(super) fn seconds(&self, from: u64, to: u64) -> f64 {
         (i128::from(to) - i128::from(from)) as f64 / self.hz
     }
 
@@ -103,6 +103,11 @@ impl DeviceClock {
         })
     }
 
+    /// A frame came without a stamp.
+    pub(super) fn miss(&mut self) {
+        self.doubt(Some("are missing".to_owned()));
+    }
+
     /// Why the clock is not believed, as a sentence.
     pub(super) fn complaint(&self) -> Option<String> {
         let lie = self.lie.as_ref()?;
@@ -113,8 +118,9 @@ impl DeviceClock {
 /// The window in which a frame was exposed, too long rather than too short: exposure and read-out are at most an
 /// `interval` each.
 ///
-/// `stamped` is what [`DeviceClock::judge`] believes; without it the arrival counts, at most `arrived_age` ago. `delay` is
-/// what passes between exposure and stamp, or arrival, besides.
+/// `stamped` is what [`DeviceClock::judge`] believes; without it the arrival counts, at most `arrived_age` ago, before which
+/// the frame may have been on its way for an interval, too. `delay` is what passes between exposure and stamp, or arrival,
+/// besides.
 pub(super) fn window(
     means: TimestampMeans,
     stamped: Option<Ages>,
@@ -124,7 +130,7 @@ pub(super) fn window(
 ) -> Window {
     let (most, least) = match stamped.filter(|_| means != TimestampMeans::Arrival) {
         Some(ages) => (ages.most + delay, ages.least + delay),
-        None => return exposure::window(None, arrived_age, interval, delay),
+        None => return exposure::window(None, arrived_age + interval, interval, delay),
     };
     // A rolling shutter's last row is exposed, and read out, later than the first.
     let (from_age, to_age) = match means {

@@ -84,6 +84,16 @@ pub(super) fn number(state: &FeatureState) -> Option<f64> {
     }
 }
 
+/// What a feature holds, as it is set to it.
+pub(super) fn text(state: &FeatureState) -> Option<String> {
+    match &state.value {
+        FeatureValue::Enum(now) => Some(now.clone()),
+        FeatureValue::Boolean(now) => Some(now.to_string()),
+        FeatureValue::Integer(now) => Some(now.to_string()),
+        _ => None,
+    }
+}
+
 /// The values that a feature takes, in words.
 pub(super) fn choices(state: &FeatureState) -> String {
     let unit = state.unit.as_deref().map_or_else(String::new, |unit| format!(" {unit}"));
@@ -107,6 +117,10 @@ pub(super) fn choices(state: &FeatureState) -> String {
 /// Why it cannot, naming what it can be.
 pub(super) fn set(device: &mut Device, name: &str, value: &str) -> Result<(), String> {
     let now = state(device, name)?.ok_or_else(|| unknown(device, name))?;
+    // What a camera has always may well not be set.
+    if text(&now).as_deref() == Some(value) {
+        return Ok(());
+    }
     let refused = |why: String| format!("`{name}` cannot be {value:?}: {why}");
     if !now.is_available || now.access == Some(AccessMode::RO) {
         return Err(refused("the camera does not let it be set now".to_owned()));

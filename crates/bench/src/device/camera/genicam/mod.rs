@@ -4,13 +4,13 @@
 
 mod capture;
 mod clock;
+mod dating;
 mod features;
 pub mod find;
 mod setup;
 
 use std::sync::Arc;
 use std::sync::mpsc;
-use std::time::Duration;
 
 use async_trait::async_trait;
 use tokio::sync::{oneshot, watch};
@@ -18,14 +18,11 @@ use tokio::time::Instant;
 
 use self::capture::{Capturer, Order};
 use super::controls::KeptControls;
-use super::feed::{self, Feed};
+use super::feed::{self, CONTROLS_ALLOWED, Feed};
 use super::poses::PoseSource;
 use crate::config::CameraConfig;
 use crate::device::light::{ControlName, LightControl};
 use crate::device::{CameraState, DeviceError, Frame, FrameSource};
-
-/// How long a camera may take to tell or to set its controls.
-const CONTROLS_ALLOWED: Duration = Duration::from_secs(5);
 
 /// A GenICam camera.
 pub struct GenicamCamera {
@@ -48,7 +45,7 @@ impl GenicamCamera {
         let (feed, outlet) = feed::feed(config, size, poses, CameraState::not_yet("genicam", "not opened yet"));
         let (orders, taken) = mpsc::channel();
         let set_by_hand = Arc::<KeptControls>::default();
-        feed::spawn(Capturer { config: config.clone(), set_by_hand, format, outlet, orders: taken })?;
+        feed::spawn(Capturer { config: config.clone(), set_by_hand, format, outlet, orders: taken, distrusted: None })?;
         Ok(Self { feed, orders })
     }
 

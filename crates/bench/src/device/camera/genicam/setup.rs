@@ -15,6 +15,20 @@ use plenoptics::raw::PixelFormat;
 const INTERVALS: (f64, f64) = (1e-4, 100.0);
 /// Relative difference of frame rates worth a word.
 const RATE_OFF: f64 = 0.01;
+/// What leaves the pixels as the sensor has them.
+const PLAIN: [(&str, &str); 9] = [
+    ("BinningHorizontal", "1"),
+    ("BinningVertical", "1"),
+    ("DecimationHorizontal", "1"),
+    ("DecimationVertical", "1"),
+    ("ReverseX", "false"),
+    ("ReverseY", "false"),
+    ("TestPattern", "Off"),
+    ("GammaEnable", "false"),
+    ("LUTEnable", "false"),
+];
+/// The least room for packets in the kernel's buffer, bytes.
+const LEAST_ROOM: usize = 1 << 20;
 /// Registers that every GigE Vision device has at these places.
 const TICKS_A_SECOND: u64 = 0x093c;
 const TIMESTAMP_CONTROL: u64 = 0x0944;
@@ -46,16 +60,36 @@ pub(super) fn agree(
     let mut notes = triggers_off(device)?;
     set_where_there(device, StandardFeature::AcquisitionMode, "Continuous")?;
     set(device, "PixelFormat", format.name()).map_err(|why| format!("{why} (bench.camera.format)"))?;
+    notes.extend(undone(device, controls)?);
     set_region(device, config.crop(), size)?;
+    // How long an exposure may be hangs on the rate in force, and the rate on the exposure.
+    let _ = set_rate(device, config.frame_rate_hz)?;
     notes.extend(features::apply(device, controls)?);
     let (interval, note) = set_rate(device, config.frame_rate_hz)?;
     notes.extend(note);
     Ok(Agreed { interval, notes })
 }
 
+/// Sets back what another program may have left on, and what changes the pixels' places or values. Returns what could not
+/// be, one sentence each.
+fn undone(device: &mut Device, controls: &BTreeMap<String, ControlValue>) -> Result<Vec<String>, String> {
+    let mut notes = Vec::new();
+    for (name, value) in PLAIN {
+        if controls.contains_key(name) {
+            continue;
+        }
+        let Some(state) = state(device, name)? else { continue };
+        if features::text(&state).as_deref() != Some(value)
+            && let Err(why) = set(device, name, value)
+        {
+            notes.push(format!("the camera changes its pictures: {why}"));
+        }
+    }
+    Ok(notes)
+}
+
 fn set_where_there(device: &mut Device, feature: StandardFeature, value: &str) -> Result<(), String> {
     match standard(device, feature)? {
-        Some((_, state)) if matches!(&state.value, FeatureValue::Enum(now) if now == value) => Ok(()),
         Some((name, _)) => set(device, name, value),
         None => Ok(()),
     }
@@ -145,14 +179,31 @@ pub(super) fn exposure_s(device: &Device) -> Result<f64, String> {
     Ok(told.and_then(|(_, state)| number(&state)).map_or(0.0, |us| us * 1e-6))
 }
 
-/// Opens the stream. What is lost is asked for again only where the camera's timestamps tell when a frame was exposed: by
-/// its arrival, a frame that was mended would look younger than it is.
+/// The room (bytes) in the kernel's buffer of a stream whose frames are dated by their arrival: what waits there longer is
+/// lost rather than taken for younger than it is.
+pub(super) fn room_by_arrival(frame_bytes: usize) -> usize {
+    frame_bytes.max(LEAST_ROOM)
+}
+
+/// How many frames such a buffer holds, which Linux makes twice as large as it is asked for.
+pub(super) fn buffered(room: usize, frame_bytes: usize) -> u32 {
+    u32::try_from((2 * room).div_ceil(frame_bytes.max(1))).unwrap_or(u32::MAX)
+}
+
+/// Opens the stream, with so many bytes of `room` in the kernel's buffer where frames are dated by their arrival. What is
+/// lost is then not asked for again: a frame that was mended would look younger than it is.
 ///
 /// # Errors
 /// Why it cannot be opened, in words.
-pub(super) fn open_stream(device: &mut Device, config: &CameraConfig, stamped: bool) -> Result<FrameStream, String> {
-    let resend = if stamped { ResendPolicy::Auto } else { ResendPolicy::Off };
-    let mut options = StreamOptions::new().resend(resend);
+pub(super) fn open_stream(
+    device: &mut Device,
+    config: &CameraConfig,
+    room: Option<usize>,
+) -> Result<FrameStream, String> {
+    let mut options = match room {
+        None => StreamOptions::new().resend(ResendPolicy::Auto),
+        Some(room) => StreamOptions::new().resend(ResendPolicy::Off).rcvbuf_bytes(room),
+    };
     options = match config.packet_bytes {
         Some(bytes) => options.packet_size(bytes),
         None => options.auto_packet_size(),
