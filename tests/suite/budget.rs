@@ -266,6 +266,7 @@ impl Bench {
             tilt_change: Some(TiltChange {
                 px: [0, 1].map(|k| tilt[k] - tilt_in_air[k]),
                 sigma_px: 2.0_f64.sqrt() * TILT_SIGMA_PX,
+                least_sigma_px: 2.0_f64.sqrt() * TILT_SIGMA_PX,
             }),
             window_px: WINDOW_PX,
         };

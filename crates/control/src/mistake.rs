@@ -19,6 +19,9 @@ const OTHER_RADIUS: [f64; 2] = [-0.42, 4.2];
 const RADIUS_STEPS: u32 = 550;
 /// Distances at which a board may have been forgotten, as shares of the one asked for.
 const OTHER_DISTANCE: [f64; 2] = [0.1, 5.0];
+/// A change of tilt is beyond so many standard uncertainties by what the field's parts scatter by: three levels side by side
+/// scatter more than they are uncertain by, so that four would let a board turned by 14° pass.
+const SCATTER_SIGMAS: f64 = 2.5;
 /// Least turn of a board that is worth a word, degrees.
 const TURN_NAMED_DEG: f64 = 1.0;
 
@@ -151,7 +154,8 @@ impl ShellLook<'_> {
         let [in_water, _] = self.camera.tilt_of_turned_board_px(self.e_mm, self.trim_mm, half_width_mm);
         let change = changed.px[0].hypot(changed.px[1]);
         let turn_deg = (change / in_water).atan().to_degrees().abs();
-        (change > SIGMAS * changed.sigma_px && turn_deg >= TURN_NAMED_DEG).then(|| {
+        let told = change > SIGMAS * changed.least_sigma_px && change > SCATTER_SIGMAS * changed.sigma_px;
+        (told && turn_deg >= TURN_NAMED_DEG).then(|| {
             format!(
                 "a board is turned, or the shell is off the axis: between air and water the spacing's tilt has changed by {change:.3} px, and lens and array have not; it would be {turn_deg:.1}° of the board in the water"
             )
@@ -222,10 +226,12 @@ mod tests {
     fn a_turned_board_is_told_from_a_tilted_lens() {
         let (camera, axis) = (preset(), Config::default().bench.e);
         let look = ShellLook { camera: &camera, axis: &axis, e_mm: E_MM, trim_mm: 0.0, trim_bound_mm: 0.0 };
-        let changed = |px, sigma_px| TiltChange { px: [px, 0.0], sigma_px };
+        let changed = |px, sigma_px| TiltChange { px: [px, 0.0], sigma_px, least_sigma_px: 0.003 };
         assert_eq!(look.turned_board(&changed(0.0, 0.012), 2.0), None);
         let turned = look.turned_board(&changed(0.2, 0.012), 2.0).unwrap();
         assert!(turned.contains("of the board in the water"), "{turned}");
+        // Within four of the least, or within what the parts scatter by.
+        assert_eq!(look.turned_board(&changed(0.011, 0.003), 2.0), None);
         assert_eq!(look.turned_board(&changed(0.02, 0.012), 2.0), None);
     }
 }

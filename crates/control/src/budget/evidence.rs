@@ -39,8 +39,10 @@ pub struct PitchSeen {
 pub struct TiltChange {
     /// Along x and y, px per half frame width.
     pub px: [f64; 2],
-    /// The standard uncertainty of each, px.
+    /// The standard uncertainty of each, px, with what the field's parts scatter by.
     pub sigma_px: f64,
+    /// The least that it can be, by the spacings' own uncertainty, px.
+    pub least_sigma_px: f64,
 }
 
 impl TiltChange {
@@ -50,6 +52,8 @@ impl TiltChange {
         Self {
             px: [other.tilt_x_px - one.tilt_x_px, other.tilt_y_px - one.tilt_y_px],
             sigma_px: in_air.tilt_sigma_px.hypot(seen.tilt_sigma_px),
+            // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
+            least_sigma_px: 3.0_f64.sqrt() * one.spacing_sigma_px.hypot(other.spacing_sigma_px),
         }
     }
 }
