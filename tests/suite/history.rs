@@ -67,6 +67,9 @@ async fn a_job_whose_program_ended_first_is_interrupted_and_keeps_its_records() 
     let job = waiting(&first, &created).await;
     assert_eq!(job["recording"]["state"], "recording");
     let href = job["href"].as_str().unwrap().to_owned();
+    // It is begun beside the job.
+    let recording = folder.path().join("recordings").join(job["recording"]["file"].as_str().unwrap());
+    until("the recording is begun", async || recording.exists()).await;
     first.as_killed().await;
     let (second, _fakes) = daemon(folder.path()).await;
     let found = second.until(&href, "interrupted", |job| job["state"] == "interrupted").await;
