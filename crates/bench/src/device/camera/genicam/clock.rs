@@ -211,7 +211,8 @@ mod tests {
 
     #[test]
     fn without_a_stamp_or_trust_in_it_the_arrival_counts() {
-        let assumed = Window { from_age: s(0.09), to_age: Duration::ZERO, assumed: true };
+        // Exposure, read-out and transmission.
+        let assumed = Window { from_age: s(0.13), to_age: Duration::ZERO, assumed: true };
         let of = |means, stamped| window(means, stamped, s(0.01), s(0.04), Duration::ZERO);
         assert_eq!(of(TimestampMeans::Readout, None), assumed);
         let ages = Ages { most: s(0.2), least: s(0.2) };
