@@ -108,7 +108,7 @@ fn rows(all: impl Iterator<Item = (u64, u64)>) -> String {
     let mut joined: Vec<(u64, u64)> = Vec::new();
     for (first, last) in all {
         match joined.last_mut() {
-            Some(before) if before.1 + 1 == first => before.1 = last,
+            Some(before) if before.1.checked_add(1) == Some(first) => before.1 = last,
             _ => joined.push((first, last)),
         }
     }

@@ -6,9 +6,6 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// Parts there can be.
-const MOST: u64 = u32::MAX as u64;
-
 /// One of several parts of the study's Monte Carlos, counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
@@ -56,7 +53,6 @@ impl FromStr for Shard {
         match (number, of) {
             (_, 0) => Err("there is no part of none: N of K/N is 1 or more".to_owned()),
             (0, _) => Err(format!("parts are counted from 1: the first of {of} is 1/{of}, not 0/{of}")),
-            (_, of) if of > MOST => Err(format!("{of} parts are more than there can be: {MOST}")),
             (number, of) if number > of => Err(format!("there is no part {number} of {of}: the last one is {of}/{of}")),
             (number, of) => Ok(Self { number, of }),
         }

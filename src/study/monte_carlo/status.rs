@@ -173,7 +173,7 @@ impl Study {
         };
         let length = |range: std::ops::Range<u64>| range.end - range.start;
         let mut parts = Vec::new();
-        let (mut missing, mut next) = (Vec::new(), 1);
+        let (mut missing, mut last) = (Vec::new(), 0);
         let mut work = Some(0.0);
         let mut add = |seconds: Option<f64>| work = work.zip(seconds).map(|(work, seconds)| work + seconds);
         for (number, found) in self.parts {
@@ -192,13 +192,13 @@ impl Study {
                 (false, false) => State::Interrupted,
             };
             parts.push(PartStatus { shard, state, finished, benches: share, rest_s });
-            if next < number {
-                missing.push((next, number - 1));
+            if number - last > 1 {
+                missing.push((last + 1, number - 1));
             }
-            next = number.saturating_add(1);
+            last = number;
         }
-        if next <= of {
-            missing.push((next, of));
+        if last < of {
+            missing.push((last + 1, of));
         }
         for (first, last) in &missing {
             let items = |count| Shard::new(*last, of).range(count).end - Shard::new(*first, of).range(count).start;

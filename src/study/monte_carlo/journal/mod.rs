@@ -178,7 +178,12 @@ impl Journal {
         part.write(path)?;
         let folder = self.path.parent().unwrap_or(Path::new("."));
         for journal in in_folder(folder, Some(self.head.shard))? {
-            let same = read(&journal).is_ok_and(|kept| kept.is_some_and(|kept| kept.head == self.head));
+            let same = match read(&journal) {
+                Ok(Some(kept)) => kept.head == self.head,
+                // What ends within its first line holds nothing; another program's may well be read by that.
+                Ok(None) => fs::read(&journal).is_ok_and(|bytes| !bytes.contains(&b'\n')),
+                Err(_) => false,
+            };
             if same {
                 // It is of no use from here on, and harms nobody.
                 let _ = fs::remove_file(&journal);
@@ -274,6 +279,8 @@ mod tests {
         let (folder, earlier) = attempted(&[4]);
         let (torn, other) = (earlier.with_file_name("part-2-of-2.x.journal"), open(folder.path(), OPTIONS));
         fs::write(&torn, "0123").unwrap();
+        let later = earlier.with_file_name("part-2-of-2.y.journal");
+        fs::write(&later, "0123456789abcdef {\"format_version\":9}\n").unwrap();
         let strangers = open(folder.path(), StudyOptions { seed: 4, ..OPTIONS });
         let block = |count: u64| {
             let range = shard().range(count);
@@ -287,7 +294,9 @@ mod tests {
         let part = Part::new(&Config::default(), OPTIONS, shard(), benches, assemblies);
         let path = Part::path(folder.path(), shard());
         open(folder.path(), OPTIONS).complete(&part, &path).unwrap();
-        assert_eq!(in_folder(&Part::folder(folder.path()), None).unwrap(), [strangers.path]);
+        let mut left = [strangers.path, later];
+        left.sort();
+        assert_eq!(in_folder(&Part::folder(folder.path()), None).unwrap(), left);
         // One that is at it still loses nothing but its journal.
         other.finish(5, &outcome(5)).unwrap();
         other.complete(&part, &path).unwrap();
