@@ -148,6 +148,14 @@ pub struct SpacingReading {
     pub frames: u32,
 }
 
+impl SpacingReading {
+    /// The least that either tilt's standard uncertainty can be, px: a slope over an evenly filled field is, at its edge, √3
+    /// times as uncertain as the mean.
+    pub(crate) fn least_tilt_sigma_px(&self) -> f64 {
+        3.0_f64.sqrt() * self.spacing_sigma_px
+    }
+}
+
 /// One iteration: where the axes were, what was measured, what was decided.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Iteration {

@@ -93,10 +93,8 @@ impl Measured {
         grid: &Grid,
         window_px: f64,
     ) -> Self {
-        // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean, and no less.
-        let least_px = 3.0_f64.sqrt() * spacing.spacing_sigma_px;
         Self {
-            tilt_sigma_px: tilt_sigmas_px.into_iter().fold(least_px, f64::max),
+            tilt_sigma_px: tilt_sigmas_px.into_iter().fold(spacing.least_tilt_sigma_px(), f64::max),
             spacing,
             micro_image_pitch_px: grid.pitch_px(),
             micro_image_pitch_sigma_px: grid.sigma.pitch_px,

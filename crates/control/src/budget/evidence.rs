@@ -52,8 +52,7 @@ impl TiltChange {
         Self {
             px: [other.tilt_x_px - one.tilt_x_px, other.tilt_y_px - one.tilt_y_px],
             sigma_px: in_air.tilt_sigma_px.hypot(seen.tilt_sigma_px),
-            // A slope over an evenly filled field, at its edge, is √3 times as uncertain as the mean.
-            least_sigma_px: 3.0_f64.sqrt() * one.spacing_sigma_px.hypot(other.spacing_sigma_px),
+            least_sigma_px: one.least_tilt_sigma_px().hypot(other.least_tilt_sigma_px()),
         }
     }
 }
