@@ -216,6 +216,12 @@ impl PixelFormat {
         self.bits
     }
 
+    /// The greatest value of a sample.
+    #[must_use]
+    pub const fn white_level(self) -> u16 {
+        ((1u32 << self.bits) - 1) as u16
+    }
+
     /// The mosaic that its pixels are behind, where the format says so.
     #[must_use]
     pub const fn mosaic(self) -> Option<CfaPattern> {

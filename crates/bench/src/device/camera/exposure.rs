@@ -13,6 +13,23 @@ pub struct Stamp {
     pub at_start: bool,
 }
 
+/// What is impossible of a stamp whose age is between `least` and `most`, s: that it lies in the future or more than `longest`
+/// back, or has not grown since the one before. `None` where nothing is.
+pub(super) fn impossible([least, most]: [f64; 2], longest: Duration, grown: bool) -> Option<String> {
+    if most < 0.0 {
+        Some(format!("lie in the future, by {:.1} ms", -most * 1e3))
+    } else if least > longest.as_secs_f64() {
+        Some(format!("lie {least:.1} s back"))
+    } else {
+        (!grown).then(|| "do not grow from frame to frame".to_owned())
+    }
+}
+
+/// That timestamps are not believed, and whose they are, as a sentence.
+pub(super) fn stood_in_for(whose: &str, lie: &str) -> String {
+    format!("the {whose}'s timestamps {lie}: the time of a frame's arrival stands in for them")
+}
+
 /// What one driver's clock is worth. A clock that has told one impossible time is not believed any more: its other
 /// times are off by as much, and only look possible.
 #[derive(Debug, Clone, Default)]
@@ -29,14 +46,10 @@ impl Clock {
         let lie = match (stamp.at_s, self.last_s) {
             (None, _) => Some("are not of the monotonic clock".to_owned()),
             (Some(at), _) if !at.is_finite() => Some("are no numbers".to_owned()),
-            (Some(at), _) if at > stamp.now_s => {
-                Some(format!("lie in the future, by {:.1} ms", (at - stamp.now_s) * 1e3))
+            (Some(at), last) => {
+                let age = stamp.now_s - at;
+                impossible([age, age], longest_age, last.is_none_or(|last| at > last))
             }
-            (Some(at), _) if stamp.now_s - at > longest_age.as_secs_f64() => {
-                Some(format!("lie {:.1} s back", stamp.now_s - at))
-            }
-            (Some(at), Some(last)) if at <= last => Some("do not grow from frame to frame".to_owned()),
-            _ => None,
         };
         self.last_s = stamp.at_s;
         if self.lie.is_none() {
@@ -54,7 +67,7 @@ impl Clock {
     #[must_use]
     pub fn complaint(&self) -> Option<String> {
         let lie = self.lie.as_ref()?;
-        Some(format!("the driver's timestamps {lie}: the time of a frame's arrival stands in for them"))
+        Some(stood_in_for("driver", lie))
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
+use async_trait::async_trait;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
@@ -13,8 +14,8 @@ use super::brightness::{self, Exposure};
 use super::exposure::Window;
 use super::poses::PoseSource;
 use crate::config::CameraConfig;
-use crate::device::light::{ControlUnit, LightControl};
-use crate::device::{CameraState, DeviceError, Frame};
+use crate::device::light::{ControlName, ControlUnit, LightControl};
+use crate::device::{CameraState, DeviceError, Frame, FrameSource};
 use plenoptics::raw::RawImage;
 
 /// How long a driver may take to tell or to set its camera's controls.
@@ -29,15 +30,15 @@ const PAUSES: (Duration, Duration) = (Duration::from_millis(250), Duration::from
 const JUDGE_EVERY: Duration = Duration::from_secs(1);
 
 /// A driver's frames as its users have them.
-pub(super) struct Feed {
+pub struct Feed {
     pub(super) name: String,
     /// Longest wait for a frame.
     timeout: Duration,
     /// The time between frames, ns: as configured, or as the camera has it where its driver says so.
     interval_ns: Arc<AtomicU64>,
     pipeline_delay: Duration,
-    pub(super) state: watch::Receiver<CameraState>,
-    pub(super) live: watch::Receiver<Option<Arc<Frame>>>,
+    state: watch::Receiver<CameraState>,
+    live: watch::Receiver<Option<Arc<Frame>>>,
     seen_at: watch::Receiver<Option<Instant>>,
     ended: Arc<AtomicBool>,
 }
@@ -106,8 +107,8 @@ impl Feed {
         fault.map_or(Ok(()), |reason| Err(DeviceError::Disconnected { device: self.name.clone(), reason }))
     }
 
-    /// As [`FrameSource::frame`](crate::device::FrameSource::frame).
-    pub(super) async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
+    /// As [`FrameSource::frame`].
+    async fn next(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
         if let Some(reason) = self.state.borrow().unfit.clone() {
             return Err(DeviceError::Refused { device: self.name.clone(), reason });
         }
@@ -139,12 +140,54 @@ impl Feed {
     }
 
     /// Waits until what was set is in force in whatever frame is exposed next.
-    pub(super) async fn let_pass(&self, controls: &[LightControl]) {
+    async fn let_pass(&self, controls: &[LightControl]) {
         // A long exposure has the camera slow down.
         let exposures = controls.iter().filter(|control| control.unit == ControlUnit::Ms);
         let longest_ms = exposures.filter_map(|control| control.value).fold(0.0, f64::max);
         let interval = self.interval().max(Duration::try_from_secs_f64(longest_ms / 1000.0).unwrap_or_default());
         tokio::time::sleep(FRAMES_UNDER_WAY * interval + self.pipeline_delay).await;
+    }
+}
+
+/// A camera whose frames come through a feed.
+#[async_trait]
+pub trait Driven: Send + Sync {
+    /// Its users' end of the feed.
+    fn feed(&self) -> &Feed;
+
+    /// As [`FrameSource::controls`].
+    async fn tell_controls(&self) -> Result<Vec<LightControl>, DeviceError>;
+
+    /// Sets a control, which is in force from some frame on.
+    async fn change_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError>;
+}
+
+#[async_trait]
+impl<D: Driven> FrameSource for D {
+    fn state(&self) -> watch::Receiver<CameraState> {
+        self.feed().state.clone()
+    }
+
+    fn live(&self) -> watch::Receiver<Option<Arc<Frame>>> {
+        self.feed().live.clone()
+    }
+
+    fn newest(&self) -> Option<Arc<Frame>> {
+        self.feed().live.borrow().clone()
+    }
+
+    async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
+        self.feed().next(not_before).await
+    }
+
+    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+        self.tell_controls().await
+    }
+
+    async fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
+        self.change_control(name, value).await?;
+        self.feed().let_pass(&self.tell_controls().await?).await;
+        Ok(())
     }
 }
 

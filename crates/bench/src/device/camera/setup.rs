@@ -65,7 +65,7 @@ pub(super) fn agree(
     }
     let luma = matches!(format.layout(), Layout::Bytes { .. }) && format.is_interpolated();
     let video_levels = luma && !matches!(got.quantization, Quantization::FullRange);
-    let white = if video_levels { VIDEO_WHITE } else { ((1u32 << format.bits()) - 1) as u16 };
+    let white = if video_levels { VIDEO_WHITE } else { format.white_level() };
     let identity = format!("{} ({}, {})", caps.card, caps.driver, caps.bus);
     Ok(Agreed { identity, stride: got.stride as usize, interval, white, notes })
 }

@@ -3,17 +3,15 @@
 use std::sync::Arc;
 
 use async_trait::async_trait;
-use tokio::sync::watch;
-use tokio::time::Instant;
 
 use super::capture::Capturer;
 use super::controls::KeptControls;
-use super::feed::{self, CONTROLS_ALLOWED, Feed};
+use super::feed::{self, CONTROLS_ALLOWED, Driven, Feed};
 use super::poses::PoseSource;
 use super::{controls, find};
 use crate::config::CameraConfig;
 use crate::device::light::{ControlName, LightControl};
-use crate::device::{CameraState, DeviceError, Frame, FrameSource};
+use crate::device::{CameraState, DeviceError};
 use plenoptics::raw::PixelFormat;
 
 /// A V4L2 capture device.
@@ -74,32 +72,18 @@ impl V4l2Camera {
 }
 
 #[async_trait]
-impl FrameSource for V4l2Camera {
-    fn state(&self) -> watch::Receiver<CameraState> {
-        self.feed.state.clone()
+impl Driven for V4l2Camera {
+    fn feed(&self) -> &Feed {
+        &self.feed
     }
 
-    fn live(&self) -> watch::Receiver<Option<Arc<Frame>>> {
-        self.feed.live.clone()
-    }
-
-    fn newest(&self) -> Option<Arc<Frame>> {
-        self.feed.live.borrow().clone()
-    }
-
-    async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
-        self.feed.frame(not_before).await
-    }
-
-    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+    async fn tell_controls(&self) -> Result<Vec<LightControl>, DeviceError> {
         self.at_device("tell its controls", |device| Ok(controls::light(device))).await
     }
 
-    async fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
+    async fn change_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
         let kept = Arc::clone(&self.set_by_hand);
-        self.at_device("set its controls", move |device| controls::set_light(device, name, value, &kept)).await?;
-        self.feed.let_pass(&self.controls().await?).await;
-        Ok(())
+        self.at_device("set its controls", move |device| controls::set_light(device, name, value, &kept)).await
     }
 }
 
@@ -107,8 +91,10 @@ impl FrameSource for V4l2Camera {
 mod tests {
     use std::time::Duration;
 
+    use tokio::time::Instant;
+
     use super::*;
-    use crate::device::AxisPose;
+    use crate::device::{AxisPose, FrameSource as _};
 
     fn camera(device: &str, format: &str) -> V4l2Camera {
         let config = CameraConfig {

@@ -50,7 +50,6 @@ struct Stream {
     agreed: Agreed,
     dating: Dating,
     latched_at: Instant,
-    any: bool,
     seen: StreamStats,
     judge: Judge,
     good_at: Instant,
@@ -92,7 +91,6 @@ impl Capture for Capturer {
             dating: Dating::new((self.config.timestamp_means, clock), agreed.interval, buffered, delays, now),
             agreed,
             latched_at: now,
-            any: false,
             seen: frames.stats(),
             judge: Judge::default(),
             good_at: now,
@@ -125,7 +123,7 @@ impl Capturer {
                 return Err("it let go of this program: another took control of it, or it was restarted".to_owned());
             }
             if stream.good_at.elapsed() > timeout {
-                let why = match (&stream.damage, stream.any) {
+                let why = match (&stream.damage, stream.dating.has_begun()) {
                     (Some(why), _) => format!("; the last one was damaged: {why}"),
                     (None, true) => "; unplugged, without power, or taken by another program".to_owned(),
                     // A switch between that does not carry large packets.
@@ -216,13 +214,12 @@ impl Capturer {
                 let dated = stream.dating.date(ticks, self.outlet.seq, Instant::now());
                 let window = dated.map_err(|why| self.distrust(why))?;
                 stream.good_at = Instant::now();
-                (stream.damage, stream.any) = (None, true);
+                stream.damage = None;
                 self.outlet.pace(stream.dating.interval());
                 if let Some(window) = window {
                     self.outlet.publish(Arc::clone(&image), self.outlet.seq, window);
                 }
-                let white = self.white();
-                stream.judge.see(&image, white, || features::of_brightness(device));
+                stream.judge.see(&image, self.format.white_level(), || features::of_brightness(device));
                 Ok(None)
             }
             Err(error @ (UnpackError::Stride { .. } | UnpackError::Depth { .. })) => {
@@ -232,15 +229,10 @@ impl Capturer {
         }
     }
 
-    /// From this level on a pixel is saturated.
-    fn white(&self) -> u16 {
-        ((1u32 << self.format.bits()) - 1) as u16
-    }
-
     /// Bytes of a frame as it is sent.
     fn frame_bytes(&self) -> usize {
         let (width, height) = self.outlet.size();
-        (width * height * self.format.bits() as usize).div_ceil(8)
+        self.format.row_bytes(width * height)
     }
 
     /// Has the camera opened anew without its clock, and says so.
@@ -280,7 +272,7 @@ impl Capturer {
         self.outlet.tell(News {
             good: stream.damage.is_none(),
             identity: &stream.identity,
-            white: self.white(),
+            white: self.format.white_level(),
             notes: stream.agreed.notes.iter().cloned().chain(stream.judge.note()).collect(),
             count,
         });

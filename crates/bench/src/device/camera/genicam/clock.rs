@@ -87,15 +87,8 @@ impl DeviceClock {
         let drift = DRIFT * since.abs();
         let most = now.saturating_duration_since(self.latch.before).as_secs_f64() - since + drift;
         let least = now.saturating_duration_since(self.latch.after).as_secs_f64() - since - drift;
-        self.doubt(if most < 0.0 {
-            Some(format!("lie in the future, by {:.1} ms", -most * 1e3))
-        } else if least > longest.as_secs_f64() {
-            Some(format!("lie {least:.1} s back"))
-        } else if self.last_ticks.is_some_and(|last| ticks <= last) {
-            Some("do not grow from frame to frame".to_owned())
-        } else {
-            None
-        });
+        let grown = self.last_ticks.is_none_or(|last| ticks > last);
+        self.doubt(exposure::impossible([least, most], longest, grown));
         self.last_ticks = Some(ticks);
         self.lie.is_none().then(|| Ages {
             most: Duration::from_secs_f64(most.max(0.0)),
@@ -111,7 +104,7 @@ impl DeviceClock {
     /// Why the clock is not believed, as a sentence.
     pub(super) fn complaint(&self) -> Option<String> {
         let lie = self.lie.as_ref()?;
-        Some(format!("the camera's timestamps {lie}: the time of a frame's arrival stands in for them"))
+        Some(exposure::stood_in_for("camera", lie))
     }
 }
 

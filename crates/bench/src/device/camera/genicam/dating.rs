@@ -69,6 +69,11 @@ impl Dating {
         self.empty_at = at;
     }
 
+    /// Whether any frame has come.
+    pub(super) const fn has_begun(&self) -> bool {
+        self.last.is_some()
+    }
+
     /// Whether there is a clock to be read now and then.
     pub(super) const fn has_clock(&self) -> bool {
         self.clock.is_some()

@@ -85,7 +85,7 @@ pub(super) fn number(state: &FeatureState) -> Option<f64> {
 }
 
 /// What a feature holds, as it is set to it.
-pub(super) fn text(state: &FeatureState) -> Option<String> {
+fn text(state: &FeatureState) -> Option<String> {
     match &state.value {
         FeatureValue::Enum(now) => Some(now.clone()),
         FeatureValue::Boolean(now) => Some(now.to_string()),
@@ -131,6 +131,22 @@ pub(super) fn set(device: &mut Device, name: &str, value: &str) -> Result<(), St
     device.set(name, value).map_err(|error| refused(format!("{}; it takes {}", why(&error), choices(&now))))
 }
 
+/// Sets a feature that there is to text, unless it is configured. Returns why it cannot be set, where it cannot.
+///
+/// # Errors
+/// Why it cannot be read.
+pub(super) fn set_unless_wanted(
+    device: &mut Device,
+    wanted: &BTreeMap<String, ControlValue>,
+    name: &str,
+    value: &str,
+) -> Result<Option<String>, String> {
+    if wanted.contains_key(name) || state(device, name)?.is_none() {
+        return Ok(None);
+    }
+    Ok(set(device, name, value).err())
+}
+
 /// What to say of a feature that there is not.
 fn unknown(device: &Device, name: &str) -> String {
     let mut near: Vec<(f64, &str)> = device
@@ -154,12 +170,9 @@ fn unknown(device: &Device, name: &str) -> String {
 /// The first configured feature that there is not, or whose value it does not take.
 pub(super) fn apply(device: &mut Device, wanted: &BTreeMap<String, ControlValue>) -> Result<Vec<String>, String> {
     let mut notes = Vec::new();
-    for automatic in AUTOMATICS.into_iter().filter(|name| !wanted.contains_key(*name)) {
-        let on = state(device, automatic)?
-            .is_some_and(|state| !matches!(&state.value, FeatureValue::Enum(now) if now == "Off"));
-        if on && let Err(why) = set(device, automatic, "Off") {
-            notes.push(format!("the camera still adjusts itself: {why}"));
-        }
+    for automatic in AUTOMATICS {
+        let kept_on = set_unless_wanted(device, wanted, automatic, "Off")?;
+        notes.extend(kept_on.map(|why| format!("the camera still adjusts itself: {why}")));
     }
     // Modes first: a number may not be set while its automatic is on.
     let (modes, numbers): (Vec<_>, Vec<_>) =

@@ -13,16 +13,15 @@ use std::sync::Arc;
 use std::sync::mpsc;
 
 use async_trait::async_trait;
-use tokio::sync::{oneshot, watch};
-use tokio::time::Instant;
+use tokio::sync::oneshot;
 
 use self::capture::{Capturer, Order};
 use super::controls::KeptControls;
-use super::feed::{self, CONTROLS_ALLOWED, Feed};
+use super::feed::{self, CONTROLS_ALLOWED, Driven, Feed};
 use super::poses::PoseSource;
 use crate::config::CameraConfig;
 use crate::device::light::{ControlName, LightControl};
-use crate::device::{CameraState, DeviceError, Frame, FrameSource};
+use crate::device::{CameraState, DeviceError};
 
 /// A GenICam camera.
 pub struct GenicamCamera {
@@ -67,30 +66,16 @@ impl GenicamCamera {
 }
 
 #[async_trait]
-impl FrameSource for GenicamCamera {
-    fn state(&self) -> watch::Receiver<CameraState> {
-        self.feed.state.clone()
+impl Driven for GenicamCamera {
+    fn feed(&self) -> &Feed {
+        &self.feed
     }
 
-    fn live(&self) -> watch::Receiver<Option<Arc<Frame>>> {
-        self.feed.live.clone()
-    }
-
-    fn newest(&self) -> Option<Arc<Frame>> {
-        self.feed.live.borrow().clone()
-    }
-
-    async fn frame(&self, not_before: Instant) -> Result<Arc<Frame>, DeviceError> {
-        self.feed.frame(not_before).await
-    }
-
-    async fn controls(&self) -> Result<Vec<LightControl>, DeviceError> {
+    async fn tell_controls(&self) -> Result<Vec<LightControl>, DeviceError> {
         self.order("tell its controls", Order::Tell).await
     }
 
-    async fn set_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
-        self.order("set its controls", |reply| Order::Set(name, value, reply)).await?;
-        self.feed.let_pass(&self.controls().await?).await;
-        Ok(())
+    async fn change_control(&self, name: ControlName, value: f64) -> Result<(), DeviceError> {
+        self.order("set its controls", |reply| Order::Set(name, value, reply)).await
     }
 }

@@ -75,15 +75,8 @@ pub(super) fn agree(
 fn undone(device: &mut Device, controls: &BTreeMap<String, ControlValue>) -> Result<Vec<String>, String> {
     let mut notes = Vec::new();
     for (name, value) in PLAIN {
-        if controls.contains_key(name) {
-            continue;
-        }
-        let Some(state) = state(device, name)? else { continue };
-        if features::text(&state).as_deref() != Some(value)
-            && let Err(why) = set(device, name, value)
-        {
-            notes.push(format!("the camera changes its pictures: {why}"));
-        }
+        let left = features::set_unless_wanted(device, controls, name, value)?;
+        notes.extend(left.map(|why| format!("the camera changes its pictures: {why}")));
     }
     Ok(notes)
 }
