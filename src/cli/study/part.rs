@@ -99,6 +99,9 @@ fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar:
     if journal.found() > 0 {
         eprintln!("{} of {benches} benches are there from earlier attempts at part {shard}", journal.found());
     }
+    for why in journal.unknown() {
+        eprintln!("plenalign: {why}");
+    }
     if journal.torn() > 0 {
         eprintln!("{} torn lines of earlier attempts are not believed, and their benches done again", journal.torn());
     }

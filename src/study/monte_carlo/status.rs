@@ -7,8 +7,9 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use super::journal::{self, Content};
 use super::part::{Origin, failed};
-use super::{Counts, Part, Shard, journal};
+use super::{Counts, Part, Shard};
 use crate::study::{StudyError, StudyOptions};
 
 /// How long a journal is looked at for it to grow.
@@ -145,7 +146,14 @@ fn look(folder: &Path, grows: impl Fn(&Path) -> bool) -> Result<(Vec<Status>, Ve
         });
     }
     for path in journal::in_folder(folder, None)? {
-        let Some(kept) = journal::read(&path)? else { continue };
+        let kept = match journal::read(&path)? {
+            Content::Kept(kept) => kept,
+            Content::Nothing => continue,
+            Content::Unknown(why) => {
+                unusable.push(why);
+                continue;
+            }
+        };
         let head = kept.head;
         of((head.origin, head.benches, head.assemblies, head.shard.of()), &mut |study| {
             let found = study.parts.entry(head.shard.number()).or_default();

@@ -72,6 +72,26 @@ pub(in crate::study::monte_carlo) struct Kept {
     pub(in crate::study::monte_carlo) torn: usize,
 }
 
+/// What a file that is named as a journal is.
+#[derive(Debug)]
+pub(in crate::study::monte_carlo) enum Content {
+    /// A journal.
+    Kept(Kept),
+    /// One that ends within its first line, or is not there any more.
+    Nothing,
+    /// It begins as no journal of this program does: why.
+    Unknown(StudyError),
+}
+
+/// What each version of the file begins with.
+#[derive(Deserialize)]
+struct Beginning {
+    #[serde(default)]
+    format: String,
+    #[serde(default)]
+    format_version: u64,
+}
+
 /// The journals in a folder, of one part or of all, by their names.
 pub(in crate::study::monte_carlo) fn in_folder(
     folder: &Path,
@@ -95,22 +115,25 @@ pub(super) fn new_path(folder: &Path, shard: Shard) -> PathBuf {
     folder.join(format!("{}.{}{ENDING}", stem(shard), Uuid::now_v7()))
 }
 
-/// Reads a journal; `None` for one that does not say what it is of, or that is not there any more.
+/// Reads a journal.
 ///
 /// # Errors
 /// [`StudyError::Folder`].
-pub(in crate::study::monte_carlo) fn read(path: &Path) -> Result<Option<Kept>, StudyError> {
+pub(in crate::study::monte_carlo) fn read(path: &Path) -> Result<Content, StudyError> {
     let bytes = match fs::read(path) {
         Ok(bytes) => bytes,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Content::Nothing),
         Err(source) => return Err(failed(path)(source)),
     };
     let text = String::from_utf8_lossy(&bytes);
     let mut lines = text.split_inclusive('\n');
     let first_line = lines.next().unwrap_or_default();
-    let head = believed("", first_line).and_then(|text| serde_json::from_str::<Head>(text).ok());
-    let Some(head) = head.filter(|head| head.format == FORMAT && head.format_version == FORMAT_VERSION) else {
-        return Ok(None);
+    if !first_line.ends_with('\n') {
+        return Ok(Content::Nothing);
+    }
+    let head = match head(first_line) {
+        Ok(head) => head,
+        Err(why) => return Ok(Content::Unknown(StudyError::Part { path: path.display().to_string(), why })),
     };
     let share = head.shard.range(head.benches);
     let mut kept = Kept { head, benches: BTreeMap::new(), seconds: 0.0, torn: 0 };
@@ -125,7 +148,25 @@ pub(in crate::study::monte_carlo) fn read(path: &Path) -> Result<Option<Kept>, S
             None => kept.torn += 1,
         }
     }
-    Ok(Some(kept))
+    Ok(Content::Kept(kept))
+}
+
+/// What a journal's first line says, or why it is not believed.
+fn head(first_line: &str) -> Result<Head, String> {
+    let text = believed("", first_line)
+        .ok_or("the journal's first line is damaged: nothing in it is believed, and it is left alone")?;
+    let beginning: Beginning =
+        serde_json::from_str(text).map_err(|error| format!("not a journal of a part: {error}; it is left alone"))?;
+    if beginning.format != FORMAT {
+        return Err(format!("not a journal of a part: its format is {:?}; it is left alone", beginning.format));
+    }
+    if beginning.format_version != FORMAT_VERSION {
+        return Err(format!(
+            "a journal of version {} of the format, of which this program reads {FORMAT_VERSION}: it is left alone",
+            beginning.format_version
+        ));
+    }
+    serde_json::from_str(text).map_err(|error| format!("not a journal of a part: {error}; it is left alone"))
 }
 
 /// What the name of a part's journal begins with, as that of the part.

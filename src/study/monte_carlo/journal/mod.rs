@@ -11,8 +11,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+pub(super) use self::file::{Content, in_folder, read};
 use self::file::{Finished, Head, line, new_path};
-pub(super) use self::file::{in_folder, read};
 use super::part::failed;
 use super::{Part, Shard};
 use crate::config::Config;
@@ -33,6 +33,7 @@ pub struct Journal {
     benches: BTreeMap<u64, BenchOutcome>,
     seconds: f64,
     torn: usize,
+    unknown: Vec<StudyError>,
     begun: Instant,
     state: Mutex<State>,
 }
@@ -58,16 +59,17 @@ impl Journal {
         let folder = Part::folder(study);
         fs::create_dir_all(&folder).map_err(failed(&folder))?;
         let (mut benches, mut seconds, mut torn) = (BTreeMap::new(), 0.0, 0);
+        let mut unknown = Vec::new();
         for path in in_folder(&folder, Some(shard))? {
             match read(&path)? {
-                Some(kept) if kept.head == head => {
+                Content::Kept(kept) if kept.head == head => {
                     seconds += kept.seconds;
                     torn += kept.torn;
                     benches.extend(kept.benches);
                 }
-                // Of another study.
-                Some(_) => {}
-                None => torn += 1,
+                // Of another study; or somebody has only just begun.
+                Content::Kept(_) | Content::Nothing => {}
+                Content::Unknown(why) => unknown.push(why),
             }
         }
         let path = new_path(&folder, shard);
@@ -80,7 +82,8 @@ impl Journal {
             failed(&path)(source)
         })?;
         let state = State { file, pending: String::new(), finished: 0, failure: None };
-        Ok(Self { head, first_line, path, benches, seconds, torn, begun: Instant::now(), state: Mutex::new(state) })
+        let (begun, state) = (Instant::now(), Mutex::new(state));
+        Ok(Self { head, first_line, path, benches, seconds, torn, unknown, begun, state })
     }
 
     /// Which part it is of.
@@ -99,6 +102,12 @@ impl Journal {
     #[must_use]
     pub const fn torn(&self) -> usize {
         self.torn
+    }
+
+    /// Journals of the part that are not of this program, and why.
+    #[must_use]
+    pub fn unknown(&self) -> &[StudyError] {
+        &self.unknown
     }
 
     /// Time that earlier attempts took, s.
@@ -179,10 +188,10 @@ impl Journal {
         let folder = self.path.parent().unwrap_or(Path::new("."));
         for journal in in_folder(folder, Some(self.head.shard))? {
             let same = match read(&journal) {
-                Ok(Some(kept)) => kept.head == self.head,
-                // What ends within its first line holds nothing; another program's may well be read by that.
-                Ok(None) => fs::read(&journal).is_ok_and(|bytes| !bytes.contains(&b'\n')),
-                Err(_) => false,
+                Ok(Content::Kept(kept)) => kept.head == self.head,
+                Ok(Content::Nothing) => true,
+                // Another program may well be able to read it.
+                Ok(Content::Unknown(_)) | Err(_) => false,
             };
             if same {
                 // It is of no use from here on, and harms nobody.
@@ -215,6 +224,7 @@ impl State {
 mod tests {
     use proptest::prelude::*;
 
+    use super::file::Kept;
     use super::*;
     use crate::study::Counts;
     use crate::study::loops::{Aligned, Ended};
@@ -280,7 +290,9 @@ mod tests {
         let (torn, other) = (earlier.with_file_name("part-2-of-2.x.journal"), open(folder.path(), OPTIONS));
         fs::write(&torn, "0123").unwrap();
         let later = earlier.with_file_name("part-2-of-2.y.journal");
-        fs::write(&later, "0123456789abcdef {\"format_version\":9}\n").unwrap();
+        fs::write(&later, line("", r#"{"format":"plenalign-study-journal","format_version":9}"#)).unwrap();
+        let damaged = earlier.with_file_name("part-2-of-2.z.journal");
+        fs::write(&damaged, fs::read_to_string(&earlier).unwrap().replacen("seed", "sead", 1)).unwrap();
         let strangers = open(folder.path(), StudyOptions { seed: 4, ..OPTIONS });
         let block = |count: u64| {
             let range = shard().range(count);
@@ -293,8 +305,15 @@ mod tests {
         let assemblies = super::super::Block { count, first, seconds: 1.0, outcomes: range.map(blur).collect() };
         let part = Part::new(&Config::default(), OPTIONS, shard(), benches, assemblies);
         let path = Part::path(folder.path(), shard());
-        open(folder.path(), OPTIONS).complete(&part, &path).unwrap();
-        let mut left = [strangers.path, later];
+        let last = open(folder.path(), OPTIONS);
+        let [of_later, of_damaged] = last.unknown() else { panic!("{:?}", last.unknown()) };
+        assert!(
+            of_later.to_string().ends_with("version 9 of the format, of which this program reads 1: it is left alone")
+        );
+        assert!(of_damaged.to_string().contains("z.journal: the journal's first line is damaged"), "{of_damaged}");
+        assert_eq!((last.found(), last.torn()), (1, 0));
+        last.complete(&part, &path).unwrap();
+        let mut left = [strangers.path, later, damaged];
         left.sort();
         assert_eq!(in_folder(&Part::folder(folder.path()), None).unwrap(), left);
         // One that is at it still loses nothing but its journal.
@@ -317,7 +336,7 @@ mod tests {
             Ok(length() > before)
         });
         assert!(grown.unwrap());
-        assert_eq!(read(&journal.path).unwrap().unwrap().torn, 0);
+        assert!(matches!(read(&journal.path), Ok(Content::Kept(Kept { torn: 0, .. }))));
     }
 
     proptest! {
