@@ -68,6 +68,7 @@ mod record;
 mod reference_cli;
 mod refusals;
 mod rendered;
+mod rendered_budget;
 mod renderer;
 mod repeat;
 mod reset;

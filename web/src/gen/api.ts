@@ -1578,6 +1578,11 @@ export interface components {
        *           0
        *         ],
        *         "lens_to_mla_error_mm": 0,
+       *         "level_errors_mm": [
+       *           0,
+       *           0,
+       *           0
+       *         ],
        *         "microlenses": {
        *           "dead_share": 0,
        *           "dirty_share": 0,
@@ -1622,7 +1627,8 @@ export interface components {
        *           0,
        *           0
        *         ],
-       *         "texture": "natural"
+       *         "texture": "natural",
+       *         "water_board_error_mm": 0
        *       }
        *     }
        */
@@ -2089,6 +2095,11 @@ export interface components {
        *         0
        *       ],
        *       "lens_to_mla_error_mm": 0,
+       *       "level_errors_mm": [
+       *         0,
+       *         0,
+       *         0
+       *       ],
        *       "microlenses": {
        *         "dead_share": 0,
        *         "dirty_share": 0,
@@ -2133,7 +2144,8 @@ export interface components {
        *         0,
        *         0
        *       ],
-       *       "texture": "natural"
+       *       "texture": "natural",
+       *       "water_board_error_mm": 0
        *     }
        */
       simulation: components["schemas"]["Config.SimulationConfig"];
@@ -2943,6 +2955,15 @@ export interface components {
        */
       lens_to_mla_error_mm: number;
       /**
+       * @description The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm.
+       * @default [
+       *       0,
+       *       0,
+       *       0
+       *     ]
+       */
+      level_errors_mm: number[];
+      /**
        * @description How the microlenses differ from each other.
        * @default {
        *       "dead_share": 0,
@@ -3044,6 +3065,12 @@ export interface components {
        * @default natural
        */
       texture: components["schemas"]["Config.Texture"];
+      /**
+       * Format: double
+       * @description The same of the board in water, besides, mm.
+       * @default 0
+       */
+      water_board_error_mm: number;
     };
     /** @description Which spacing counts as in focus behind the shell. */
     "Config.SpacingTarget": "paraxial" | "exact";

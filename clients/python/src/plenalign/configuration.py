@@ -649,6 +649,8 @@ class SimulationConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Tilt of the main lens about y and x, mrad."""
     lens_to_mla_error_mm: float | UnsetType = UNSET
     """True d less the design's d when the focus axis reads 0, mm."""
+    level_errors_mm: list[float] | UnsetType = UNSET
+    """The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm."""
     microlenses: MicrolensesConfig | UnsetType = UNSET
     """How the microlenses differ from each other."""
     mla_tilt_mrad: list[float] | UnsetType = UNSET
@@ -675,6 +677,8 @@ class SimulationConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Decentre of the shell's centre from the lens's axis, mm."""
     texture: Texture | UnsetType = UNSET
     """Texture of the boards."""
+    water_board_error_mm: float | UnsetType = UNSET
+    """The same of the board in water, besides, mm."""
 
 
 class SpacingTarget(str, Enum):

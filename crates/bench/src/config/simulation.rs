@@ -47,6 +47,10 @@ pub struct SimulationConfig {
     pub shell_decentre_mm: [f64; 2],
     /// True board distance less the one asked for, mm.
     pub board_placement_error_mm: f64,
+    /// The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm.
+    pub level_errors_mm: [f64; 3],
+    /// The same of the board in water, besides, mm.
+    pub water_board_error_mm: f64,
     /// Tilt of the board about y and x, mrad.
     pub board_tilt_mrad: [f64; 2],
     /// Rotation of the array, from +x towards +y, degrees; absent: drawn from the seed within ±1°.
@@ -109,6 +113,8 @@ impl Default for SimulationConfig {
             lens_tilt_mrad: [0.0, 0.0],
             shell_decentre_mm: [0.0, 0.0],
             board_placement_error_mm: 0.0,
+            level_errors_mm: [0.0; 3],
+            water_board_error_mm: 0.0,
             board_tilt_mrad: [0.0, 0.0],
             array_rotation_deg: None,
             distortion_k1: 0.0,

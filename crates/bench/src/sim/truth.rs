@@ -376,25 +376,27 @@ impl Truth {
     pub fn obey(&self, setup: &Setup) {
         let simulation = &self.config.bench.simulation;
         let error = simulation.board_placement_error_mm;
+        let water_error = error + simulation.water_board_error_mm;
         let mut world = self.world();
         match *setup {
             Setup::Diffuser => world.surroundings = Surroundings::Diffuser,
             Setup::AirTripleBoard { distances_mm } => {
                 world.shell_on = false;
                 let placed_at_e_mm = world.e.coordinate();
+                let true_mm = |level: usize| distances_mm[level] + error + simulation.level_errors_mm[level];
                 world.surroundings =
-                    Surroundings::AirTripleBoard { distances_mm: distances_mm.map(|d| d + error), placed_at_e_mm };
+                    Surroundings::AirTripleBoard { distances_mm: [0, 1, 2].map(true_mm), placed_at_e_mm };
             }
             Setup::WaterBoard { distance_mm } => {
                 world.shell_on = true;
-                world.surroundings = Surroundings::WaterBoard { distance_mm: distance_mm + error };
+                world.surroundings = Surroundings::WaterBoard { distance_mm: distance_mm + water_error };
                 world.note_shell(simulation.contact_e_mm);
             }
             Setup::LeastE { distance_mm } => {
                 world.shell_on = true;
                 // Pushed by hand until the barrel touches: no collision.
                 world.e.place(simulation.contact_e_mm);
-                world.surroundings = Surroundings::WaterBoard { distance_mm: distance_mm + error };
+                world.surroundings = Surroundings::WaterBoard { distance_mm: distance_mm + water_error };
             }
             Setup::ShellOff => {
                 world.shell_on = false;
