@@ -3,6 +3,9 @@
 //! With `--json` a command prints one JSON object on standard output and nothing else there; human text otherwise.
 //! Progress goes to standard error, an error is one line there, and the exit code is 0 only on success.
 
+#[macro_use]
+mod output;
+
 mod align;
 mod alpaca;
 mod announce;
@@ -23,7 +26,6 @@ mod logging;
 mod man;
 mod measure;
 mod open_files;
-mod output;
 mod plan;
 mod pose;
 mod progress;
@@ -126,7 +128,13 @@ struct Context {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     match run(cli) {
-        Ok(code) => code,
+        Ok(code) => match output::lost() {
+            None => code,
+            Some(why) => {
+                eprintln!("plenalign: standard output cannot be written: {why}");
+                ExitCode::FAILURE
+            }
+        },
         Err(error) => {
             eprintln!("plenalign: {}", one_line(&error));
             ExitCode::FAILURE
