@@ -1,6 +1,7 @@
 //! A folder with the chapters finished so far.
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -57,6 +58,27 @@ impl Archive {
         Ok(archive)
     }
 
+    /// Has nobody else write into the folder until what is returned is dropped. Where somebody does, `waiting` is called, and
+    /// their end waited for.
+    ///
+    /// # Errors
+    /// [`StudyError::Folder`].
+    pub fn hold(&self, waiting: impl FnOnce()) -> Result<File, StudyError> {
+        let path = self.folder.join(".lock");
+        let file = File::create(&path).map_err(|source| failed(&path, source))?;
+        let held = match file.try_lock() {
+            Ok(()) => Ok(()),
+            Err(TryLockError::WouldBlock) => {
+                waiting();
+                file.lock()
+            }
+            // A file system that knows no locks: nothing is known of others there.
+            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(()),
+            Err(TryLockError::Error(error)) => Err(error),
+        };
+        held.map(|()| file).map_err(|source| failed(&path, source))
+    }
+
     fn chapters(&self) -> PathBuf {
         self.folder.join("chapters")
     }
@@ -77,7 +99,7 @@ impl Archive {
         let path = self.chapters().join(format!("{name}.json"));
         let text = match fs::read_to_string(&path) {
             Ok(text) => text,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
             Err(source) => return Err(failed(&path, source)),
         };
         let kept: Kept = serde_json::from_str(&text)
@@ -127,8 +149,13 @@ impl Archive {
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), StudyError> {
     let partial = path.with_extension("partial");
-    fs::write(&partial, bytes).map_err(|source| failed(&partial, source))?;
-    fs::rename(&partial, path).map_err(|source| failed(path, source))
+    let written = fs::write(&partial, bytes).map_err(|source| failed(&partial, source));
+    let written = written.and_then(|()| fs::rename(&partial, path).map_err(|source| failed(path, source)));
+    if written.is_err() {
+        // Its room is needed.
+        let _ = fs::remove_file(&partial);
+    }
+    written
 }
 
 fn failed(path: &Path, source: std::io::Error) -> StudyError {

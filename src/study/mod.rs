@@ -181,7 +181,21 @@ pub fn run(
     archive: &Archive,
     watch: &dyn Watch,
 ) -> Result<Vec<Chapter>, StudyError> {
-    chapters(&Desk { config, options, watch, merged: None, journal: None }, archive)
+    chapters(&Desk { config, options, watch, merged: None, journal: None }, archive, |_| true)
+}
+
+/// Makes the chapters that are no Monte Carlos, which parts do not have: the merge finds them in the archive.
+///
+/// # Errors
+/// [`StudyError`]; the chapters finished until then are in the archive.
+pub fn run_others(
+    config: &Config,
+    options: StudyOptions,
+    archive: &Archive,
+    watch: &dyn Watch,
+) -> Result<Vec<Chapter>, StudyError> {
+    let desk = Desk { config, options, watch, merged: None, journal: None };
+    chapters(&desk, archive, |name| options.counts.of(name).is_none())
 }
 
 /// Runs the study that parts were made of: the Monte Carlos' chapters are made of these, the others as by [`run`].
@@ -194,7 +208,7 @@ pub fn run_merged(
     archive: &Archive,
     watch: &dyn Watch,
 ) -> Result<Vec<Chapter>, StudyError> {
-    chapters(&Desk { config, options: merged.options(), watch, merged: Some(merged), journal: None }, archive)
+    chapters(&Desk { config, options: merged.options(), watch, merged: Some(merged), journal: None }, archive, |_| true)
 }
 
 /// Works out one part of the Monte Carlos, and nothing else: what its journal has is taken from there, and what is finished
@@ -223,9 +237,9 @@ pub fn run_part(
     })
 }
 
-fn chapters(desk: &Desk<'_>, archive: &Archive) -> Result<Vec<Chapter>, StudyError> {
+fn chapters(desk: &Desk<'_>, archive: &Archive, wanted: impl Fn(&str) -> bool) -> Result<Vec<Chapter>, StudyError> {
     let mut chapters = Vec::new();
-    for (number, (name, title, write)) in CHAPTERS.into_iter().enumerate() {
+    for (number, (name, title, write)) in CHAPTERS.into_iter().enumerate().filter(|(_, (name, ..))| wanted(name)) {
         let merged = desk.merged.and_then(|merged| merged.seconds(name));
         let kept = if merged.is_some() { None } else { archive.chapter(name)? };
         let source = match (&merged, &kept) {

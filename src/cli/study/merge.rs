@@ -1,5 +1,6 @@
 //! `plenalign study merge`: the parts of the Monte Carlos put together, and the report of the whole.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -33,6 +34,7 @@ pub(super) fn run(context: &Context, args: &Args) -> anyhow::Result<ExitCode> {
     let merged = study::merge(parts, &context.config)?;
     let options = merged.options();
     let archive = Archive::open(&args.out, &context.config, options)?;
+    let _held = archive.hold(|| super::waiting(&args.out))?;
     let bar = Bar::new();
     let chapters = study::run_merged(&context.config, &merged, &archive, &bar)?;
     bar.end();
@@ -56,6 +58,8 @@ fn files(args: &Args) -> anyhow::Result<Vec<PathBuf>> {
         files.extend(found);
     }
     files.sort();
-    files.dedup();
+    // One file may have been named in several ways.
+    let mut seen = HashSet::new();
+    files.retain(|path| seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())));
     Ok(files)
 }

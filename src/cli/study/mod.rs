@@ -8,7 +8,7 @@ mod report;
 mod slurm;
 mod status;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use super::Context;
@@ -58,6 +58,9 @@ struct StudyArgs {
     /// finished. `slurm` is the part of this task of a Slurm array, with a thread for each processor that it was given.
     #[arg(long, value_name = "K/N|slurm")]
     shard: Option<part::Asked>,
+    /// Only make the chapters that parts do not have, and no report: beside the parts, so that the merge finds them made.
+    #[arg(long, conflicts_with_all = ["shard", "assemblies", "benches"])]
+    other_chapters: bool,
 }
 
 pub(super) fn run(context: &Context, args: Args) -> anyhow::Result<ExitCode> {
@@ -75,8 +78,20 @@ pub(super) fn run(context: &Context, args: Args) -> anyhow::Result<ExitCode> {
         return part::run(context, options, asked, &args.out, args.json, &bar);
     }
     let archive = Archive::open(&args.out, &context.config, options)?;
+    let _held = archive.hold(|| waiting(&args.out))?;
+    if args.other_chapters {
+        let chapters = study::run_others(&context.config, options, &archive, &bar)?;
+        bar.end();
+        report::others(&args.out, &chapters, args.json);
+        return Ok(ExitCode::SUCCESS);
+    }
     let chapters = study::run(&context.config, options, &archive, &bar)?;
     bar.end();
     report::write(context, options, &archive, &chapters, args.json)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Says that another study's end is waited for.
+fn waiting(out: &Path) {
+    eprintln!("plenalign: another study writes into {}: waiting for its end", out.display());
 }

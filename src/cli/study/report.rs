@@ -1,5 +1,7 @@
 //! What a study writes into its folder and prints.
 
+use std::path::Path;
+
 use serde::Serialize;
 
 use super::Context;
@@ -56,6 +58,16 @@ pub(super) fn write(
         println!("\nreport           {}", report.display());
     }
     Ok(())
+}
+
+/// Says which chapters are there for the merge.
+pub(super) fn others(out: &Path, chapters: &[Chapter], as_json: bool) {
+    let names: Vec<&str> = chapters.iter().map(|chapter| chapter.name.as_str()).collect();
+    if as_json {
+        println!("{}", serde_json::json!({ "out": out.display().to_string(), "chapters": names }));
+    } else {
+        println!("chapters         {}", names.join(", "));
+    }
 }
 
 /// A chart's points as a table.
