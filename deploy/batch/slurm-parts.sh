@@ -19,10 +19,24 @@
 #                 parts 3 and 7 of 8 again, SHARDS=8 FIRST=1 sbatch --array=3,7 slurm-parts.sh
 set -euo pipefail
 
-read -ra study_args <<<"${STUDY_ARGS:-}"
+# However many lines it has.
+study_args=()
+while read -ra words; do study_args+=("${words[@]}"); done <<<"${STUDY_ARGS:-}"
+for word in "${study_args[@]}"; do
+  case $word in
+    --set | --set=* | --config | --config=* | --out | --out=* | --shard | --shard=*)
+      echo "slurm-parts: $word in STUDY_ARGS would not reach the merge: the configuration goes into the file CONFIG, the folder into OUT" >&2
+      exit 2
+      ;;
+  esac
+done
 if [[ -n ${SHARDS:-}${FIRST:-} ]]; then
   : "${SHARDS:?how many parts there are, such as SHARDS=8: it goes with FIRST}"
   : "${FIRST:?the index of the first part, FIRST=0 or FIRST=1: it goes with SHARDS}"
+  if [[ ! $SHARDS =~ ^[1-9][0-9]{0,8}$ || ! $FIRST =~ ^[01]$ ]]; then
+    echo "slurm-parts: SHARDS is \"$SHARDS\" and FIRST \"$FIRST\": they are the number of parts, such as 8, and 0 or 1" >&2
+    exit 2
+  fi
   # As in the array that has all the parts.
   export SLURM_ARRAY_TASK_COUNT=$SHARDS SLURM_ARRAY_TASK_STEP=1
   export SLURM_ARRAY_TASK_MIN=$FIRST SLURM_ARRAY_TASK_MAX=$((FIRST + SHARDS - 1))

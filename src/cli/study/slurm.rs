@@ -30,14 +30,17 @@ pub(super) fn shard(variable: Variable<'_>) -> anyhow::Result<Shard> {
         Some(_) => set("SLURM_ARRAY_TASK_STEP")?,
         None => 1,
     };
-    ensure!(step > 0, "SLURM_ARRAY_TASK_STEP is 0, and has to be 1 or more: {whole}");
     ensure!(
-        (min..=max).contains(&id) && (id - min).is_multiple_of(step),
-        "SLURM_ARRAY_TASK_ID is {id}, which is no task of {min}-{max}:{step} (SLURM_ARRAY_TASK_MIN, _MAX and _STEP): {whole}"
+        (min..=max).contains(&id),
+        "SLURM_ARRAY_TASK_ID is {id}, which is no task of {min}-{max} (SLURM_ARRAY_TASK_MIN and _MAX): {whole}"
     );
     let alone = "parts that are to be done again alone are told how many there are: SHARDS and FIRST of slurm-parts.sh, or \
                  --shard K/N";
-    let tasks = ((max - min) / step).saturating_add(1);
+    ensure!(
+        step == 1,
+        "the array has gaps: SLURM_ARRAY_TASK_STEP is {step}, so that it does not say how many parts there are: {whole}; {alone}"
+    );
+    let tasks = (max - min).saturating_add(1);
     if count != tasks {
         bail!(
             "the array has gaps: SLURM_ARRAY_TASK_COUNT is {count}, and {min}-{max} (SLURM_ARRAY_TASK_MIN and _MAX) would be \
@@ -49,7 +52,7 @@ pub(super) fn shard(variable: Variable<'_>) -> anyhow::Result<Shard> {
         "SLURM_ARRAY_TASK_MIN is {min}, and has to be 0 or 1, so that the array does not say how many parts there are: \
          {whole}; {alone}"
     );
-    format!("{}/{count}", (id - min) / step + 1).parse().map_err(|why: String| anyhow!(why))
+    format!("{}/{count}", (id - min).saturating_add(1)).parse().map_err(|why: String| anyhow!(why))
 }
 
 /// As many threads as this task was given processors, unless `RAYON_NUM_THREADS` says otherwise; `None` where Slurm does not
@@ -58,7 +61,8 @@ pub(super) fn shard(variable: Variable<'_>) -> anyhow::Result<Shard> {
 /// # Errors
 /// Where the variable is no number of processors.
 pub(super) fn threads(variable: Variable<'_>) -> anyhow::Result<Option<NonZeroUsize>> {
-    if variable("RAYON_NUM_THREADS").is_some() {
+    // What is no number of threads is not looked at by those who are told it, either.
+    if variable("RAYON_NUM_THREADS").is_some_and(|text| text.parse::<NonZeroUsize>().is_ok()) {
         return Ok(None);
     }
     // The first is set where processors were asked for by the task.
@@ -93,7 +97,6 @@ mod tests {
             ("8", "8", "1", "8", "1", "8/8"),
             ("0", "8", "0", "7", "1", "1/8"),
             ("7", "8", "0", "7", "1", "8/8"),
-            ("4", "3", "0", "4", "2", "3/3"),
             ("1", "1", "1", "1", "1", "1/1"),
         ] {
             assert_eq!(array(id, count, min, max, step).as_deref(), Ok(part));
@@ -110,8 +113,8 @@ mod tests {
             (array("x", "8", "1", "8", "1"), "SLURM_ARRAY_TASK_ID is \"x\", and has to be a whole number"),
             (array("1", "8", "1", "-8", "1"), "SLURM_ARRAY_TASK_MAX is \"-8\""),
             (array("1", "8", "1", "8", "0"), "SLURM_ARRAY_TASK_STEP is 0"),
-            (array("9", "8", "1", "8", "1"), "SLURM_ARRAY_TASK_ID is 9, which is no task of 1-8:1"),
-            (array("1", "3", "0", "4", "2"), "SLURM_ARRAY_TASK_ID is 1, which is no task of 0-4:2"),
+            (array("9", "8", "1", "8", "1"), "SLURM_ARRAY_TASK_ID is 9, which is no task of 1-8 "),
+            (array("3", "2", "1", "3", "2"), "the array has gaps: SLURM_ARRAY_TASK_STEP is 2"),
             // As 22.05 sets them for --array=3,7 and for --array=1,3,5.
             (array("7", "2", "3", "7", "1"), "the array has gaps: SLURM_ARRAY_TASK_COUNT is 2, and 3-7"),
             (array("3", "3", "1", "5", "1"), "the array has gaps: SLURM_ARRAY_TASK_COUNT is 3, and 1-5"),
@@ -133,6 +136,9 @@ mod tests {
         assert_eq!(threads(&[("SLURM_CPUS_ON_NODE", "1")]), Ok(Some(1)));
         assert_eq!(threads(&[]), Ok(None));
         assert_eq!(threads(&[("RAYON_NUM_THREADS", "2"), ("SLURM_CPUS_PER_TASK", "4")]), Ok(None));
+        for nothing in ["", "0", "x"] {
+            assert_eq!(threads(&[("RAYON_NUM_THREADS", nothing), ("SLURM_CPUS_PER_TASK", "4")]), Ok(Some(4)));
+        }
         let wrong = threads(&[("SLURM_CPUS_PER_TASK", "0")]).unwrap_err();
         assert!(wrong.contains("SLURM_CPUS_PER_TASK is \"0\", and has to be 1 or more"), "{wrong}");
     }
