@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
-use std::io::Read as _;
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
@@ -207,6 +207,17 @@ fn an_interrupted_part_goes_on_and_a_finished_one_is_kept() {
     let interrupted = status();
     assert_eq!((&interrupted["state"], &interrupted["benches_finished"]), (&"interrupted".into(), &1.into()));
 
+    // Also where what it says finds no room.
+    let before = fs::read_dir(folder.path().join("study/parts")).unwrap().count();
+    let mut unheard = command(folder.path(), &arguments);
+    unheard.env("RAYON_NUM_THREADS", "1").stdout(full()).stderr(full());
+    let mut unheard = unheard.spawn().unwrap();
+    until_blocking("another attempt has begun", || {
+        (fs::read_dir(folder.path().join("study/parts")).ok()?.count() > before).then_some(())
+    });
+    kill(Pid::from_raw(i32::try_from(unheard.id()).unwrap()), Signal::SIGTERM).unwrap();
+    assert_eq!(unheard.wait().unwrap().code(), Some(143));
+
     let said = |kept: bool| {
         let output = study(folder.path(), &arguments);
         let goes_on = told(&output).contains("1 of 2 benches are there from earlier attempts at part 2/2");
@@ -232,6 +243,63 @@ fn an_interrupted_part_goes_on_and_a_finished_one_is_kept() {
     assert!(!other.status.success() && error.contains("made with another configuration than this one"), "{error}");
 }
 
+/// A file that has no room.
+fn full() -> fs::File {
+    fs::File::options().write(true).open("/dev/full").unwrap()
+}
+
+#[test]
+fn a_part_is_whole_though_nobody_hears_of_it_and_no_other_takes_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    // No bench falls to it.
+    let small = ["--quick", "--benches", "1", "--assemblies", "4"];
+    let shard = |seed: &'static str, shard: &'static str| [&small[..], &["--seed", seed, "--shard", shard]].concat();
+    let unheard = command(folder.path(), &shard("1", "1/2")).stdout(full()).stderr(full()).status().unwrap();
+    assert!(unheard.success());
+    let path = folder.path().join("study/parts/part-1-of-2.json");
+    let first = fs::read(&path).unwrap();
+    for (seed, number, says) in [
+        ("2", "1/2", "part-1-of-2.json: there is a part of another study (quick, seed 1, 1 benches, 4 assemblies, "),
+        ("1", "1/3", "part-1-of-2.json: it is one of 2 parts of this study, and 1/3 would be one of 3"),
+    ] {
+        let output = study(folder.path(), &shard(seed, number));
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && error.contains(says), "{error}");
+    }
+    fs::write(&path, &first[..200]).unwrap();
+    let damaged = study(folder.path(), &shard("1", "1/2"));
+    let error = String::from_utf8_lossy(&damaged.stderr).into_owned();
+    assert!(!damaged.status.success() && error.contains("move it away to have it made again"), "{error}");
+    // What was asked for is lost: that is told by the end.
+    let lost = command(folder.path(), &["status", "--json"]).stdout(full()).output().unwrap();
+    let error = String::from_utf8_lossy(&lost.stderr).into_owned();
+    assert!(!lost.status.success() && !error.contains("panicked"), "{error}");
+}
+
+#[test]
+fn what_parts_do_not_have_is_made_beside_them_without_a_report() {
+    let folder = with_chapters(&["table_2", "loops", "assembly"]);
+    let output = study(folder.path(), &["--quick", "--other-chapters", "--json"]);
+    let kept = told(&output).matches("kept from an earlier run").count();
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((kept, said["chapters"].as_array().unwrap().len()), (6, 7), "{said}");
+    let out = folder.path().join("study");
+    assert!(out.join("chapters/table_2.json").exists() && !out.join("chapters/loops.json").exists());
+    assert!(!out.join("report.html").exists() && !out.join("results.json").exists());
+    // Whoever else writes there is waited for.
+    let held = fs::File::create(out.join(".lock")).unwrap();
+    held.lock().unwrap();
+    let mut waiting = command(folder.path(), &["--quick", "--other-chapters"]);
+    let mut waiting = waiting.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let mut line = String::new();
+    let mut said = BufReader::new(waiting.stderr.take().unwrap());
+    said.read_line(&mut line).unwrap();
+    assert!(line.ends_with("another study writes into study: waiting for its end\n"), "{line}");
+    assert!(waiting.try_wait().unwrap().is_none());
+    drop(held);
+    assert!(waiting.wait().unwrap().success());
+}
+
 #[test]
 fn what_is_asked_wrongly_is_refused_before_any_work() {
     let folder = tempfile::tempdir().unwrap();
@@ -242,7 +310,9 @@ fn what_is_asked_wrongly_is_refused_before_any_work() {
         (&["--assemblies", "0"], "1..=10000000"),
         (&["--benches", "100001"], "1..=100000"),
         (&["--quick", "merge"], "cannot be used with"),
+        (&["--other-chapters", "--shard", "1/2"], "cannot be used with"),
         (&["merge"], "study/parts: No such file"),
+        (&["status", "--json"], "study: no part of a study has been begun here"),
         (&["status"], "study: no part of a study has been begun here"),
         (&["merge", "."], "there is no part-K-of-N.json"),
     ] {

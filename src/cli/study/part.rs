@@ -1,7 +1,7 @@
 //! `plenalign study --shard K/N`: one part of the Monte Carlos.
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -12,6 +12,7 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use super::progress::Bar;
 use super::{Context, slurm};
+use crate::cli::output::put;
 use crate::study::{self, Journal, Part, Shard, StudyOptions};
 
 /// What a shell says of a program that a signal has ended: this, and the signal's number.
@@ -61,6 +62,7 @@ pub(super) fn run(
     let shard = asked.shard()?;
     let path = Part::path(out, shard);
     let kept = Part::kept(&path, &context.config, options, shard)?;
+    Part::of_one_split(out, &context.config, options, shard)?;
     let was_there = kept.is_some();
     let part = match kept {
         Some(part) => part,
@@ -68,7 +70,7 @@ pub(super) fn run(
     };
     bar.end();
     let [benches, assemblies] = part.ranges();
-    if as_json {
+    let text = if as_json {
         let range = |range: &Range<u64>| json!({ "first": range.start, "end": range.end });
         let said = json!({
             "part": path.display().to_string(),
@@ -77,16 +79,22 @@ pub(super) fn run(
             "benches": range(&benches),
             "assemblies": range(&assemblies),
         });
-        println!("{said}");
+        format!("{said}\n")
     } else {
         let items = |range: &Range<u64>, of: u64| match range.is_empty() {
             true => format!("none of {of}"),
             false => format!("{} to {} of {of}, counted from 0", range.start, range.end - 1),
         };
-        println!("part             {}{}", path.display(), if was_there { " (there from an earlier run)" } else { "" });
-        println!("benches          {}", items(&benches, options.counts.benches));
-        println!("assemblies       {}", items(&assemblies, options.counts.assemblies));
-    }
+        format!(
+            "part             {}{}\nbenches          {}\nassemblies       {}\n",
+            path.display(),
+            if was_there { " (there from an earlier run)" } else { "" },
+            items(&benches, options.counts.benches),
+            items(&assemblies, options.counts.assemblies),
+        )
+    };
+    // The part is what was asked for, and it is there: a log without room does not make it fail.
+    let _ = put(&text);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -105,7 +113,7 @@ fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar:
     if journal.torn() > 0 {
         eprintln!("{} torn lines of earlier attempts are not believed, and their benches done again", journal.torn());
     }
-    end_with_what_is_finished(Arc::clone(&journal), benches)?;
+    end_with_what_is_finished(Arc::clone(&journal), benches, path.clone())?;
     let made = study::run_part(&context.config, options, &journal, bar).and_then(|part| {
         journal.complete(&part, &path)?;
         Ok(part)
@@ -117,8 +125,8 @@ fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar:
     }
 }
 
-/// Has a signal that ends the program keep first what is finished.
-fn end_with_what_is_finished(journal: Arc<Journal>, benches: u64) -> anyhow::Result<()> {
+/// Has a signal that ends the program keep first what is finished. Where the part is whole by then, it is no failure.
+fn end_with_what_is_finished(journal: Arc<Journal>, benches: u64, part: PathBuf) -> anyhow::Result<()> {
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_all().build().context("signals cannot be taken")?;
     let guard = runtime.enter();
@@ -132,6 +140,9 @@ fn end_with_what_is_finished(journal: Arc<Journal>, benches: u64) -> anyhow::Res
             }
         });
         journal.end(|kept| {
+            if part.exists() {
+                std::process::exit(0);
+            }
             match kept {
                 Ok(finished) => eprintln!(
                     "plenalign: ended by a signal: {finished} of {benches} benches of part {} are kept, and the same \

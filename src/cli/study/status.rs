@@ -27,11 +27,11 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if args.json {
         let unusable: Vec<String> = unusable.iter().map(ToString::to_string).collect();
         println!("{}", json!({ "studies": studies.iter().map(as_json).collect::<Vec<_>>(), "unusable": unusable }));
-        return Ok(ExitCode::SUCCESS);
+    } else {
+        let blocks: Vec<String> = studies.iter().map(block).collect();
+        print!("{}", blocks.join("\n"));
     }
     ensure!(!studies.is_empty(), "{}: no part of a study has been begun here", args.out.display());
-    let blocks: Vec<String> = studies.iter().map(block).collect();
-    print!("{}", blocks.join("\n"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -53,6 +53,8 @@ fn as_json(status: &Status) -> Value {
     json!({
         "quick": status.options.quick,
         "seed": status.options.seed,
+        "program_version": status.program_version,
+        "configuration_sha256": status.configuration_sha256,
         "benches": status.options.counts.benches,
         "assemblies": status.options.counts.assemblies,
         "shards": status.shards,
@@ -71,6 +73,10 @@ fn block(status: &Status) -> String {
         "study            {quick}seed {}, {} benches, {} assemblies, in {} parts",
         status.options.seed, counts.benches, counts.assemblies, status.shards
     )];
+    lines.push(format!(
+        "made by          plenalign {}, configuration {:.12}…",
+        status.program_version, status.configuration_sha256
+    ));
     let of = |state: State| status.parts.iter().filter(move |part| part.state == state);
     let numbers = of(State::Done).map(|part| part.shard.number());
     lines.push(format!("done             {}", rows(numbers.map(|number| (number, number)))));
@@ -148,10 +154,20 @@ mod tests {
         let counts = Counts { benches: 40, assemblies: 800 };
         let options = StudyOptions { quick: true, seed: 3, counts };
         let missing = vec![(3, 3), (7, 8)];
-        let mut status = Status { options, shards: 8, parts, missing, work_s: Some(7200.0), rest_s: Some(7200.0) };
+        let mut status = Status {
+            options,
+            program_version: "0.1.0".to_owned(),
+            configuration_sha256: "0123456789abcdef".to_owned(),
+            shards: 8,
+            parts,
+            missing,
+            work_s: Some(7200.0),
+            rest_s: Some(7200.0),
+        };
         assert_eq!(
             block(&status),
             "study            quick, seed 3, 40 benches, 800 assemblies, in 8 parts\n\
+             made by          plenalign 0.1.0, configuration 0123456789ab…\n\
              done             1-2, 4\n\
              running          5: 2 of 5 benches; its rest takes 40 s\n\
              interrupted      6: 1 of 5 benches; its rest takes 15 min\n\

@@ -296,10 +296,14 @@ mod tests {
         let config = Config::default();
         assert_eq!(Part::kept(&path, &config, OPTIONS, part.shard()).unwrap(), None);
         part.write(&path).unwrap();
-        let kept = |options| Part::kept(&path, &config, options, part.shard()).unwrap().is_some();
-        assert!(kept(OPTIONS));
-        assert!(!kept(StudyOptions { seed: 4, ..OPTIONS }));
-        assert!(!kept(StudyOptions { counts: Counts { benches: 4, ..OPTIONS.counts }, ..OPTIONS }));
+        let kept = |options| Part::kept(&path, &config, options, part.shard());
+        assert!(kept(OPTIONS).unwrap().is_some());
+        for other in [
+            StudyOptions { seed: 4, ..OPTIONS },
+            StudyOptions { counts: Counts { benches: 4, ..OPTIONS.counts }, ..OPTIONS },
+        ] {
+            assert!(kept(other).unwrap_err().to_string().contains("there is a part of another study"));
+        }
         // Nothing but the part is left in the folder.
         assert_eq!(std::fs::read_dir(Part::folder(folder.path())).unwrap().count(), 1);
     }

@@ -72,6 +72,17 @@ impl Origin {
     }
 }
 
+impl Origin {
+    /// What it is, for who has to tell two apart.
+    fn in_words(&self, [benches, assemblies]: [u64; 2]) -> String {
+        let quick = if self.quick { "quick, " } else { "" };
+        format!(
+            "{quick}seed {}, {benches} benches, {assemblies} assemblies, plenalign {}, configuration {:.12}…",
+            self.seed, self.program_version, self.configuration_sha256
+        )
+    }
+}
+
 impl Part {
     pub(in crate::study) fn new(
         config: &Config,
@@ -165,21 +176,63 @@ impl Part {
         Ok(part)
     }
 
-    /// The part at this place if it is there and was made from the same; `None` where there is none or another's.
+    /// The part at this place if it is there; `None` where there is none.
     ///
     /// # Errors
-    /// As [`Part::read`], but for a file that is not there.
+    /// As [`Part::read`], but for a file that is not there; [`StudyError::Part`] for a part of another study.
     pub fn kept(path: &Path, config: &Config, options: StudyOptions, shard: Shard) -> Result<Option<Self>, StudyError> {
+        let wrong = |why: String| StudyError::Part { path: path.display().to_string(), why };
         let part = match Self::read(path) {
             Ok(part) => part,
             Err(StudyError::Folder { source, .. }) if source.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(StudyError::Part { why, .. }) => {
+                return Err(wrong(format!("{why}; move it away to have it made again")));
+            }
             Err(error) => return Err(error),
         };
-        let counts = [part.benches.count, part.assemblies.count];
-        let same = part.origin == Origin::of(config, options)
-            && part.shard == shard
-            && counts == [options.counts.benches, options.counts.assemblies];
-        Ok(same.then_some(part))
+        let asked = Origin::of(config, options);
+        if part.shard == shard && part.is_of(&asked, options) {
+            return Ok(Some(part));
+        }
+        Err(wrong(format!(
+            "there is a part of another study ({}), and this is {}: move it away, or write into another folder by --out",
+            part.origin.in_words([part.benches.count, part.assemblies.count]),
+            asked.in_words([options.counts.benches, options.counts.assemblies])
+        )))
+    }
+
+    fn is_of(&self, origin: &Origin, options: StudyOptions) -> bool {
+        let counts = [options.counts.benches, options.counts.assemblies];
+        self.origin == *origin && [self.benches.count, self.assemblies.count] == counts
+    }
+
+    /// That no part of the same study is there which was split into another number of parts: the two would not fit.
+    ///
+    /// # Errors
+    /// [`StudyError::Part`] where one is.
+    pub fn of_one_split(study: &Path, config: &Config, options: StudyOptions, shard: Shard) -> Result<(), StudyError> {
+        let folder = Self::folder(study);
+        if !folder.try_exists().map_err(failed(&folder))? {
+            return Ok(());
+        }
+        let end = format!("-of-{}.json", shard.of());
+        let other = Self::in_folder(&folder)?.into_iter().find(|path| !path.to_string_lossy().ends_with(&end));
+        let Some(path) = other else { return Ok(()) };
+        match Self::read(&path) {
+            Ok(part) if part.shard.of() != shard.of() && part.is_of(&Origin::of(config, options), options) => {
+                Err(StudyError::Part {
+                    path: path.display().to_string(),
+                    why: format!(
+                        "it is one of {} parts of this study, and {shard} would be one of {}: ask for the part by its number \
+                         of {} (under Slurm with SHARDS and FIRST), or move the others away",
+                        part.shard.of(),
+                        shard.of(),
+                        part.shard.of()
+                    ),
+                })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Writes the part, whole or not at all, and makes its folder where it is not there.

@@ -47,6 +47,10 @@ pub struct PartStatus {
 pub struct Status {
     /// The study.
     pub options: StudyOptions,
+    /// Version of the program that its parts are of.
+    pub program_version: String,
+    /// SHA-256 of the configuration that they are made with, as JSON.
+    pub configuration_sha256: String,
     /// How many parts it is in.
     pub shards: u64,
     /// Those of which something is there, in order.
@@ -87,7 +91,7 @@ struct Study {
 /// [`StudyError::Folder`].
 pub fn status(study: &Path) -> Result<(Vec<Status>, Vec<StudyError>), StudyError> {
     let folder = Part::folder(study);
-    if !folder.exists() {
+    if !folder.try_exists().map_err(failed(&folder))? {
         return Ok(Default::default());
     }
     let before = lengths(&folder)?;
@@ -106,11 +110,10 @@ fn lengths(folder: &Path) -> Result<BTreeMap<PathBuf, u64>, StudyError> {
     let mut lengths = BTreeMap::new();
     for path in journal::in_folder(folder, None)? {
         // Opened, since a network's file system may answer from what it remembers for a file that is not.
-        match File::open(&path).and_then(|file| file.metadata()) {
-            Ok(found) => lengths.insert(path, found.len()),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
-            Err(source) => return Err(failed(&path)(source)),
-        };
+        // What cannot be opened does not grow; why is said when it is read.
+        if let Ok(found) = File::open(&path).and_then(|file| file.metadata()) {
+            lengths.insert(path, found.len());
+        }
     }
     Ok(lengths)
 }
@@ -126,6 +129,15 @@ fn look(folder: &Path, grows: impl Fn(&Path) -> bool) -> Result<(Vec<Status>, Ve
             studies.push((key, study));
         }
     };
+    // Before the parts: one that is written meanwhile takes its journals away, and is then seen as a part.
+    let mut journals = Vec::new();
+    for path in journal::in_folder(folder, None)? {
+        match journal::read(&path) {
+            Content::Kept(kept) => journals.push((path, kept)),
+            Content::Nothing => {}
+            Content::Unknown(why) => unusable.push(why),
+        }
+    }
     for path in Part::in_folder(folder)? {
         let part = match Part::read(&path) {
             Ok(part) => part,
@@ -145,15 +157,7 @@ fn look(folder: &Path, grows: impl Fn(&Path) -> bool) -> Result<(Vec<Status>, Ve
             }
         });
     }
-    for path in journal::in_folder(folder, None)? {
-        let kept = match journal::read(&path)? {
-            Content::Kept(kept) => kept,
-            Content::Nothing => continue,
-            Content::Unknown(why) => {
-                unusable.push(why);
-                continue;
-            }
-        };
+    for (path, kept) in journals {
         let head = kept.head;
         of((head.origin, head.benches, head.assemblies, head.shard.of()), &mut |study| {
             let found = study.parts.entry(head.shard.number()).or_default();
@@ -218,7 +222,8 @@ impl Study {
         let shared = work.filter(|_| !running.is_empty()).map(|work| work / running.len() as f64);
         let rest_s = running.iter().fold(shared, |rest, part| rest.zip(*part).map(|(rest, part)| rest.max(part)));
         let options = StudyOptions { quick: origin.quick, seed: origin.seed, counts };
-        Status { options, shards: of, parts, missing, work_s: work, rest_s }
+        let Origin { program_version, configuration_sha256, .. } = origin;
+        Status { options, program_version, configuration_sha256, shards: of, parts, missing, work_s: work, rest_s }
     }
 }
 

@@ -79,7 +79,7 @@ pub(in crate::study::monte_carlo) enum Content {
     Kept(Kept),
     /// One that ends within its first line, or is not there any more.
     Nothing,
-    /// It begins as no journal of this program does: why.
+    /// It cannot be read, or begins as no journal of this program does: why.
     Unknown(StudyError),
 }
 
@@ -116,24 +116,21 @@ pub(super) fn new_path(folder: &Path, shard: Shard) -> PathBuf {
 }
 
 /// Reads a journal.
-///
-/// # Errors
-/// [`StudyError::Folder`].
-pub(in crate::study::monte_carlo) fn read(path: &Path) -> Result<Content, StudyError> {
+pub(in crate::study::monte_carlo) fn read(path: &Path) -> Content {
     let bytes = match fs::read(path) {
         Ok(bytes) => bytes,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Content::Nothing),
-        Err(source) => return Err(failed(path)(source)),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Content::Nothing,
+        Err(source) => return Content::Unknown(failed(path)(source)),
     };
     let text = String::from_utf8_lossy(&bytes);
     let mut lines = text.split_inclusive('\n');
     let first_line = lines.next().unwrap_or_default();
     if !first_line.ends_with('\n') {
-        return Ok(Content::Nothing);
+        return Content::Nothing;
     }
     let head = match head(first_line) {
         Ok(head) => head,
-        Err(why) => return Ok(Content::Unknown(StudyError::Part { path: path.display().to_string(), why })),
+        Err(why) => return Content::Unknown(StudyError::Part { path: path.display().to_string(), why }),
     };
     let share = head.shard.range(head.benches);
     let mut kept = Kept { head, benches: BTreeMap::new(), seconds: 0.0, torn: 0 };
@@ -148,7 +145,7 @@ pub(in crate::study::monte_carlo) fn read(path: &Path) -> Result<Content, StudyE
             None => kept.torn += 1,
         }
     }
-    Ok(Content::Kept(kept))
+    Content::Kept(kept)
 }
 
 /// What a journal's first line says, or why it is not believed.
