@@ -188,6 +188,11 @@ try {
   await page.locator(".result", { hasText: deltaV }).waitFor();
   const [, found, sigma, target] = (await page.locator(".result").innerText()).match(deltaV).map(Number);
   assert(Math.abs(found - target) < 3 * sigma, `Δv ${found} ± ${sigma} µm for ${target} µm`);
+  const verdict = /Δv = (\d{4}\.\d) ± (\d+\.\d) µm/;
+  const [, concluded, stated] = (await page.locator(".result .verdict").innerText())
+    .match(verdict)
+    .map(Number);
+  assert.deepEqual([concluded, stated], [found, sigma], "the verdict is in another unit than the figures");
   await page.locator(".iterations th", { hasText: "Focus axis, µm" }).waitFor();
   await photograph(page, "micrometres");
   await chooseUnit(page, "mm");

@@ -136,8 +136,10 @@ export function reached(measure: Reached, unit: LengthUnit): { value: string; ta
   return { value: text ?? "", target: aim };
 }
 
-/** Lengths in the daemon's own words: a number, or several, and then "mm"; nothing that is divided by or squared. */
-const SAID = /(?<![\w.,/])([+−-]?\d+(?:\.\d+)?(?:(?:, | to | and |–|…)[+−-]?\d+(?:\.\d+)?)*) mm\b(?![²³/])/g;
+/** Lengths in the daemon's own words: a number, or several, or one with its uncertainty, and then "mm"; nothing that is divided by
+ *  or squared. */
+const SAID =
+  /(?<![\w.,/])([+−-]?\d+(?:\.\d+)?(?:(?:, | to | and |–|…| ± |±)[+−-]?\d+(?:\.\d+)?)*) mm\b(?![²³/])/g;
 
 /** What the daemon says, with its lengths in the unit. */
 export function reworded(text: string, unit: LengthUnit): string {

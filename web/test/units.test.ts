@@ -46,6 +46,15 @@ describe("what the daemon says", () => {
     expect(units.reworded("within -2 to 0.0005 mm", "µm")).toBe("within -2000 to 0.5 µm");
     expect(units.reworded("v1.2 mm", "µm")).toBe("v1.2 mm");
   });
+
+  it("has a length and its uncertainty in one unit", () => {
+    const said =
+      "in focus (the blur is 0.003 ± 0.002 px); Δv = 2.2041 ± 0.0004 mm is within tolerance; e = -0.012 ± 0.016 mm";
+    expect(units.reworded(said, "µm")).toBe(
+      "in focus (the blur is 0.003 ± 0.002 px); Δv = 2204.1 ± 0.4 µm is within tolerance; e = -12 ± 16 µm",
+    );
+    expect(units.reworded("Δv = 2.2050 mm to ±0.005 mm", "µm")).toBe("Δv = 2205.0 µm to ±5 µm");
+  });
 });
 
 describe("what a job reaches for", () => {
