@@ -29,7 +29,7 @@ preview_rays = 1
 preview_rate_hz = 2.0
 `;
 const place = folder(`# The bench in the cellar.\n${SMALL}`);
-const daemon = start(place);
+let daemon = start(place);
 const browser = await browse();
 
 try {
@@ -202,6 +202,30 @@ try {
   await page.waitForFunction(
     () => document.querySelector(".figures td[data-state=joint]")?.firstChild?.textContent === "+2.205 mm",
   );
+
+  step(
+    "started again with another camera, the daemon's is in force on every page that is open, but for what is being edited",
+  );
+  const other = await browser.newPage();
+  await other.goto(`${address}#/alignment`);
+  await other.locator("#plan summary").waitFor();
+  const before = await other.locator("#plan").textContent();
+  await page.getByLabel("Blur still sharp").fill("0.04");
+  await page.locator(".draft-field[data-changed=true]").waitFor();
+  daemon.process.kill("SIGKILL");
+  await daemon.ended;
+  daemon = start(place, new URL(address).host);
+  await holds(page.getByLabel("Outer radius"), "70");
+  await holds(page.getByLabel("Blur still sharp"), "0.04");
+  assert.deepEqual(
+    await page.locator(".draft-field[data-changed=true] label").allInnerTexts(),
+    ["Blur still sharp"],
+    "what was in force before is taken for a change",
+  );
+  await until(async () => {
+    const [plan] = await other.locator("#plan").allTextContents();
+    return plan && plan !== before;
+  }, "the plan is of the camera before");
 
   assert.deepEqual(own(), []);
 } finally {

@@ -98,6 +98,11 @@ export function laidOver(config: JsonObject, sections: Sections): JsonObject {
   return next;
 }
 
+/** A draft of one configuration as one of another: with what it changes, and all else as it is now. */
+export function rebased(draft: JsonObject | null, from: JsonObject | null, to: JsonObject): JsonObject {
+  return draft && from ? laidOver(to, difference(from, draft)) : to;
+}
+
 /** How many keys a draft changes. */
 export function count(sections: Sections): number {
   return Object.values(sections).reduce((sum, keys) => sum + Object.keys(keys).length, 0);

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { JsonObject } from "../src/config-schema";
-import { count, difference, isChanged, laidOver, spelt, typed } from "../src/draft";
+import { count, difference, isChanged, laidOver, rebased, spelt, typed } from "../src/draft";
 import { Newest } from "../src/newest";
 import { barLength, boxOf, fitted, hemisphere, trainOf } from "../src/optical-train";
 import { waterBy, waterSaid } from "../src/water";
@@ -46,6 +46,14 @@ describe("a draft", () => {
       water: { temperature_c: 20 },
       bench: { e: 1 },
     });
+  });
+
+  it("goes on over another configuration, which nothing but its own changes differs from", () => {
+    const now = { ...base, shell: { outer_radius_mm: 70, inner_radius_mm: 51 } };
+    expect(rebased(null, null, now)).toBe(now);
+    expect(rebased(base, base, now)).toEqual(now);
+    const draft = { ...base, mla: { mode: "galilean", pitch_mm: 0.12 } };
+    expect(rebased(draft, base, now)).toEqual({ ...now, mla: draft.mla });
   });
 
   it("says the water by its index or by its conditions", () => {

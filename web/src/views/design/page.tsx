@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import type { JsonObject } from "../../config-schema";
-import { count, difference } from "../../draft";
+import { count, difference, rebased } from "../../draft";
 import { strings } from "../../strings";
 import { Newest } from "../../newest";
 import { reworded, UNITS, type LengthUnit } from "../../units";
@@ -34,6 +34,7 @@ export function DesignPage(scene: Scene) {
   const [newest] = useState(() => new Newest());
   const connected = state.link === "open";
 
+  const base = inForce?.config as JsonObject | undefined;
   useEffect(() => {
     if (!connected) return;
     const ask = (base: DraftBase, set: (draft: Draft) => void) =>
@@ -44,14 +45,15 @@ export function DesignPage(scene: Scene) {
         }),
       );
     void ask("in_force", (draft) => {
+      const now = draft.config as JsonObject;
+      // What has been edited stays so, over what is in force by now; the rest goes with it.
+      edit((before) => rebased(before, base ?? null, now));
       setInForce(draft);
       setShown((before) => before ?? draft);
-      edit((before) => before ?? (draft.config as JsonObject));
     });
     void ask("preset", setPreset);
   }, [state.bootId, connected]);
 
-  const base = inForce?.config as JsonObject | undefined;
   const changes = base && edited ? difference(base, edited) : {};
   useEffect(() => {
     if (!edited || !base) return undefined;

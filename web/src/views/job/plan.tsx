@@ -1,25 +1,28 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
+import type { State } from "../../state";
 import { strings } from "../../strings";
 import { length, pixels, reworded, type LengthUnit } from "../../units";
 import type { JobKind, Plan } from "../../wire";
 import { SetUpDrawing } from "./set-up";
 import { Explained } from "../term";
 
-/** What an alignment would do, and what stands in its way; null until the daemon has said it. */
-export function usePlan(wanted: boolean): Plan | null {
-  const [plan, setPlan] = useState<Plan | null>(null);
+/** What an alignment would do, and what stands in its way; null until this run of the daemon has said it: another may have
+ *  another camera. */
+export function usePlan(wanted: boolean, { bootId, link }: State): Plan | null {
+  const [said, say] = useState<{ bootId: string | null; plan: Plan } | null>(null);
+  const connected = link === "open";
   useEffect(() => {
-    if (!wanted) return undefined;
+    if (!wanted || !connected) return undefined;
     let still = true;
     void api.plan().then((result) => {
-      if (still && result.ok) setPlan(result.value);
+      if (still && result.ok) say({ bootId, plan: result.value });
     });
     return () => {
       still = false;
     };
-  }, [wanted]);
-  return wanted ? plan : null;
+  }, [wanted, bootId, connected]);
+  return wanted && said?.bootId === bootId ? said.plan : null;
 }
 
 /** A kind of job that goes by a plan; undefined for the others. */

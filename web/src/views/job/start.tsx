@@ -45,7 +45,7 @@ export function StartJob({ state, act }: Scene) {
   const checked = check(draft, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
   const means = implied(draft, state.bench?.axes ?? [], unit);
-  const plan = usePlan(PLANNED.includes(draft.kind));
+  const plan = usePlan(PLANNED.includes(draft.kind), state);
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const other = api.lease.other(state.bench?.lease);
   const ready =

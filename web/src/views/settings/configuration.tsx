@@ -11,6 +11,7 @@ import {
   type JsonObject,
   type Table,
 } from "../../config-schema";
+import { rebased } from "../../draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import type { ConfigCheck, ConfigView, ConfigWritten } from "../../wire";
@@ -37,7 +38,9 @@ export function Configuration({ state, act }: Scene) {
         if (result.ok) {
           setView(result.value);
           setEtag(result.etag ?? null);
-          setDraft((result.value.stored ?? null) as JsonObject | null);
+          const now = (result.value.stored ?? null) as JsonObject | null;
+          // What is being edited when the daemon starts again stays so.
+          setDraft((before) => now && rebased(before, stored, now));
           setCheck(null);
         }
         return result;
