@@ -70,6 +70,18 @@ try {
   await other.locator("#camera-gone").waitFor({ state: "detached", timeout: 20_000 });
   await other.locator("#stage-gone").waitFor({ state: "detached", timeout: 30_000 });
 
+  step("a camera that gives an old picture again as if it were new does not pass for a live one");
+  await open(page, "Settings");
+  await camera.getByRole("button", { name: "Gives an old picture again" }).click();
+  await state.filter({ hasText: "wrong on purpose" }).waitFor();
+  await open(page, "Live");
+  await page.locator(".picture[data-same=true] .over", { hasText: /THE SAME PICTURE · \d+ times/ }).waitFor();
+  await photograph(page, "frozen");
+  await open(page, "Settings");
+  await panel.locator("#faults-none").click();
+  await open(page, "Live");
+  await page.locator(".picture[data-same=false][data-state=fresh]").waitFor({ timeout: 20_000 });
+
   step("once there is a white frame, the meter shows what is read in every frame");
   await open(page, "Alignment");
   await page.locator("#kind").selectOption("spacing_watch");

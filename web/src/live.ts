@@ -2,6 +2,7 @@
 // when pictures were drawn.
 
 import { COARSE, EVERY, instead, sameAim, type Aim } from "./aim";
+import { Sameness } from "./sameness";
 import {
   parseMessage,
   parseSeen,
@@ -77,6 +78,7 @@ export class Live {
   private refused = false;
   private askedAt = -Infinity;
   private asking: ReturnType<typeof setTimeout> | null = null;
+  private readonly sameness = new Sameness();
   /** Whether this connection has been asked for readings. */
   private reads = false;
 
@@ -181,12 +183,13 @@ export class Live {
     if (seen?.is === "map") this.listener.map(seen.map);
     if (seen?.is === "reading") this.listener.reading(seen.reading, cameAt);
     if (seen?.is !== "picture") return;
-    const { facts, file } = seen.picture;
+    const { facts } = seen.picture;
     const framesSkipped = this.count(facts.framesSkipped);
+    const alike = this.sameness.note(seen.picture.bytes, facts);
     const began = performance.now();
     const before = this.said;
     const drawn = this.listener
-      .picture({ file, facts: { ...facts, framesSkipped } }, cameAt)
+      .picture({ ...seen.picture, facts: { ...facts, framesSkipped, alike } }, cameAt)
       // One that could not be drawn is on the way no longer, either.
       .finally(() => this.learn(performance.now() - began));
     // In order: a later one that is drawn first would be taken for this one's sign, too.

@@ -41,6 +41,12 @@ export interface Taken {
   facts: PictureFacts;
 }
 
+/** Grey levels of what is neither dark nor clipped, and the least share of a picture that has to be. */
+const LIT = [0.1 * 255, 0.9 * 255] as const;
+const LEAST_LIT = 0.01;
+/** So coarse it is looked at for that. */
+const LIT_SIDE = 64;
+
 export class Painter {
   private canvas: Surface | null = null;
   private over: Surface | null = null;
@@ -159,9 +165,23 @@ export class Painter {
     if (!this.bitmap || !part || !hasEvery(part)) return null;
     const [column, row] = [x - part.x_px, y - part.y_px];
     if (column < 0 || row < 0 || column >= part.width_px || row >= part.height_px) return null;
-    const one = (this.probing ??= probe());
+    const one = (this.probing ??= surface(1));
     one?.drawImage(this.bitmap, column, row, 1, 1, 0, 0, 1, 1);
     return one?.getImageData(0, 0, 1, 1).data[0] ?? null;
+  }
+
+  /** Whether the picture has light between black and white: a sensor that is dark or clipped may well repeat itself. */
+  isLit(): boolean {
+    const one = this.bitmap && surface(LIT_SIDE);
+    if (!one || !this.bitmap) return false;
+    one.drawImage(this.bitmap, 0, 0, LIT_SIDE, LIT_SIDE);
+    const { data } = one.getImageData(0, 0, LIT_SIDE, LIT_SIDE);
+    let lit = 0;
+    for (let at = 0; at < data.length; at += 4) {
+      const level = data[at] ?? 0;
+      if (level >= LIT[0] && level < LIT[1]) lit += 1;
+    }
+    return lit >= LEAST_LIT * LIT_SIDE * LIT_SIDE;
   }
 
   /** What is seen, with what is laid over it, as a PNG; null where nothing is shown. */
@@ -304,12 +324,12 @@ function begin(
   return context;
 }
 
-/** A canvas of a pixel, to be read. */
-function probe(): Context | null {
+/** A small canvas, to be read. */
+function surface(side: number): Context | null {
   const settings = { willReadFrequently: true };
   const canvas: Surface =
     typeof OffscreenCanvas === "undefined" ? document.createElement("canvas") : new OffscreenCanvas(1, 1);
-  canvas.width = canvas.height = 1;
+  canvas.width = canvas.height = side;
   return canvas.getContext("2d", settings) as Context | null;
 }
 

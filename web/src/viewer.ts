@@ -8,6 +8,7 @@ import type { Marks } from "./marks";
 import { Painter, type Look, type Stamps, type Surface, type Taken } from "./painter";
 import type { Overlay } from "./preferences";
 import type { RegionFacts } from "./region-watch";
+import { SAME } from "./sameness";
 import { onFrame } from "./screen-frame";
 import type { Link } from "./state";
 import type { Size } from "./viewport";
@@ -77,7 +78,9 @@ export class Viewer {
         const size = await this.painter.show(picture);
         if (size === null) return;
         this.aim();
-        report({ is: "picture", facts, size, sentAt: sentAt(this.clock, facts, cameAt) });
+        const alike = facts.alike >= SAME && !this.painter.isLit() ? 1 : facts.alike;
+        const shown = { ...facts, alike };
+        report({ is: "picture", facts: shown, size, sentAt: sentAt(this.clock, facts, cameAt) });
         // A browser that draws its frames more slowly than pictures come is not sent more of them.
         await new Promise<void>((resolve) => onFrame(resolve));
       },

@@ -121,6 +121,8 @@ export interface PictureFacts {
   /** Of old, played from a file. */
   replayed: boolean;
   framesSkipped: number;
+  /** How many pictures in a row are the same, up to this one. */
+  alike: number;
   widthPx: number;
   heightPx: number;
   /** What of the raw frame it shows; null where it shows something else. */
@@ -134,6 +136,8 @@ export interface PictureFacts {
 export interface Picture {
   /** A JPEG, or a PNG where it is without loss. */
   file: Blob;
+  /** What is in it. */
+  bytes: Uint8Array;
   facts: PictureFacts;
 }
 
@@ -315,6 +319,7 @@ function pictureOf(frame: Frame): Picture {
   const bytes = new Uint8Array(lossless ? frame.png : frame.jpeg);
   return {
     file: new Blob([bytes], { type: lossless ? "image/png" : "image/jpeg" }),
+    bytes,
     facts: {
       seq: Number(frame.seq),
       capturedAt: new Date(Number(frame.capturedUnixUs) / 1000),
@@ -326,6 +331,7 @@ function pictureOf(frame: Frame): Picture {
       simulated: frame.simulated,
       replayed: frame.replayed,
       framesSkipped: Number(frame.framesSkipped),
+      alike: 1,
       widthPx: frame.widthPx,
       heightPx: frame.heightPx,
       part: show === "raw" ? partOf(frame.viewport, frame) : null,

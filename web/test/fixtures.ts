@@ -141,6 +141,7 @@ export const picture: PictureFacts = {
   simulated: true,
   replayed: false,
   framesSkipped: 0,
+  alike: 1,
   widthPx: 1160,
   heightPx: 1160,
   part: null,

@@ -6,6 +6,7 @@ export const picture: typeof en.picture = {
   live: "Livebild",
   none: "Noch kein Bild",
   stale: (span) => `VERALTET · ${span} alt`,
+  same: (count) => `IMMER DASSELBE BILD · ${count}-mal`,
   preview: "grob, nur zur Ansicht",
   moving: "fährt",
   frame: (seq, age) => `Bild ${seq} · ${age} ms alt`,

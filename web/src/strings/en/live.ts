@@ -8,6 +8,7 @@ export const picture = {
   live: "Live frame",
   none: "No picture yet",
   stale: (span: string) => `STALE · ${span} old`,
+  same: (count: number) => `THE SAME PICTURE · ${count} times`,
   preview: "coarse, for viewing only",
   moving: "moving",
   frame: (seq: number, age: string) => `frame ${seq} · ${age} ms old`,

@@ -1,6 +1,8 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { fixed, span } from "../../format";
 import { eyepiece, type Probe } from "../../eyepiece";
+import { SAME } from "../../sameness";
+import { knowsMotion } from "../../set-up";
 import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
@@ -23,11 +25,13 @@ export function LivePicture(scene: Props) {
   const shown = pictureState(state, now);
   const age = pictureAge(state, now);
   const facts = state.picture;
+  const same = shown === "fresh" && facts !== null && facts.alike >= SAME;
   const camera = state.bench?.camera;
   return (
     <section
       class="card picture"
       data-state={shown}
+      data-same={same}
       data-large={scene.large}
       aria-label={strings.picture.live}
     >
@@ -45,6 +49,7 @@ export function LivePicture(scene: Props) {
           {facts?.replayed && <span class="stamp">{strings.replay}</span>}
         </span>
         {shown === "none" && <p class="over">{strings.picture.none}</p>}
+        {same && <p class="over">{strings.picture.same(facts.alike)}</p>}
         {shown === "stale" && age !== null && <p class="over">{strings.picture.stale(span(age))}</p>}
       </div>
       <Measured {...scene} />
