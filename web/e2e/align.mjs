@@ -400,6 +400,11 @@ try {
   await until(() => undelivered === 3, "the stop is not tried again");
 
   step("and is seen to be back, with nothing of the old run left");
+  await open(page, "History");
+  const listed = page.waitForResponse(
+    (response) => response.ok() && new URL(response.url()).pathname === "/api/v1/jobs",
+    { timeout: 40_000 },
+  );
   await daemon.ended;
   daemon = start(place, new URL(address).host);
   await page
@@ -408,10 +413,13 @@ try {
     // It has tried by itself meanwhile, and is connected.
     .catch(() => {});
   await page.locator(".link").waitFor({ state: "detached", timeout: 20_000 });
-  await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
   await page.locator(".stop-failed").waitFor({ state: "detached" });
-  await page.locator("header .problem", { hasText: "The bench is not stopped" }).waitFor();
-  await page.locator("header .problem button").click();
+  // Whatever the page asks by itself meanwhile, and whatever is looked at: that is not to be missed.
+  await (await listed).finished();
+  await open(page, "Live");
+  await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
+  await page.locator("#not-stopped", { hasText: "The bench is not stopped" }).waitFor();
+  await page.locator("#not-stopped button").click();
 
   step("what was interrupted is shown, with the way on");
   await open(page, "Alignment");

@@ -6,7 +6,6 @@ import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
 import { isInAir, setUpAt } from "./set-up";
 import { standard, type Preferences } from "./preferences";
-import { strings } from "./strings";
 import {
   axesWeight,
   clarityWeight,
@@ -76,6 +75,8 @@ export interface State {
   problem: Problem | null;
   /** A stop that could not be delivered: nothing else hides it. */
   stopFailed: Problem | null;
+  /** That such a stop has not arrived, until that is dismissed: whatever else goes well or wrong does not hide it. */
+  notStopped: boolean;
   /** Whether a tone follows the spacing. */
   tone: boolean;
   /** A token just made, whose secret nobody has said yet to have kept. */
@@ -129,6 +130,7 @@ export const initial: State = {
   heardAt: null,
   problem: null,
   stopFailed: null,
+  notStopped: false,
   tone: false,
   made: null,
   controlLost: null,
@@ -301,22 +303,13 @@ export function remember(state: State, recent: Recent, now: number): State {
 }
 
 /** That a stop was not delivered is over once it is known whether the bench is stopped; where it is not, that is said. */
-function withOutage({ stopFailed, problem }: State, { stop }: Bench, isNews: boolean): Partial<State> {
+function withOutage({ stopFailed }: State, { stop }: Bench, isNews: boolean): Partial<State> {
   // Tried again, it may have got through after all.
-  if (stop.latched && !stop.unread)
-    return { stopFailed: null, problem: problem?.type === NOT_STOPPED ? null : problem };
+  if (stop.latched && !stop.unread) return { stopFailed: null, notStopped: false };
   if (stopFailed === null || stop.unread) return {};
   // While the connection lasts, it may still be on its way.
-  return isNews ? { stopFailed: null, problem: notStopped() } : {};
+  return isNews ? { stopFailed: null, notStopped: true } : {};
 }
-
-const NOT_STOPPED = "not-stopped";
-const notStopped = (): Problem => ({
-  type: NOT_STOPPED,
-  title: strings.stop.notStopped,
-  status: 0,
-  detail: strings.stop.notStoppedMore,
-});
 
 /** A stop that has been reset is over. */
 function withStop(state: State, bench: Bench): State["stopSent"] {

@@ -426,15 +426,15 @@ describe("a stop and its reset", () => {
         { ...snapshot(9), bench: { ...bench, stop: { ...bench.stop, latched } } } as ServerMessage,
         0,
       );
-    expect(back(true)).toMatchObject({ stopFailed: null, problem: null });
-    expect(back(false)).toMatchObject({ stopFailed: null, problem: { title: "The bench is not stopped" } });
-    expect(receive(open(), snapshot(9), 0).problem).toBeNull();
+    expect(back(true)).toMatchObject({ stopFailed: null, notStopped: false });
+    expect(back(false)).toMatchObject({ stopFailed: null, notStopped: true });
+    expect(receive(open(), snapshot(9), 0).notStopped).toBe(false);
     // Tried once more, it got through after all.
     const stopped = { ...bench, stop: { ...bench.stop, latched: true } };
     const arrived = { type: "bench", seq: 10, boot_id: boot, bench: stopped } as ServerMessage;
-    expect(receive(back(false), arrived, 0).problem).toBeNull();
-    const other = { ...back(false), problem: stopFailed };
-    expect(receive(other, arrived, 0).problem).toBe(stopFailed);
+    expect(receive(back(false), arrived, 0).notStopped).toBe(false);
+    const going = { ...arrived, bench } as ServerMessage;
+    expect(receive(back(false), going, 0).notStopped).toBe(true);
 
     // A daemon that has just begun does not know how an earlier run left it.
     const said = (stop: Partial<Bench["stop"]>) => ({ ...bench, stop: { ...bench.stop, ...stop } });
@@ -443,11 +443,11 @@ describe("a stop and its reset", () => {
       { ...snapshot(9), bench: said({ latched: true, unread: "not yet" }) } as ServerMessage,
       0,
     );
-    expect(unread).toMatchObject({ stopFailed, problem: null });
+    expect(unread).toMatchObject({ stopFailed, notStopped: false });
     const read: ServerMessage = { type: "bench", seq: 10, boot_id: boot, bench: said({ latched: false }) };
-    expect(receive(unread, read, 0)).toMatchObject({ stopFailed: null, problem: { status: 0 } });
+    expect(receive(unread, read, 0)).toMatchObject({ stopFailed: null, notStopped: true });
     // And one that has been there all the time need not have heard of it yet.
-    expect(receive({ ...open(), stopFailed }, read, 0)).toMatchObject({ stopFailed, problem: null });
+    expect(receive({ ...open(), stopFailed }, read, 0)).toMatchObject({ stopFailed, notStopped: false });
   });
 
   it("are news for ten minutes, until they are dismissed or the bench is stopped again", () => {

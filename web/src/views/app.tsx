@@ -41,6 +41,11 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
     update({ problem: result.ok ? null : result.problem });
     return result.ok;
   };
+  const load: Act = async (request) => {
+    const result = await request;
+    if (!result.ok && newest().problem === null) update({ problem: result.problem });
+    return result.ok;
+  };
   const simulated = state.bench?.simulated ?? false;
   const where = state.session === "stranger" ? strings.signIn.signIn : strings.pages[state.route.page];
   const turn = turnOf(state) !== null;
@@ -65,7 +70,7 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
       </>
     );
   }
-  const scene: Scene = { state, newest, now, update, act, makeToken };
+  const scene: Scene = { state, newest, now, update, act, load, makeToken };
   const View = VIEWS[state.route.page];
   return (
     <>

@@ -15,6 +15,8 @@ export interface Scene {
   now: number;
   update: (change: Partial<State>) => void;
   act: Act;
+  /** The same for what the page asks by itself: that it went well takes no problem out of sight, and that it did not hides none. */
+  load: Act;
   /** Makes a token, and signs in with it where it is the first; whether it was made. */
   makeToken: (token: TokenRequest) => Promise<boolean>;
 }

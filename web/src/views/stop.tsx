@@ -45,6 +45,16 @@ export function StopNotices(scene: Scene) {
           </button>
         </div>
       )}
+      {state.notStopped && (
+        <div class="problem" role="alert" id="not-stopped">
+          <p>
+            <b>{strings.stop.notStopped}.</b> {strings.stop.notStoppedMore}
+          </p>
+          <button type="button" onClick={() => update({ notStopped: false })}>
+            {strings.dismiss}
+          </button>
+        </div>
+      )}
       {state.bench?.stop.latched && <Stopped {...scene} stop={state.bench.stop} />}
       {reset && (
         <div class="was-reset" role="alert">

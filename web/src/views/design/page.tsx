@@ -23,7 +23,7 @@ type Comparison = (typeof COMPARISONS)[number];
 
 /** What a camera would come to. */
 export function DesignPage(scene: Scene) {
-  const { state, update, act } = scene;
+  const { state, update, load } = scene;
   const [inForce, setInForce] = useState<Draft | null>(null);
   const [preset, setPreset] = useState<Draft | null>(null);
   const [shown, setShown] = useState<Draft | null>(null);
@@ -38,7 +38,7 @@ export function DesignPage(scene: Scene) {
   useEffect(() => {
     if (!connected) return;
     const ask = (base: DraftBase, set: (draft: Draft) => void) =>
-      act(
+      load(
         api.draftDesign(base, {}).then((result) => {
           if (result.ok) set(result.value);
           return result;

@@ -17,7 +17,7 @@ const REST_MS = 250;
 
 /** The jobs of this run and of earlier ones. */
 export function HistoryPage(scene: Scene) {
-  const { state, act } = scene;
+  const { state } = scene;
   const [filter, setFilter] = useState<Filter>(everything);
   const [jobs, setJobs] = useState<JobItem[] | null>(null);
   const [next, setNext] = useState<string | null>(null);
@@ -25,7 +25,7 @@ export function HistoryPage(scene: Scene) {
   const chosen = state.route.jobs;
 
   const load = (cursor: string | null, had: JobItem[], wanted: () => boolean) =>
-    act(
+    scene.load(
       api.jobs(queryOf(filter, cursor)).then((result) => {
         if (result.ok && wanted()) {
           setJobs([...had, ...result.value.jobs]);

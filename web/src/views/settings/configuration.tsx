@@ -22,7 +22,7 @@ import { ConfigTable, type Editing } from "./config-table";
 const REST_MS = 400;
 
 /** The bench's configuration, key by key. */
-export function Configuration({ state, act }: Scene) {
+export function Configuration({ state, act, load: ask }: Scene) {
   const [view, setView] = useState<ConfigView | null>(null);
   const [etag, setEtag] = useState<string | null>(null);
   const [table, setTable] = useState<Table | null>(null);
@@ -33,7 +33,7 @@ export function Configuration({ state, act }: Scene) {
   const stored = (view?.stored ?? null) as JsonObject | null;
 
   const load = () =>
-    act(
+    ask(
       api.config().then((result) => {
         if (result.ok) {
           setView(result.value);
@@ -61,7 +61,7 @@ export function Configuration({ state, act }: Scene) {
     if (draft === null || changed.length === 0) return undefined;
     let wanted = true;
     const timer = setTimeout(() => {
-      void act(
+      void ask(
         api.checkConfig(draft).then((result) => {
           if (result.ok && wanted) setCheck(result.value);
           return result;

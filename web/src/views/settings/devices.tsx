@@ -5,10 +5,10 @@ import type { Devices as Found } from "../../wire";
 import type { Scene } from "../scene";
 
 /** What is connected to the daemon's machine, by the names that it can be configured with. */
-export function Devices({ state, act }: Scene) {
+export function Devices({ state, load }: Scene) {
   const [found, setFound] = useState<Found | null>(null);
   const look = () =>
-    act(
+    load(
       api.devices().then((result) => {
         if (result.ok) setFound(result.value);
         return result;

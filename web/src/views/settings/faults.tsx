@@ -2,6 +2,7 @@ import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { able } from "../../state";
 import { numberOf } from "../../job-kinds";
+import { Newest } from "../../newest";
 import { strings } from "../../strings";
 import { inUnit, typedMm } from "../../units";
 import type { AxisName, Faults as Wrong } from "../../wire";
@@ -11,24 +12,29 @@ import { Choice, Toggle } from "../toggle";
 const PICTURES = ["none", "dark", "saturated", "blurred", "torn"] as const;
 const AXES: readonly AxisName[] = ["focus", "e"];
 const PERCENT = 100;
+/** Between two looks at what goes wrong, ms. */
+const EVERY_MS = 2000;
 
 /** What is made to go wrong with the simulated bench, and what more could be. */
-export function Faults({ state, act }: Scene) {
+export function Faults({ state, act, load }: Scene) {
   const [wrong, setWrong] = useState<Wrong | null>(null);
-  const show = (asked: ReturnType<typeof api.faults>) =>
-    act(
-      asked.then((result) => {
-        if (result.ok) setWrong(result.value);
-        return result;
-      }),
-    );
-  useEffect(() => void show(api.faults()), [state.bootId]);
+  const [newest] = useState(() => new Newest());
+  const shown = (asked: ReturnType<typeof api.faults>) => {
+    void newest.of(asked).then((result) => result?.ok && setWrong(result.value));
+    return asked;
+  };
+  useEffect(() => {
+    void load(shown(api.faults()));
+    // Others make things go wrong as well, and a plan does by itself.
+    const timer = setInterval(() => void shown(api.faults()), EVERY_MS);
+    return () => clearInterval(timer);
+  }, [state.bootId]);
   if (!wrong) return null;
   const words = strings.faults;
   const { unit } = state.preferences;
-  const shown = (mm: number) => inUnit(mm, unit);
+  const said = (mm: number) => inUnit(mm, unit);
   const allowed = able(state, "control");
-  const set = (change: Partial<Wrong>) => void show(api.setFaults(change));
+  const set = (change: Partial<Wrong>) => void act(shown(api.setFaults(change)));
   const { serial, camera, scene, disk } = wrong;
   const parts = [serial, camera, scene, disk, wrong.focus, wrong.e];
   const any = parts.some((part) => Object.values(part).some((value) => value && value !== "none"));
@@ -90,8 +96,8 @@ export function Faults({ state, act }: Scene) {
         <Figure
           key={`displaced-${unit}`}
           label={words.displaced(unit)}
-          value={shown(scene.board_displaced_mm)}
-          range={[shown(-300), shown(1000), "any"]}
+          value={said(scene.board_displaced_mm)}
+          range={[said(-300), said(1000), "any"]}
           set={(length) => set({ ...wrong, scene: { ...scene, board_displaced_mm: typedMm(length, unit) } })}
         />
         <Figure
@@ -103,15 +109,15 @@ export function Faults({ state, act }: Scene) {
         <Figure
           key={`second-${unit}`}
           label={words.secondBoard(unit)}
-          value={shown(scene.second_board_mm)}
-          range={[0, shown(300), "any"]}
+          value={said(scene.second_board_mm)}
+          range={[0, said(300), "any"]}
           set={(length) => set({ ...wrong, scene: { ...scene, second_board_mm: typedMm(length, unit) } })}
         />
         <Figure
           key={`otherShell-${unit}`}
           label={words.otherShell(unit)}
-          value={shown(scene.shell_radius_mm)}
-          range={[shown(-20), shown(200), "any"]}
+          value={said(scene.shell_radius_mm)}
+          range={[said(-20), said(200), "any"]}
           set={(length) => set({ ...wrong, scene: { ...scene, shell_radius_mm: typedMm(length, unit) } })}
         />
       </fieldset>
@@ -138,15 +144,15 @@ export function Faults({ state, act }: Scene) {
             <Figure
               key={`backlash-${unit}`}
               label={words.backlash(unit)}
-              value={shown(of.backlash_mm)}
-              range={[0, shown(5), "any"]}
+              value={said(of.backlash_mm)}
+              range={[0, said(5), "any"]}
               set={(length) => change({ backlash_mm: typedMm(length, unit) })}
             />
             <Figure
               key={`growth-${unit}`}
               label={words.growth(unit)}
-              value={shown(of.backlash_growth_mm)}
-              range={[0, shown(1), "any"]}
+              value={said(of.backlash_growth_mm)}
+              range={[0, said(1), "any"]}
               set={(length) => change({ backlash_growth_mm: typedMm(length, unit) })}
             />
             <Figure

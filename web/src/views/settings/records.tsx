@@ -23,11 +23,11 @@ export function Records(scene: Scene) {
   );
 }
 
-function Audit({ act }: Scene) {
+function Audit(scene: Scene) {
   const [entries, setEntries] = useState<AuditEntry[]>([]);
   const [next, setNext] = useState<string | null>(null);
   const load = (cursor: string | null, had: AuditEntry[]) =>
-    act(
+    scene.load(
       api.audit(cursor).then((result) => {
         if (result.ok) {
           setEntries([...had, ...result.value.entries]);

@@ -12,29 +12,29 @@ import { Choice } from "../toggle";
 const SCOPES: readonly Scope[] = ["view", "control", "admin"];
 
 /** Who gets in. */
-export function Tokens({ act, state, makeToken }: Scene) {
+export function Tokens({ act, load, state, makeToken }: Scene) {
   const [tokens, setTokens] = useState<Token[] | null>(null);
   const here = able(state, "admin");
   const [wanted, want] = useAsked<TokenRequest>(here);
   const [asked, ask] = useAsked<Token>(here);
-  const load = () =>
-    act(
+  const look = () =>
+    load(
       api.tokens().then((result) => {
         if (result.ok) setTokens(result.value.tokens);
         return result;
       }),
     );
-  useEffect(() => void load(), [state.bootId]);
+  useEffect(() => void look(), [state.bootId]);
   const first = isFirst(state);
   const make = async (token: TokenRequest) => {
     want(null);
     const made = await makeToken(token);
-    if (made) await load();
+    if (made) await look();
     return made;
   };
   const revoke = async (token: Token) => {
     ask(null);
-    if (await act(api.revokeToken(token))) await load();
+    if (await act(api.revokeToken(token))) await look();
   };
   return (
     <section class="card tokens" aria-label={strings.settings.tokens}>
