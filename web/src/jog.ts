@@ -5,6 +5,9 @@ import type { AxisName, Problem, Side } from "./wire";
 
 /** Between two words; the daemon waits 300 ms. */
 export const BEAT_MS = 100;
+/** After so long without a word the axis has stood for a while, ms: the computer has slept, or the network was away, and nobody
+ *  is to find it moving on. */
+export const LAPSE_MS = 1000;
 
 export interface Press {
   axis: AxisName;
@@ -28,6 +31,7 @@ export class Jog {
   private name = "";
   private timer: ReturnType<typeof setInterval> | null = null;
   private onTheWay = false;
+  private toldAt = 0;
   private ends = 0;
 
   constructor(private readonly calls: JogCalls) {}
@@ -43,6 +47,7 @@ export class Jog {
     // By it the daemon tells a press that is over from a new one, although both are the same button's.
     this.name = `${Date.now().toString(36)}-${Math.random().toString(36).slice(2)}`;
     this.calls.changed(press);
+    this.toldAt = Date.now();
     this.timer = setInterval(() => void this.tell(press), BEAT_MS);
     void this.tell(press);
   }
@@ -61,6 +66,8 @@ export class Jog {
     // A slow answer is waited for: words do not pile up, and the deadman decides meanwhile.
     // And an end of the press before must not overtake this one's beginning, or it would be its own.
     if (this.onTheWay || this.ends > 0 || this.press !== press) return;
+    if (Date.now() - this.toldAt > LAPSE_MS) return this.release();
+    this.toldAt = Date.now();
     this.onTheWay = true;
     const problem = await this.calls.go(press, this.name);
     this.onTheWay = false;

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { BEAT_MS, Jog, type JogCalls, type Press } from "../src/jog";
+import { BEAT_MS, Jog, LAPSE_MS, type JogCalls, type Press } from "../src/jog";
 import type { Problem } from "../src/wire";
 
 const press: Press = { axis: "e", towards: "low", speedMmPerS: 0.5 };
@@ -38,6 +38,24 @@ describe("press and hold", () => {
     expect(told.slice(4)).toEqual(["end e"]);
     jog.release();
     expect(told).toHaveLength(5);
+  });
+
+  it("is over where nothing was told for a while: the computer slept, or the answer was long in coming", async () => {
+    const asleep = held();
+    asleep.jog.begin(press);
+    await vi.advanceTimersByTimeAsync(BEAT_MS + 10);
+    vi.setSystemTime(Date.now() + LAPSE_MS);
+    await vi.advanceTimersByTimeAsync(5 * BEAT_MS);
+    expect(asleep.told).toEqual(["go e low", "go e low", "end e"]);
+    expect(asleep.jog.pressed).toBeNull();
+
+    let answer: () => void = () => undefined;
+    const late = held(() => new Promise((resolve) => (answer = () => resolve(null))));
+    late.jog.begin(press);
+    await vi.advanceTimersByTimeAsync(LAPSE_MS + BEAT_MS);
+    answer();
+    await vi.advanceTimersByTimeAsync(5 * BEAT_MS);
+    expect(late.told).toEqual(["go e low", "end e"]);
   });
 
   it("has one name for as long as it lasts, and another the next time", async () => {
