@@ -36,6 +36,8 @@ export interface Tilt {
 
 /** Δv corrections beyond this are no measurement any more, mm. */
 const FURTHEST_MM = 20;
+/** Nor are those of e beyond this: the design says nothing from there on. */
+const FURTHEST_E_MM = 60;
 
 /** The design reports a without its sign; which mode it is shows in the pitch of the micro-images. */
 function arrayOf(design: Design, microImagePitchPx: number): Array | null {
@@ -65,16 +67,67 @@ export function correction(design: Design | null, reading: Reading | null): Corr
   const apart = array.pitchPx - spacing;
   const sigmaMm = ((array.pitchPx * array.bMm) / (apart * apart)) * reading.sigmaPx;
   if (!(Math.abs(deltaVMm) <= FURTHEST_MM) || !Number.isFinite(sigmaMm)) return null;
-  // Δv in focus as e grows, from the design's two solutions.
-  const { joint, clarity } = design;
-  const slope = (joint.delta_v_mm - clarity.delta_v_mm) / (joint.e_mm - clarity.e_mm);
-  const usable = Number.isFinite(slope) && Math.abs(slope) > 1e-9;
-  return {
-    deltaVMm,
-    sigmaMm,
-    eMm: usable ? -deltaVMm / slope : null,
-    eSigmaMm: usable ? Math.abs(sigmaMm / slope) : null,
-  };
+  const inFocus = focusOverE(design, array);
+  const from = reading.eMm ?? design.joint.e_mm;
+  const eMm = inFocus && wayDown(inFocus, from, deltaVMm);
+  const slope = inFocus && slopeAt(inFocus, from);
+  return { deltaVMm, sigmaMm, eMm, eSigmaMm: eMm === null || !slope ? null : Math.abs(sigmaMm / slope) };
+}
+
+type Curve = (eMm: number) => number;
+
+/** Δv in focus over e, through what the design has of it: its two solutions, and the e at which the joint one's Δv is off by
+ *  the blur limit. A straight line through the solutions alone is a quarter too flat at the joint one. */
+function focusOverE(
+  { joint, clarity, e_tolerance, blur_limit_px, spacing_target_px }: Design,
+  array: Array,
+): Curve | null {
+  const apart = joint.e_mm - clarity.e_mm;
+  if (!(Math.abs(apart) > APART_MM) || !(Math.abs(joint.delta_v_mm - clarity.delta_v_mm) > 1e-9)) return null;
+  // Which way the spacing goes as e does.
+  const rising = (joint.delta_v_mm - clarity.delta_v_mm) / apart > 0 ? 1 : -1;
+  const off = (px: number) => imageAt(array, spacing_target_px + px) - imageAt(array, spacing_target_px);
+  const ends = [
+    { e: e_tolerance?.low_mm, px: -rising * blur_limit_px },
+    { e: e_tolerance?.high_mm, px: rising * blur_limit_px },
+  ].flatMap(({ e, px }) => (typeof e === "number" ? [{ e, deltaV: joint.delta_v_mm + off(px) }] : []));
+  const points = [joint, clarity].map(({ e_mm: e, delta_v_mm: deltaV }) => ({ e, deltaV }));
+  const usable = ({ e, deltaV }: { e: number; deltaV: number }) =>
+    Number.isFinite(deltaV) && points.every((point) => Math.abs(e - point.e) > APART_MM);
+  return through([...points, ...ends.filter(usable)]);
+}
+
+/** Nearer to one another, two places say nothing of what is between them, mm. */
+const APART_MM = 1;
+/** What a slope is taken over, to either side, mm. */
+const STEP_MM = 0.1;
+
+/** The polynomial through some points. */
+function through(points: { e: number; deltaV: number }[]): Curve {
+  return (at) =>
+    points.reduce((sum, point) => {
+      const others = points.filter((other) => other !== point);
+      return (
+        sum + others.reduce((value, other) => (value * (at - other.e)) / (point.e - other.e), point.deltaV)
+      );
+    }, 0);
+}
+
+function slopeAt(curve: Curve, at: number): number {
+  return (curve(at + STEP_MM) - curve(at - STEP_MM)) / (2 * STEP_MM);
+}
+
+/** How far it is on a curve to where it is lower by so much; null where that is nowhere near. */
+function wayDown(curve: Curve, from: number, by: number): number | null {
+  const wanted = curve(from) - by;
+  let at = from;
+  for (let step = 0; step < 20; step += 1) {
+    const next = at + (wanted - curve(at)) / slopeAt(curve, at);
+    if (!Number.isFinite(next) || Math.abs(next - from) > FURTHEST_E_MM) return null;
+    if (Math.abs(next - at) < 1e-6) return next - from;
+    at = next;
+  }
+  return null;
 }
 
 /** The tilt that a spacing's change over the field would be, for a frame `widthPx` wide. */
