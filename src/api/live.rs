@@ -419,6 +419,10 @@ impl Viewer {
     }
 
     async fn send_map(&mut self, map: &FieldMap) -> std::result::Result<(), End> {
+        // It says nothing of what is before the lens by now.
+        if map.captured_at < self.app.service.set_up_at() {
+            return Ok(());
+        }
         self.send_viewed(What::SpacingMap(map_message(map))).await
     }
 

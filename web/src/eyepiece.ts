@@ -103,6 +103,12 @@ export class Eyepiece {
     this.look();
   }
 
+  /** What was measured over the field is of what was before the lens then. */
+  forgetMap(): void {
+    this.map = null;
+    this.post({ do: "forget-map" });
+  }
+
   /** Has it drawn on these from now on; returns what lets go of them. */
   attach(canvas: HTMLCanvasElement, over: HTMLCanvasElement): () => void {
     this.canvas = canvas;

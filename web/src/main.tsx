@@ -23,6 +23,7 @@ import {
   type State,
 } from "./state";
 import { overlaysOn } from "./show";
+import { setUpAt } from "./set-up";
 import { sound } from "./sound";
 import { stop, watchStopKey } from "./stopping";
 import { toneNow } from "./tone";
@@ -127,7 +128,9 @@ function receiveReport(report: Report): void {
         eyepiece.forget();
         void learnDesign();
       }
-      set(withControl(receive(state, message, cameAt)));
+      const next = withControl(receive(state, message, cameAt));
+      if (setUpAt(next.bench) !== setUpAt(state.bench)) eyepiece.forgetMap();
+      set(next);
       if (message.type === "snapshot") void learnRecent();
       return;
     }

@@ -123,11 +123,17 @@ export class Painter {
   forget(): void {
     this.forgotten += 1;
     this.putAway(null);
-    this.bitmap = this.facts = this.map = null;
+    this.bitmap = this.facts = null;
     this.saturated.forget();
-    this.region.measured(null);
+    this.forgetMap();
+  }
+
+  /** Draws no map until there is another: what the one measured is before the lens no more. */
+  forgetMap(): void {
+    this.map = null;
     this.links = [];
     this.lines = [];
+    this.region.measured(null);
     this.soon(true);
   }
 

@@ -27,6 +27,7 @@ export type Command =
   | { do: "mark"; marks: Marks }
   | { do: "snapshot"; snapshot: number; stamps: Stamps }
   | { do: "forget" }
+  | { do: "forget-map" }
   | { do: "probe"; probe: number; x: number; y: number };
 
 /** What the page says about a map of the spacing. */
@@ -130,6 +131,8 @@ export class Viewer {
           .then((taken) => this.report({ is: "snapshot", snapshot: command.snapshot, taken }));
       case "forget":
         return this.painter.forget();
+      case "forget-map":
+        return this.painter.forgetMap();
       case "probe": {
         const grey = this.painter.grey(command.x, command.y);
         return this.report({ is: "grey", probe: command.probe, grey });

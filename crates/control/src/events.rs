@@ -217,6 +217,8 @@ pub enum TargetSource {
 pub struct FieldMap {
     /// Sequence number of the frame measured.
     pub frame_seq: u64,
+    /// When it was taken.
+    pub captured_at: jiff::Timestamp,
     /// Pitch of the micro-images, px.
     pub micro_image_pitch_px: f64,
     /// The spacing wanted, px.

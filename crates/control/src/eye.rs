@@ -133,6 +133,7 @@ impl Eye {
         if let Some(map) = &seen.map {
             self.map.send_replace(Some(Arc::new(FieldMap {
                 frame_seq: frame.seq,
+                captured_at: frame.captured_at,
                 micro_image_pitch_px: seen.micro_image_pitch_px,
                 spacing_target_px: self.target_px(),
                 map: Arc::clone(map),

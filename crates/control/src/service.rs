@@ -172,6 +172,12 @@ impl Service {
         self.eye.map()
     }
 
+    /// Since when what stands before the camera does, and the shell is on or off.
+    #[must_use]
+    pub fn set_up_at(&self) -> jiff::Timestamp {
+        self.eye.set_up_at()
+    }
+
     /// The state of the whole bench.
     #[must_use]
     pub fn bench_view(&self) -> BenchView {
