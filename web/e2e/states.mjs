@@ -21,6 +21,7 @@ import {
   start,
   step,
 } from "./harness.mjs";
+import { drawn } from "./until.mjs";
 
 const camera = `
 [sensor]
@@ -77,7 +78,25 @@ try {
   const address = await daemon.address();
   const page = await browser.newPage({ viewport: { width: 1024, height: 900 } });
   const own = faults(page);
-  await page.goto(address);
+
+  step("of a bench that is not heard of yet nothing is said");
+  let letGo;
+  const held = new Promise((resolve) => (letGo = resolve));
+  await page.route(/viewer-worker/, async (route) => {
+    await held;
+    await route.continue();
+  });
+  for (const name of ["alignment", "live", "meter"]) {
+    await page.goto(`${address}#/${name}`);
+    await page.locator(`main[data-page=${name}]`).waitFor();
+    await drawn(page);
+    const said = await page.locator("main").innerText();
+    assert.doesNotMatch(said, /No job has been run|Nothing measured|begins with one/, name);
+  }
+  letGo();
+  await page.goto(`${address}#/alignment/0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11`);
+  await page.locator(".job[data-state=none]", { hasText: "There is no such job" }).waitFor();
+  await open(page, "Live");
 
   step("at the first start nothing has been done, and the page says where to begin");
   await page.locator(".meter", { hasText: "an alignment begins with one" }).waitFor();

@@ -5,6 +5,7 @@ import type * as en from "../en/job";
 export const job: typeof en.job = {
   title: "Auftrag",
   none: "Seit dem Start des Dienstes lief kein Auftrag.",
+  gone: "Diesen Auftrag gibt es im Verlauf nicht.",
   start: "Starten",
   startTitle: "Auftrag starten",
   kindLabel: "Was zu tun ist",

@@ -62,6 +62,7 @@ export const picture: typeof en.picture = {
 export const meter: typeof en.meter = {
   title: "Fokus",
   none: "Noch nichts gemessen",
+  unheard: "Noch ist nichts bekannt",
   noneBegin: "Eine beginnen",
   noneMore:
     "Das Livebild wird gemessen, sobald ein Weißbild aufgenommen ist: Eine Justage beginnt mit einem.",

@@ -64,6 +64,8 @@ export const picture = {
 export const meter = {
   title: "Focus",
   none: "Nothing measured yet",
+  /** Before the daemon has said anything. */
+  unheard: "Nothing is known yet",
   noneBegin: "Begin one",
   noneMore: "The live picture is measured once a white frame has been taken: an alignment begins with one.",
   unit: "px",

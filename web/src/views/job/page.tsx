@@ -27,7 +27,7 @@ export function AlignmentPage(scene: Scene) {
   const { state } = scene;
   const asked = state.route.jobs[0];
   const { unit } = state.preferences;
-  const earlier = useEarlier(scene, asked);
+  const { job: earlier, gone } = useEarlier(scene, asked);
   const interrupted = useInterrupted(scene);
   const present = currentJob(state) ?? interrupted;
   const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
@@ -41,9 +41,9 @@ export function AlignmentPage(scene: Scene) {
           </p>
         )}
         {job && <JobCard {...scene} job={job} present={job === present} />}
-        {!job && (
+        {!job && state.bench && (!asked || gone) && (
           <p class="card job" data-state="none">
-            {strings.job.none}
+            {asked ? strings.job.gone : strings.job.none}
           </p>
         )}
         {!asked && !running && <StartJob {...scene} />}
@@ -58,19 +58,22 @@ export function AlignmentPage(scene: Scene) {
   );
 }
 
-/** A job that this page has not followed. */
-function useEarlier({ state, act }: Scene, id: string | undefined): Job | null {
+/** A job that this page has not followed, or that there is none of that name; neither until the daemon has said. */
+function useEarlier({ state, load }: Scene, id: string | undefined): { job: Job | null; gone: boolean } {
   const [earlier, setEarlier] = useState<Job | null>(null);
+  const [gone, lose] = useState<string | null>(null);
+  const connected = state.link === "open";
+  const followed = id !== undefined && state.jobs.some((job) => job.id === id);
+  // What could not be asked while the daemon was away is asked when it is back.
   useEffect(() => {
-    if (id === undefined || state.jobs.some((job) => job.id === id)) return;
-    void act(
-      api.job(id).then((result) => {
-        if (result.ok) setEarlier(result.value);
-        return result;
-      }),
-    );
-  }, [id]);
-  return earlier?.id === id ? earlier : null;
+    if (id === undefined || !connected || followed) return;
+    void api.job(id).then((result) => {
+      if (result.ok) setEarlier(result.value);
+      else if (result.problem.status === 404) lose(id);
+      else void load(Promise.resolve(result));
+    });
+  }, [id, connected, followed]);
+  return { job: earlier?.id === id ? earlier : null, gone: gone === id };
 }
 
 function JobCard(scene: Scene & { job: Job; present: boolean }) {

@@ -147,7 +147,7 @@ export function Charts({ state, now }: Scene) {
     return of;
   }, [unit]);
   const words = strings.charts;
-  const none = looked === "recent" ? words.none : words.noneThen;
+  const none = state.bench === null ? "" : looked === "recent" ? words.none : words.noneThen;
   /** Whether there is nothing of the last curve in what is looked at. */
   const empty = ([at, ...curves]: uPlot.AlignedData) => {
     const { from, to } = shown.current;

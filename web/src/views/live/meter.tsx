@@ -147,13 +147,15 @@ function Nothing({ state }: Scene) {
       <h2>
         {strings.meter.title} <Alone />
       </h2>
-      <p>{strings.meter.none}</p>
-      <p class="quiet">
-        {strings.meter.noneMore}{" "}
-        {state.route.page !== "alignment" && may(state, "control") && (
-          <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>
-        )}
-      </p>
+      <p>{state.bench ? strings.meter.none : strings.meter.unheard}</p>
+      {state.bench && (
+        <p class="quiet">
+          {strings.meter.noneMore}{" "}
+          {state.route.page !== "alignment" && may(state, "control") && (
+            <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>
+          )}
+        </p>
+      )}
     </section>
   );
 }

@@ -28,7 +28,7 @@ export function MeterPage(given: Scene) {
       ? { of: strings.meter.missing[missing.is], more: missing.why }
       : reading
         ? { of: words ?? "", more: wanted?.main ?? "" }
-        : { of: strings.meter.none, more: "" };
+        : { of: state.bench ? strings.meter.none : strings.meter.unheard, more: "" };
   return (
     <section
       class="meter-alone"
