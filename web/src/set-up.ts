@@ -13,9 +13,15 @@ export function isBeingSetUp(bench: Bench | null, job: Job | null): boolean {
   return job?.state === "waiting_for_operator" && bench?.in_view === "unknown";
 }
 
-/** Whether the spacing's change over the field may be a tilt: over a board of several levels it is the board's. */
+/** Whether the spacing's change over the field may be a tilt: over a board of several levels it is the board's, and one of which
+ *  nobody has said what it is may be such a one. */
 export function showsTilt(bench: Bench | null): boolean {
-  return bench?.in_view !== "stepped_board" && bench?.in_view !== "other";
+  return bench?.in_view === "flat_board";
+}
+
+/** Whether it is known if an axis moves: of one that is not connected it is not. */
+export function knowsMotion(bench: Bench | null): boolean {
+  return bench?.axes.every((axis) => axis.connected) ?? false;
 }
 
 /** Whether a job would set Δv, in air, and not e through the shell. */

@@ -17,8 +17,8 @@ import {
   type State,
 } from "../src/state";
 import type { Bench, ServerMessage } from "../src/wire";
-import { reading as readingIn } from "../src/reading";
-import { isBeingSetUp, showsTilt } from "../src/set-up";
+import { bestAnew, reading as readingIn } from "../src/reading";
+import { isBeingSetUp, knowsMotion, showsTilt } from "../src/set-up";
 import { along, axisScale } from "../src/travel";
 import {
   bench,
@@ -334,9 +334,12 @@ describe("the bench anew", () => {
     // The aperture is set before the board that stands there.
     expect(isBeingSetUp({ ...bench, in_view: "flat_board" }, waiting)).toBe(false);
     expect([isBeingSetUp(bench, job("a", 1)), isBeingSetUp(bench, null)]).toEqual([false, false]);
+    expect([knowsMotion(bench), knowsMotion(null)]).toEqual([true, false]);
+    const unplugged = bench.axes.map((axis) => ({ ...axis, connected: axis.axis === "e" }));
+    expect(knowsMotion({ ...bench, axes: unplugged })).toBe(false);
     const of = (in_view: NonNullable<Bench["in_view"]>) => showsTilt({ ...bench, in_view });
     expect([of("unknown"), of("flat_board"), of("stepped_board"), of("other")]).toEqual([
-      true,
+      false,
       true,
       false,
       false,

@@ -9,6 +9,7 @@ export const picture: typeof en.picture = {
   same: (count) => `IMMER DASSELBE BILD · ${count}-mal`,
   preview: "grob, nur zur Ansicht",
   moving: "fährt",
+  mayMove: "fährt vielleicht",
   frame: (seq, age) => `Bild ${seq} · ${age} ms alt`,
   rate: (perSecond) => `${perSecond} Bilder/s`,
   skipped: (count) => `${count} nicht gezeigt`,
@@ -72,6 +73,7 @@ export const meter: typeof en.meter = {
   ago: (span) => `ALT · ${span}`,
   inFocus: "IM FOKUS",
   moving: "eine Achse fährt",
+  mayMove: "ob eine Achse fährt, ist nicht bekannt",
   tone: "Ton",
   toneMore: (key) =>
     `Ein Ton für Ohr und Hände (${key}): hoch, wenn der Punktabstand zu groß ist, tief, wenn er zu klein ist; Pulse, je näher desto schneller, und Dauerton, wo ein Auftrag ihn annähme`,
@@ -126,6 +128,7 @@ export const meter: typeof en.meter = {
   tiltNone: "keine erkennbar",
   tiltUntold: "Verkippung nicht angebbar",
   tiltUntoldMore: "vor der Hauptlinse stehen eine Stufentafel, zwei Tafeln oder keine",
+  tiltUnknown: "was vor der Hauptlinse steht, ist nicht bekannt",
   below: (angle) => `unter ${angle}`,
   tiltCaution: "zwischen Hauptlinse und MLA, wenn Tafel und Kugelschale rechtwinklig stehen",
   octant: {

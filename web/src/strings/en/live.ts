@@ -11,6 +11,7 @@ export const picture = {
   same: (count: number) => `THE SAME PICTURE · ${count} times`,
   preview: "coarse, for viewing only",
   moving: "moving",
+  mayMove: "perhaps moving",
   frame: (seq: number, age: string) => `frame ${seq} · ${age} ms old`,
   rate: (perSecond: string) => `${perSecond} pictures/s`,
   skipped: (count: number) => `${count} not shown`,
@@ -74,6 +75,7 @@ export const meter = {
   ago: (span: string) => `OLD · ${span}`,
   inFocus: "IN FOCUS",
   moving: "an axis moves",
+  mayMove: "whether an axis moves is not known",
   tone: "Tone",
   toneMore: (key: string) =>
     `A tone for ear and hands (${key}): high where the spacing is too large, low where it is too small; pulses that come faster the nearer it is, and no break where a job would accept it`,
@@ -128,6 +130,7 @@ export const meter = {
   tiltNone: "none that can be told",
   tiltUntold: "Tilt not told",
   tiltUntoldMore: "a board of several levels, two boards, or none, stand before the lens",
+  tiltUnknown: "what stands before the lens is not known",
   below: (angle: string) => `below ${angle}`,
   tiltCaution: "between lens and MLA, if board and shell are square",
   octant: {

@@ -2,7 +2,7 @@ import { tilt } from "../../correction";
 import { fixed, span } from "../../format";
 import { needle } from "../../needle";
 import { addressOf } from "../../route";
-import { isBeingSetUp, showsTilt } from "../../set-up";
+import { isBeingSetUp, knowsMotion, showsTilt } from "../../set-up";
 import { jobUnderWay, may } from "../../state";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
@@ -51,7 +51,9 @@ export function Meter(given: Scene) {
       </h2>
       <p class="meter-tags">
         <Pace framesLeftOut={state.framesLeftOut} combined={now?.frames ?? 0} />
-        {now && !now.settled && !old && <span class="tag">{strings.meter.moving}</span>}
+        {now && !now.settled && !old && (
+          <span class="tag">{knowsMotion(state.bench) ? strings.meter.moving : strings.meter.mayMove}</span>
+        )}
         {old && age !== null && <span class="tag old">{strings.meter.ago(span(age))}</span>}
         {now?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
         <Toggle
@@ -98,7 +100,7 @@ export function Meter(given: Scene) {
           (showsTilt(state.bench) && !state.reading?.twoBoards ? (
             <TiltArrow tilt={leaning} />
           ) : (
-            <TiltUntold />
+            <TiltUntold known={state.bench?.in_view !== "unknown" || Boolean(state.reading?.twoBoards)} />
           ))}
         <BestHeld {...scene} />
       </div>

@@ -63,7 +63,11 @@ export function LivePicture(scene: Props) {
         {shown === "fresh" && <span>{strings.picture.rate(fixed(eyepiece.rate, 1))}</span>}
         {facts && facts.framesSkipped > 0 && <span>{strings.picture.skipped(facts.framesSkipped)}</span>}
         {facts?.preview && <span class="tag">{strings.picture.preview}</span>}
-        {facts && !facts.settled && <span class="tag">{strings.picture.moving}</span>}
+        {facts && !facts.settled && (
+          <span class="tag">
+            {knowsMotion(state.bench) ? strings.picture.moving : strings.picture.mayMove}
+          </span>
+        )}
         {camera && !camera.online && (
           <span class="tag bad">
             {strings.picture.cameraOffline}

@@ -1,5 +1,5 @@
 import { fixed, span } from "../../format";
-import { isBeingSetUp } from "../../set-up";
+import { isBeingSetUp, knowsMotion } from "../../set-up";
 import { jobUnderWay, turnOf } from "../../state";
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
@@ -54,8 +54,10 @@ export function MeterPage(given: Scene) {
           )
         )}
         {reading?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
-        {reading && !reading.settled && !old && <span class="tag">{strings.meter.moving}</span>}
-        {turnOf(state) !== null && (
+        {reading && !reading.settled && !old && (
+          <span class="tag">{knowsMotion(state.bench) ? strings.meter.moving : strings.meter.mayMove}</span>
+        )}
+        {job && turnOf(state) !== null && (
           <a class="tag turn" href={addressOf("alignment")}>
             {strings.meterPage.turn}
           </a>
