@@ -133,6 +133,17 @@ function directionOf(differencePx: number, sigmaPx: number, tolerancePx: number,
 /** The reading that is closest to its target as far as can be told, and where the axes stood. */
 export type Best = Pick<Reading, "differencePx" | "sigmaPx" | "targetPx" | "focusMm" | "eMm">;
 
+/** What the best begins with anew: nothing where there is no reading now, or one of two boards. */
+export function bestAnew({
+  reading,
+  missing,
+}: {
+  reading: Reading | null;
+  missing: Missing | null;
+}): Best | null {
+  return reading && missing === null && !reading.twoBoards ? best(null, reading) : null;
+}
+
 /** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */
 export function best(held: Best | null, now: Reading): Best {
   const { differencePx, sigmaPx, targetPx, focusMm, eMm } = now;

@@ -225,6 +225,14 @@ describe("what the meter reads, frame by frame", () => {
     expect(found).toMatchObject({ missing: null, reading: { spacingPx: 19.7 } });
   });
 
+  it("leaves no best to begin with anew where it is lost, or of two boards", () => {
+    const state = receiveReading(open(), frameReading(19.73, 3000), 3050);
+    expect(bestAnew(state)).toMatchObject({ targetPx: state.reading?.targetPx });
+    expect(bestAnew(receiveReading(state, lostReading("gone", 3100), 3150))).toBeNull();
+    const twoBoards = { spacings_px: [19.7, 19.1], share: 0.3, difference_sigma_px: 0.01 };
+    expect(bestAnew({ ...state, reading: state.reading && { ...state.reading, twoBoards } })).toBeNull();
+  });
+
   it("is old after a second without it, and at once where a frame cannot be measured", () => {
     const read = receiveReading(open(), frameReading(19.73, 3000), 3050);
     expect([meterAge(read, 3150), isMeterOld(read, 3999)]).toEqual([150, false]);

@@ -1,6 +1,6 @@
 import { signed } from "../../format";
 import { digits } from "../../meter";
-import { best } from "../../reading";
+import { bestAnew } from "../../reading";
 import { strings } from "../../strings";
 import { length } from "../../units";
 import type { Scene } from "../scene";
@@ -11,7 +11,7 @@ export function BestHeld({ state, update }: Scene) {
   const held = state.best;
   if (!held) return null;
   const at = (mm: number | null) => (mm === null ? strings.axis.unknown : length(mm, state.preferences.unit));
-  const anew = () => update({ best: state.reading && best(null, state.reading) });
+  const anew = () => update({ best: bestAnew(state) });
   return (
     <div class="best-held">
       <p>
