@@ -452,7 +452,9 @@ async function handOver(page) {
   const other = await context.newPage();
   const theirs = faults(other);
   await other.goto(new URL("#/alignment", page.url()).href);
-  await other.locator(".operator h3", { hasText: heading }).waitFor();
+  const theirTurn = heading.replace("Your turn", "The operator’s turn");
+  await other.locator(".operator h3", { hasText: theirTurn }).waitFor();
+  assert.match(await other.title(), /^● The operator’s turn/);
   await other.locator(".give-key", { hasText: /^Only .* confirms this/ }).waitFor();
   assert.equal(await other.locator("#confirm").count(), 0, "a viewer without a key is offered to confirm");
   assert.equal(await other.locator("#confirm-link").count(), 0);

@@ -1,13 +1,14 @@
 import { useEffect } from "preact/hooks";
 import { spoken } from "../language";
 import { strings } from "../strings";
-import { turnOf, type State } from "../state";
+import { jobUnderWay, turnOf, type State } from "../state";
 import type { Problem, TokenRequest } from "../wire";
 import { AskName } from "./ask-name";
 import { Header } from "./header";
 import { DesignPage } from "./design/page";
 import { HistoryPage } from "./history/page";
 import { AlignmentPage } from "./job/page";
+import { mayConfirm } from "./job/turn";
 import { LivePage } from "./live/page";
 import { MeterPage } from "./meter/page";
 import { ProblemLine } from "./problem";
@@ -48,7 +49,8 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
   };
   const simulated = state.bench?.simulated ?? false;
   const where = state.session === "stranger" ? strings.signIn.signIn : strings.pages[state.route.page];
-  const turn = turnOf(state) !== null;
+  const asking = turnOf(state) === null ? null : jobUnderWay(state);
+  const turn = asking && (mayConfirm(state, asking) ? "yours" : "operators");
   const { language } = spoken;
   useEffect(() => {
     document.documentElement.lang = language;

@@ -5,7 +5,7 @@ import type * as en from "../en/frame";
 export const frame: typeof en.frame = {
   title: "Plenalign",
   windowTitle: (page, simulated, turn) =>
-    `${turn ? "● Sie sind dran · " : ""}${simulated ? "SIMULIERT · " : ""}${page} · Plenalign`,
+    `${turn === null ? "" : turn === "yours" ? "● Sie sind dran · " : "● Die Bedienung ist dran · "}${simulated ? "SIMULIERT · " : ""}${page} · Plenalign`,
   simulated: "SIMULIERTER PRÜFSTAND",
   simulatedMore: "Keine Hardware angeschlossen: Jedes Bild und jede Zahl hier ist berechnet.",
   replay: "WIEDERGABE",

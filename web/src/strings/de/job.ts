@@ -124,6 +124,7 @@ export const job: typeof en.job = {
   link: "Link",
   renewKey: "Neuen erstellen; der bisherige gilt nicht mehr",
   operator: (step) => `Sie sind dran · Nr. ${step}`,
+  operators: (step) => `Die Bedienung ist dran · Nr. ${step}`,
   progress: (step, of) => `Schritt ${step} von etwa ${of}`,
   left: (text) => `noch etwa ${text}, ohne Ihren Anteil`,
   figure: (of, value) => `${of} ${value}`,
@@ -136,7 +137,7 @@ export const job: typeof en.job = {
   state: {
     pending: "Wartet",
     running: "Läuft",
-    waiting_for_operator: "Wartet auf Sie",
+    waiting_for_operator: "Wartet auf die Bedienung",
     cancelling: "Wird abgebrochen",
     converged: "Konvergiert",
     succeeded: "Fertig",

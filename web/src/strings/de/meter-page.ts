@@ -10,4 +10,5 @@ export const meterPage: typeof en.meterPage = {
   spacing: (spacing, sigma, target) => `${spacing} ± ${sigma} px, Soll ${target} px`,
   age: (seconds) => `${seconds} s alt`,
   turn: "Sie sind dran",
+  operatorsTurn: "Die Bedienung ist dran",
 };

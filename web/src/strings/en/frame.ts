@@ -5,8 +5,8 @@ import type { Scope } from "../../wire";
 
 export const frame = {
   title: "Plenalign",
-  windowTitle: (page: string, simulated: boolean, turn: boolean) =>
-    `${turn ? "● Your turn · " : ""}${simulated ? "SIMULATED · " : ""}${page} · Plenalign`,
+  windowTitle: (page: string, simulated: boolean, turn: "yours" | "operators" | null) =>
+    `${turn === null ? "" : turn === "yours" ? "● Your turn · " : "● The operator’s turn · "}${simulated ? "SIMULATED · " : ""}${page} · Plenalign`,
   simulated: "SIMULATED BENCH",
   simulatedMore: "No hardware is attached: every picture and figure here is computed.",
   replay: "REPLAY",

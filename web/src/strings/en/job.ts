@@ -119,6 +119,8 @@ export const job = {
   link: "Link",
   renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
+  /** To who cannot confirm it. */
+  operators: (step: number) => `The operator’s turn · no. ${step}`,
   progress: (step: number, of: number) => `step ${step} of about ${of}`,
   left: (text: string) => `about ${text} left, not counting your part`,
   figure: (of: string, value: string) => `${of} ${value}`,
@@ -131,7 +133,7 @@ export const job = {
   state: {
     pending: "Pending",
     running: "Running",
-    waiting_for_operator: "Waiting for you",
+    waiting_for_operator: "Waiting for the operator",
     cancelling: "Cancelling",
     converged: "Converged",
     succeeded: "Done",

@@ -9,4 +9,5 @@ export const meterPage = {
     `${spacing} ± ${sigma} px, target ${target} px`,
   age: (seconds: string) => `${seconds} s old`,
   turn: "Your turn",
+  operatorsTurn: "The operator’s turn",
 };

@@ -82,7 +82,7 @@ function Again(scene: Scene & { job: Job; step: JobStep }) {
   const waiting = job.state === "waiting_for_operator" ? job.operator_step : null;
   const { number } = step;
   const offered =
-    typeof number === "number" && (waiting?.repeatable ?? []).includes(number) && mayConfirm(scene);
+    typeof number === "number" && (waiting?.repeatable ?? []).includes(number) && mayConfirm(state, job);
   const [asked, ask] = useAsked<true>(offered && able(state, "control"));
   if (!offered) return null;
   const words = strings.steps;

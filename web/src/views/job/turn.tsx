@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
 import { keyWithin } from "../../confirm-key";
-import { able, may } from "../../state";
+import { able, may, type State } from "../../state";
 import { called } from "../../names";
 import { strings } from "../../strings";
 import { reworded, type LengthUnit } from "../../units";
@@ -21,7 +21,8 @@ export function Turn(scene: Scene & { job: Job }) {
   const { unit } = state.preferences;
   const step = job.state === "waiting_for_operator" ? job.operator_step : null;
   const setup = step && job.steps?.find(({ number }) => number === step.number)?.setup;
-  const confirmable = Boolean(step) && mayConfirm(scene);
+  const confirmable = Boolean(step) && mayConfirm(state, job);
+  const heading = step ? headingOf(step, confirmable) : strings.job.itsTurn;
   const [sent, send] = useState<number | null>(null);
   const [leaving, leave] = useAsked<true>(job.state !== "cancelling" && able(state, "control"));
   const settled = useSettled(confirmable && step ? step.number : null);
@@ -42,9 +43,9 @@ export function Turn(scene: Scene & { job: Job }) {
       tabIndex={-1}
       role="group"
       aria-live="polite"
-      aria-label={step ? strings.job.operator(step.number) : strings.job.itsTurn}
+      aria-label={heading}
     >
-      <h3>{step ? strings.job.operator(step.number) : strings.job.itsTurn}</h3>
+      <h3>{heading}</h3>
       <p class="actions">
         {confirmable && (
           <button
@@ -100,6 +101,11 @@ function Instruction({ step, unit }: { step: OperatorStep; unit: LengthUnit }) {
   );
 }
 
+/** Whose turn it is, to who may confirm it and to who looks on. */
+function headingOf({ number }: OperatorStep, confirmable: boolean): string {
+  return confirmable ? strings.job.operator(number) : strings.job.operators(number);
+}
+
 /** Enter answers a prompt, unless whoever is at the keyboard is at something else; what had the focus may be gone. */
 function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
   const focused = document.activeElement;
@@ -108,7 +114,7 @@ function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
 }
 
 /** Whether this tab holds the lease that the job has, or the job's confirm key. */
-export function mayConfirm({ state, job }: Scene & { job: Job }): boolean {
+export function mayConfirm(state: State, job: Job): boolean {
   if (!may(state, "control")) return false;
   return api.confirmKeys.of(job.id) !== null || api.lease.hasJob(state.bench?.lease ?? null, job.id);
 }

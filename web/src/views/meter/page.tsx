@@ -5,6 +5,7 @@ import { addressOf } from "../../route";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
 import { FullScreen } from "../full-screen";
+import { mayConfirm } from "../job/turn";
 import { ARROW, NO_FIGURE, useNewest, useShown } from "../live/shown";
 import { Spoken } from "../live/spoken";
 import type { Scene } from "../scene";
@@ -18,7 +19,8 @@ export function MeterPage(given: Scene) {
   const scene = useNewest(given);
   const { state, now, update } = scene;
   const shown = useShown(scene);
-  const settingUp = isBeingSetUp(state.bench, jobUnderWay(state));
+  const job = jobUnderWay(state);
+  const settingUp = isBeingSetUp(state.bench, job);
   const { missing, old, ageMs, words, wanted } = shown;
   const reading = settingUp ? null : shown.reading;
   const figure = settingUp ? NO_FIGURE : missing?.is === "lost" ? strings.meter.lost : shown.difference;
@@ -59,7 +61,7 @@ export function MeterPage(given: Scene) {
         )}
         {job && turnOf(state) !== null && (
           <a class="tag turn" href={addressOf("alignment")}>
-            {strings.meterPage.turn}
+            {mayConfirm(state, job) ? strings.meterPage.turn : strings.meterPage.operatorsTurn}
           </a>
         )}
       </p>
