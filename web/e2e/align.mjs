@@ -312,8 +312,17 @@ try {
   assert((await answer(page, (confirm) => confirm.click(), { timed: true })) >= 3);
   await page.locator(".job .outcome.converged").waitFor();
 
-  step("a job that ended early says what still holds");
+  step("the history goes on with the job that is under way");
   await page.locator("#start").click();
+  await page.locator(".turn").waitFor();
+  await open(page, "History");
+  await page
+    .locator("table.jobs tbody tr", { hasText: "Waiting for the operator" })
+    .first()
+    .waitFor({ timeout: 30_000 });
+  await open(page, "Alignment");
+
+  step("a job that ended early says what still holds");
   await page.locator("#confirm").waitFor({ timeout: 30_000 });
   await cancel(page);
   await wayOn.getByText("The air step still holds").waitFor();

@@ -47,20 +47,27 @@ function options(colours: Theme): Options {
 }
 
 /** Runs chosen, against one another. */
-export function Compare({ ids, act }: Scene & { ids: string[] }) {
+export function Compare({ ids, load, state }: Scene & { ids: string[] }) {
+  const connected = state.link === "open";
   const [kept, setKept] = useState<Record<string, Job>>({});
   useEffect(() => {
-    for (const id of ids.filter((id) => !kept[id])) {
-      void act(
+    for (const id of connected ? ids.filter((id) => !kept[id]) : []) {
+      void load(
         api.job(id).then((result) => {
           if (result.ok) setKept((before) => ({ ...before, [id]: result.value }));
           return result;
         }),
       );
     }
-  }, [ids.join()]);
-  const runs = ids.map((id) => kept[id]).filter((run) => run !== undefined);
-  const data = useMemo(() => comparison(runs), [runs.map((run) => run.id).join()]);
+  }, [ids.join(), connected]);
+  // One that is under way goes on.
+  const runs = ids
+    .map((id) => state.jobs.find((job) => job.id === id) ?? kept[id])
+    .filter((run) => run !== undefined);
+  const data = useMemo(
+    () => comparison(runs),
+    [runs.map(({ id, iterations }) => `${id} ${iterations.length}`).join()],
+  );
   if (runs.length === 0) return null;
   return (
     <section class="card compare" aria-label={strings.history.compareTitle(runs.length)}>

@@ -1,10 +1,10 @@
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
 import { everything, queryOf, type Filter } from "../../job-query";
 import { addressOf } from "../../route";
 import { isFinal } from "../../state";
 import { strings } from "../../strings";
-import type { JobItem } from "../../wire";
+import type { Job, JobItem } from "../../wire";
 import type { Scene } from "../scene";
 import { Compare } from "./compare";
 import { Filters } from "./filters";
@@ -36,7 +36,11 @@ export function HistoryPage(scene: Scene) {
       }),
     );
 
-  // Anew with another filter, after a job has ended, and when the daemon is back.
+  const asked = useRef(filter);
+  asked.current = filter;
+
+  // Anew with another filter, after a job has begun or ended, and when the daemon is back.
+  const begun = state.jobs.length;
   const ended = state.jobs.filter((job) => isFinal(job.state)).length;
   useEffect(() => {
     let wanted = state.link !== "lost";
@@ -45,7 +49,7 @@ export function HistoryPage(scene: Scene) {
       wanted = false;
       clearTimeout(timer);
     };
-  }, [filter, ended, state.bootId, state.link]);
+  }, [filter, begun, ended, state.bootId, state.link]);
 
   const choose = (id: string, on: boolean) => {
     const rest = chosen.filter((one) => one !== id);
@@ -61,11 +65,18 @@ export function HistoryPage(scene: Scene) {
             {strings.history.missing}: {fault}
           </p>
         )}
-        {jobs && <JobTable jobs={jobs} chosen={chosen} unit={state.preferences.unit} choose={choose} />}
+        {jobs && (
+          <JobTable
+            jobs={jobs.map((job) => followed(job, state.jobs))}
+            chosen={chosen}
+            unit={state.preferences.unit}
+            choose={choose}
+          />
+        )}
         {jobs?.length === 0 && <p>{strings.history.none}</p>}
         {next && (
           <p class="actions">
-            <button type="button" onClick={() => void load(next, jobs ?? [], () => true)}>
+            <button type="button" onClick={() => void load(next, jobs ?? [], () => asked.current === filter)}>
               {strings.history.more}
             </button>
           </p>
@@ -75,4 +86,12 @@ export function HistoryPage(scene: Scene) {
       {chosen.length > 0 && <Compare {...scene} ids={chosen} />}
     </div>
   );
+}
+
+/** A job as it is by now: what is under way goes on after it was listed. */
+function followed(listed: JobItem, jobs: Job[]): JobItem {
+  const job = jobs.find(({ id }) => id === listed.id);
+  if (!job) return listed;
+  const { state, reason = null, progress, iterations, recording = null } = job;
+  return { ...listed, state, reason, progress, iterations: iterations.length, recording };
 }
