@@ -67,7 +67,7 @@ const update = (change: Partial<State>) => set({ ...state, ...change });
 function set(next: State, everyMs = SOON_MS): void {
   const before = state;
   state = next;
-  if (next.preferences !== before.preferences) keep(localStorage, next.preferences);
+  if (next.preferences !== before.preferences) keep(localStorage, next.preferences, before.preferences);
   if (next.resetSeen !== null && next.resetSeen !== before.resetSeen)
     sessionStorage.setItem(RESET_SEEN, next.resetSeen);
   if (endsPress(before, next)) jog.release();

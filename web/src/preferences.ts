@@ -70,9 +70,18 @@ export function recall(storage: Pick<Storage, "getItem">): Preferences {
   };
 }
 
-export function keep(storage: Pick<Storage, "setItem">, preferences: Preferences): void {
+/** Keeps what has been changed since `before`: another tab of the browser may have kept something else meanwhile. */
+export function keep(
+  storage: Pick<Storage, "getItem" | "setItem">,
+  preferences: Preferences,
+  before: Preferences,
+): void {
+  const changed = Object.entries(preferences).filter(
+    ([name, value]) => value !== before[name as keyof Preferences],
+  );
   try {
-    storage.setItem(KEY, JSON.stringify(preferences));
+    const kept = { ...recall(storage), ...Object.fromEntries(changed) };
+    storage.setItem(KEY, JSON.stringify(kept));
   } catch {
     // A browser that keeps nothing works all the same, until it is closed.
   }

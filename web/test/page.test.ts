@@ -36,8 +36,12 @@ describe("preferences", () => {
       show: "depth" as const,
       stepMm: 1,
     };
-    keep({ setItem: (_name, value) => void (text = value) }, mine);
-    expect(recall(kept(text))).toEqual(mine);
+    const storage = { getItem: () => text, setItem: (_name: string, value: string) => void (text = value) };
+    keep(storage, mine, standard);
+    expect(recall(storage)).toEqual(mine);
+    // Another tab of the browser, which was opened before, changes something else.
+    keep(storage, { ...standard, stepMm: 0.01 }, standard);
+    expect(recall(storage)).toEqual({ ...mine, stepMm: 0.01 });
   });
 
   it("are standard where what was kept is none", () => {
