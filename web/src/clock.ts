@@ -19,6 +19,16 @@ export function ahead(clock: Clock): number | null {
   return clock.length > 0 ? Math.min(...clock) : null;
 }
 
+/** How much longer than the one that waited least the newest tick waited, ms: all that comes waits with it. */
+export function lateness(clock: Clock): number {
+  return (clock.at(-1) ?? 0) - (ahead(clock) ?? 0);
+}
+
+/** How long it is until a moment of the daemon's clock, RFC 3339, whole seconds; 0 once it has passed. */
+export function secondsLeft(until: string, clock: Clock, now: number): number {
+  return Math.max(0, Math.round((Date.parse(until) + (ahead(clock) ?? 0) - now) / 1000));
+}
+
 /** This page's clock when the daemon sent a picture that came at `cameAt`, ms. */
 export function sentAt(clock: Clock, picture: { capturedAt: Date; ageMs: number }, cameAt: number): number {
   const aheadMs = ahead(clock);

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { nextAt } from "../src/cadence";
-import { ahead, heard, sentAt, unknown } from "../src/clock";
+import { ahead, heard, lateness, secondsLeft, sentAt, unknown } from "../src/clock";
 
 const at = (second: number) => new Date(Date.UTC(2026, 0, 1, 0, 0, second));
 
@@ -15,6 +15,7 @@ describe("the daemon's clock", () => {
     clock = heard(clock, ...tick(2, 3));
     clock = heard(clock, ...tick(4, 900));
     expect(ahead(clock)).toBe(AHEAD + 3);
+    expect([lateness(unknown), lateness(clock), lateness(heard(clock, ...tick(6, 3)))]).toEqual([0, 897, 0]);
     expect(heard(clock, 0, "no time")).toBe(clock);
   });
 
@@ -22,6 +23,14 @@ describe("the daemon's clock", () => {
     let clock = heard(unknown, ...tick(0, 0));
     for (let second = 2; second < 24; second += 1) clock = heard(clock, ...tick(second, 60_000));
     expect(ahead(clock)).toBe(AHEAD + 60_000);
+  });
+
+  it("tells how long something lasts, whatever this page's clock says", () => {
+    const now = at(10).getTime() + AHEAD;
+    const clock = heard(unknown, ...tick(0, 0));
+    expect(secondsLeft(at(40).toISOString(), clock, now)).toBe(30);
+    expect(secondsLeft(at(9).toISOString(), clock, now)).toBe(0);
+    expect(secondsLeft(at(40).toISOString(), unknown, now)).toBe(25);
   });
 
   it("tells when a picture was sent, however long it waited after", () => {

@@ -1,4 +1,5 @@
 import * as api from "../../api";
+import { secondsLeft } from "../../clock";
 import { able, may } from "../../state";
 import type { ControlLost } from "../../lease";
 import { called } from "../../names";
@@ -18,9 +19,7 @@ export function Lease({ state, act, now }: Scene) {
   const lease = bench.lease ?? null;
   const mine = api.lease.isMine(lease);
   const commanding = may(state, "control");
-  const left = lease?.expires_at
-    ? Math.max(0, Math.round((Date.parse(lease.expires_at) - now) / 1000))
-    : null;
+  const left = lease?.expires_at ? secondsLeft(lease.expires_at, state.clock, now) : null;
   const words =
     state.link !== "open"
       ? strings.lease.unclear
