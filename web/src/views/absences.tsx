@@ -4,13 +4,15 @@ import type { Bench } from "../wire";
 /** That the camera or a stage is gone, on every page: what is done there rests on them. */
 export function Absences({ bench }: { bench: Bench }) {
   const gone = bench.axes.filter((axis) => !axis.connected);
+  const faults = [...new Set(gone.flatMap((axis) => axis.fault ?? []))];
   const { camera } = bench;
   return (
     <>
       {!camera.online && (
         <div class="problem" role="alert" id="camera-gone">
           <p>
-            <b>{strings.cameraGone}.</b> {camera.fault ?? strings.cameraGoneMore}
+            <b>{strings.cameraGone}.</b>{" "}
+            {camera.fault ? <span lang="en">{camera.fault}</span> : strings.cameraGoneMore}
           </p>
         </div>
       )}
@@ -18,7 +20,7 @@ export function Absences({ bench }: { bench: Bench }) {
         <div class="problem" role="alert" id="stage-gone">
           <p>
             <b>{strings.stageGone(gone.map((axis) => strings.axis.name[axis.axis]))}.</b>{" "}
-            {gone[0]?.fault ?? strings.stageGoneMore}
+            {faults.length > 0 ? <span lang="en">{faults.join("; ")}</span> : strings.stageGoneMore}
           </p>
         </div>
       )}

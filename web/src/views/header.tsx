@@ -75,7 +75,7 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
       {bench?.history_fault && (
         <div class="problem" role="alert" id="history-fault">
           <p>
-            <b>{strings.historyFault}.</b> {bench.history_fault}
+            <b>{strings.historyFault}.</b> <span lang="en">{bench.history_fault}</span>
           </p>
         </div>
       )}

@@ -94,7 +94,7 @@ function Field({ field, base, edited, faults, unit, set }: Props & { field: Draf
         {unitOf(field.measure, unit)}
       </span>
       {wrong.map((fault) => (
-        <p class="fault" role="alert" id={`${id}-fault`} key={fault.message}>
+        <p class="fault" role="alert" lang="en" id={`${id}-fault`} key={fault.message}>
           {reworded(fault.message, unit)}
         </p>
       ))}

@@ -156,7 +156,7 @@ function Strays({ faults, unit }: { faults: ConfigFault[]; unit: LengthUnit }) {
       {faults.length > strays.length && <p>{strings.design.wrong(faults.length - strays.length)}</p>}
       {strays.map((fault) => (
         <p key={fault.key}>
-          <b>{fault.key}</b> {reworded(fault.message, unit)}
+          <b>{fault.key}</b> <span lang="en">{reworded(fault.message, unit)}</span>
         </p>
       ))}
     </>

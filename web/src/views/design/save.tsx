@@ -82,7 +82,7 @@ export function Save({ state, act, changes, wrong, working, obstacles }: Props) 
       {because === words.blocked.obstacles &&
         obstacles.map((obstacle) => (
           <p class="fault" key={obstacle.key + obstacle.message}>
-            <b>{obstacle.key}</b> {reworded(obstacle.message, state.preferences.unit)}
+            <b>{obstacle.key}</b> <span lang="en">{reworded(obstacle.message, state.preferences.unit)}</span>
           </p>
         ))}
       {written && (

@@ -82,7 +82,9 @@ export function Meter(given: Scene) {
       {missing && (
         <p class="advice">
           <b>{strings.meter.missing[missing.is]}:</b>{" "}
-          <small>{lostOverSteps ? strings.meter.overSteps : missing.why}</small>
+          <small lang={lostOverSteps ? undefined : "en"}>
+            {lostOverSteps ? strings.meter.overSteps : missing.why}
+          </small>
         </p>
       )}
       {!missing && now && wanted && (

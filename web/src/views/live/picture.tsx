@@ -71,13 +71,13 @@ export function LivePicture(scene: Props) {
         {camera && !camera.online && (
           <span class="tag bad">
             {strings.picture.cameraOffline}
-            {camera.fault ? `: ${camera.fault}` : ""}
+            {camera.fault ? <span lang="en">: {camera.fault}</span> : ""}
           </span>
         )}
         <Legend {...scene} />
       </p>
       {camera?.notes.map((note) => (
-        <p class="facts" role="note" key={note}>
+        <p class="facts" role="note" lang="en" key={note}>
           {note}
         </p>
       ))}

@@ -86,8 +86,12 @@ export function MeterPage(given: Scene) {
         </Toggle>
         <FullScreen />
       </p>
-      {!old && reading && (
-        <Spoken reading={reading} text={strings.meter.spoken(says.of, figure, says.more)} now={now} />
+      {!old && !settingUp && (reading || missing?.is === "lost") && (
+        <Spoken
+          reading={reading}
+          text={reading ? strings.meter.spoken(says.of, figure, says.more) : says.of}
+          now={now}
+        />
       )}
     </section>
   );

@@ -128,11 +128,11 @@ export function Configuration({ state, act, load: ask }: Scene) {
           </p>
           {strays.map((fault) => (
             <p class="fault" key={fault.key}>
-              <b>{fault.key}</b> {fault.message}
+              <b>{fault.key}</b> <span lang="en">{fault.message}</span>
             </p>
           ))}
           {check?.notices.map((notice) => (
-            <p class="notice" key={notice}>
+            <p class="notice" lang="en" key={notice}>
               {notice}
             </p>
           ))}

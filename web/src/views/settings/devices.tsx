@@ -66,7 +66,12 @@ function Device({ title, names, more, unusable }: Props) {
   return (
     <div class="device">
       <p>
-        <b>{title}</b> {more && <span class={unusable ? "fault" : "quiet"}>{more}</span>}
+        <b>{title}</b>{" "}
+        {more && (
+          <span class={unusable ? "fault" : "quiet"} lang={unusable ? "en" : undefined}>
+            {more}
+          </span>
+        )}
       </p>
       {names.map((name) => (
         <code key={name}>{name}</code>
