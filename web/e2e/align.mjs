@@ -66,6 +66,7 @@ try {
   await plan.locator("summary", { hasText: "You are asked 4 times" }).click();
   const asked = await plan.locator("ol li").allInnerTexts();
   assert.match(asked[1], /Triple-level board in air: 159\.2, 167\.2, 175\.2 mm/);
+  await plan.getByText(/by the picture and the axes alone/).waitFor();
   await photograph(page, "start");
 
   step("what cannot be aligned cannot be started, and says why");

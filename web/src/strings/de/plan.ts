@@ -11,5 +11,5 @@ export const plan: typeof en.plan = {
   above: (e, tolerance, more) =>
     `e kommt auf ${e} ± ${tolerance}, oder bis zu ${more} mehr, wo die Sperre die Achse nicht weiter lässt.`,
   expected: (spacing, deltaV, e) =>
-    `Erwartete Unsicherheit: ${spacing}, das sind ${deltaV} bei Δv und ${e} bei e:`,
+    `Erwartete Unsicherheit: ${spacing}, das sind ${deltaV} bei Δv und ${e} bei e, nach Bild und Achsen allein; die der Konfiguration kommt im Bericht hinzu:`,
 };

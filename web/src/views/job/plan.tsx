@@ -93,7 +93,9 @@ export function PlanSummary({ plan, kind, unit }: { plan: Plan; kind: JobKind; u
           length(plan.delta_v_sigma_mm, unit, 4),
           length(plan.e_sigma_mm, unit, 3),
         )}{" "}
-        <span class="quiet">{plan.assumed}</span>
+        <span class="quiet" lang="en">
+          {plan.assumed}
+        </span>
       </p>
     </details>
   );
