@@ -15,7 +15,7 @@ import { BudgetTable } from "./budget";
 import { Rows } from "./rows";
 
 /** The report's figures in words. */
-export function figures(report: Report, unit: LengthUnit): [string, string][] {
+export function figures(report: Report, unit: LengthUnit): [string, string, "en"?][] {
   const words = strings.report;
   const at = (mm: number | null | undefined) =>
     typeof mm === "number" ? length(mm, unit, 3) : words.unknown;
@@ -26,7 +26,7 @@ export function figures(report: Report, unit: LengthUnit): [string, string][] {
     interval ? words.fromTo(end(interval.low_mm, digits), end(interval.high_mm, digits)) : none;
   const against = (value: string | null, target: string) =>
     `${value ?? words.notMeasured}, ${words.targetOf(target)}`;
-  const rows: [string, string][] = [
+  const rows: [string, string, "en"?][] = [
     [
       words.deltaV,
       against(
@@ -62,7 +62,7 @@ export function figures(report: Report, unit: LengthUnit): [string, string][] {
         spacing(report.spacing_targets.window_px),
       ),
     ],
-    [words.step, reworded(report.shell_step_done, unit)],
+    [words.step, reworded(report.shell_step_done, unit), "en"],
     [words.design, report.design_origin],
   ];
   const [x, y] = report.tilt_deg ?? [];

@@ -1,15 +1,15 @@
 import { Explained } from "../term";
 
 /** Figures by their names. */
-export function Rows({ of }: { of: [name: string, value: string][] }) {
+export function Rows({ of }: { of: [name: string, value: string, lang?: "en"][] }) {
   return (
     <dl>
-      {of.map(([name, value]) => (
+      {of.map(([name, value, lang]) => (
         <div key={name}>
           <dt>
             <Explained text={name} />
           </dt>
-          <dd>{value}</dd>
+          <dd lang={lang}>{value}</dd>
         </div>
       ))}
     </dl>

@@ -66,7 +66,7 @@ export function MeterPage(given: Scene) {
         )}
       </p>
       <p class="advice">
-        <b>{says.of}.</b> {says.more}
+        <b>{says.of}.</b> <span lang={missing && !settingUp ? "en" : undefined}>{says.more}</span>
       </p>
       <p class="quiet exact">
         {reading &&

@@ -66,7 +66,7 @@ function Input({ id, of, value, editable, set, faults }: Props & { id: string })
         onChange={(event) => set(event.currentTarget.value)}
       >
         {editor.choices.map((choice) => (
-          <option key={choice.value} value={choice.value} title={choice.meaning}>
+          <option key={choice.value} value={choice.value} lang="en" title={choice.meaning}>
             {choice.value}
           </option>
         ))}
