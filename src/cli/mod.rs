@@ -34,6 +34,7 @@ mod render;
 mod replay;
 mod report;
 mod serve;
+mod sim_camera;
 mod sim_stage;
 mod stop;
 mod stop_axes;
@@ -101,6 +102,8 @@ enum Command {
     Jobs(jobs::Args),
     /// Serve the simulated bench and align it before your eyes.
     Demo(demo::Args),
+    /// Stand in for a GigE Vision camera, on the network.
+    SimCamera(sim_camera::Args),
     /// Stand in for a stage controller, behind a pseudo-terminal or a TCP port.
     SimStage(sim_stage::Args),
     /// Stop the configured axes straight over their ports, where no daemon runs.
@@ -179,6 +182,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         }
         Command::Jobs(args) => jobs::run(settings.open()?, args),
         Command::Demo(args) => demo::run(settings.open()?, args),
+        Command::SimCamera(args) => sim_camera::run(settings.open()?, args),
         Command::SimStage(args) => sim_stage::run(settings.open()?, args),
         Command::StopAxes(args) => stop_axes::run(settings.open_to_stop()?, args),
         // It says itself what is wrong with the configuration.

@@ -25,8 +25,9 @@ pub enum CameraDriver {
 }
 
 /// The moment that a GenICam camera's timestamps are of, which differs by vendor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum TimestampMeans {
     /// The exposure's start.
     ExposureStart,

@@ -5,6 +5,7 @@
 pub mod bench;
 pub mod camera;
 pub mod configured;
+pub mod gige;
 mod picture;
 pub mod plant;
 mod reel;

@@ -407,6 +407,13 @@ impl Truth {
         }
     }
 
+    /// A carriage stands there, mm, by the word of whoever has moved it. The shell stops it as it stops one that is turned.
+    pub fn carry(&self, axis: AxisName, coordinate_mm: f64) {
+        let mut world = self.world();
+        world.carriage(axis).place(coordinate_mm);
+        world.note_shell(self.config.bench.simulation.contact_e_mm);
+    }
+
     /// The truth as a JSON object, for reports.
     #[must_use]
     pub fn report(&self) -> serde_json::Value {

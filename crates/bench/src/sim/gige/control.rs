@@ -1,0 +1,429 @@
+//! GVCP: who may do what with the camera, and doing it.
+
+use std::collections::VecDeque;
+use std::net::{Ipv4Addr, SocketAddrV4};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use super::addresses::{IDENTITY, PRIVILEGE};
+use super::faults::{Chance, PacketFaults};
+use super::network::Interface;
+use super::registers::Registers;
+use super::settings::{Effect, Identity};
+use super::stream::{Block, Link};
+use super::wire::{Command, Refusal, Request};
+
+/// Bits of the control privilege: one has the camera alone; one controls it, and others may look.
+const EXCLUSIVE: u32 = 1;
+const CONTROL: u32 = 2;
+/// So many of the newest frames can be sent again.
+const KEPT: usize = 4;
+
+/// Whoever has control.
+#[derive(Debug, Clone, Copy)]
+struct Owner {
+    address: SocketAddrV4,
+    exclusive: bool,
+    /// When it was last heard of.
+    heard: Instant,
+}
+
+/// The camera's state between two datagrams.
+pub(super) struct Control {
+    pub(super) registers: Registers,
+    interface: Interface,
+    identity: Identity,
+    /// Bytes a second that the link carries.
+    bytes_per_s: f64,
+    owner: Option<Owner>,
+    /// When the clock began.
+    pub(super) began: Instant,
+    /// Goes up with each start and stop: a frame that was begun before is not sent.
+    pub(super) generation: Arc<AtomicU64>,
+    /// Frames that are to be taken when the camera waits for a trigger.
+    pub(super) triggers: u32,
+    /// The way to whoever takes the frames, while it does.
+    pub(super) link: Option<Arc<Link>>,
+    /// The newest frames.
+    kept: VecDeque<Arc<Block>>,
+    last_block: u16,
+    /// The last datagram with its answer: one that comes again is answered again, and not done.
+    answered: Option<(SocketAddrV4, Vec<u8>, Vec<u8>)>,
+    pub(super) faults: PacketFaults,
+    pub(super) chance: Chance,
+    /// Until when the camera is without power.
+    away_until: Option<Instant>,
+}
+
+impl Control {
+    pub(super) fn new(
+        identity: Identity,
+        interface: Interface,
+        bytes_per_s: f64,
+        chance: Chance,
+        now: Instant,
+    ) -> Self {
+        Self {
+            registers: Registers::new(identity.clone(), &interface),
+            interface,
+            identity,
+            bytes_per_s,
+            owner: None,
+            began: now,
+            generation: Arc::default(),
+            triggers: 0,
+            link: None,
+            kept: VecDeque::new(),
+            last_block: 0,
+            answered: None,
+            faults: PacketFaults::default(),
+            chance,
+            away_until: None,
+        }
+    }
+
+    /// Switches the camera off and, after a while, on again: it has forgotten everything.
+    pub(super) fn restart(&mut self, away: Duration, now: Instant) {
+        let chance = std::mem::replace(&mut self.chance, Chance::new(0));
+        let (generation, faults) = (Arc::clone(&self.generation), self.faults);
+        generation.fetch_add(1, Ordering::SeqCst);
+        let began = now + away;
+        let anew = Self::new(self.identity.clone(), self.interface.clone(), self.bytes_per_s, chance, began);
+        *self = Self { generation, faults, away_until: Some(began), ..anew };
+    }
+
+    /// Whether the camera is switched off.
+    pub(super) fn is_away(&self, now: Instant) -> bool {
+        self.away_until.is_some_and(|until| now < until)
+    }
+
+    /// What the clock reads at a moment.
+    pub(super) fn ticks(&self, at: Instant) -> u64 {
+        let passed = at.saturating_duration_since(self.began).as_nanos();
+        u64::try_from(passed * u128::from(self.identity.ticks_a_second) / 1_000_000_000).unwrap_or(u64::MAX)
+    }
+
+    /// Takes control from whoever has not been heard of for too long.
+    pub(super) fn expire(&mut self, now: Instant) {
+        let allowed = Duration::from_millis(self.registers.heartbeat_ms());
+        if self.owner.is_some_and(|owner| now.saturating_duration_since(owner.heard) > allowed) {
+            self.release();
+        }
+    }
+
+    fn release(&mut self) {
+        self.owner = None;
+        self.registers.set_control(0, None);
+        self.stop();
+    }
+
+    /// Ends the frames.
+    pub(super) fn stop(&mut self) {
+        self.registers.acquiring = false;
+        self.generation.fetch_add(1, Ordering::SeqCst);
+        self.triggers = 0;
+    }
+
+    /// Numbers a frame and keeps it to be sent again.
+    pub(super) fn keep(&mut self, block: Block) -> Arc<Block> {
+        // Frames are numbered from 1 on, after the highest number, too.
+        self.last_block = self.last_block.checked_add(1).unwrap_or(1);
+        let block = Arc::new(Block { id: self.last_block, ..block });
+        self.kept.push_back(Arc::clone(&block));
+        if self.kept.len() > KEPT {
+            self.kept.pop_front();
+        }
+        block
+    }
+
+    /// Does what a client asks for, and answers it where it wants that.
+    pub(super) fn hear(&mut self, datagram: &[u8], from: SocketAddrV4, now: Instant) -> Option<Vec<u8>> {
+        if self.is_away(now) {
+            return None;
+        }
+        if let Some((client, before, answer)) = &self.answered
+            && *client == from
+            && before == datagram
+        {
+            return Some(answer.clone());
+        }
+        self.expire(now);
+        let request = match Request::read(datagram)? {
+            Ok(request) => request,
+            Err(refusal) => return Some(refusal),
+        };
+        if let Some(owner) = self.owner.as_mut().filter(|owner| owner.address == from) {
+            owner.heard = now;
+        }
+        let answer = self.follow(&request, from, now)?;
+        if !request.wants_answer {
+            return None;
+        }
+        self.answered = Some((from, datagram.to_vec(), answer.clone()));
+        Some(answer)
+    }
+
+    fn follow(&mut self, request: &Request, from: SocketAddrV4, now: Instant) -> Option<Vec<u8>> {
+        Some(match &request.command {
+            Command::Discovery => match self.registers.bytes(IDENTITY.start, IDENTITY.len()) {
+                Ok(identity) => request.answer(identity),
+                Err(why) => request.refuse(why, &[]),
+            },
+            Command::Resend { block, first, last } => {
+                self.send_again(*from.ip(), *block, *first, *last);
+                return None;
+            }
+            Command::ReadRegisters(at) => self.read_registers(request, at, from),
+            Command::WriteRegisters(writes) => self.write_registers(request, writes, from, now),
+            Command::ReadMemory { at, count } => {
+                match self.may_read(from).and_then(|()| self.registers.bytes(*at, *count)) {
+                    Ok(bytes) => request.answer(&[&at.to_be_bytes(), bytes].concat()),
+                    Err(why) => request.refuse(why, &[]),
+                }
+            }
+            Command::WriteMemory { at, bytes } => {
+                let done = match <[u8; 4]>::try_from(bytes.as_slice()) {
+                    Ok(word) => self.write(*at, u32::from_be_bytes(word), from, now),
+                    Err(_) => self.write_memory(*at, bytes, from, now),
+                };
+                let written = if done.is_ok() { u32::try_from(bytes.len()).unwrap_or(0) } else { 0 };
+                match done {
+                    Ok(()) => request.answer(&written.to_be_bytes()),
+                    Err(why) => request.refuse(why, &written.to_be_bytes()),
+                }
+            }
+            // It has the address that it was started with.
+            Command::ForceIp | Command::Other => request.refuse(Refusal::NOT_IMPLEMENTED, &[]),
+        })
+    }
+
+    fn may_read(&self, from: SocketAddrV4) -> Result<(), Refusal> {
+        let others = self.owner.is_some_and(|owner| owner.exclusive && owner.address != from);
+        if others { Err(Refusal::ACCESS_DENIED) } else { Ok(()) }
+    }
+
+    fn may_write(&self, from: SocketAddrV4) -> Result<(), Refusal> {
+        let own = self.owner.is_some_and(|owner| owner.address == from);
+        if own { Ok(()) } else { Err(Refusal::ACCESS_DENIED) }
+    }
+
+    fn read_registers(&self, request: &Request, at: &[u32], from: SocketAddrV4) -> Vec<u8> {
+        let mut values = Vec::new();
+        for &at in at {
+            match self.may_read(from).and_then(|()| self.registers.word(at)) {
+                Ok(value) => values.extend(value.to_be_bytes()),
+                Err(why) => return request.refuse(why, &values),
+            }
+        }
+        request.answer(&values)
+    }
+
+    fn write_registers(
+        &mut self,
+        request: &Request,
+        writes: &[(u32, u32)],
+        from: SocketAddrV4,
+        now: Instant,
+    ) -> Vec<u8> {
+        let mut written = 0u32;
+        for &(at, value) in writes {
+            if let Err(why) = self.write(at, value, from, now) {
+                return request.refuse(why, &written.to_be_bytes());
+            }
+            written += 1;
+        }
+        request.answer(&written.to_be_bytes())
+    }
+
+    fn write(&mut self, at: u32, value: u32, from: SocketAddrV4, now: Instant) -> Result<(), Refusal> {
+        if at == PRIVILEGE {
+            return self.give_control(value, from, now);
+        }
+        self.may_write(from)?;
+        let effect = self.registers.write(at, value)?;
+        effect.into_iter().try_for_each(|effect| self.bring_about(effect, now))
+    }
+
+    fn write_memory(&mut self, at: u32, bytes: &[u8], from: SocketAddrV4, now: Instant) -> Result<(), Refusal> {
+        self.may_write(from)?;
+        let effects = self.registers.write_bytes(at, bytes)?;
+        effects.into_iter().try_for_each(|effect| self.bring_about(effect, now))
+    }
+
+    fn give_control(&mut self, privilege: u32, from: SocketAddrV4, now: Instant) -> Result<(), Refusal> {
+        if self.owner.is_some_and(|owner| owner.address != from) {
+            return Err(Refusal::ACCESS_DENIED);
+        }
+        match privilege & (EXCLUSIVE | CONTROL) {
+            0 => self.release(),
+            granted => {
+                self.owner = Some(Owner { address: from, exclusive: granted & EXCLUSIVE != 0, heard: now });
+                self.registers.set_control(granted, Some((*from.ip(), from.port())));
+            }
+        }
+        Ok(())
+    }
+
+    fn bring_about(&mut self, effect: Effect, now: Instant) -> Result<(), Refusal> {
+        match effect {
+            Effect::Start if self.registers.acquiring => {}
+            Effect::Start => {
+                self.open_link()?;
+                self.registers.acquiring = true;
+                self.generation.fetch_add(1, Ordering::SeqCst);
+            }
+            Effect::Stop => self.stop(),
+            Effect::Trigger => self.triggers = self.triggers.saturating_add(1),
+            Effect::TestPacket => self.open_link()?.test(),
+            Effect::Latch => {
+                let ticks = self.ticks(now);
+                self.registers.set_timestamp(ticks);
+            }
+            Effect::ResetClock => self.began = now,
+            Effect::Reset => self.restart(Duration::ZERO, now),
+        }
+        Ok(())
+    }
+
+    /// The way to where frames are to go at present.
+    fn open_link(&mut self) -> Result<Arc<Link>, Refusal> {
+        let to = self.registers.destination().ok_or(Refusal::INVALID_PARAMETER)?;
+        let tick = Duration::from_nanos(1_000_000_000_u64.checked_div(self.identity.ticks_a_second).unwrap_or(0));
+        let link = match self.link.take().filter(|link| link.leads_to(&to)) {
+            Some(link) => link,
+            None => {
+                let link = Link::open(self.interface.address, to, self.bytes_per_s, tick);
+                Arc::new(link.map_err(|_| Refusal::INVALID_PARAMETER)?)
+            }
+        };
+        self.registers.set_source_port(link.port());
+        self.link = Some(Arc::clone(&link));
+        Ok(link)
+    }
+
+    fn send_again(&mut self, from: Ipv4Addr, block: u16, first: u32, last: u32) {
+        let asks = self.owner.is_some_and(|owner| *owner.address.ip() == from);
+        let Some(link) = self.link.clone().filter(|_| asks) else { return };
+        let Some(block) = self.kept.iter().find(|kept| kept.id == block) else {
+            link.miss(block, std::iter::once(first));
+            return;
+        };
+        let packets = first..=last.min(link.packets(block) - 1);
+        // What is asked for may be lost again, and nothing else goes wrong with it.
+        let faults = PacketFaults { lost_one_in: self.faults.lost_one_in, ..PacketFaults::default() };
+        link.send(block, &self.chance.sent(packets, &faults), true, || false);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::UdpSocket;
+
+    use super::super::registers::tests::identity;
+    use super::*;
+
+    fn client(port: u16) -> SocketAddrV4 {
+        SocketAddrV4::new(Ipv4Addr::LOCALHOST, port)
+    }
+
+    /// A camera and the number of the last request to it.
+    struct Asked(Control, u16);
+
+    impl Asked {
+        fn new(now: Instant) -> Self {
+            let interface = Interface::of(Ipv4Addr::LOCALHOST, "T-1").unwrap();
+            Self(Control::new(identity(), interface, 1e9, Chance::new(1), now), 0)
+        }
+
+        /// The answer's status and contents.
+        fn ask(&mut self, code: u16, words: &[u32], from: SocketAddrV4, now: Instant) -> (u16, Vec<u8>) {
+            self.1 += 1;
+            let mut datagram = vec![0x42, 1];
+            datagram.extend([code, 4 * words.len() as u16, self.1].iter().flat_map(|word| word.to_be_bytes()));
+            datagram.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+            let answer = self.0.hear(&datagram, from, now).unwrap_or_else(|| vec![0xff; 8]);
+            (u16::from_be_bytes([answer[0], answer[1]]), answer[8..].to_vec())
+        }
+
+        fn write(&mut self, at: u32, value: u32, from: SocketAddrV4, now: Instant) -> u16 {
+            self.ask(0x82, &[at, value], from, now).0
+        }
+    }
+
+    const PORT_OF_STREAM: u32 = 0x0d00;
+    const START: u32 = 0x8038;
+    const DENIED: u16 = 0x8006;
+
+    #[test]
+    fn one_client_controls_others_look_and_an_exclusive_one_has_it_alone() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        let (one, other) = (client(1000), client(2000));
+        assert_eq!(camera.write(0x0938, 1000, one, now), DENIED, "without control nothing is written");
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, one, now), 0);
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, other, now), DENIED);
+        assert_eq!(camera.write(0x0938, 1000, other, now), DENIED);
+        assert_eq!(camera.ask(0x80, &[PRIVILEGE], other, now), (0, vec![0, 0, 0, 2]));
+        assert_eq!(camera.write(PRIVILEGE, EXCLUSIVE, one, now), 0);
+        assert_eq!(camera.ask(0x80, &[PRIVILEGE], other, now).0, DENIED);
+        assert_eq!(camera.ask(0x02, &[], other, now).1.len(), IDENTITY.len(), "whoever asks is told who it is");
+        assert_eq!(camera.write(PRIVILEGE, 0, one, now), 0);
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, other, now), 0);
+    }
+
+    #[test]
+    fn whoever_is_silent_for_too_long_loses_control_and_its_frames_end() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        let (one, other) = (client(1000), client(2000));
+        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let port = receiver.local_addr().unwrap().port().into();
+        camera.write(PRIVILEGE, CONTROL, one, now);
+        assert_eq!(camera.write(START, 1, one, now), 0x8002, "nobody has said where frames go");
+        for (at, value) in [(0x0938, 800), (PORT_OF_STREAM, port), (0x0d18, 0x7f00_0001), (START, 1)] {
+            assert_eq!(camera.write(at, value, one, now), 0);
+        }
+        assert!(camera.0.registers.acquiring);
+        let at = |ms| now + Duration::from_millis(ms);
+        assert_eq!(camera.ask(0x80, &[PRIVILEGE], one, at(700)).0, 0);
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, other, at(1400)), DENIED);
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, other, at(1501)), 0);
+        assert!(!camera.0.registers.acquiring);
+        assert_eq!(camera.0.registers.destination(), None);
+    }
+
+    #[test]
+    fn a_request_that_comes_again_is_answered_again_and_not_done() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        camera.write(PRIVILEGE, CONTROL, client(1000), now);
+        let trigger = [0x42, 1, 0, 0x82, 0, 8, 9, 9, 0, 0, 0x80, 0x4c, 0, 0, 0, 1];
+        let first = camera.0.hear(&trigger, client(1000), now);
+        assert_eq!(camera.0.hear(&trigger, client(1000), now), first);
+        assert_eq!(camera.0.triggers, 1);
+    }
+
+    #[test]
+    fn the_clock_is_read_when_it_is_latched() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        camera.write(PRIVILEGE, CONTROL, client(1000), now);
+        let later = now + Duration::from_millis(1500);
+        camera.write(0x0944, 2, client(1000), later);
+        let (_, read) = camera.ask(0x80, &[0x0948, 0x094c], client(1000), later + Duration::from_secs(1));
+        assert_eq!(u64::from_be_bytes(read.try_into().unwrap()), 1_500_000_000);
+    }
+
+    #[test]
+    fn a_camera_that_was_switched_off_has_forgotten_who_had_it() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        camera.write(PRIVILEGE, CONTROL, client(1000), now);
+        camera.0.restart(Duration::from_secs(2), now);
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, client(1000), now + Duration::from_secs(1)), 0xffff, "no answer");
+        let back = now + Duration::from_secs(2);
+        assert_eq!(camera.ask(0x80, &[PRIVILEGE], client(1000), back), (0, vec![0; 4]));
+        assert_eq!(camera.0.ticks(back + Duration::from_secs(1)), 1_000_000_000);
+    }
+}

@@ -1,0 +1,168 @@
+//! `plenalign sim-camera`: the simulated camera as a GigE Vision device on the network, to try a set-up with.
+
+use std::io::{BufRead as _, Write as _};
+use std::net::Ipv4Addr;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context as _, ensure};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use tokio::sync::mpsc;
+
+use super::Context;
+use super::serve::Signals;
+use crate::config::TimestampMeans;
+use crate::device::Setup;
+use crate::device::faults::Faults;
+use crate::sim::gige::{GigeCamera, Options, PacketFaults, SlideRecord};
+
+/// Longest serial number and user's name, bytes.
+const LONGEST_NAME: usize = 15;
+
+/// Arguments of `plenalign sim-camera`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// The camera's address, of one of this machine's networks. Whoever reaches it has the camera: there is no
+    /// authentication.
+    #[arg(long, value_name = "ADDR", default_value_t = Ipv4Addr::LOCALHOST)]
+    listen: Ipv4Addr,
+    /// Its serial number.
+    #[arg(long, value_name = "NUMBER", default_value = "SIM-1")]
+    serial: String,
+    /// The name that a user gave it.
+    #[arg(long, value_name = "NAME", default_value = "")]
+    name: String,
+    /// What its timestamps are of, as `bench.camera.timestamp_means` has it; with `arrival` it has no clock.
+    #[arg(long, value_enum, value_name = "MOMENT", default_value = "exposure_start")]
+    timestamp_means: TimestampMeans,
+    /// A record that `sim-stage --record` writes: the camera sees those slides move. `focus=FILE` or `e=FILE` is of a stage
+    /// with that axis alone; may be repeated.
+    #[arg(long, value_name = "[AXIS=]FILE")]
+    slides: Vec<SlideRecord>,
+    /// What the camera's link carries.
+    #[arg(long, value_name = "MBIT_S", default_value_t = 1000.0)]
+    link_mbit_s: f64,
+    /// One packet in so many is lost; 0 for none.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    lost_one_in: u32,
+    /// One packet in so many comes late, after others.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    late_one_in: u32,
+    /// One packet in so many comes twice.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    doubled_one_in: u32,
+    /// One packet in so many says that it is of another frame.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    misnumbered_one_in: u32,
+    /// What chance depends on, for which packets go wrong.
+    #[arg(long, value_name = "NUMBER", default_value_t = 1)]
+    seed: u64,
+    /// Print one JSON object instead of text once it serves: `address`, `serial`.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A line of standard input: what is to happen with the camera and what stands before it.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+enum Order {
+    /// Set the bench up so, as an operator does.
+    Setup(Setup),
+    /// Camera and scene are to have these faults, and no others.
+    Faults(Faults),
+    /// Packets are to have these faults, and no others.
+    Packets(PacketFaults),
+    /// The camera is without power for so many seconds.
+    RestartS(f64),
+    /// Say where everything really is.
+    Truth,
+}
+
+pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
+    let runtime = tokio::runtime::Runtime::new().context("the async runtime does not start")?;
+    runtime.block_on(serve(context, args))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn serve(context: Context, args: Args) -> anyhow::Result<()> {
+    ensure!(args.link_mbit_s > 0.0, "--link-mbit-s {}: a link carries more than nothing", args.link_mbit_s);
+    for (option, text) in [("--serial", &args.serial), ("--name", &args.name)] {
+        ensure!(text.len() <= LONGEST_NAME, "{option} {text:?} is longer than the {LONGEST_NAME} bytes that there are");
+    }
+    let mut signals = Signals::new()?;
+    let packets = PacketFaults {
+        lost_one_in: args.lost_one_in,
+        late_one_in: args.late_one_in,
+        doubled_one_in: args.doubled_one_in,
+        misnumbered_one_in: args.misnumbered_one_in,
+    };
+    let options = Options {
+        address: args.listen,
+        serial: args.serial.clone(),
+        user_name: args.name,
+        means: args.timestamp_means,
+        link_mbit_s: args.link_mbit_s,
+        packets,
+        seed: args.seed,
+        slides: args.slides,
+    };
+    let camera = GigeCamera::start(&Arc::new(context.config), options)
+        .with_context(|| format!("no camera can be served at {}:3956", args.listen))?;
+    if args.json {
+        println!("{}", json!({ "address": args.listen, "serial": args.serial }));
+    } else {
+        println!("plenalign: SIMULATED GigE Vision camera {} at {}; end it with Ctrl-C", args.serial, args.listen);
+        if !args.listen.is_loopback() {
+            println!("  whoever reaches this address has the camera: there is no authentication");
+        }
+    }
+    let _ = std::io::stdout().flush();
+    let mut orders = lines();
+    loop {
+        tokio::select! {
+            () = signals.next() => return Ok(()),
+            Some(line) = orders.recv() => {
+                println!("{}", tokio::task::block_in_place(|| obeyed(&camera, &line)));
+                let _ = std::io::stdout().flush();
+            }
+            else => {
+                signals.next().await;
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Standard input's lines. The thread that reads them ends with the program.
+fn lines() -> mpsc::UnboundedReceiver<String> {
+    let (to, lines) = mpsc::unbounded_channel();
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+            if to.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    lines
+}
+
+/// Does what a line says; what is answered.
+fn obeyed(camera: &GigeCamera, line: &str) -> serde_json::Value {
+    match serde_json::from_str(line) {
+        Ok(Order::Setup(setup)) => camera.obey(&setup),
+        Ok(Order::Faults(faults)) => match faults.check() {
+            Ok(()) => camera.set_faults(faults),
+            Err(error) => return json!({ "error": format!("{}: {error}", error.field) }),
+        },
+        Ok(Order::Packets(faults)) => camera.set_packet_faults(faults),
+        Ok(Order::RestartS(seconds)) => match Duration::try_from_secs_f64(seconds) {
+            Ok(away) => camera.restart(away),
+            Err(error) => return json!({ "error": error.to_string() }),
+        },
+        Ok(Order::Truth) => return camera.truth(),
+        Err(error) => return json!({ "error": error.to_string() }),
+    }
+    json!({ "done": true })
+}
