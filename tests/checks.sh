@@ -110,6 +110,7 @@ beside clients "schemathesis" env SEED="${SEED:-1}" tests/schemathesis/run.sh
 beside clients "vendors' clients" tests/vendor-clients/run.sh
 beside clients "Alpaca client" tests/alpaca-client/run.sh
 beside clients "GenICam camera" tests/genicam/run.sh
+beside clients "simulated GenICam camera" tests/genicam/twin.sh
 beside clients "recordings" tests/mcap-client/run.sh
 beside clients "websocket clients" tests/ws-clients/run.sh
 beside clients "announcement" tests/mdns/run.sh
