@@ -33,6 +33,7 @@ mod faults;
 mod fleet;
 mod flood;
 mod foxglove;
+mod gige;
 mod grbl;
 mod grid;
 mod grid_arrays;

@@ -286,6 +286,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
             ("tests/python-client/test_lease.py", 1),
             ("tests/suite/every_poll/controller.rs", 2),
             ("tests/suite/fakes.rs", 1),
+            ("tests/suite/gige.rs", 1),
             ("tests/suite/kill.rs", 1),
         ],
     ),
