@@ -1,8 +1,11 @@
 //! What is connected to the daemon's machine.
 
+use std::sync::{Mutex, PoisonError};
+
 use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
+use tokio::sync::watch;
 use utoipa::ToSchema;
 
 use super::App;
@@ -43,6 +46,37 @@ pub(super) struct DevicesFound {
     cameras: Vec<CameraFound>,
     /// Serial ports.
     serial_ports: Vec<PortFound>,
+    /// What could not be looked at, and why, one sentence each: an interface of `bench.camera.interfaces` that is not there,
+    /// or more cameras than are read at once.
+    #[serde(default)]
+    notes: Vec<String>,
+}
+
+/// Looks at what is connected once at a time: whoever asks meanwhile has the outcome of the look that is under way.
+#[derive(Debug, Default)]
+pub(super) struct Lookout {
+    /// Of the last look; without a value while it is under way.
+    outcome: Mutex<Option<watch::Receiver<Option<DevicesFound>>>>,
+}
+
+impl Lookout {
+    async fn found(&self, look: impl FnOnce() -> DevicesFound + Send + 'static) -> Result<DevicesFound> {
+        let mut outcome = self.join(look);
+        // Nothing comes of a look that has panicked.
+        let found = outcome.wait_for(Option::is_some).await.map_err(|_| Problem::internal())?;
+        found.clone().ok_or_else(Problem::internal)
+    }
+
+    fn join(&self, look: impl FnOnce() -> DevicesFound + Send + 'static) -> watch::Receiver<Option<DevicesFound>> {
+        let mut last = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(outcome) = last.as_ref().filter(|last| last.borrow().is_none() && last.has_changed().is_ok()) {
+            return outcome.clone();
+        }
+        let (tell, outcome) = watch::channel(None);
+        // A driver may take its time to answer.
+        tokio::task::spawn_blocking(move || tell.send_replace(Some(look())));
+        last.insert(outcome).clone()
+    }
 }
 
 impl From<ConnectedCamera> for CameraFound {
@@ -72,7 +106,8 @@ impl From<ConnectedPort> for PortFound {
 }
 
 /// Cameras and serial ports that are connected now, whether the configuration names them or not. Cameras on the network are
-/// looked for on the interfaces of `bench.camera.interfaces`, which takes a second for each.
+/// looked for on the interfaces of `bench.camera.interfaces`, which takes a second for each; one that the daemon has in use is
+/// not disturbed for it. Whoever asks while others are waiting for their answer gets the same.
 #[utoipa::path(
     get, path = "/api/v1/devices", operation_id = "get_devices", tag = "bench",
     responses((status = 200, body = DevicesFound))
@@ -80,10 +115,7 @@ impl From<ConnectedPort> for PortFound {
 pub(super) async fn get(State(app): State<App>) -> Result<Json<DevicesFound>> {
     let interfaces = app.service.config().bench.camera.interfaces.clone();
     let look = move || {
-        let (network, wrong) = find::cameras(&interfaces);
-        for why in wrong {
-            tracing::warn!("{why}");
-        }
+        let (network, notes) = find::cameras(&interfaces);
         DevicesFound {
             cameras: connected::cameras()
                 .into_iter()
@@ -91,8 +123,45 @@ pub(super) async fn get(State(app): State<App>) -> Result<Json<DevicesFound>> {
                 .chain(network.into_iter().map(Into::into))
                 .collect(),
             serial_ports: connected::ports().into_iter().map(Into::into).collect(),
+            notes,
         }
     };
-    // A driver may take its time to answer.
-    tokio::task::spawn_blocking(look).await.map(Json).map_err(|_| Problem::internal())
+    app.lookout.found(look).await.map(Json)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use super::*;
+
+    fn nothing(notes: &[&str]) -> DevicesFound {
+        let notes = notes.iter().map(|note| (*note).to_owned()).collect();
+        DevicesFound { cameras: Vec::new(), serial_ports: Vec::new(), notes }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn who_asks_while_others_wait_gets_the_same_answer() {
+        let lookout = Lookout::default();
+        let (go_on, waits) = mpsc::channel::<()>();
+        let first = lookout.join(move || {
+            waits.recv().unwrap();
+            nothing(&["the first look"])
+        });
+        let also = lookout.join(|| nothing(&["a look beside it"]));
+        go_on.send(()).unwrap();
+        for mut outcome in [first, also] {
+            let found = outcome.wait_for(Option::is_some).await.unwrap().clone();
+            assert_eq!(found, Some(nothing(&["the first look"])));
+        }
+        // What was seen then is not taken for what is there now.
+        assert_eq!(lookout.found(|| nothing(&["the next look"])).await.unwrap(), nothing(&["the next look"]));
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_look_that_fails_does_not_keep_the_next_from_being_taken() {
+        let lookout = Lookout::default();
+        assert!(lookout.found(|| panic!("a driver's library did")).await.is_err());
+        assert_eq!(lookout.found(|| nothing(&[])).await.unwrap(), nothing(&[]));
+    }
 }

@@ -90,6 +90,7 @@ struct App {
     hub: Arc<Hub>,
     pictures: Arc<Pictures>,
     viewports: Arc<Viewports>,
+    lookout: Arc<devices::Lookout>,
     origin: Arc<ConfigOrigin>,
     /// Writes what is counted as text, where it is kept.
     metrics: Option<PrometheusHandle>,
@@ -135,6 +136,7 @@ impl Api {
             hub,
             pictures: Arc::new(pictures),
             viewports: Viewports::new(viewports),
+            lookout: Arc::default(),
             origin: Arc::new(origin),
             gate,
             cookie: format!("plenalign_session_{}", address.port()).into(),

@@ -1,8 +1,9 @@
 """What a daemon shows of Aravis's camera: its frames, sample for sample, its state, and what it counts.
 
-client.py ADDRESS online | fault WORDS | frames SECONDS | counted
+client.py ADDRESS online | fault WORDS | frames SECONDS | counted | devices
 """
 
+import concurrent.futures
 import json
 import struct
 import sys
@@ -115,6 +116,25 @@ def counted():
     return now["frames_damaged"]
 
 
+def devices():
+    """Two cameras are listed with their formats, however many ask at once: the daemon's own, and one that it has no part in."""
+    with concurrent.futures.ThreadPoolExecutor(8) as threads:
+        answers = list(threads.map(lambda _: json.loads(get("/api/v1/devices")[1]), range(8)))
+    answers.append(json.loads(get("/api/v1/devices")[1]))
+    for found in answers:
+        cameras = {camera["path"]: camera for camera in found["cameras"]}
+        assert len(cameras) == len(found["cameras"]), found
+        own, other = cameras["10.9.0.2"], cameras["10.7.0.2"]
+        assert own["names"][0] == "serial:PLN-1" and own["unusable"] is None and "Mono16" in own["formats"], own
+        assert other["names"][0] == "serial:PLN-3" and other["unusable"] is None, other
+        assert other["formats"] == OFFERED, other
+        assert len(found["notes"]) == 1 and '"no-such-cable"' in found["notes"][0], found
+
+
+# What of the other camera's formats is read.
+OFFERED = ["Mono8", "Mono12p"]
+
+
 def main():
     what, more = sys.argv[2], sys.argv[3:]
     if what == "online":
@@ -126,6 +146,8 @@ def main():
         print(frames(float(more[0])))
     elif what == "counted":
         print(counted())
+    elif what == "devices":
+        devices()
     else:
         sys.exit(f"{what}?")
 

@@ -18,7 +18,9 @@ folder=$(mktemp -d)
 export PLENALIGN_STATE_DIR=$folder
 there=
 beyond=
+aside=
 camera_pid=
+stranger_pid=
 other_pid=
 second_pid=
 finish() {
@@ -26,7 +28,7 @@ finish() {
   if ((status != 0)) && [[ -e $folder/log ]]; then
     tail -n 30 "$folder/log" >&2
   fi
-  for pid in $other_pid $daemon_pid $camera_pid $second_pid $there $beyond; do
+  for pid in $other_pid $daemon_pid $camera_pid $second_pid $stranger_pid $there $beyond $aside; do
     # Reaped here, so that the shell does not report it.
     { kill -KILL "$pid" && wait "$pid"; } 2>/dev/null || true
   done
@@ -52,6 +54,8 @@ connect cable 10.9.0
 there=$connected
 connect unnamed 10.8.0
 beyond=$connected
+connect aside 10.7.0
+aside=$connected
 elsewhere() { nsenter --target "$there" --net "$@"; }
 
 # What runs in the other network is this shell's own child, and is ended by its number.
@@ -64,6 +68,17 @@ answers() { arv-tool-0.8 2>/dev/null | grep --quiet PLN-1; }
 end_camera() {
   kill -KILL "$camera_pid"
   wait "$camera_pid" 2>/dev/null || true
+}
+# A camera that sends no frames, beside it; see there what else it can play.
+start_stranger() {
+  nsenter --target "$aside" --net python3 camera.py 10.7.0.2 PLN-3 "$@" >"$folder/reads" &
+  stranger_pid=$!
+  wait_for stranger_answers
+}
+stranger_answers() { arv-tool-0.8 2>/dev/null | grep --quiet PLN-3; }
+end_stranger() {
+  kill -KILL "$stranger_pid"
+  wait "$stranger_pid" 2>/dev/null || true
 }
 client() { python3 client.py "$ADDRESS" "$@"; }
 # A feature as Aravis reads it.
@@ -97,7 +112,7 @@ driver = "grbl"
 port = "/dev/no-such-port"
 [bench.camera]
 driver = "genicam"
-interfaces = ["cable"]
+interfaces = ["cable", "aside", "no-such-cable"]
 device = "serial:PLN-1"
 format = "Mono8"
 frame_rate_hz = 25.0
@@ -110,7 +125,7 @@ second_pid=$!
 start_camera
 second_answers() { arv-tool-0.8 2>/dev/null | grep --quiet PLN-2; }
 wait_for second_answers
-listed=$("$plenalign" --config "$folder/plenalign.toml" camera list)
+listed=$("$plenalign" --config "$folder/plenalign.toml" camera list 2>/dev/null)
 for line in '10.9.0.2  Aravis Fake (GigE Vision, cable)' '  device = "serial:PLN-1"' '  format = "Mono16"' '  not read: RGB8'; do
   grep --quiet --fixed-strings --line-regexp -- "$line" <<<"$listed"
 done
@@ -130,6 +145,19 @@ ADDRESS=$(sed -n 's/.*"address":"\([^"]*\)\/".*/\1/p' "$folder/said")
 client online
 whole=$(client frames 20)
 echo "- $whole frames, each whole"
+
+start_stranger
+client devices
+client online
+reads=$(grep --count read "$folder/reads")
+[[ $reads == 1 ]] || { echo "the other camera was read $reads times" >&2; exit 1; }
+echo "- listed by the API, the daemon's own and another, which was read once for 9 requests"
+end_stranger
+
+start_stranger endless
+"$plenalign" --config "$folder/plenalign.toml" camera list 2>/dev/null | grep --quiet '1073741824 bytes long'
+end_stranger
+echo "- a description without an end is not read"
 
 # What is set lands in the camera, and comes back to it after it was without power.
 "$plenalign" camera exposure --server "$ADDRESS" --exposure 12.5 >/dev/null

@@ -121,6 +121,17 @@ async fn what_is_connected_is_listed_by_names_to_be_configured() {
         let names = device["names"].as_array().unwrap();
         assert_eq!(names.last(), Some(&device["path"]), "{device}");
     }
+    assert_eq!(found["notes"], json!([]));
+}
+
+#[tokio::test]
+async fn an_interface_on_which_no_camera_can_be_looked_for_is_said() {
+    let mut config = Config::default();
+    config.bench.camera.interfaces = vec!["no-such-interface".to_owned()];
+    let daemon = Daemon::start_with(config, fakes().bench).await;
+    let found: Value = daemon.get("/api/v1/devices").await.json().await.unwrap();
+    let note = found["notes"][0].as_str().unwrap();
+    assert!(note.contains("no network interface \"no-such-interface\""), "{note}");
 }
 
 #[tokio::test]

@@ -291,7 +291,8 @@ export interface paths {
     };
     /**
      * Cameras and serial ports that are connected now, whether the configuration names them or not. Cameras on the network are
-     *     looked for on the interfaces of `bench.camera.interfaces`, which takes a second for each.
+     *     looked for on the interfaces of `bench.camera.interfaces`, which takes a second for each; one that the daemon has in use is
+     *     not disturbed for it. Whoever asks while others are waiting for their answer gets the same.
      */
     get: operations["get_devices"];
     put?: never;
@@ -3406,6 +3407,11 @@ export interface components {
     DevicesFound: {
       /** @description Cameras, as `plenalign camera list` has them. */
       cameras: components["schemas"]["CameraFound"][];
+      /**
+       * @description What could not be looked at, and why, one sentence each: an interface of `bench.camera.interfaces` that is not there,
+       *     or more cameras than are read at once.
+       */
+      notes?: string[];
       /** @description Serial ports. */
       serial_ports: components["schemas"]["PortFound"][];
     };

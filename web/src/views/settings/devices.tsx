@@ -28,6 +28,11 @@ export function Devices({ state, load }: Scene) {
       {found && (
         <>
           <h3>{words.cameras}</h3>
+          {found.notes?.map((note) => (
+            <p key={note} class="fault" lang="en">
+              {note}
+            </p>
+          ))}
           {found.cameras.length === 0 && <p id="no-cameras">{words.noCameras}</p>}
           {found.cameras.map((camera) => (
             <Device

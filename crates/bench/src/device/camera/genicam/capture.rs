@@ -65,7 +65,7 @@ impl Capture for Capturer {
     fn capture(&mut self) -> Result<(), String> {
         self.refuse_orders();
         let info = find::resolve(&self.config)?;
-        let mut device = find::open(&info)?;
+        let (mut device, _in_use) = find::open(&info)?;
         let mut controls = self.config.controls.clone();
         controls.extend(self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).clone());
         let mut agreed = setup::agree(&mut device, &self.config, &controls, self.format, self.outlet.size())?;

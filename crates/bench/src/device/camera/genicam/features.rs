@@ -1,7 +1,7 @@
 //! A camera's features: reading and setting them with the limits and units of the camera's own XML.
 
 use std::collections::BTreeMap;
-use std::error::Error as _;
+use std::io::ErrorKind;
 
 use viva_genicam::genapi::{AccessMode, FeatureState, FeatureValue, GenApiError};
 use viva_genicam::gige::{GigeError, GigeStatus};
@@ -24,33 +24,32 @@ const NEAREST: usize = 3;
 pub(super) const CONTROLLED: &str =
     "another program controls it: end that one, or wait until the camera has let go of it";
 
+/// What is wrong where nothing comes back.
+const SILENT: &str = "it does not answer: unplugged, without power, or behind a firewall (UDP, port 3956)";
+/// How the network says that nobody is there.
+const UNREACHABLE: [ErrorKind; 3] =
+    [ErrorKind::ConnectionRefused, ErrorKind::HostUnreachable, ErrorKind::NetworkUnreachable];
+
 /// Why something failed, and what to do.
-pub(super) fn why(error: &GenicamError) -> String {
-    if denied(error) {
-        return CONTROLLED.to_owned();
-    }
-    match error {
-        GenicamError::Gige { source: GigeError::Timeout, .. } => {
-            "it does not answer: unplugged, without power, or behind a firewall (UDP, port 3956)".to_owned()
-        }
+pub(super) fn why(error: &(dyn std::error::Error + 'static)) -> String {
+    match cause(error) {
+        Some(GigeError::Timeout) => SILENT.to_owned(),
+        Some(GigeError::Io(error)) if UNREACHABLE.contains(&error.kind()) => SILENT.to_owned(),
+        // Whoever has a camera for itself alone keeps others from reading, too.
+        _ if is_denied(error) => CONTROLLED.to_owned(),
         _ => error.to_string(),
     }
 }
 
 /// Whether a camera refused since another program has control of it.
-fn denied(error: &GenicamError) -> bool {
-    let denies = |error: &(dyn std::error::Error + 'static)| {
-        let refused = GigeStatus::Common(gencp::StatusCode::AccessDenied);
-        matches!(error.downcast_ref::<GigeError>(), Some(GigeError::Status(status)) if *status == refused)
-    };
-    let mut source = error.source();
-    while let Some(error) = source {
-        if denies(error) {
-            return true;
-        }
-        source = error.source();
-    }
-    false
+pub(super) fn is_denied(error: &(dyn std::error::Error + 'static)) -> bool {
+    let refused = GigeStatus::Common(gencp::StatusCode::AccessDenied);
+    matches!(cause(error), Some(GigeError::Status(status)) if *status == refused)
+}
+
+/// What went wrong on the way to a camera or back, if that is behind an error.
+fn cause<'e>(error: &'e (dyn std::error::Error + 'static)) -> Option<&'e GigeError> {
+    std::iter::successors(Some(error), |error| error.source()).find_map(|error| error.downcast_ref())
 }
 
 /// What the camera says of a feature; `None` where it has none of that name.

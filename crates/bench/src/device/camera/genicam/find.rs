@@ -1,24 +1,29 @@
 //! Finding a camera on the network: by serial number, by the name that a user gave it, by address. Cameras are looked for on
 //! the interfaces that are named, and on no other.
 
+use std::collections::HashSet;
 use std::net::Ipv4Addr;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use viva_genicam::genapi::RegisterIo as _;
+use viva_genicam::blocking;
 use viva_genicam::gige::{DeviceInfo, DiscoveryOptions, Iface};
-use viva_genicam::{Access, blocking};
 
-use super::features::{self, Device, state};
+use super::features::{self, Device};
+use super::known::{self, Identity, InUse};
+use super::read::{self, Reader};
 use crate::config::{CameraConfig, GenicamName};
 use plenoptics::raw::PixelFormat;
 
 /// How long cameras are waited for: what they may take to answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(1);
 
-/// The register that every GigE Vision device tells at whether it is controlled, and the bits of its last byte that say so.
-const CONTROL_PRIVILEGE: u64 = 0x0a00;
-const CONTROLLED_BITS: u8 = 3;
+/// So many cameras are listed: whoever is on the network may answer in the name of any number.
+const MOST_LISTED: usize = 64;
+/// So many cameras are read when cameras are listed, those not counted that were read before.
+const MOST_READ: usize = 16;
+/// No more cameras are read after so long.
+const LOOK_WITHIN: Duration = Duration::from_secs(20);
 
 /// A camera on the network.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -55,19 +60,69 @@ impl NetworkCamera {
     }
 }
 
-/// Every camera that answers on these interfaces, with what it offers; and of each interface on which none can be looked for,
-/// why. Takes a second for each interface; takes no camera from whoever has it.
+/// Every camera that answers on these interfaces, with what it offers; and what cannot be said, one sentence each: of an
+/// interface on which none can be looked for, why. Takes a second for each interface, and as long as it takes to read the
+/// cameras that were not read before; takes no camera from whoever has it, and disturbs none that this program uses itself.
 #[must_use]
 pub fn cameras(interfaces: &[String]) -> (Vec<NetworkCamera>, Vec<String>) {
-    let mut wrong = Vec::new();
-    let mut found = Vec::new();
+    let (mut answers, mut notes) = (Vec::new(), Vec::new());
     for interface in interfaces {
         match answering(interface) {
-            Ok(answers) => found.extend(answers.iter().map(|info| look_at(info, interface))),
-            Err(why) => wrong.push(why),
+            Ok(there) => answers.extend(there.into_iter().map(|info| (info, interface.clone()))),
+            Err(why) => notes.push(why),
         }
     }
-    (found, wrong)
+    let mut answers = distinct(answers, |(info, _)| info);
+    if answers.len() > MOST_LISTED {
+        notes.push(format!("{} cameras answer: {MOST_LISTED} of them are listed", answers.len()));
+        answers.truncate(MOST_LISTED);
+    }
+    let mut allowance = Allowance::of(MOST_READ);
+    let found = answers.iter().map(|(info, interface)| look_at(info, interface, &mut allowance)).collect();
+    if allowance.refused > 0 {
+        let refused = allowance.refused;
+        notes.push(format!("what {refused} more of the cameras offer has not been read yet: look again"));
+    }
+    (found, notes)
+}
+
+/// One camera may answer on two interfaces, and is one.
+fn distinct<T>(answers: Vec<T>, info: impl Fn(&T) -> &DeviceInfo) -> Vec<T> {
+    let mut seen = HashSet::new();
+    let mut is_new = |answer: &T| {
+        let DeviceInfo { ip, mac, serial, .. } = info(answer);
+        seen.insert((*ip, *mac, serial.clone()))
+    };
+    answers.into_iter().filter(|answer| is_new(answer)).collect()
+}
+
+/// How many cameras may still be read, and until when.
+struct Allowance {
+    cameras: usize,
+    until: Instant,
+    /// How many were not, for that.
+    refused: usize,
+}
+
+impl Allowance {
+    fn of(cameras: usize) -> Self {
+        Self { cameras, until: Instant::now() + LOOK_WITHIN, refused: 0 }
+    }
+
+    /// Whether there is time for another camera.
+    fn has_time(&mut self) -> bool {
+        let granted = Instant::now() < self.until;
+        self.refused += usize::from(!granted);
+        granted
+    }
+
+    /// Whether another camera may be read.
+    fn take(&mut self) -> bool {
+        let granted = self.cameras > 0;
+        self.cameras = self.cameras.saturating_sub(1);
+        self.refused += usize::from(!granted);
+        granted
+    }
 }
 
 /// Runs what may be run in no thread of an asynchronous runtime.
@@ -87,7 +142,7 @@ fn answering(interface: &str) -> Result<Vec<DeviceInfo>, String> {
     answers.map_err(|error| format!("cameras cannot be looked for on {interface}: {error}"))
 }
 
-fn look_at(info: &DeviceInfo, interface: &str) -> NetworkCamera {
+fn look_at(info: &DeviceInfo, interface: &str, allowance: &mut Allowance) -> NetworkCamera {
     let words = [&info.manufacturer, &info.model].into_iter().flatten();
     let mut camera = NetworkCamera {
         address: info.ip,
@@ -98,9 +153,13 @@ fn look_at(info: &DeviceInfo, interface: &str) -> NetworkCamera {
         formats: Vec::new(),
         unusable: elsewhere(info),
     };
-    if camera.unusable.is_none() {
-        match apart(|| formats(info)) {
-            Ok(Ok(formats)) => camera.formats = formats,
+    let identity = Identity::of(info);
+    if known::is_in_use(info.ip) {
+        // It is being opened, or sends frames.
+        camera.formats = known::formats(&identity, None).unwrap_or_default();
+    } else if camera.unusable.is_none() && allowance.has_time() {
+        match apart(|| read::offered(&identity, || allowance.take())) {
+            Ok(Ok(formats)) => camera.formats = formats.unwrap_or_default(),
             Ok(Err(why)) | Err(why) => camera.unusable = Some(why),
         }
     }
@@ -119,11 +178,6 @@ fn elsewhere(info: &DeviceInfo) -> Option<String> {
     })
 }
 
-fn formats(info: &DeviceInfo) -> Result<Vec<String>, String> {
-    let (device, _) = blocking::connect_as(info, Access::Monitor).map_err(|error| features::why(&error))?;
-    Ok(state(&device, "PixelFormat")?.and_then(|state| state.enum_entries).unwrap_or_default())
-}
-
 /// The camera that the configuration means, with what it offers.
 ///
 /// # Errors
@@ -131,7 +185,8 @@ fn formats(info: &DeviceInfo) -> Result<Vec<String>, String> {
 pub fn configured(config: &CameraConfig) -> Result<NetworkCamera, String> {
     let info = resolve(config)?;
     let interface = Iface::from_remote_ipv4(info.ip).map(|interface| interface.name().to_owned()).unwrap_or_default();
-    Ok(look_at(&info, &interface))
+    let mut allowance = Allowance::of(1);
+    Ok(look_at(&info, &interface, &mut allowance))
 }
 
 /// As [`configured`], for whoever opens it.
@@ -144,11 +199,18 @@ pub(super) fn resolve(config: &CameraConfig) -> Result<DeviceInfo, String> {
         return found
             .ok_or_else(|| format!("no camera answers at {address}; connect it, or correct bench.camera.device"));
     }
-    let mut answers = Vec::new();
+    let (mut answers, mut wrong) = (Vec::new(), Vec::new());
     for interface in &config.interfaces {
-        answers.extend(answering(interface)?);
+        match answering(interface) {
+            Ok(there) => answers.extend(there),
+            // The camera may be on another.
+            Err(why) => wrong.push(why),
+        }
     }
-    let info = chosen(answers, &name, config)?;
+    let info = chosen(answers, &name, config).map_err(|why| {
+        wrong.insert(0, why);
+        wrong.join("; ")
+    })?;
     elsewhere(&info).map_or(Ok(info), Err)
 }
 
@@ -163,9 +225,8 @@ fn chosen(answers: Vec<DeviceInfo>, name: &GenicamName, config: &CameraConfig) -
         let named = given(info.user_name.as_ref()).map_or_else(String::new, |named| format!(", name:{named}"));
         format!("{} ({}{serial}{named})", info.ip, info.model.as_deref().unwrap_or("of no name"))
     };
-    // One camera may answer on two interfaces.
-    let mut fitting: Vec<&DeviceInfo> = answers.iter().filter(|info| fits(info)).collect();
-    fitting.dedup_by_key(|info| info.ip);
+    let answers = distinct(answers, |info| info);
+    let fitting: Vec<&DeviceInfo> = answers.iter().filter(|info| fits(info)).collect();
     match fitting[..] {
         [one] => Ok(one.clone()),
         [] => {
@@ -184,23 +245,27 @@ fn chosen(answers: Vec<DeviceInfo>, name: &GenicamName, config: &CameraConfig) -
     }
 }
 
-/// Takes control of a camera.
+/// Takes control of a camera, which is this program's own while the other that is returned lives.
 ///
 /// # Errors
 /// Why not, and what to do, in words.
-pub(super) fn open(info: &DeviceInfo) -> Result<Device, String> {
-    blocking::connect(info).map_err(|error| match is_controlled(info) {
+pub(super) fn open(info: &DeviceInfo) -> Result<(Device, InUse), String> {
+    let in_use = InUse::begin(info.ip);
+    let device = blocking::connect(info).map_err(|error| match is_controlled(info.ip) {
         // Some refuse, some say nothing.
         true => features::CONTROLLED.to_owned(),
         false => features::why(&error),
-    })
+    })?;
+    // For whoever lists cameras meanwhile. What cannot be read now is read then.
+    if let (Ok(place), Ok(formats)) = (read::place(&device), read::formats(&device)) {
+        known::keep(&Identity::of(info), &place, &formats);
+    }
+    Ok((device, in_use))
 }
 
 /// Whether somebody has control of a camera; `false` where it does not say.
-fn is_controlled(info: &DeviceInfo) -> bool {
-    let Ok((device, _)) = blocking::connect_as(info, Access::Monitor) else { return false };
-    let privilege = device.transport().read(CONTROL_PRIVILEGE, 4);
-    privilege.is_ok_and(|bytes| bytes.last().is_some_and(|last| last & CONTROLLED_BITS != 0))
+fn is_controlled(address: Ipv4Addr) -> bool {
+    Reader::open(address).is_ok_and(|mut reader| reader.is_controlled())
 }
 
 /// What a camera is, in a line.
@@ -246,6 +311,40 @@ mod tests {
     }
 
     #[test]
+    fn a_camera_that_answers_on_two_interfaces_is_one() {
+        let (one, other) = (camera(1, "A1", "spare"), camera(2, "B2", "spare"));
+        let heard = vec![one.clone(), other.clone(), DeviceInfo { local_ip: Some(other.ip), ..one.clone() }];
+        assert_eq!(distinct(heard.clone(), |info| info), [one, other]);
+        let config = CameraConfig { interfaces: vec!["a".to_owned(), "b".to_owned()], ..CameraConfig::default() };
+        let several = chosen(heard, &GenicamName::Name("spare".to_owned()), &config).unwrap_err();
+        assert_eq!(several.matches("10.0.0.1").count(), 1, "{several}");
+    }
+
+    #[test]
+    fn a_camera_in_use_is_listed_by_what_is_known_of_it_and_not_disturbed() {
+        // Nothing is there.
+        let info = DeviceInfo::from_ip(Ipv4Addr::new(127, 97, 0, 1));
+        let there = look_at(&info, "lo", &mut Allowance::of(1));
+        assert!(there.unusable.is_some_and(|why| why.contains("does not answer")));
+        known::keep(&Identity::of(&info), b"", &["Mono8".to_owned()]);
+        let _in_use = InUse::begin(info.ip);
+        let there = look_at(&info, "lo", &mut Allowance::of(1));
+        assert_eq!((there.formats, there.unusable), (vec!["Mono8".to_owned()], None));
+    }
+
+    #[test]
+    fn no_more_cameras_are_read_than_allowed_nor_longer() {
+        let mut few = Allowance::of(1);
+        assert!(few.take() && !few.take() && !few.take() && few.has_time());
+        assert_eq!(few.refused, 2);
+        let mut late = Allowance { until: Instant::now(), ..Allowance::of(1) };
+        assert!(!late.has_time());
+        let info = DeviceInfo::from_ip(Ipv4Addr::new(127, 96, 0, 1));
+        let there = look_at(&info, "lo", &mut late);
+        assert_eq!((there.unusable, there.formats.len(), late.refused), (None, 0, 2), "it was not asked");
+    }
+
+    #[test]
     fn a_camera_of_another_network_says_so() {
         let mask = Some(Ipv4Addr::new(255, 255, 255, 0));
         let near = DeviceInfo {
@@ -261,7 +360,11 @@ mod tests {
 
     #[test]
     fn an_interface_that_is_not_there_is_named() {
-        let (found, wrong) = cameras(&["no-such-interface".to_owned()]);
+        let interfaces = vec!["no-such-interface".to_owned()];
+        let (found, wrong) = cameras(&interfaces);
         assert!(found.is_empty() && wrong[0].contains("no network interface \"no-such-interface\""), "{wrong:?}");
+        let config = CameraConfig { device: "serial:A1".to_owned(), interfaces, ..CameraConfig::default() };
+        let why = resolve(&config).unwrap_err();
+        assert!(why.contains("no camera") && why.contains("no network interface"), "{why}");
     }
 }

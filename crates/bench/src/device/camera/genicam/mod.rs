@@ -7,6 +7,8 @@ mod clock;
 mod dating;
 mod features;
 pub mod find;
+mod known;
+mod read;
 mod setup;
 
 use std::sync::Arc;

@@ -1,0 +1,134 @@
+//! What this program has learned of the cameras on the network: what each offers, so that no description is read anew each
+//! time cameras are listed; and which of them it has in use itself, so that none of those is disturbed for a list.
+
+use std::collections::VecDeque;
+use std::net::Ipv4Addr;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use viva_genicam::gige::DeviceInfo;
+
+/// Of so many cameras what they offer is kept: of those that were read last.
+const KEPT: usize = 64;
+
+/// Which camera it is, and of which making: what it offers hangs on nothing else.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Identity {
+    pub(super) address: Ipv4Addr,
+    mac: [u8; 6],
+    words: [Option<String>; 4],
+}
+
+impl Identity {
+    pub(super) fn of(info: &DeviceInfo) -> Self {
+        let words = [&info.manufacturer, &info.model, &info.version, &info.serial].map(Clone::clone);
+        Self { address: info.ip, mac: info.mac, words }
+    }
+}
+
+/// What was read of a camera.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Read {
+    identity: Identity,
+    /// Where it says that its description is, which is another when its firmware is.
+    place: Vec<u8>,
+    formats: Vec<String>,
+}
+
+#[derive(Debug)]
+struct Known {
+    read: VecDeque<Read>,
+    in_use: Vec<Ipv4Addr>,
+}
+
+static KNOWN: Mutex<Known> = Mutex::new(Known { read: VecDeque::new(), in_use: Vec::new() });
+
+fn known() -> MutexGuard<'static, Known> {
+    KNOWN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Keeps what a camera offers, which says that its description is at `place`.
+pub(super) fn keep(identity: &Identity, place: &[u8], formats: &[String]) {
+    let mut known = known();
+    known.read.retain(|read| read.identity.address != identity.address);
+    known.read.push_back(Read { identity: identity.clone(), place: place.to_vec(), formats: formats.to_vec() });
+    if known.read.len() > KEPT {
+        known.read.pop_front();
+    }
+}
+
+/// What a camera offers, where that was read of it; by the `place` of its description, too, where that is known.
+pub(super) fn formats(identity: &Identity, place: Option<&[u8]>) -> Option<Vec<String>> {
+    let known = known();
+    let same = |read: &&Read| read.identity == *identity && place.is_none_or(|place| read.place == place);
+    known.read.iter().find(same).map(|read| read.formats.clone())
+}
+
+/// A camera that this program has in use, for as long as this lives.
+#[derive(Debug)]
+pub(super) struct InUse(Ipv4Addr);
+
+impl InUse {
+    /// The camera at this address is in use.
+    pub(super) fn begin(address: Ipv4Addr) -> Self {
+        known().in_use.push(address);
+        Self(address)
+    }
+}
+
+impl Drop for InUse {
+    fn drop(&mut self) {
+        let mut known = known();
+        if let Some(at) = known.in_use.iter().position(|address| *address == self.0) {
+            known.in_use.swap_remove(at);
+        }
+    }
+}
+
+/// Whether this program itself has the camera at this address in use.
+pub(super) fn is_in_use(address: Ipv4Addr) -> bool {
+    known().in_use.contains(&address)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(address: Ipv4Addr, version: &str) -> Identity {
+        Identity::of(&DeviceInfo { version: Some(version.to_owned()), ..DeviceInfo::from_ip(address) })
+    }
+
+    #[test]
+    fn what_was_read_holds_for_the_same_camera_of_the_same_making() {
+        let address = Ipv4Addr::new(10, 99, 0, 1);
+        let formats_of = |version: &str, place: Option<&[u8]>| formats(&camera(address, version), place);
+        let mono = vec!["Mono8".to_owned()];
+        keep(&camera(address, "1"), b"local:a;1;2", &mono);
+        assert_eq!(formats_of("1", None), Some(mono.clone()));
+        assert_eq!(formats_of("1", Some(b"local:a;1;2")), Some(mono));
+        assert_eq!(formats_of("1", Some(b"local:b;1;2")), None, "its description is another");
+        assert_eq!(formats_of("2", None), None, "its firmware is another");
+        keep(&camera(address, "2"), b"local:b;1;2", &[]);
+        assert_eq!(formats_of("1", None), None, "it was replaced");
+    }
+
+    #[test]
+    fn no_more_is_kept_than_there_is_room_for() {
+        let at = |index: usize| Ipv4Addr::new(10, 98, 0, index as u8);
+        for index in 0..=KEPT {
+            keep(&camera(at(index), "1"), b"", &[]);
+        }
+        assert_eq!(formats(&camera(at(0), "1"), None), None);
+        assert_eq!(formats(&camera(at(KEPT), "1"), None), Some(Vec::new()));
+        assert!(known().read.len() <= KEPT);
+    }
+
+    #[test]
+    fn a_camera_is_in_use_as_long_as_somebody_has_it() {
+        let address = Ipv4Addr::new(10, 97, 0, 1);
+        let (one, other) = (InUse::begin(address), InUse::begin(address));
+        drop(one);
+        assert!(is_in_use(address));
+        drop(other);
+        assert!(!is_in_use(address));
+    }
+}
