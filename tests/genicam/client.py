@@ -132,7 +132,7 @@ def devices():
 
 
 # What of the other camera's formats is read.
-OFFERED = ["Mono8", "Mono12p"]
+OFFERED = ["Mono8", "Mono12Packed", "Mono12p"]
 
 
 def main():

@@ -33,6 +33,10 @@ pub enum Layout {
     Dense,
     /// Samples without a gap, the lowest bit first; from one row to the next, too, where rows are not padded.
     DenseLow,
+    /// Two samples in three bytes, as GigE Vision packs them: the high eight bits of one in the first and of the other in the
+    /// last, their low bits in the halves of the byte between, the first's in its low half. From one row to the next, too,
+    /// where rows are not padded.
+    Pairs,
     /// Three bytes a pixel, of which grey is made.
     Rgb {
         /// Whether red comes first, and not blue.
@@ -127,6 +131,8 @@ const GENICAM: &[PixelFormat] = &[
     format("Mono16", WORDS, 16),
     format("Mono10p", Layout::DenseLow, 10),
     format("Mono12p", Layout::DenseLow, 12),
+    format("Mono10Packed", Layout::Pairs, 10),
+    format("Mono12Packed", Layout::Pairs, 12),
     bayer("BayerBG8", GREY, 8, Bggr),
     bayer("BayerGB8", GREY, 8, Gbrg),
     bayer("BayerGR8", GREY, 8, Grbg),
@@ -151,6 +157,14 @@ const GENICAM: &[PixelFormat] = &[
     bayer("BayerGB12p", Layout::DenseLow, 12, Gbrg),
     bayer("BayerGR12p", Layout::DenseLow, 12, Grbg),
     bayer("BayerRG12p", Layout::DenseLow, 12, Rggb),
+    bayer("BayerBG10Packed", Layout::Pairs, 10, Bggr),
+    bayer("BayerGB10Packed", Layout::Pairs, 10, Gbrg),
+    bayer("BayerGR10Packed", Layout::Pairs, 10, Grbg),
+    bayer("BayerRG10Packed", Layout::Pairs, 10, Rggb),
+    bayer("BayerBG12Packed", Layout::Pairs, 12, Bggr),
+    bayer("BayerGB12Packed", Layout::Pairs, 12, Gbrg),
+    bayer("BayerGR12Packed", Layout::Pairs, 12, Grbg),
+    bayer("BayerRG12Packed", Layout::Pairs, 12, Rggb),
 ];
 
 impl PixelFormat {
@@ -240,7 +254,7 @@ impl PixelFormat {
         match self.layout {
             Layout::Bytes { .. } => self.bits == 8 && self.mosaic.is_none() && !["GREY", "Mono8"].contains(&self.name),
             Layout::Rgb { .. } | Layout::Jpeg => true,
-            Layout::Words { .. } | Layout::Mipi | Layout::Dense | Layout::DenseLow => false,
+            Layout::Words { .. } | Layout::Mipi | Layout::Dense | Layout::DenseLow | Layout::Pairs => false,
         }
     }
 
@@ -252,6 +266,8 @@ impl PixelFormat {
             Layout::Words { .. } => width * 2,
             Layout::Mipi => width.div_ceil(self.mipi_group().0) * self.mipi_group().1,
             Layout::Dense | Layout::DenseLow => (width * self.bits as usize).div_ceil(8),
+            // A pair's second half may be missing, and is not sent.
+            Layout::Pairs => (width * 12).div_ceil(8),
             Layout::Rgb { .. } => width * 3,
             Layout::Jpeg => 0,
         }
@@ -295,6 +311,11 @@ mod tests {
             assert!(!format.is_interpolated(), "{}", format.name());
         }
         assert_eq!(PixelFormat::from_genicam_name("BayerRG12p").unwrap().row_bytes(8), 12);
+        for name in ["Mono10Packed", "BayerGB12Packed"] {
+            // An odd number of pixels ends within a group: a camera was seen to send no more than its bits fill.
+            let format = PixelFormat::from_genicam_name(name).unwrap();
+            assert_eq!([4, 3, 1, 1_243_233].map(|pixels| format.row_bytes(pixels)), [6, 5, 2, 1_864_850], "{name}");
+        }
         assert_eq!(PixelFormat::from_genicam_name("GREY"), None);
     }
 

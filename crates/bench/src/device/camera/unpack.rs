@@ -57,13 +57,13 @@ pub fn unpack(
     if format.layout() == Layout::Jpeg {
         return unpack_jpeg(buffer, width, height);
     }
-    if format.layout() == Layout::DenseLow && stride == 0 {
+    if matches!(format.layout(), Layout::DenseLow | Layout::Pairs) && stride == 0 {
         // Without padding a row begins where the one before has ended, within a byte.
         let pixels = width * height;
         let needed = format.row_bytes(pixels);
         let short = UnpackError::Short { got: buffer.len(), needed };
         let run = buffer.get(..needed).filter(|_| pixels > 0).ok_or(short)?;
-        return Ok(RawImage::from_u16(width, height, format.bits(), dense_low(run, pixels, format.bits())));
+        return Ok(RawImage::from_u16(width, height, format.bits(), grouped(run, pixels, format)));
     }
     let row = format.row_bytes(width);
     let stride = if stride == 0 { row } else { stride };
@@ -138,37 +138,43 @@ pub fn unpack(
             }
             deep(width, height, format.bits(), samples)
         }
-        Layout::DenseLow => {
-            let bits = format.bits();
-            Ok(RawImage::from_u16(width, height, bits, rows.flat_map(|line| dense_low(line, width, bits)).collect()))
+        Layout::DenseLow | Layout::Pairs => {
+            let samples = rows.flat_map(|line| grouped(line, width, format)).collect();
+            Ok(RawImage::from_u16(width, height, format.bits(), samples))
         }
         Layout::Jpeg => unpack_jpeg(buffer, width, height),
     }
 }
 
-/// So many samples that lie without a gap, the lowest bit first: whole groups of bytes at a time.
-fn dense_low(bytes: &[u8], count: usize, bits: u8) -> Vec<u16> {
-    let mut samples = Vec::with_capacity(count + 3);
-    match bits {
-        10 => {
-            let group = |b: [u8; 5]| {
-                let held = u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], 0, 0, 0]);
-                [held, held >> 10, held >> 20, held >> 30].map(|sample| (sample & 0x3ff) as u16)
-            };
-            let (groups, rest) = bytes.as_chunks::<5>();
-            samples.extend(groups.iter().flat_map(|&bytes| group(bytes)));
-            samples.extend(group(filled(rest)));
+/// So many samples that lie in groups of whole bytes, a group at a time.
+fn grouped(bytes: &[u8], count: usize, format: PixelFormat) -> Vec<u16> {
+    match (format.layout(), format.bits()) {
+        (Layout::Pairs, bits) => {
+            let low_bits = bits - 8;
+            let sample = |high: u8, low: u8| u16::from(high) << low_bits | u16::from(low) & ((1 << low_bits) - 1);
+            in_groups(bytes, count, |[first, low, second]| [sample(first, low), sample(second, low >> 4)])
         }
-        _ => {
-            let group = |b: [u8; 3]| {
-                let held = u32::from_le_bytes([b[0], b[1], b[2], 0]);
-                [held, held >> 12].map(|sample| (sample & 0xfff) as u16)
-            };
-            let (groups, rest) = bytes.as_chunks::<3>();
-            samples.extend(groups.iter().flat_map(|&bytes| group(bytes)));
-            samples.extend(group(filled(rest)));
-        }
+        (_, 10) => in_groups(bytes, count, |b: [u8; 5]| {
+            let held = u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], 0, 0, 0]);
+            [held, held >> 10, held >> 20, held >> 30].map(|sample| (sample & 0x3ff) as u16)
+        }),
+        _ => in_groups(bytes, count, |b: [u8; 3]| {
+            let held = u32::from_le_bytes([b[0], b[1], b[2], 0]);
+            [held, held >> 12].map(|sample| (sample & 0xfff) as u16)
+        }),
     }
+}
+
+/// So many samples of groups of `BYTES`, of which `apart` takes one apart; the last may end early.
+fn in_groups<const BYTES: usize, const SAMPLES: usize>(
+    bytes: &[u8],
+    count: usize,
+    apart: impl Fn([u8; BYTES]) -> [u16; SAMPLES],
+) -> Vec<u16> {
+    let mut samples = Vec::with_capacity(count + SAMPLES);
+    let (groups, rest) = bytes.as_chunks::<BYTES>();
+    samples.extend(groups.iter().flat_map(|&group| apart(group)));
+    samples.extend(apart(filled(rest)));
     samples.truncate(count);
     samples
 }
@@ -320,6 +326,26 @@ mod tests {
         assert_eq!(unpack(&twelve, 1, 4, 0, format), Err(UnpackError::Short { got: 5, needed: 6 }));
     }
 
+    #[test]
+    fn pairs_of_genicam_cameras_are_taken_apart() {
+        let of = |name: &str, buffer: &[u8], width, height, stride| {
+            unpack(buffer, width, height, stride, PixelFormat::from_genicam_name(name).unwrap()).unwrap()
+        };
+        // As the camera makers' manuals have it: the high bits in bytes 0 and 2, the first pixel's low ones in the low half of
+        // the byte between.
+        let twelve = [0xab, 0x3c, 0x12];
+        assert_eq!(of("Mono12Packed", &twelve, 2, 1, 0), RawImage::from_u16(2, 1, 12, vec![0xabc, 0x123]));
+        assert_eq!(of("BayerBG12Packed", &twelve, 1, 2, 0), RawImage::from_u16(1, 2, 12, vec![0xabc, 0x123]));
+        // What lies besides is no part of a sample.
+        let ten = [0xa9, 0b1110_1101, 0x56];
+        assert_eq!(of("Mono10Packed", &ten, 2, 1, 0), RawImage::from_u16(2, 1, 10, vec![0x2a5, 0x15a]));
+        assert_eq!(of("BayerGR10Packed", &ten[..2], 1, 1, 0), RawImage::from_u16(1, 1, 10, vec![0x2a5]));
+        let padded = [0xab, 0x0c, 0, 0, 0x12, 0x03];
+        assert_eq!(of("Mono12Packed", &padded, 1, 2, 4), RawImage::from_u16(1, 2, 12, vec![0xabc, 0x123]));
+        let format = PixelFormat::from_genicam_name("Mono12Packed").unwrap();
+        assert_eq!(unpack(&twelve, 3, 1, 0, format), Err(UnpackError::Short { got: 3, needed: 5 }));
+    }
+
     fn jpeg(kind: jpeg_encoder::ColorType, pixels: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::new();
         jpeg_encoder::Encoder::new(&mut bytes, 95).encode(pixels, 16, 8, kind).unwrap();
@@ -374,7 +400,53 @@ mod tests {
         assert_eq!(frames_lost(7, 7), 0);
     }
 
+    /// Samples bit by bit at the places that the formats' definitions give each.
+    fn packed(samples: &[u16], format: PixelFormat) -> Vec<u8> {
+        let bits = usize::from(format.bits());
+        let mut bytes = vec![0u8; format.row_bytes(samples.len())];
+        for (index, sample) in samples.iter().enumerate() {
+            for bit in (0..bits).filter(|bit| sample >> bit & 1 == 1) {
+                let place = match (format.layout(), index % 2, bit.checked_sub(bits - 8)) {
+                    (Layout::DenseLow, ..) => index * bits + bit,
+                    (_, 0, Some(high)) => index / 2 * 24 + high,
+                    (_, _, Some(high)) => index / 2 * 24 + 16 + high,
+                    (_, 0, None) => index / 2 * 24 + 8 + bit,
+                    (_, _, None) => index / 2 * 24 + 12 + bit,
+                };
+                bytes[place / 8] |= 1 << (place % 8);
+            }
+        }
+        bytes
+    }
+
     proptest! {
+        #[test]
+        fn what_is_packed_is_unpacked(
+            width in 1usize..40,
+            height in 1usize..5,
+            padding in 0usize..4,
+            sown in any::<u64>(),
+            format in proptest::sample::select(
+                PixelFormat::genicam()
+                    .iter()
+                    .copied()
+                    .filter(|format| matches!(format.layout(), Layout::DenseLow | Layout::Pairs))
+                    .collect::<Vec<_>>()
+            ),
+        ) {
+            let of = |index: usize| (sown.rotate_left(index as u32 * 7) ^ index as u64) as u16 & format.white_level();
+            let samples: Vec<u16> = (0..width * height).map(of).collect();
+            let image = RawImage::from_u16(width, height, format.bits(), samples.clone());
+            prop_assert_eq!(&unpack(&packed(&samples, format), width, height, 0, format).unwrap(), &image);
+            let stride = format.row_bytes(width) + padding;
+            let rows = samples.chunks(width).flat_map(|row| {
+                let mut row = packed(row, format);
+                row.resize(stride, 0xff);
+                row
+            });
+            prop_assert_eq!(unpack(&rows.collect::<Vec<u8>>(), width, height, stride, format).unwrap(), image);
+        }
+
         #[test]
         fn no_buffer_breaks_it(
             buffer in proptest::collection::vec(any::<u8>(), 0..300),
