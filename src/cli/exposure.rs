@@ -174,6 +174,7 @@ mod tests {
         let controls = vec![
             control(ControlName::Exposure, ControlUnit::Ms, None),
             control(ControlName::Gain, ControlUnit::Driver, locked),
+            control(ControlName::Gain, ControlUnit::Db, None),
         ];
         let histogram = HistogramView {
             frame_seq: 7,
@@ -196,6 +197,7 @@ mod tests {
             "exposure  10 ms      0.1 to 100 ms in steps of 0.1",
             "gain      10         0.1 to 100 in steps of 0.1",
             "          cannot be set: the camera adjusts it by itself",
+            "gain      10 dB      0.1 to 100 dB in steps of 0.1",
             "left as it was: the bright pixels are at 80 % of white, 0.00 % are clipped, after 1 frame",
             "frame 7, 12 bits:",
             "  from  2048   25.0 %  #################",

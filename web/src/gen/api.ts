@@ -3290,7 +3290,7 @@ export interface components {
      * @description What a control's numbers are.
      * @enum {string}
      */
-    ControlUnit: "ms" | "factor" | "driver";
+    ControlUnit: "ms" | "factor" | "db" | "driver";
     /** @description A place of a curve. */
     CurvePoint: {
       /**

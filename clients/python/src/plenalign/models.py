@@ -357,6 +357,7 @@ class ControlUnit(str, Enum):
 
     MS = "ms"
     FACTOR = "factor"
+    DB = "db"
     DRIVER = "driver"
 
 
@@ -461,11 +462,11 @@ class DevicesFound(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     cameras: list[CameraFound]
     """Cameras, as `plenalign camera list` has them."""
-    serial_ports: list[PortFound]
     notes: list[str] | UnsetType = UNSET
     """What could not be looked at, and why, one sentence each: an interface of `bench.camera.interfaces` that is
     not there, or more cameras than are read at once.
     """
+    serial_ports: list[PortFound]
     """Serial ports."""
 
 

@@ -41,6 +41,8 @@ pub enum ControlUnit {
     Ms,
     /// A factor: at 2 everything is twice as bright as at 1.
     Factor,
+    /// Decibels of amplitude: 20 more are ten times as bright.
+    Db,
     /// The camera driver's own numbers, of which it says no more than that larger ones are brighter.
     Driver,
 }
@@ -51,6 +53,7 @@ impl ControlUnit {
     pub const fn suffix(self) -> &'static str {
         match self {
             Self::Ms => " ms",
+            Self::Db => " dB",
             Self::Factor | Self::Driver => "",
         }
     }

@@ -174,9 +174,12 @@ fn propose(control: &LightControl, value: f64, bracket: &mut [Option<f64>; 2], l
         // Between two steps: the darker one is not clipped.
         return (value != dark || lit.level >= FLOOR).then_some(dark);
     }
-    // What a number stands for is known of a time and of a factor; of the driver's own that it grows.
-    let proportional = control.unit != ControlUnit::Driver;
-    let guessed = if proportional { value * lit.times() } else { 0.5 * (low + high) };
+    // What a number stands for is known of a time, a factor and decibels; of the driver's own that it grows.
+    let guessed = match control.unit {
+        ControlUnit::Ms | ControlUnit::Factor => value * lit.times(),
+        ControlUnit::Db => value + 20.0 * lit.times().log10(),
+        ControlUnit::Driver => 0.5 * (low + high),
+    };
     let inside = |wanted: f64| {
         let within = match bracket {
             [Some(_), Some(_)] => wanted > low + half_step && wanted < high - half_step,
@@ -296,6 +299,16 @@ mod tests {
         assert!(done == Next::Right && frames <= 8, "{frames}: {set:?}");
         let (done, set, _) = searched(&[exposure(1.0), driver], 0.005, amplified);
         assert_eq!(done, Next::Right, "{set:?}");
+    }
+
+    #[test]
+    fn a_gain_in_decibels_is_found_as_quickly_as_a_factor() {
+        let amplified = |gain: f64| 10f64.powf(gain / 20.0);
+        for begin in [-6.0, 0.0, 24.0] {
+            let gain = control(ControlName::Gain, ControlUnit::Db, begin, [-6.0, 24.0, 0.1]);
+            let (done, set, frames) = searched(std::slice::from_ref(&gain), 0.025, amplified);
+            assert!(done == Next::Right && frames <= 4, "{frames} from {begin} dB: {set:?}");
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ import type * as en from "../en/camera";
 export const camera: typeof en.camera = {
   title: "Kamera",
   name: { exposure: "Belichtungszeit", gain: "Verstärkung" },
-  unit: { ms: "ms", factor: "×", driver: "" },
+  unit: { ms: "ms", factor: "×", db: "dB", driver: "" },
   field: (name, unit) => (unit === "" ? name : `${name}, ${unit}`),
   limits: (low, high, unit) => `${low} bis ${high}${unit === "" ? "" : ` ${unit}`}`,
   driverUnit: "in den Zahlen des Treibers",

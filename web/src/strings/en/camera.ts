@@ -5,7 +5,7 @@ import type { ControlName, LightControl } from "../../wire";
 export const camera = {
   title: "Camera",
   name: { exposure: "Exposure", gain: "Gain" } satisfies Record<ControlName, string>,
-  unit: { ms: "ms", factor: "×", driver: "" } satisfies Record<LightControl["unit"], string>,
+  unit: { ms: "ms", factor: "×", db: "dB", driver: "" } satisfies Record<LightControl["unit"], string>,
   field: (name: string, unit: string) => (unit === "" ? name : `${name}, ${unit}`),
   limits: (low: string, high: string, unit: string) => `${low} to ${high}${unit === "" ? "" : ` ${unit}`}`,
   driverUnit: "the driver’s own numbers",

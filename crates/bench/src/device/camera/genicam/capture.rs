@@ -258,7 +258,7 @@ impl Capturer {
                 Ok(Order::Set(name, value, reply)) => {
                     let done = features::set_light(device, name, value, &self.set_by_hand);
                     // A longer exposure is in force from some frame on; a shorter one may not be yet.
-                    let exposure = Duration::try_from_secs_f64(setup::exposure_s(device)?).unwrap_or_default();
+                    let exposure = Duration::try_from_secs_f64(features::exposure_s(device)?).unwrap_or_default();
                     stream.dating.exposes(exposure);
                     self.outlet.pace(stream.dating.interval());
                     drop(reply.send(done));

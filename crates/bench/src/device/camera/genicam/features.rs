@@ -197,11 +197,37 @@ pub(super) fn apply(device: &mut Device, wanted: &BTreeMap<String, ControlValue>
     Ok(notes)
 }
 
-/// What of a standard feature makes a picture brighter, what its numbers are, and how many of them make one of those told.
+/// What of a standard feature makes a picture brighter, what its numbers are, and what adjusts it by itself.
 const LIGHT: [(StandardFeature, ControlName, &str); 2] = [
     (StandardFeature::ExposureTime, ControlName::Exposure, "ExposureAuto"),
     (StandardFeature::Gain, ControlName::Gain, "GainAuto"),
 ];
+
+/// What an exposure's or a gain's numbers are, by the unit that the camera's description gives them, and how many of the
+/// camera's make one of those told.
+fn unit_of(name: ControlName, key: &str, said: Option<&str>) -> (ControlUnit, f64) {
+    let said = said.map(|unit| unit.trim().to_lowercase());
+    match (name, said.as_deref()) {
+        (ControlName::Exposure, Some("ns")) => (ControlUnit::Ms, 1e6),
+        // The Greek letter, and the sign that looks like it.
+        (ControlName::Exposure, Some("us" | "μs" | "µs" | "usec" | "microseconds")) => (ControlUnit::Ms, 1000.0),
+        (ControlName::Exposure, Some("ms" | "msec" | "milliseconds")) => (ControlUnit::Ms, 1.0),
+        (ControlName::Exposure, Some("s" | "sec" | "seconds")) => (ControlUnit::Ms, 1e-3),
+        // The standard has exposures in µs; those whose name says that they are raw are in units of the camera's own.
+        (ControlName::Exposure, None | Some("")) if !key.ends_with("Raw") => (ControlUnit::Ms, 1000.0),
+        (ControlName::Gain, Some("db")) => (ControlUnit::Db, 1.0),
+        _ => (ControlUnit::Driver, 1.0),
+    }
+}
+
+/// How long the camera exposes a frame, s; 0 where it does not say.
+pub(super) fn exposure_s(device: &Device) -> Result<f64, String> {
+    let Some((key, state)) = standard(device, StandardFeature::ExposureTime)? else { return Ok(0.0) };
+    Ok(match (number(&state), unit_of(ControlName::Exposure, key, state.unit.as_deref())) {
+        (Some(number), (ControlUnit::Ms, per_ms)) => number / per_ms * 1e-3,
+        _ => 0.0,
+    })
+}
 
 /// An exposure or gain as told to users, and how many of the camera's numbers make one of those told.
 fn light_of(
@@ -209,11 +235,7 @@ fn light_of(
     (feature, name, automatic): (StandardFeature, ControlName, &str),
 ) -> Result<Option<(LightControl, f64)>, String> {
     let Some((key, state_now)) = standard(device, feature)? else { return Ok(None) };
-    // The standard has exposures in µs; those whose name says that they are raw are in units of the camera's own.
-    let (unit, per_unit) = match name {
-        ControlName::Exposure if !key.ends_with("Raw") => (ControlUnit::Ms, 1000.0),
-        _ => (ControlUnit::Driver, 1.0),
-    };
+    let (unit, per_unit) = unit_of(name, key, state_now.unit.as_deref());
     let Some(range) = state_now.range else { return Ok(None) };
     let automatic = state(device, automatic)?.map_or_else(String::new, |state| match state.value {
         FeatureValue::Enum(now) if now != "Off" => now,
@@ -232,7 +254,7 @@ fn light_of(
         (Some(step), _) if step > 0.0 => step,
         (_, true) => 1.0,
         // A number without steps: whole µs, hundredths of anything else.
-        (_, false) if unit == ControlUnit::Ms => 1.0,
+        (_, false) if unit == ControlUnit::Ms => 1e-3 * per_unit,
         _ => 0.01,
     };
     let told = LightControl {
@@ -268,20 +290,72 @@ pub(super) fn set_light(device: &mut Device, name: ControlName, value: f64, kept
     if let Some(why) = told.locked {
         return Err(why);
     }
-    // Of what is counted in µs, and in hundredths: what lies beyond is not meant.
-    let number = (value * per_unit * 1e3).round() / 1e3;
+    let number = as_meant(value * per_unit);
     let kept_as = if number.fract() == 0.0 { ControlValue::Number(number as i64) } else { ControlValue::Real(number) };
     let said = kept_as.to_string();
     keep_while(kept, told.key.clone(), kept_as, || set(device, &told.key, &said))
 }
 
-/// The controls that a picture is made brighter or darker with, with their values and ranges, in words.
+/// A number without what reckoning with it has added in its last places.
+fn as_meant(number: f64) -> f64 {
+    format!("{number:.11e}").parse().unwrap_or(number)
+}
+
+/// The controls that a picture is made brighter or darker with, with their values and ranges, in words and in the camera's own
+/// numbers, as they are configured.
 pub(super) fn of_brightness(device: &Device) -> String {
-    let told = light(device).unwrap_or_default();
-    let named = told.iter().map(|control| {
-        let now = control.value.map_or_else(String::new, |value| format!("now {value}, "));
-        let unit = control.unit.suffix();
-        format!("`{}` ({now}{} to {}{unit})", control.key, control.minimum, control.maximum)
+    let named = LIGHT.into_iter().filter_map(|(feature, ..)| {
+        let (key, state) = standard(device, feature).ok()??;
+        let now = number(&state).map_or_else(String::new, |now| format!("now {now}, "));
+        Some(format!("`{key}` ({now}{})", choices(&state)))
     });
     named.collect::<Vec<_>>().join(" or ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_is_the_one_that_the_camera_says() {
+        use ControlName::{Exposure, Gain};
+        for (name, key, said, unit) in [
+            (Exposure, "ExposureTime", Some("us"), (ControlUnit::Ms, 1000.0)),
+            (Exposure, "ExposureTimeAbs", None, (ControlUnit::Ms, 1000.0)),
+            (Exposure, "ExposureTime", Some("\u{b5}s"), (ControlUnit::Ms, 1000.0)),
+            (Exposure, "ExposureTime", Some("\u{3bc}s"), (ControlUnit::Ms, 1000.0)),
+            (Exposure, "ExposureTime", Some("ms"), (ControlUnit::Ms, 1.0)),
+            (Exposure, "ExposureTime", Some(" s"), (ControlUnit::Ms, 1e-3)),
+            (Exposure, "ExposureTime", Some("lines"), (ControlUnit::Driver, 1.0)),
+            (Exposure, "ExposureTimeRaw", None, (ControlUnit::Driver, 1.0)),
+            (Exposure, "ExposureTimeRaw", Some("us"), (ControlUnit::Ms, 1000.0)),
+            (Gain, "Gain", Some("dB"), (ControlUnit::Db, 1.0)),
+            (Gain, "Gain", None, (ControlUnit::Driver, 1.0)),
+            (Gain, "GainRaw", None, (ControlUnit::Driver, 1.0)),
+        ] {
+            assert_eq!(unit_of(name, key, said), unit, "{key} in {said:?}");
+        }
+    }
+
+    #[test]
+    fn a_number_is_set_as_it_was_meant() {
+        // 12.3 ms of a camera that counts seconds, 0.1 + 0.2 dB.
+        assert_eq!(as_meant(12.3 * 1e-3), 0.0123);
+        assert_eq!(as_meant(0.1 + 0.2), 0.3);
+        assert_eq!(as_meant(12_345_678.0), 12_345_678.0);
+        assert_eq!(as_meant(0.0), 0.0);
+    }
+
+    #[test]
+    fn a_refusal_deep_within_an_error_is_told_as_what_it_is() {
+        use viva_genapi_xml::XmlError;
+        let denied = || GigeError::Status(GigeStatus::Common(gencp::StatusCode::AccessDenied));
+        let read = GenicamError::from(XmlError::transport(denied()));
+        assert_eq!((why(&read).as_str(), is_denied(&read)), (CONTROLLED, true));
+        assert_eq!(why(&denied()), CONTROLLED);
+        let silent = GenicamError::from(XmlError::transport(GigeError::Timeout));
+        assert_eq!((why(&silent).as_str(), is_denied(&silent)), (SILENT, false));
+        let busy = GigeError::Status(GigeStatus::Common(gencp::StatusCode::Busy));
+        assert!(why(&busy).contains("BUSY"));
+    }
 }

@@ -163,13 +163,7 @@ fn set_rate(device: &mut Device, wanted_hz: f64) -> Result<(Duration, Option<Str
             Some(format!("{wanted_hz} frames a second were asked for, the camera grants {:.4}", 1.0 / seconds))
         }
     };
-    Ok((Duration::from_secs_f64(seconds.max(exposure_s(device)?)), note))
-}
-
-/// How long the camera exposes a frame, s; 0 where it does not say.
-pub(super) fn exposure_s(device: &Device) -> Result<f64, String> {
-    let told = standard(device, StandardFeature::ExposureTime)?.filter(|(name, _)| !name.ends_with("Raw"));
-    Ok(told.and_then(|(_, state)| number(&state)).map_or(0.0, |us| us * 1e-6))
+    Ok((Duration::from_secs_f64(seconds.max(features::exposure_s(device)?)), note))
 }
 
 /// The room (bytes) in the kernel's buffer of a stream whose frames are dated by their arrival: what waits there longer is
