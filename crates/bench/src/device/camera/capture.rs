@@ -54,6 +54,20 @@ impl Capturer {
         config
     }
 
+    /// A stream begins, of which this was agreed.
+    fn begin(&self, agreed: Agreed) -> Stream {
+        self.outlet.pace(agreed.interval);
+        Stream {
+            agreed,
+            clock: Clock::default(),
+            last_sequence: None,
+            last: None,
+            judge: Judge::default(),
+            good_at: Instant::now(),
+            damage: None,
+        }
+    }
+
     /// Publishes the newest good frame of what was taken.
     ///
     /// # Errors
@@ -122,6 +136,7 @@ impl Capturer {
         // A camera may well be slower than its driver says: then its exposures may be longer, too.
         let at_s = if believed.is_some() { of.at_s } else { now_s };
         let interval = stream.agreed.interval.max(stream.interval_since_last(at_s, of.sequence));
+        self.outlet.pace(interval);
         let delay = Duration::from_millis(self.config.pipeline_delay_ms);
         exposure::window(believed, arrived_after.elapsed(), interval, delay)
     }
@@ -138,15 +153,7 @@ impl Capture for Capturer {
         let agreed = setup::agree(&device, &self.as_set_by_hand(), self.format, self.outlet.size())?;
         let mut queue =
             Queue::start(&device, BUFFERS).map_err(|error| format!("its stream does not start: {error}"))?;
-        let mut stream = Stream {
-            agreed,
-            clock: Clock::default(),
-            last_sequence: None,
-            last: None,
-            judge: Judge::default(),
-            good_at: Instant::now(),
-            damage: None,
-        };
+        let mut stream = self.begin(agreed);
         let timeout = Duration::from_millis(self.config.timeout_ms);
         while !self.outlet.has_ended() {
             let left = timeout.saturating_sub(stream.good_at.elapsed());
@@ -187,4 +194,38 @@ fn lost(error: io::Error) -> String {
 
 fn monotonic_now() -> Option<f64> {
     clock_gettime(ClockId::CLOCK_MONOTONIC).ok().map(|t| t.tv_sec() as f64 + t.tv_nsec() as f64 * 1e-9)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::feed;
+    use super::*;
+    use crate::device::{AxisPose, CameraState};
+
+    /// What is set is in force after some frames, and a frame is waited for as long as some take.
+    #[test]
+    fn users_are_told_the_interval_that_was_granted_and_that_frames_have() {
+        let config = CameraConfig { frame_rate_hz: 100.0, format: "GREY".to_owned(), ..CameraConfig::default() };
+        let unknown = AxisPose { position: None, settled: false };
+        let state = CameraState::not_yet("v4l2", "not opened yet");
+        let (feed, outlet) = feed::feed(&config, (4, 4), Arc::new(move |_, _| (unknown, unknown)), state);
+        assert_eq!(feed.interval(), Duration::from_millis(10), "as configured, before the camera is asked");
+        let format = PixelFormat::from_name("GREY").unwrap();
+        let capturer = Capturer { config, set_by_hand: Arc::default(), format, outlet };
+        let interval = Duration::from_millis(40);
+        let agreed = Agreed { identity: String::new(), stride: 4, interval, white: 255, notes: Vec::new() };
+        let mut stream = capturer.begin(agreed);
+        assert_eq!(feed.interval(), interval, "as granted");
+        let now_s = monotonic_now().unwrap();
+        let monotonic = u32::from(Flags::TIMESTAMP_MONOTONIC);
+        let mut taken = |before_s: f64, sequence| {
+            capturer.window(&mut stream, &Filled::of(monotonic, now_s - before_s, sequence), Instant::now());
+            feed.interval()
+        };
+        assert_eq!(taken(0.9, 1), interval, "as granted, until two frames have come");
+        // One was lost between.
+        let slow = taken(0.4, 3).as_secs_f64();
+        assert!((slow - 0.25).abs() < 1e-6, "{slow} s");
+        assert_eq!(taken(0.39, 4), interval);
+    }
 }

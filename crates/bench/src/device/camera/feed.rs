@@ -135,7 +135,8 @@ impl Feed {
         Err(DeviceError::Timeout { device: self.name.clone(), what: "send a frame".to_owned(), allowed })
     }
 
-    fn interval(&self) -> Duration {
+    /// The time between frames.
+    pub(super) fn interval(&self) -> Duration {
         Duration::from_nanos(self.interval_ns.load(Ordering::Relaxed))
     }
 

@@ -46,6 +46,12 @@ pub(in crate::device::camera) struct Filled {
 }
 
 impl Filled {
+    /// One of a test.
+    #[cfg(test)]
+    pub(in crate::device::camera) const fn of(flags: u32, at_s: f64, sequence: u32) -> Self {
+        Self { index: 0, used: 0, flags, at_s, sequence }
+    }
+
     /// Whether the driver itself says that the frame is damaged.
     pub(in crate::device::camera) fn is_damaged(&self) -> bool {
         self.flags & V4L2_BUF_FLAG_ERROR != 0
