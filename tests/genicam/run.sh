@@ -137,12 +137,31 @@ fi
 grep --quiet 'camera  *Aravis Fake at 10.9.0.2, Mono8 256x200 at 25 Hz' "$folder/doctor"
 echo "- listed by camera list and doctor, on the configured interface and on no other"
 
+# Another program has the camera for itself alone, and lets it go when its input ends.
+mkfifo "$folder/until"
+elsewhere python3 exclusive.py 10.9.0.2 <"$folder/until" >"$folder/exclusive" &
+other_pid=$!
+exec 9>"$folder/until"
+wait_for says_or_ended "$folder/exclusive" "$other_pid"
+
 "$plenalign" serve --config "$folder/plenalign.toml" --json --listen 127.0.0.1:0 --insecure \
-  >"$folder/said" 2>"$folder/log" &
+  >"$folder/said" 2>"$folder/log" 9>&- &
 daemon_pid=$!
 wait_for says_or_ended "$folder/said" "$daemon_pid"
 ADDRESS=$(sed -n 's/.*"address":"\([^"]*\)\/".*/\1/p' "$folder/said")
+client fault "another program controls it: end that one"
+exec 9>&-
+wait "$other_pid"
 client online
+# Aravis's camera lets others read. Of one that does not:
+start_stranger exclusive
+"$plenalign" --config "$folder/plenalign.toml" camera list 2>/dev/null | grep --quiet 'cannot be used: another program controls it'
+sed 's/serial:PLN-1/serial:PLN-3/' "$folder/plenalign.toml" >"$folder/other.toml"
+"$plenalign" --config "$folder/other.toml" doctor >"$folder/doctor" || true
+grep --quiet 'PROBLEM  *camera  *Nobody Stranger at 10.7.0.2: another program controls' "$folder/doctor"
+end_stranger
+echo "- had by another program for itself alone: told, by a camera that lets others read and by one that does not"
+
 whole=$(client frames 20)
 echo "- $whole frames, each whole"
 
