@@ -9,10 +9,11 @@ use anyhow::{Context as _, anyhow};
 use serde::Serialize;
 
 use super::{Context, exposure};
-use crate::config::CameraDriver;
+use crate::config::{CameraConfig, CameraDriver, GenicamName};
 use crate::device::camera::controls::{self, Control};
 use crate::device::camera::find::{self, Node};
 use crate::device::camera::genicam::find::{self as network, NetworkCamera};
+use crate::device::camera::genicam::listing::Feature;
 use crate::device::camera::offer::{self, Offer};
 
 /// Arguments of `plenalign camera`.
@@ -41,8 +42,8 @@ struct ListArgs {
 
 #[derive(Debug, clap::Args)]
 struct ControlsArgs {
-    /// The camera, as `bench.camera.device` names it: a device file, card:NAME or usb:SERIAL; the configured one unless
-    /// given.
+    /// The camera, as `bench.camera.device` names it: a device file, card:NAME or usb:SERIAL; serial:NUMBER, name:NAME or an
+    /// address of one on the network; the configured one unless given.
     device: Option<String>,
     /// Set what [bench.camera.controls] says and switch the camera's automatics off, as the daemon does, then list.
     #[arg(long)]
@@ -69,11 +70,29 @@ struct Cameras {
 
 /// A camera's controls.
 #[derive(Debug, Serialize)]
-struct Controls {
+struct Controls<C> {
     device: String,
-    controls: Vec<Control>,
+    controls: Vec<C>,
     /// What came of setting the configured ones.
     notes: Vec<String>,
+}
+
+/// What a camera's control is shown by.
+trait Shown {
+    /// Its key in the configuration, its value where it has one, what it takes, and why it cannot be set.
+    fn shown(&self) -> (&str, Option<String>, String, Option<&str>);
+}
+
+impl Shown for Control {
+    fn shown(&self) -> (&str, Option<String>, String, Option<&str>) {
+        (&self.key, self.value.map(|value| self.said(value)), self.choices(), self.locked)
+    }
+}
+
+impl Shown for Feature {
+    fn shown(&self) -> (&str, Option<String>, String, Option<&str>) {
+        (&self.key, self.value.as_ref().map(ToString::to_string), self.choices.clone(), self.locked.as_deref())
+    }
 }
 
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
@@ -87,8 +106,11 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
             if args.json { json(&cameras)? } else { cameras_text(&cameras)? }
         }
         Command::Controls(args) => {
-            let controls = read_controls(&context, &args)?;
-            if args.json { json(&controls)? } else { controls_text(&controls)? }
+            let camera = configured(&context, &args)?;
+            match GenicamName::of(&camera.device) {
+                Some(_) => said(&read_features(&camera, args.apply)?, args.json)?,
+                None => said(&read_controls(&camera, args.apply)?, args.json)?,
+            }
         }
         Command::Exposure(args) => return exposure::run(&args),
     };
@@ -108,24 +130,31 @@ fn listed(node: Node) -> Listed {
     Listed { node, formats }
 }
 
-fn read_controls(context: &Context, args: &ControlsArgs) -> anyhow::Result<Controls> {
+fn said<C: Serialize + Shown>(controls: &Controls<C>, as_json: bool) -> anyhow::Result<String> {
+    if as_json { json(controls) } else { Ok(controls_text(controls)?) }
+}
+
+/// The configuration with the camera that is named, where one is.
+fn configured(context: &Context, args: &ControlsArgs) -> anyhow::Result<CameraConfig> {
     let camera = &context.config.bench.camera;
-    let device = match &args.device {
-        Some(device) => device,
+    match &args.device {
+        Some(device) => Ok(CameraConfig { device: device.clone(), ..camera.clone() }),
         None if camera.driver == CameraDriver::Files => {
-            return Err(anyhow!("bench.camera.driver = \"files\" has no controls; name a camera"));
+            Err(anyhow!("bench.camera.driver = \"files\" has no controls; name a camera"))
         }
-        None if camera.driver == CameraDriver::Genicam => {
-            return Err(anyhow!(
-                "the features of GenICam cameras are not listed here: the camera's manual has them; `plenalign camera \
-                 exposure` shows exposure and gain of a running daemon's"
-            ));
-        }
-        None => &camera.device,
-    };
-    let path = find::resolve(device).map_err(|why| anyhow!(why))?;
+        None => Ok(camera.clone()),
+    }
+}
+
+fn read_features(camera: &CameraConfig, apply: bool) -> anyhow::Result<Controls<Feature>> {
+    let (controls, notes) = network::features_of(camera, apply).map_err(|why| anyhow!(why))?;
+    Ok(Controls { device: camera.device.clone(), controls, notes })
+}
+
+fn read_controls(camera: &CameraConfig, apply: bool) -> anyhow::Result<Controls<Control>> {
+    let path = find::resolve(&camera.device).map_err(|why| anyhow!(why))?;
     let opened = find::open(&path).map_err(|why| anyhow!(why))?;
-    let notes = match args.apply {
+    let notes = match apply {
         true => controls::apply(&opened, &camera.controls).map_err(|why| anyhow!(why)).context("nothing was set")?,
         false => Vec::new(),
     };
@@ -190,14 +219,15 @@ fn cameras_text(Cameras { cameras, network }: &Cameras) -> Result<String, std::f
     Ok(out)
 }
 
-fn controls_text(controls: &Controls) -> Result<String, std::fmt::Error> {
+fn controls_text<C: Shown>(controls: &Controls<C>) -> Result<String, std::fmt::Error> {
     let mut out = String::new();
     writeln!(out, "{}, as in [bench.camera.controls]:", controls.device)?;
-    let width = controls.controls.iter().map(|control| control.key.len()).max().unwrap_or(0);
-    for control in &controls.controls {
-        let value = control.value.map_or_else(|| "-".to_owned(), |value| control.said(value));
-        let locked = control.locked.map_or_else(String::new, |why| format!("  ({why})"));
-        writeln!(out, "  {:<width$} = {value:<20}  {}{locked}", control.key, control.choices())?;
+    let rows: Vec<_> = controls.controls.iter().map(Shown::shown).collect();
+    let width = rows.iter().map(|(key, ..)| key.len()).max().unwrap_or(0);
+    for (key, value, choices, locked) in rows {
+        let value = value.unwrap_or_else(|| "-".to_owned());
+        let locked = locked.map_or_else(String::new, |why| format!("  ({why})"));
+        writeln!(out, "  {key:<width$} = {value:<20}  {choices}{locked}")?;
     }
     if controls.controls.is_empty() {
         writeln!(out, "  it has none")?;
@@ -211,7 +241,35 @@ fn controls_text(controls: &Controls) -> Result<String, std::fmt::Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::ControlValue;
     use crate::device::camera::offer::Size;
+
+    #[test]
+    fn a_feature_is_shown_as_it_is_configured() {
+        let feature = |key: &str, value, choices: &str, locked: Option<&str>| Feature {
+            key: key.to_owned(),
+            kind: "Float",
+            value: Some(value),
+            minimum: None,
+            maximum: None,
+            step: None,
+            items: Vec::new(),
+            unit: None,
+            locked: locked.map(str::to_owned),
+            choices: choices.to_owned(),
+        };
+        let controls = vec![
+            feature("Gain", ControlValue::Real(1.5), "0 to 24 dB", None),
+            feature("PixelFormat", ControlValue::Item("Mono8".to_owned()), "Mono8, Mono12p", Some("read-only")),
+        ];
+        let text = controls_text(&Controls { device: "serial:B2".to_owned(), controls, notes: Vec::new() }).unwrap();
+        let lines = [
+            "serial:B2, as in [bench.camera.controls]:",
+            "  Gain        = 1.5                   0 to 24 dB",
+            "  PixelFormat = \"Mono8\"               Mono8, Mono12p  (read-only)",
+        ];
+        assert_eq!(text.lines().collect::<Vec<_>>(), lines);
+    }
 
     #[test]
     fn a_camera_is_shown_with_every_way_to_name_it() {

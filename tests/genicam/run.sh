@@ -9,6 +9,7 @@ if [[ ${1:-} != inside ]]; then
   for tool in arv-fake-gv-camera-0.8 arv-tool-0.8 arv-camera-test-0.8; do
     command -v "$tool" >/dev/null || { echo "genicam: there is no $tool: deploy/setup.sh test installs it" >&2; exit 1; }
   done
+  python_environment genicam
   build_daemon
   own_network ./run.sh inside
 fi
@@ -136,6 +137,22 @@ fi
 "$plenalign" --config "$folder/plenalign.toml" doctor >"$folder/doctor" || true
 grep --quiet 'camera  *Aravis Fake at 10.9.0.2, Mono8 256x200 at 25 Hz' "$folder/doctor"
 echo "- listed by camera list and doctor, on the configured interface and on no other"
+
+# compare SERIAL ADDRESS: features as GenICam's reference implementation reads them, too. Sets how many, and how many of them
+# have limits and units.
+compare() {
+  "$plenalign" --config "$folder/plenalign.toml" camera controls "serial:$1" --json >"$folder/features"
+  read -r features limits units < <("$root/target/genicam/bin/python" genapi.py "$2" "$folder/features")
+}
+compare PLN-1 10.9.0.2
+((features >= 25 && limits >= 8))
+start_stranger
+compare PLN-3 10.7.0.2
+((limits == 6 && units == 3))
+told=$("$plenalign" --config "$folder/plenalign.toml" camera controls serial:PLN-3)
+grep --quiet --line-regexp '  Gain  *= -1.25  *-1.5 to 24 dB' <<<"$told"
+end_stranger
+echo "- features read as GenICam's reference implementation reads them: values, limits, units"
 
 # Another program has the camera for itself alone, and lets it go when its input ends.
 mkfifo "$folder/until"

@@ -11,6 +11,7 @@ use viva_genicam::gige::{DeviceInfo, DiscoveryOptions, Iface};
 
 use super::features::{self, Device};
 use super::known::{self, Identity, InUse};
+use super::listing::{self, Feature};
 use super::read::{self, Reader};
 use crate::config::{CameraConfig, GenicamName};
 use plenoptics::raw::PixelFormat;
@@ -189,6 +190,23 @@ pub fn configured(config: &CameraConfig) -> Result<NetworkCamera, String> {
     Ok(look_at(&info, &interface, &mut allowance))
 }
 
+/// The features of the camera that the configuration means, and what is to be known of setting them, one sentence each: with
+/// `apply` the configured ones are set first and its automatics switched off, for which the camera is taken for a moment.
+///
+/// # Errors
+/// Why there is no such camera, or why it cannot be read or set, in words.
+pub fn features_of(config: &CameraConfig, apply: bool) -> Result<(Vec<Feature>, Vec<String>), String> {
+    let info = resolve(config)?;
+    apart(|| {
+        if !apply {
+            return Reader::open(info.ip)?.look(|device| Ok((listing::list(device), Vec::new())));
+        }
+        let (mut device, _in_use) = open(&info)?;
+        let notes = features::apply(&mut device, &config.controls)?;
+        Ok((listing::list(&device), notes))
+    })?
+}
+
 /// As [`configured`], for whoever opens it.
 pub(super) fn resolve(config: &CameraConfig) -> Result<DeviceInfo, String> {
     let name = GenicamName::of(&config.device)
@@ -198,6 +216,9 @@ pub(super) fn resolve(config: &CameraConfig) -> Result<DeviceInfo, String> {
         let found = answer.map_err(|error| format!("{address} cannot be reached: {error}"))?;
         return found
             .ok_or_else(|| format!("no camera answers at {address}; connect it, or correct bench.camera.device"));
+    }
+    if config.interfaces.is_empty() {
+        return Err("bench.camera.interfaces names no network interface to look for the camera on".to_owned());
     }
     let (mut answers, mut wrong) = (Vec::new(), Vec::new());
     for interface in &config.interfaces {

@@ -8,6 +8,7 @@ mod dating;
 mod features;
 pub mod find;
 mod known;
+pub mod listing;
 mod read;
 mod setup;
 
