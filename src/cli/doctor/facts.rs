@@ -187,7 +187,7 @@ pub(super) enum CameraSource {
 }
 
 /// A camera on the network and the way to it.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct NetworkCameraFacts {
     pub(super) camera: NetworkCamera,
     /// Bytes of the largest packet that its interface carries.
