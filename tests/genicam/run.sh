@@ -229,3 +229,8 @@ client online
 whole=$(client frames 20)
 lost=$(client counted)
 echo "- with packets lost: $whole frames shown, each whole; $lost were not, and counted"
+
+end_daemon
+# Nobody has control of it, and no heartbeat has to run out first.
+elsewhere python3 -c 'import gvcp, sys; sys.exit(gvcp.Client("10.9.0.2").register(gvcp.CONTROL_PRIVILEGE))'
+echo "- let go when the daemon ends"

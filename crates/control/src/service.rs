@@ -356,11 +356,12 @@ impl Service {
         }
     }
 
-    /// The second half of the end: stops the watchers and writes the history to its end.
+    /// The second half of the end: stops the watchers, lets the camera go and writes the history to its end.
     pub async fn end(&self) {
         self.tasks.cancel();
         let kept = async { !self.is_stop_unkept() || self.keep_stop().await };
-        let (kept, ()) = tokio::join!(tokio::time::timeout(FLUSH_ALLOWED, kept), self.lease_kept_soon());
+        let (kept, (), ()) =
+            tokio::join!(tokio::time::timeout(FLUSH_ALLOWED, kept), self.lease_kept_soon(), self.bench.camera.end());
         let kept = kept == Ok(true);
         if !kept && self.motion.stop_to_keep().latched {
             tracing::error!("the bench is stopped, and that is not on the disk: the next start does not know of it");

@@ -437,6 +437,9 @@ pub trait FrameSource: Send + Sync {
         let reason = format!("it has no control of its {name}");
         Err(DeviceError::Refused { device: "the camera".to_owned(), reason })
     }
+
+    /// Lets the camera go, so that whoever comes next has it at once; no frame comes after that. Takes a second at most.
+    async fn end(&self) {}
 }
 
 /// What the job tells the operator to set up before the camera.

@@ -26,6 +26,8 @@ const RETURN_ALLOWED: Duration = Duration::from_secs(30);
 const FRAMES_UNDER_WAY: u32 = 3;
 /// First and longest pause before a lost device is opened again.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(250), Duration::from_secs(5));
+/// How long a driver may take to let its camera go.
+const END_ALLOWED: Duration = Duration::from_secs(1);
 /// How often a frame's exposure is judged.
 const JUDGE_EVERY: Duration = Duration::from_secs(1);
 
@@ -135,6 +137,17 @@ impl Feed {
         Err(DeviceError::Timeout { device: self.name.clone(), what: "send a frame".to_owned(), allowed })
     }
 
+    /// Has the thread that takes frames end, and waits for it.
+    async fn end(&self) {
+        self.ended.store(true, Ordering::Relaxed);
+        // It takes the other end with it.
+        let mut state = self.state.clone();
+        let gone = async { while state.changed().await.is_ok() {} };
+        if tokio::time::timeout(END_ALLOWED, gone).await.is_err() {
+            tracing::warn!(device = %self.name, "the camera was not let go in time");
+        }
+    }
+
     /// The time between frames.
     pub(super) fn interval(&self) -> Duration {
         Duration::from_nanos(self.interval_ns.load(Ordering::Relaxed))
@@ -189,6 +202,10 @@ impl<D: Driven> FrameSource for D {
         self.change_control(name, value).await?;
         self.feed().let_pass(&self.tell_controls().await?).await;
         Ok(())
+    }
+
+    async fn end(&self) {
+        self.feed().end().await;
     }
 }
 

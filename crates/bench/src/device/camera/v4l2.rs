@@ -121,6 +121,15 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn a_camera_is_let_go_when_it_is_asked_for() {
+        let camera = camera("/dev/plenalign-no-such-camera", "GREY");
+        let mut state = camera.state();
+        camera.end().await;
+        let ended = async { while state.changed().await.is_ok() {} };
+        tokio::time::timeout(Duration::ZERO, ended).await.expect("the thread that takes frames has ended");
+    }
+
+    #[tokio::test]
     async fn a_file_that_is_no_camera_says_so() {
         let none = camera("/dev/null", "Y12");
         let mut state = none.state();
