@@ -86,7 +86,7 @@ fn on_network(config: &CameraConfig) -> Result<NetworkCameraFacts, String> {
         mtu: told(&interface.join("mtu")).and_then(|text| text.parse().ok()),
         // -1 where the link is down or has no speed.
         link_mbit_per_s: told(&interface.join("speed")).and_then(|text| text.parse().ok()),
-        most_buffer_bytes: told(Path::new("/proc/sys/net/core/rmem_max")).and_then(|text| text.parse().ok()),
+        most_buffer_bytes: genicam::most_buffer_bytes(),
         camera,
     })
 }

@@ -38,6 +38,8 @@ pub struct Feed {
     timeout: Duration,
     /// The time between frames, ns: as configured, or as the camera has it where its driver says so.
     interval_ns: Arc<AtomicU64>,
+    /// How long before it came a frame may have been exposed, ns: of the newest.
+    age_ns: Arc<AtomicU64>,
     pipeline_delay: Duration,
     state: watch::Receiver<CameraState>,
     live: watch::Receiver<Option<Arc<Frame>>>,
@@ -56,6 +58,7 @@ pub(super) struct Outlet {
     seen_at: watch::Sender<Option<Instant>>,
     ended: Arc<AtomicBool>,
     interval_ns: Arc<AtomicU64>,
+    age_ns: Arc<AtomicU64>,
     /// The newest frame's number.
     pub(super) seq: u64,
 }
@@ -74,18 +77,20 @@ pub(super) fn feed(
     let device = config.device.clone();
     let interval = Duration::try_from_secs_f64(1.0 / config.frame_rate_hz).unwrap_or_default();
     let interval_ns = Arc::new(AtomicU64::new(nanoseconds(interval)));
+    let age_ns = Arc::<AtomicU64>::default();
     let pipeline_delay = Duration::from_millis(config.pipeline_delay_ms);
     let feed = Feed {
         name: device.clone(),
         timeout: Duration::from_millis(config.timeout_ms),
         interval_ns: Arc::clone(&interval_ns),
+        age_ns: Arc::clone(&age_ns),
         pipeline_delay,
         state: state_out,
         live: live_out,
         seen_at: seen_at_out,
         ended: Arc::clone(&ended),
     };
-    (feed, Outlet { device, size, poses, state, live, seen_at, ended, interval_ns, seq: 0 })
+    (feed, Outlet { device, size, poses, state, live, seen_at, ended, interval_ns, age_ns, seq: 0 })
 }
 
 fn nanoseconds(duration: Duration) -> u64 {
@@ -114,8 +119,10 @@ impl Feed {
         if let Some(reason) = self.state.borrow().unfit.clone() {
             return Err(DeviceError::Refused { device: self.name.clone(), reason });
         }
-        // The wait for the camera, and what passes besides: exposure, read-out, and what its pictures are late by.
-        let allowed = self.timeout + self.pipeline_delay + FRAMES_UNDER_WAY * self.interval();
+        // The wait for the camera, and what passes besides: exposure, read-out, what its pictures are late by, and how much
+        // older than that they count as where their times are not known any better.
+        let age = Duration::from_nanos(self.age_ns.load(Ordering::Relaxed));
+        let allowed = self.timeout + (self.pipeline_delay + FRAMES_UNDER_WAY * self.interval()).max(age);
         let mut until = Instant::now().max(not_before) + allowed;
         loop {
             let mut live = self.live.clone();
@@ -309,6 +316,7 @@ impl Outlet {
     /// Publishes a frame as the newest.
     pub(super) fn publish(&self, image: Arc<RawImage>, seq: u64, window: Window) {
         let now = Instant::now();
+        self.age_ns.store(nanoseconds(window.from_age), Ordering::Relaxed);
         let back = |age: Duration| now.checked_sub(age).unwrap_or(now);
         let (exposed_from, exposed_to) = (back(window.from_age), back(window.to_age));
         let (focus, e) = (self.poses)(exposed_from, exposed_to);
@@ -380,5 +388,37 @@ impl Judge {
     /// What is wrong, where something is.
     pub(super) fn note(&self) -> Option<String> {
         self.note.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::AxisPose;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_frame_is_waited_for_as_long_as_frames_count_as_old() {
+        let config = CameraConfig { timeout_ms: 100, frame_rate_hz: 100.0, ..CameraConfig::default() };
+        let unknown = AxisPose { position: None, settled: false };
+        let state = CameraState::not_yet("v4l2", "not opened yet");
+        let (feed, outlet) = feed(&config, (1, 1), Arc::new(move |_, _| (unknown, unknown)), state);
+        // By their arrival, of a buffer that holds many.
+        let window = Window { from_age: Duration::from_secs(3), to_age: Duration::ZERO, assumed: true };
+        let publish = |seq| outlet.publish(Arc::new(RawImage::from_u8(1, 1, vec![0])), seq, window);
+        publish(1);
+        let frame = feed.next(Instant::now());
+        tokio::pin!(frame);
+        for seq in 2..=30 {
+            tokio::time::advance(Duration::from_millis(100)).await;
+            publish(seq);
+            tokio::select! {
+                biased;
+                early = &mut frame => panic!("{seq} counts as exposed before it was asked for: {early:?}"),
+                () = std::future::ready(()) => {}
+            }
+        }
+        tokio::time::advance(Duration::from_millis(100)).await;
+        publish(31);
+        assert_eq!(frame.await.unwrap().seq, 31);
     }
 }

@@ -77,7 +77,8 @@ impl Capture for Capturer {
                     None
                 }
             };
-        let room = if clock.is_some() { None } else { Some(setup::room_by_arrival(self.frame_bytes())) };
+        let room = || setup::room_by_arrival(self.frame_bytes(), super::most_buffer_bytes());
+        let room = clock.is_none().then(room);
         let mut frames = setup::open_stream(&mut device, &self.config, room)?;
         frames.set_block_timeout(HELD);
         device.acquisition_start().map_err(|error| format!("it does not start: {}", features::why(&error)))?;

@@ -26,6 +26,13 @@ use crate::config::CameraConfig;
 use crate::device::light::{ControlName, LightControl};
 use crate::device::{CameraState, DeviceError};
 
+/// The largest buffer that the kernel gives a socket for what it receives, bytes, of which it then makes twice as much;
+/// `None` where it does not say.
+#[must_use]
+pub fn most_buffer_bytes() -> Option<u64> {
+    std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?.trim().parse().ok()
+}
+
 /// A GenICam camera.
 pub struct GenicamCamera {
     feed: Feed,

@@ -167,9 +167,10 @@ fn set_rate(device: &mut Device, wanted_hz: f64) -> Result<(Duration, Option<Str
 }
 
 /// The room (bytes) in the kernel's buffer of a stream whose frames are dated by their arrival: what waits there longer is
-/// lost rather than taken for younger than it is.
-pub(super) fn room_by_arrival(frame_bytes: usize) -> usize {
-    frame_bytes.max(LEAST_ROOM)
+/// lost rather than taken for younger than it is. No more than the kernel gives, `most`, since a frame counts as so much older.
+pub(super) fn room_by_arrival(frame_bytes: usize, most: Option<u64>) -> usize {
+    let most = most.and_then(|most| usize::try_from(most).ok()).unwrap_or(usize::MAX);
+    frame_bytes.max(LEAST_ROOM).min(most)
 }
 
 /// How many frames such a buffer holds, which Linux makes twice as large as it is asked for.
@@ -237,4 +238,17 @@ fn long(device: &Device, at: u64) -> Result<u64, String> {
         bytes.try_into().map(|bytes| u64::from(u32::from_be_bytes(bytes))).map_err(|_| "no register".to_owned())
     };
     Ok(half(at)? << 32 | half(at + 4)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_by_arrival_counts_as_no_older_than_the_kernels_buffer_can_make_it() {
+        let held = |frame_bytes, most| buffered(room_by_arrival(frame_bytes, most), frame_bytes);
+        assert_eq!(held(12_582_912, Some(64 << 20)), 2);
+        // 51 200 bytes, of which 2 MiB hold 41 and what Linux gives by default 9.
+        assert_eq!([held(51_200, Some(64 << 20)), held(51_200, None), held(51_200, Some(212_992))], [41, 41, 9]);
+    }
 }
