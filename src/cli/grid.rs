@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::Context;
 use super::measure::frame_options;
 use crate::config::ConfigOrigin;
-use crate::imaging::grid::{Grid, GridOptions, find_grid};
+use crate::imaging::grid::{Grid, GridOptions, find_grid, pixel_noise};
 use crate::imaging::measurement::{evened, expected_grid};
 use crate::raw;
 
@@ -78,13 +78,20 @@ impl GridReport {
     }
 }
 
+/// A frame's noise (grey levels) in words.
+pub(super) fn noise_words(noise: f64) -> String {
+    format!("{noise:.2} grey levels, as far as one frame shows it")
+}
+
 /// What one frame comes to.
 #[derive(Debug, Serialize)]
 struct FrameReport {
     file: String,
     frame_size_px: [usize; 2],
     grid: Option<GridReport>,
-    /// Why there is none.
+    /// What its flattest parts show of its noise; none where they are clipped.
+    noise_grey_levels: Option<f64>,
+    /// Why there is no grid.
     refused: Option<String>,
 }
 
@@ -115,6 +122,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
             file: path.display().to_string(),
             frame_size_px: [raw.width(), raw.height()],
             grid: found.as_ref().ok().map(GridReport::new),
+            noise_grey_levels: pixel_noise(&even),
             refused: found.err().map(|error| error.to_string()),
         });
     }
@@ -136,6 +144,9 @@ impl FrameReport {
             grid.rows().iter().for_each(|(name, value)| row(name, value));
         }
         if let Some(refused) = &self.refused {
+            if let Some(noise) = self.noise_grey_levels {
+                row("noise", &noise_words(noise));
+            }
             row("refused", refused);
         }
     }

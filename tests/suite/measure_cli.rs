@@ -105,6 +105,31 @@ fn a_refused_frame_has_its_grid_printed() {
     assert!(!refused.status.success() && known["refused"].as_str().unwrap().starts_with("spacing: "), "{known}");
 }
 
+/// Whatever a frame is refused for, what comes before that is printed.
+#[test]
+fn what_is_known_of_a_refused_frame_is_printed_whatever_it_is_refused_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let blank = folder.path().join("blank.png");
+    image::GrayImage::from_pixel(900, 900, image::Luma([40])).save(&blank).unwrap();
+    let blank = blank.to_str().unwrap();
+    let known = |arguments: &[&str]| -> Value {
+        let refused = plenalign(&[&["measure", "air_square.png", "--json"], arguments].concat());
+        assert!(!refused.status.success(), "{arguments:?}");
+        serde_json::from_slice(&refused.stdout).unwrap()
+    };
+    for (arguments, said) in [
+        // Another pitch, a white frame that is none, and one of another array.
+        (&["--white", "air_square_white.png", "--set", "sensor.pixel_um=2.4"][..], "does not belong to an MLA pitch"),
+        (&["--white", blank], "blank"),
+        (&["--white", "water_hexagonal_white.png"], "the known grid no longer fits"),
+    ] {
+        let known = known(arguments);
+        assert!(known["refused"].as_str().unwrap().contains(said), "{arguments:?}: {known}");
+        assert!((known["grid"]["pitch_px"].as_f64().unwrap() - 29.4926).abs() < 0.01, "{arguments:?}: {known}");
+        assert!(known["noise_grey_levels"].as_f64().is_some_and(|noise| noise > 1.0), "{arguments:?}: {known}");
+    }
+}
+
 #[test]
 fn grid_finds_micro_images_alone() {
     let report = json(&["grid", "air_square_white.png", "water_hexagonal.png", "--json"]);
@@ -116,6 +141,7 @@ fn grid_finds_micro_images_alone() {
     let nothing = plenalign(&["grid", "air_square_white.png", "--pitch", "20"]);
     let text = String::from_utf8_lossy(&nothing.stdout).into_owned();
     assert!(!nothing.status.success() && text.contains("between 18 and 22 px pitch"), "{text}");
+    assert!(text.contains("noise            "), "{text}");
     let text = plenalign(&["grid", "air_charuco.png"]);
     assert!(text.status.success() && String::from_utf8_lossy(&text.stdout).contains("square, 8"), "{text:?}");
 }

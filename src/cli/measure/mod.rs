@@ -11,14 +11,15 @@ use super::Context;
 use super::pose::PoseArgs;
 use crate::config::{Config, ConfigOrigin};
 use crate::imaging::grid::Grid;
-use crate::imaging::measurement::{FrameOptions, WhiteModel, evened, measure_frames, prepare_frame};
+use crate::imaging::known::Known;
+use crate::imaging::measurement::{FrameOptions, WhiteModel, evened, measure_frames};
 use crate::imaging::microlenses::flagged_microlenses;
 use crate::imaging::overlay::{self, Tint};
 use crate::imaging::spacing::SpacingOptions;
 use crate::optics::MlaMode;
 use crate::raw::{self, RawImage};
 
-use report::{Known, Report};
+use report::{Refused, Report};
 
 /// The overlay's tints are strongest this far from the wanted spacing, in units of the blur limit.
 const OVERLAY_RANGE: f64 = 0.25;
@@ -54,7 +55,24 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     }
     let raws = args.raw.iter().map(|path| raw::read(path)).collect::<Result<Vec<_>, _>>()?;
     let options = FrameOptions { map: true, ..frame_options(&context) };
-    let white = read_white(&options, args.white.as_deref())?;
+    // What is known without a spacing is worth having.
+    let refused = |white: Option<&WhiteModel>, why: String| -> anyhow::Result<()> {
+        let Some(raw) = raws.first() else { return Ok(()) };
+        let refused = Refused::new(&Known::of(raw, white, &options), why);
+        if args.json {
+            println!("{}", serde_json::to_string(&refused)?);
+        } else {
+            refused.print();
+        }
+        Ok(())
+    };
+    let white = match read_white(&options, args.white.as_deref()) {
+        Ok(white) => white,
+        Err(error) => {
+            refused(None, format!("{error:#}"))?;
+            return Err(error);
+        }
+    };
     let flagged = white
         .as_ref()
         .map(|(raw, model)| flagged_microlenses(&evened(raw, config.sensor.mosaic), &model.grid, &model.vignetting));
@@ -63,14 +81,7 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let measured = match measure_frames(&raws, white.as_ref(), &options) {
         Ok(measured) => measured,
         Err(error) => {
-            // What is known without a spacing is worth having.
-            let prepared = raws.first().and_then(|raw| prepare_frame(raw, white.as_ref(), &options).ok());
-            let known = Known::new(prepared.as_ref(), error.to_string());
-            if args.json {
-                println!("{}", serde_json::to_string(&known)?);
-            } else {
-                known.print();
-            }
+            refused(white.as_ref(), error.to_string())?;
             return Err(error).with_context(names);
         }
     };

@@ -3,9 +3,10 @@
 use serde::Serialize;
 
 use super::{Args, disagreements};
-use crate::cli::grid::GridReport;
+use crate::cli::grid::{GridReport, noise_words};
 use crate::config::{Config, SpacingTarget};
-use crate::imaging::measurement::{FrameMeasurement, PreparedFrame, WhiteModel};
+use crate::imaging::known::Known;
+use crate::imaging::measurement::{FrameMeasurement, WhiteModel};
 use crate::imaging::microlenses::{FlaggedMicrolens, MicrolensFlag};
 use crate::imaging::spacing::{LensSpacing, LensState, Spacing, SpacingMap, TwoBoards};
 use crate::optics::MlaMode;
@@ -148,22 +149,18 @@ impl WhiteReport {
     }
 }
 
-/// What is known of a frame whose spacing is refused.
+/// What is known of a frame that is refused.
 #[derive(Debug, Serialize)]
-pub(super) struct Known {
+pub(super) struct Refused {
     grid: Option<GridReport>,
     noise_grey_levels: Option<f64>,
     /// Why there is no spacing.
     refused: String,
 }
 
-impl Known {
-    pub(super) fn new(prepared: Option<&PreparedFrame>, refused: String) -> Self {
-        Self {
-            grid: prepared.map(|prepared| GridReport::new(&prepared.grid)),
-            noise_grey_levels: prepared.map(|prepared| prepared.frame.noise_grey_levels()),
-            refused,
-        }
+impl Refused {
+    pub(super) fn new(known: &Known, refused: String) -> Self {
+        Self { grid: known.grid.as_ref().map(GridReport::new), noise_grey_levels: known.noise_grey_levels, refused }
     }
 
     pub(super) fn print(&self) {
@@ -172,7 +169,7 @@ impl Known {
             row(name, value);
         }
         if let Some(noise) = self.noise_grey_levels {
-            row("noise", format!("{noise:.2} grey levels, as far as one frame shows it"));
+            row("noise", noise_words(noise));
         }
     }
 }

@@ -11,6 +11,7 @@ pub mod combined;
 pub mod depth;
 pub mod grid;
 pub mod interpolation;
+pub mod known;
 pub mod live;
 mod matching;
 pub mod measurement;

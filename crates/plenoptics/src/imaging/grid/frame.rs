@@ -153,6 +153,14 @@ fn glances<T>(samples: &[T]) -> impl Iterator<Item = &[T]> {
     (0..runs).filter_map(move |k| samples.get(k * apart..(k * apart + GLANCE_RUN).min(samples.len())))
 }
 
+/// Standard deviation of a frame's noise, grey levels, from what the flattest parts of its rows leave; `None` where so many
+/// pixels are clipped that these are among them.
+#[must_use]
+pub fn pixel_noise(image: &RawImage) -> Option<f64> {
+    let levels = (image.width() > 0 && image.height() > 0).then(|| Levels::of(image))?;
+    (levels.share_at_maximum < SATURATED_SHARE && levels.noise > 0.0).then_some(levels.noise)
+}
+
 /// Grey levels of a frame, from a sample of its pixels.
 struct Levels {
     dark: f64,

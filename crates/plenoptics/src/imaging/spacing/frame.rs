@@ -27,6 +27,33 @@ pub struct MicroImage {
     pub region: Option<usize>,
 }
 
+/// Standard deviation of a frame's noise as it shows within the micro-images of its grid, grey levels; `None` where they are
+/// too few, dark or saturated.
+#[must_use]
+pub fn noise_about(raw: &RawImage, mosaic: Option<CfaPattern>, grid: &Grid) -> Option<f64> {
+    let (width, height) = (raw.width(), raw.height());
+    if grid.frame_size != [width, height] {
+        return None;
+    }
+    let (samples, white) = levels_of(raw, mosaic);
+    let plan = Plan::new(grid, &Motion::NONE, largest_radius(grid.pitch_px()) + MARGIN_PX, usize::MAX);
+    if plan.pairs < LEAST_PAIRS {
+        return None;
+    }
+    let frame = Frame { samples: &samples, width, height, white, mosaic };
+    Exposure::new(&plan, largest_radius(grid.pitch_px()), usize::MAX).check(&frame, &plan).ok()
+}
+
+/// Grey levels of a raw frame, of a mosaic green's and what lies between them; and the level that is white.
+fn levels_of(raw: &RawImage, mosaic: Option<CfaPattern>) -> (Vec<f32>, f32) {
+    (mosaic.map_or_else(|| raw.to_f32(), |pattern| green(raw, pattern)), f32::from(raw.white_level()))
+}
+
+/// Radius of the largest masks on a lattice of this pitch, px.
+fn largest_radius(pitch: f64) -> f64 {
+    MASK_FRACTION * pitch / 2.0
+}
+
 /// A raw frame made ready for measuring its spacing.
 #[derive(Debug, Clone)]
 pub struct SpacingFrame {
@@ -69,13 +96,12 @@ impl SpacingFrame {
             return Err(SpacingError::WrongSize { frame: [width, height], grid: grid.frame_size });
         }
         let pitch = grid.pitch_px();
-        let radius = MASK_FRACTION * pitch / 2.0;
+        let radius = largest_radius(pitch);
         let plan = Plan::new(grid, &Motion::NONE, radius + MARGIN_PX, usize::MAX);
         if plan.pairs < LEAST_PAIRS {
             return Err(SpacingError::TooFewMicroImages { pairs: plan.pairs, needed: LEAST_PAIRS });
         }
-        let samples = mosaic.map_or_else(|| raw.to_f32(), |pattern| green(raw, pattern));
-        let white = f32::from(raw.white_level());
+        let (samples, white) = levels_of(raw, mosaic);
         let frame = Frame { samples: &samples, width, height, white, mosaic };
         let noise = Exposure::new(&plan, radius, usize::MAX).check(&frame, &plan)?;
         let micro_images = (0..).zip(&plan.indices).map(|(lens, &index)| MicroImage {
@@ -170,7 +196,7 @@ impl SpacingFrame {
 
     /// Radius of the largest masks, px.
     pub(super) fn largest_radius(&self) -> f64 {
-        MASK_FRACTION * self.pitch / 2.0
+        largest_radius(self.pitch)
     }
 
     /// Has `work` compare pairs at a model within masks of this radius (px), at a noise in this unit of the frame's own

@@ -40,7 +40,7 @@ use serde::Serialize;
 
 pub use boards::TwoBoards;
 pub use error::SpacingError;
-pub use frame::{MicroImage, SpacingFrame};
+pub use frame::{MicroImage, SpacingFrame, noise_about};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};
 pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map};
 
