@@ -13,7 +13,7 @@ use bench::config::Config;
 use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions, Level, fit_line};
 use plenoptics::imaging::clarity::Eog;
 use plenoptics::imaging::depth::DepthOptions;
-use plenoptics::imaging::grid::Grid;
+use plenoptics::imaging::grid::{Grid, GridError};
 use plenoptics::imaging::live::{LiveMeter, LiveOptions};
 use plenoptics::imaging::measurement::{
     FrameMeasurement, FrameOptions, MeasurementError, WhiteModel, measure_frames, prepare_frame,
@@ -234,9 +234,13 @@ impl Sight {
     /// # Errors
     /// Why that cannot be told, in words.
     pub(super) fn misfit(&self, image: &RawImage) -> Result<Option<String>, String> {
-        let prepared = prepare_frame(image, Some(&self.white), &self.options()).map_err(|error| error.to_string())?;
-        let misfit = prepared.vignetting_fit.filter(|fit| !fit.fits());
-        Ok(misfit.map(|fit| format!("the white frame no longer fits: {fit}")))
+        let misfit = match prepare_frame(image, Some(&self.white), &self.options()) {
+            Ok(prepared) => prepared.vignetting_fit.filter(|fit| !fit.fits()).map(|fit| fit.to_string()),
+            // Its micro-images are not even found again.
+            Err(MeasurementError::Grid(error @ GridError::DoesNotFit { .. })) => Some(error.to_string()),
+            Err(error) => return Err(error.to_string()),
+        };
+        Ok(misfit.map(|misfit| format!("the white frame no longer fits: {misfit}")))
     }
 
     /// Measures the spacing of a flat board over several frames of one pose.
@@ -487,3 +491,6 @@ fn disagreement(grid: &Grid, design: &CameraDesign, pixel_mm: f64) -> Option<Str
     (off.abs() > 0.01)
         .then(|| format!("the configuration makes it {expected_px:.3} px: check mla.pitch_mm and sensor.pixel_um"))
 }
+
+#[cfg(test)]
+mod tests;

@@ -22,6 +22,15 @@ impl ArrayKind {
             Self::Hexagonal => "hexagonal",
         }
     }
+
+    /// How many times an array turns into itself within a full turn.
+    #[must_use]
+    pub const fn turns(self) -> usize {
+        match self {
+            Self::Square => 4,
+            Self::Hexagonal => 6,
+        }
+    }
 }
 
 /// On which side of the MLA the main lens's image lies.

@@ -302,7 +302,7 @@ impl Matcher {
             .map(|n| {
                 let (mut q, mut p) = (n / side, n % side);
                 let mut sum = (0.0, 0.0);
-                for _ in 0..turns(grid.array) {
+                for _ in 0..grid.array.turns() {
                     let bin = bins[q * side + p];
                     sum = (sum.0 + f64::from(bin[0]), sum.1 + f64::from(bin[1]));
                     (p, q) = match grid.array {
@@ -521,14 +521,6 @@ impl Shape {
                 + (coefficients[4] * c4[n] + coefficients[5] * c5[n]);
         }
         coefficients
-    }
-}
-
-/// How many times an array turns into itself within a full turn.
-const fn turns(array: ArrayKind) -> usize {
-    match array {
-        ArrayKind::Square => 4,
-        ArrayKind::Hexagonal => 6,
     }
 }
 

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::grid::{Grid, reciprocal};
 use super::matching::motion::Field as FrameField;
+use crate::optics::ArrayKind;
 use crate::raw::RawImage;
 use bins::Bins;
 use drawn::Drawn;
@@ -99,7 +100,12 @@ impl ProfileFit {
     /// Whether the profile may be used for the frame: the misfit is harmless, or no more than texture makes.
     #[must_use]
     pub fn fits(&self) -> bool {
-        self.misfit < MISFIT_HARMLESS + 2.0 * self.misfit_sigma
+        self.excess() < 0.0
+    }
+
+    /// By how much the misfit is greater than what does no harm and what texture makes.
+    fn excess(&self) -> f64 {
+        self.misfit - MISFIT_HARMLESS - 2.0 * self.misfit_sigma
     }
 }
 
@@ -241,27 +247,49 @@ impl Vignetting {
             .into_iter()
             .reduce(|sums, more| sums.merged(&more))
             .map_or(Err(VignettingError::Dark), |bins| solved(&bins))?;
-        let misfit = self.difference(&whole);
-        let spread: f64 = parts.iter().map(|p| p.difference(&whole).powi(2)).sum::<f64>();
-        // Four parts: the variance of their mean is the sum of squares over 4 * 3.
-        let misfit_sigma = if parts.len() == 4 { (spread / 12.0).sqrt() } else { misfit };
-        Ok(ProfileFit { misfit, misfit_sigma })
+        let misfits = self.differences(&whole, grid.array);
+        let mut squares = [0.0; 2];
+        for part in &parts {
+            let apart = part.differences(&whole, grid.array);
+            squares.iter_mut().zip(apart).for_each(|(sum, difference)| *sum += difference * difference);
+        }
+        let fit = |k: usize| {
+            let misfit = misfits[k];
+            // Four parts: the variance of their mean is the sum of squares over 4 * 3.
+            let misfit_sigma = if parts.len() == 4 { (squares[k] / 12.0).sqrt() } else { misfit };
+            ProfileFit { misfit, misfit_sigma }
+        };
+        let [whole, even] = [fit(0), fit(1)];
+        Ok(if even.excess() > whole.excess() { even } else { whole })
     }
 
-    /// Root mean square difference of two profiles over the cell, after the best common factor.
-    fn difference(&self, other: &Self) -> f64 {
+    /// Root mean square differences of two profiles over the cell, after the best common factor: of all there is, and of
+    /// what has the array's own symmetry. That is what an aperture changes, and texture hardly has it.
+    fn differences(&self, other: &Self, array: ArrayKind) -> [f64; 2] {
         const SIDE: usize = 48;
-        let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
-        for q in 0..SIDE {
-            for p in 0..SIDE {
-                let (u, v) = (p as f64 / SIDE as f64, q as f64 / SIDE as f64);
-                let (a, b) = (f64::from(self.terms_at(u, v)[0]), f64::from(other.terms_at(u, v)[0]));
-                aa += a * a;
-                ab += a * b;
-                bb += b * b;
+        let values = |profile: &Self| -> Vec<f64> {
+            let place = |n: usize| [n % SIDE, n / SIDE].map(|k| k as f64 / SIDE as f64);
+            (0..SIDE * SIDE).map(|n| f64::from(profile.terms_at(place(n)[0], place(n)[1])[0])).collect()
+        };
+        let (own, others) = (values(self), values(other));
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let factor = product(&own, &others) / product(&own, &own).max(1e-12);
+        let left: Vec<f64> = own.iter().zip(&others).map(|(own, other)| other - factor * own).collect();
+        let turns = array.turns();
+        let alike = |n: usize| {
+            let (mut p, mut q) = (n % SIDE, n / SIDE);
+            let mut sum = 0.0;
+            for _ in 0..turns {
+                sum += left[q * SIDE + p] + left[p * SIDE + q];
+                (p, q) = match array {
+                    ArrayKind::Square => ((SIDE - q) % SIDE, p),
+                    ArrayKind::Hexagonal => ((SIDE - q) % SIDE, (p + q) % SIDE),
+                };
             }
-        }
-        ((bb - ab * ab / aa.max(1e-12)).max(0.0) / (SIDE * SIDE) as f64).sqrt()
+            sum / (2 * turns) as f64
+        };
+        let rms = |squares: f64| (squares / (SIDE * SIDE) as f64).sqrt();
+        [rms(product(&left, &left)), rms((0..SIDE * SIDE).map(|n| alike(n).powi(2)).sum())]
     }
 
     /// The same profile with its plateau at 1.
