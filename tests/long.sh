@@ -2,7 +2,7 @@
 # The long counts: the daemon killed at many random moments, its stop timed under load, jobs among faults, random sequences
 # of requests against a model of what may be true, every kind of job ended at each of its points and after every other, the
 # contract tried with many examples, cameras drawn at random and aligned, a study on a Slurm cluster whose tasks and nodes end
-# in its middle, benches of which nothing is as configured, then the reference bench aligned for many seeds; each result is
+# in its middle, the reference bench aligned for many seeds, then benches of which nothing is as configured; each result is
 # kept, so that a broken run goes on where it ended.
 #
 #   tests/long.sh            kills and cameras 1 to 200, faults and sequences of seeds 1 to 300, every job, 200 examples,
@@ -37,8 +37,6 @@ cargo test --release --quiet --test integration many_stops_reach -- --ignored --
 SEEDS=$range cargo test --release --quiet --test integration many_frames_are_smeared -- --ignored --nocapture
 SEEDS=$range cargo test --release --quiet --test integration many_fields_show_two -- --ignored --nocapture
 cargo test --release --quiet --test integration what_many_budgets_say -- --ignored --nocapture
-RENDERED=${RENDERED:-1-500} RENDERED_RESULTS=$PWD/$results \
-  cargo test --release --quiet --test integration many_rendered_benches -- --ignored --nocapture
 cargo test --release --quiet --test integration a_slurm_study_comes_through -- --ignored
 cargo test --release --quiet --test integration every_kind_of_job_follows -- --ignored
 # Runs a test over a range of seeds, ten at a time; the parts that are there already are not run again.
@@ -116,3 +114,5 @@ total = last - first + 1
 print(f"{total - bad} passed, {bad} failed")
 sys.exit(1 if bad else 0)
 PYTHON
+RENDERED=${RENDERED:-1-500} RENDERED_RESULTS=$PWD/$results \
+  cargo test --release --quiet --test integration many_rendered_benches -- --ignored --nocapture
