@@ -98,9 +98,23 @@ export function laidOver(config: JsonObject, sections: Sections): JsonObject {
   return next;
 }
 
-/** A draft of one configuration as one of another: with what it changes, and all else as it is now. */
+/** A draft of one configuration as one of another: with each value that it changes, and all else as it is now; the water
+ *  whole, its keys being alternatives. */
 export function rebased(draft: JsonObject | null, from: JsonObject | null, to: JsonObject): JsonObject {
-  return draft && from ? laidOver(to, difference(from, draft)) : to;
+  return draft && from ? carriedOver(draft, from, to) : to;
+}
+
+function carriedOver(draft: JsonObject, from: JsonObject, to: JsonObject): JsonObject {
+  const next = new Map(Object.entries(to));
+  for (const key of new Set([...Object.keys(from), ...Object.keys(draft)])) {
+    const [mine, before, now] = [draft[key], from[key], to[key]];
+    if (same(mine, before)) continue;
+    if (mine === undefined) next.delete(key);
+    else if (key !== "water" && keyed(mine) && keyed(before) && keyed(now)) {
+      next.set(key, carriedOver(mine, before, now));
+    } else next.set(key, mine);
+  }
+  return Object.fromEntries(next);
 }
 
 /** How many keys a draft changes. */

@@ -56,6 +56,16 @@ describe("a draft", () => {
     expect(rebased(draft, base, now)).toEqual({ ...now, mla: draft.mla });
   });
 
+  it("undoes nothing that another has changed beside it, however deep", () => {
+    const camera = (device: string, rate: number | null) => ({
+      bench: { camera: rate === null ? { device } : { device, frame_rate_hz: rate } },
+    });
+    const [stored, mine, theirs] = [camera("a", 10), camera("a", 20), camera("b", 10)];
+    expect(rebased(mine, stored, theirs)).toEqual(camera("b", 20));
+    // What was taken out stays out.
+    expect(rebased(camera("a", null), stored, theirs)).toEqual(camera("b", null));
+  });
+
   it("says the water by its index or by its conditions", () => {
     expect(waterBy(base["water"])).toBe("index");
     expect(waterBy({ temperature_c: 20 })).toBe("conditions");

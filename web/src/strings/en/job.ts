@@ -119,7 +119,7 @@ export const job = {
   link: "Link",
   renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
-  /** To who cannot confirm it. */
+  /** To whoever cannot confirm it. */
   operators: (step: number) => `The operator’s turn · no. ${step}`,
   progress: (step: number, of: number) => `step ${step} of about ${of}`,
   left: (text: string) => `about ${text} left, not counting your part`,

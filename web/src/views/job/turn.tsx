@@ -101,7 +101,7 @@ function Instruction({ step, unit }: { step: OperatorStep; unit: LengthUnit }) {
   );
 }
 
-/** Whose turn it is, to who may confirm it and to who looks on. */
+/** Whose turn it is, to whoever may confirm it and to those who look on. */
 function headingOf({ number }: OperatorStep, confirmable: boolean): string {
   return confirmable ? strings.job.operator(number) : strings.job.operators(number);
 }
