@@ -2,6 +2,7 @@
 
 use std::io::{BufRead as _, Write as _};
 use std::net::Ipv4Addr;
+use std::ops::RangeInclusive;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,6 +21,10 @@ use crate::sim::gige::{GigeCamera, Options, PacketFaults, SlideRecord};
 
 /// Longest serial number and user's name, bytes.
 const LONGEST_NAME: usize = 15;
+/// What a link can carry, Mbit/s.
+const LINK_MBIT_S: RangeInclusive<f64> = 0.1..=1_000_000.0;
+/// For how long the camera can be without power, s.
+const LONGEST_AWAY_S: RangeInclusive<f64> = 0.0..=86_400.0;
 
 /// Arguments of `plenalign sim-camera`.
 #[derive(Debug, clap::Args)]
@@ -87,7 +92,13 @@ pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
 }
 
 async fn serve(context: Context, args: Args) -> anyhow::Result<()> {
-    ensure!(args.link_mbit_s > 0.0, "--link-mbit-s {}: a link carries more than nothing", args.link_mbit_s);
+    ensure!(
+        LINK_MBIT_S.contains(&args.link_mbit_s),
+        "--link-mbit-s {}: it has to be from {} to {}",
+        args.link_mbit_s,
+        LINK_MBIT_S.start(),
+        LINK_MBIT_S.end()
+    );
     for (option, text) in [("--serial", &args.serial), ("--name", &args.name)] {
         ensure!(text.len() <= LONGEST_NAME, "{option} {text:?} is longer than the {LONGEST_NAME} bytes that there are");
     }
@@ -125,22 +136,18 @@ async fn serve(context: Context, args: Args) -> anyhow::Result<()> {
             () = signals.next() => return Ok(()),
             Some(line) = orders.recv() => {
                 println!("{}", tokio::task::block_in_place(|| obeyed(&camera, &line)));
-                let _ = std::io::stdout().flush();
-            }
-            else => {
-                signals.next().await;
-                return Ok(());
             }
         }
     }
 }
 
 /// Standard input's lines. The thread that reads them ends with the program.
-fn lines() -> mpsc::UnboundedReceiver<String> {
-    let (to, lines) = mpsc::unbounded_channel();
+fn lines() -> mpsc::Receiver<String> {
+    // Who writes faster than is answered waits.
+    let (to, lines) = mpsc::channel(1);
     std::thread::spawn(move || {
         for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-            if to.send(line).is_err() {
+            if to.blocking_send(line).is_err() {
                 return;
             }
         }
@@ -157,10 +164,12 @@ fn obeyed(camera: &GigeCamera, line: &str) -> serde_json::Value {
             Err(error) => return json!({ "error": format!("{}: {error}", error.field) }),
         },
         Ok(Order::Packets(faults)) => camera.set_packet_faults(faults),
-        Ok(Order::RestartS(seconds)) => match Duration::try_from_secs_f64(seconds) {
-            Ok(away) => camera.restart(away),
-            Err(error) => return json!({ "error": error.to_string() }),
-        },
+        Ok(Order::RestartS(seconds)) if LONGEST_AWAY_S.contains(&seconds) => {
+            camera.restart(Duration::from_secs_f64(seconds));
+        }
+        Ok(Order::RestartS(seconds)) => {
+            return json!({ "error": format!("restart_s {seconds}: it has to be from 0 to {}", LONGEST_AWAY_S.end()) });
+        }
         Ok(Order::Truth) => return camera.truth(),
         Err(error) => return json!({ "error": error.to_string() }),
     }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use super::addresses::{IDENTITY, PRIVILEGE};
-use super::faults::{Chance, PacketFaults};
+use super::faults::{Chance, PacketFaults, Sending};
 use super::network::Interface;
 use super::registers::Registers;
 use super::settings::{Effect, Identity};
@@ -19,6 +19,17 @@ const EXCLUSIVE: u32 = 1;
 const CONTROL: u32 = 2;
 /// So many of the newest frames can be sent again.
 const KEPT: usize = 4;
+/// So many requests for that wait at most: what comes beyond is asked for again.
+const WAITING: usize = 64;
+
+/// Packets of a frame that are to be sent again.
+pub(super) struct Again {
+    pub(super) block: Arc<Block>,
+    pub(super) link: Arc<Link>,
+    pub(super) packets: Vec<Sending>,
+    /// The camera's generation when they were asked for.
+    pub(super) generation: u64,
+}
 
 /// Whoever has control.
 #[derive(Debug, Clone, Copy)]
@@ -47,6 +58,8 @@ pub(super) struct Control {
     pub(super) link: Option<Arc<Link>>,
     /// The newest frames.
     kept: VecDeque<Arc<Block>>,
+    /// What is to be sent again, by another thread: at the link's pace that takes its time.
+    again: VecDeque<Again>,
     last_block: u16,
     /// The last datagram with its answer: one that comes again is answered again, and not done.
     answered: Option<(SocketAddrV4, Vec<u8>, Vec<u8>)>,
@@ -75,6 +88,7 @@ impl Control {
             triggers: 0,
             link: None,
             kept: VecDeque::new(),
+            again: VecDeque::new(),
             last_block: 0,
             answered: None,
             faults: PacketFaults::default(),
@@ -114,6 +128,8 @@ impl Control {
 
     fn release(&mut self) {
         self.owner = None;
+        // What was granted is no more.
+        self.answered = None;
         self.registers.set_control(0, None);
         self.stop();
     }
@@ -142,20 +158,20 @@ impl Control {
         if self.is_away(now) {
             return None;
         }
+        self.expire(now);
+        if let Some(owner) = self.owner.as_mut().filter(|owner| owner.address == from) {
+            owner.heard = now;
+        }
         if let Some((client, before, answer)) = &self.answered
             && *client == from
             && before == datagram
         {
             return Some(answer.clone());
         }
-        self.expire(now);
         let request = match Request::read(datagram)? {
             Ok(request) => request,
             Err(refusal) => return Some(refusal),
         };
-        if let Some(owner) = self.owner.as_mut().filter(|owner| owner.address == from) {
-            owner.heard = now;
-        }
         let answer = self.follow(&request, from, now)?;
         if !request.wants_answer {
             return None;
@@ -274,6 +290,8 @@ impl Control {
                 self.generation.fetch_add(1, Ordering::SeqCst);
             }
             Effect::Stop => self.stop(),
+            // Nobody waits for it.
+            Effect::Trigger if !self.registers.acquiring => {}
             Effect::Trigger => self.triggers = self.triggers.saturating_add(1),
             Effect::TestPacket => self.open_link()?.test(),
             Effect::Latch => {
@@ -312,7 +330,16 @@ impl Control {
         let packets = first..=last.min(link.packets(block) - 1);
         // What is asked for may be lost again, and nothing else goes wrong with it.
         let faults = PacketFaults { lost_one_in: self.faults.lost_one_in, ..PacketFaults::default() };
-        link.send(block, &self.chance.sent(packets, &faults), true, || false);
+        if self.again.len() < WAITING {
+            let (block, packets) = (Arc::clone(block), self.chance.sent(packets, &faults));
+            let generation = self.generation.load(Ordering::SeqCst);
+            self.again.push_back(Again { block, link, packets, generation });
+        }
+    }
+
+    /// What is to be sent again next.
+    pub(super) fn take_again(&mut self) -> Option<Again> {
+        self.again.pop_front()
     }
 }
 
@@ -398,10 +425,25 @@ mod tests {
         let now = Instant::now();
         let mut camera = Asked::new(now);
         camera.write(PRIVILEGE, CONTROL, client(1000), now);
+        camera.0.registers.acquiring = true;
         let trigger = [0x42, 1, 0, 0x82, 0, 8, 9, 9, 0, 0, 0x80, 0x4c, 0, 0, 0, 1];
         let first = camera.0.hear(&trigger, client(1000), now);
         assert_eq!(camera.0.hear(&trigger, client(1000), now), first);
         assert_eq!(camera.0.triggers, 1);
+        // Asking again is being heard of; and what was granted is gone with the control.
+        let heartbeat = Duration::from_millis(camera.0.registers.heartbeat_ms());
+        let later = now + heartbeat;
+        assert_eq!(camera.0.hear(&trigger, client(1000), later), first);
+        assert_ne!(camera.0.hear(&trigger, client(1000), later + 2 * heartbeat), first);
+    }
+
+    #[test]
+    fn a_trigger_for_which_nobody_waits_takes_no_frame_later() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        camera.write(PRIVILEGE, CONTROL, client(1000), now);
+        camera.write(0x804c, 1, client(1000), now);
+        assert_eq!(camera.0.triggers, 0);
     }
 
     #[test]

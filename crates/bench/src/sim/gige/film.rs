@@ -5,11 +5,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender};
 use std::time::{Duration, Instant};
 
+use super::control::Again;
 use super::format::Format;
 use super::settings::Settings;
 use super::stream::{Block, Link};
 use super::world::now_us;
-use super::{Exposure, MIDDLE_BYTES, Shared};
+use super::{Exposure, MIDDLE_BYTES, SLICE, Shared};
 use crate::config::{Config, TimestampMeans};
 use crate::device::faults::Faults;
 use crate::sim::picture::Picture;
@@ -20,8 +21,6 @@ const TOLD_WITHIN: Duration = Duration::from_millis(12);
 const USUAL_EXPOSURE_US: f64 = 10_000.0;
 /// Moments of an exposure that see something move, at least.
 const MOMENTS: u32 = 3;
-/// How long orders are waited for at most, before it is asked whether the camera has ended.
-const SLICE: Duration = Duration::from_millis(100);
 
 /// A frame to be sent.
 pub(super) struct Take {
@@ -159,6 +158,23 @@ pub(super) fn send(shared: &Shared, generation: &AtomicU64, takes: &Receiver<Tak
             let faults = control.faults;
             control.chance.sent(0..link.packets(&block), &faults)
         };
-        link.send(&block, &packets, false, || generation.load(Ordering::SeqCst) != of);
+        link.send(&block, &packets, false, || shared.has_ended() || generation.load(Ordering::SeqCst) != of);
+    }
+}
+
+/// Sends packets again that were asked for, until the camera ends.
+pub(super) fn send_again(shared: &Shared, generation: &AtomicU64) {
+    while !shared.has_ended() {
+        let again = {
+            let mut control = shared.control();
+            let again = control.take_again();
+            if again.is_none() {
+                drop(shared.wait(control, SLICE));
+            }
+            again
+        };
+        if let Some(Again { block, link, packets, generation: of }) = again {
+            link.send(&block, &packets, true, || shared.has_ended() || generation.load(Ordering::SeqCst) != of);
+        }
     }
 }

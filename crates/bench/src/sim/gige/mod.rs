@@ -45,6 +45,8 @@ const TICKS_A_SECOND: u64 = 1_000_000_000;
 const SLICE: Duration = Duration::from_millis(50);
 /// Larger than any datagram that a client may send.
 const DATAGRAM: usize = 2048;
+/// So many datagrams of a socket are answered before the next one's.
+const AT_A_TIME: usize = 64;
 /// So many of the newest exposures are kept in mind, with so many bytes of their frames.
 const EXPOSURES: usize = 256;
 const MIDDLE_BYTES: usize = 64;
@@ -117,11 +119,11 @@ impl GigeCamera {
             formats: Format::offered(mosaic),
             offset_step: mosaic.map_or(1, |_| MOSAIC_STEP),
         };
-        let sockets = std::iter::once(interface.control_socket()).chain(
-            // Without them it is found by its address only.
-            interface.broadcast_sockets().into_iter().flatten().map(Ok),
-        );
-        let sockets = sockets.collect::<io::Result<Vec<_>>>()?;
+        let mut sockets = vec![interface.control_socket()?];
+        match interface.broadcast_sockets() {
+            Ok(more) => sockets.extend(more),
+            Err(error) => tracing::warn!(%error, "the camera hears no broadcasts: it is found by its address only"),
+        }
         let bytes_per_s = link_mbit_s * 1e6 / 8.0;
         let mut control = Control::new(identity, interface, bytes_per_s, Chance::new(seed), Instant::now());
         control.faults = packets;
@@ -137,11 +139,13 @@ impl GigeCamera {
         });
         let (out, takes) = mpsc::sync_channel(0);
         let film = Film::new(Arc::clone(&shared), config, means);
-        let (answering, sending) = (Arc::clone(&shared), Arc::clone(&shared));
+        let (answering, sending, again) = (Arc::clone(&shared), Arc::clone(&shared), Arc::clone(&shared));
+        let newest = Arc::clone(&generation);
         let threads = vec![
             thread("camera-control", move || answering.answer(&sockets))?,
             thread("camera-film", move || film.run(&out))?,
             thread("camera-send", move || film::send(&sending, &generation, &takes))?,
+            thread("camera-again", move || film::send_again(&again, &newest))?,
         ];
         Ok(Self { shared, threads })
     }
@@ -157,12 +161,12 @@ impl GigeCamera {
         self.shared.world.truth()
     }
 
-    /// Makes that go wrong with camera and scene, and nothing else, from now on.
+    /// Makes these things go wrong with camera and scene, and nothing else, from now on.
     pub fn set_faults(&self, faults: Faults) {
         *self.shared.faults.lock().unwrap_or_else(PoisonError::into_inner) = faults;
     }
 
-    /// Makes that go wrong with packets, and nothing else, from now on.
+    /// Makes these things go wrong with packets, and nothing else, from now on.
     pub fn set_packet_faults(&self, faults: PacketFaults) {
         self.shared.control().faults = faults;
     }
@@ -233,7 +237,9 @@ impl Shared {
             }
             self.control().expire(Instant::now());
             for socket in &all {
-                while let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut datagram) {
+                // In turns: whoever sends faster than it is answered does not keep the others out.
+                for _ in 0..AT_A_TIME {
+                    let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut datagram) else { break };
                     let unplugged = self.faults().camera.unplugged;
                     let answer =
                         if unplugged { None } else { self.control().hear(&datagram[..length], from, Instant::now()) };

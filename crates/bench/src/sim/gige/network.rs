@@ -49,7 +49,7 @@ impl Interface {
         }
         Err(io::Error::new(
             io::ErrorKind::AddrNotAvailable,
-            format!("no network interface of this machine has {address}, nor a network that it is of"),
+            format!("this machine has no interface on {address}'s network; `ip address` lists those that it has"),
         ))
     }
 

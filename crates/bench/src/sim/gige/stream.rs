@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use nix::errno::Errno;
 use nix::sys::socket::{MsgFlags, MultiHeaders, getsockopt, sendmmsg, sockopt};
 
+use super::SLICE;
 use super::faults::Sending;
 use super::format::{Format, Region};
 use super::settings::Destination;
@@ -157,10 +158,17 @@ impl Link {
         let at_once = ((BURST.as_secs_f64() / each) as usize).clamp(1, AT_ONCE);
         let begin = Instant::now();
         for (burst, packets) in packets.chunks(at_once).enumerate() {
-            let due = begin + Duration::from_secs_f64(each * (burst * at_once) as f64);
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
-            if ended() {
-                return;
+            let due = Duration::try_from_secs_f64(each * (burst * at_once) as f64).unwrap_or(Duration::MAX);
+            // In slices: it may be hours at the least pace that a client can set.
+            loop {
+                if ended() {
+                    return;
+                }
+                let wait = due.saturating_sub(begin.elapsed());
+                if wait.is_zero() {
+                    break;
+                }
+                std::thread::sleep(wait.min(SLICE));
             }
             self.send_at_once(packets);
         }

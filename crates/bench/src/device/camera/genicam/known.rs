@@ -10,7 +10,7 @@ use viva_genicam::gige::DeviceInfo;
 /// Of so many cameras what they offer is kept: of those that were read last.
 const KEPT: usize = 64;
 
-/// Which camera it is, and of which making: what it offers hangs on nothing else.
+/// Which camera it is, and of which make: what it offers depends on nothing else.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Identity {
     pub(super) address: Ipv4Addr,
