@@ -23,12 +23,14 @@ set -euo pipefail
 study_args=()
 while read -ra words; do study_args+=("${words[@]}"); done <<<"${STUDY_ARGS:-}"
 for word in "${study_args[@]}"; do
-  case $word in
-    --set | --set=* | --config | --config=* | --out | --out=* | --shard | --shard=*)
-      echo "slurm-parts: $word in STUDY_ARGS would not reach the merge: the configuration goes into the file CONFIG, the folder into OUT" >&2
-      exit 2
-      ;;
+  case ${word%%=*} in
+    --set | --config) instead="the merge has to know the configuration, too: it goes into the file CONFIG" ;;
+    --out) instead="the merge has to know the folder, too: it is OUT" ;;
+    --shard) instead="the array says which part each task is" ;;
+    *) continue ;;
   esac
+  echo "slurm-parts: ${word%%=*} in STUDY_ARGS: $instead" >&2
+  exit 2
 done
 if [[ -n ${SHARDS:-}${FIRST:-} ]]; then
   : "${SHARDS:?how many parts there are, such as SHARDS=8: it goes with FIRST}"

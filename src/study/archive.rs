@@ -4,6 +4,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use nix::errno::Errno;
 use serde::{Deserialize, Serialize};
 
 use super::{Chapter, Counts, StudyError, StudyOptions};
@@ -73,7 +74,11 @@ impl Archive {
                 file.lock()
             }
             // A file system that knows no locks: nothing is known of others there.
-            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(()),
+            Err(TryLockError::Error(error))
+                if error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(Errno::ENOLCK as i32) =>
+            {
+                Ok(())
+            }
             Err(TryLockError::Error(error)) => Err(error),
         };
         held.map(|()| file).map_err(|source| failed(&path, source))

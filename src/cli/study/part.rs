@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use serde_json::json;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::runtime::Runtime;
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::progress::Bar;
 use super::{Context, slurm};
@@ -62,7 +63,7 @@ pub(super) fn run(
     let shard = asked.shard()?;
     let path = Part::path(out, shard);
     let kept = Part::kept(&path, &context.config, options, shard)?;
-    Part::of_one_split(out, &context.config, options, shard)?;
+    Part::check_split(out, &context.config, options, shard)?;
     let was_there = kept.is_some();
     let part = match kept {
         Some(part) => part,
@@ -101,6 +102,8 @@ pub(super) fn run(
 /// The part worked out, from where earlier attempts at it have come to.
 fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar: &Bar) -> anyhow::Result<Part> {
     let path = Part::path(out, shard);
+    // Before anything is there of this attempt.
+    let ends = Ends::heard()?;
     let journal = Arc::new(Journal::open(out, &context.config, options, shard)?);
     let share = shard.range(options.counts.benches);
     let benches = share.end - share.start;
@@ -113,7 +116,7 @@ fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar:
     if journal.torn() > 0 {
         eprintln!("{} torn lines of earlier attempts are not believed, and their benches done again", journal.torn());
     }
-    end_with_what_is_finished(Arc::clone(&journal), benches, path.clone())?;
+    end_with_what_is_finished(ends, Arc::clone(&journal), benches, path.clone())?;
     let made = study::run_part(&context.config, options, &journal, bar).and_then(|part| {
         journal.complete(&part, &path)?;
         Ok(part)
@@ -125,13 +128,27 @@ fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar:
     }
 }
 
+/// The signals that end the program, heard from when this is made.
+struct Ends {
+    runtime: Runtime,
+    terminate: Signal,
+    interrupt: Signal,
+}
+
+impl Ends {
+    fn heard() -> anyhow::Result<Self> {
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().context("signals cannot be taken")?;
+        let guard = runtime.enter();
+        let (terminate, interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+        drop(guard);
+        Ok(Self { runtime, terminate, interrupt })
+    }
+}
+
 /// Has a signal that ends the program keep first what is finished. Where the part is whole by then, it is no failure.
-fn end_with_what_is_finished(journal: Arc<Journal>, benches: u64, part: PathBuf) -> anyhow::Result<()> {
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().build().context("signals cannot be taken")?;
-    let guard = runtime.enter();
-    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
-    drop(guard);
+fn end_with_what_is_finished(ends: Ends, journal: Arc<Journal>, benches: u64, part: PathBuf) -> anyhow::Result<()> {
+    let Ends { runtime, mut terminate, mut interrupt } = ends;
     let wait = move || {
         let kind = runtime.block_on(async {
             tokio::select! {

@@ -73,7 +73,7 @@ impl Origin {
 }
 
 impl Origin {
-    /// What it is, for who has to tell two apart.
+    /// What it is, for whoever has to tell two apart.
     fn in_words(&self, [benches, assemblies]: [u64; 2]) -> String {
         let quick = if self.quick { "quick, " } else { "" };
         format!(
@@ -206,33 +206,29 @@ impl Part {
         self.origin == *origin && [self.benches.count, self.assemblies.count] == counts
     }
 
-    /// That no part of the same study is there which was split into another number of parts: the two would not fit.
+    /// Checks that no part of the same study is there which was split into another number of parts: the two would not fit.
     ///
     /// # Errors
     /// [`StudyError::Part`] where one is.
-    pub fn of_one_split(study: &Path, config: &Config, options: StudyOptions, shard: Shard) -> Result<(), StudyError> {
+    pub fn check_split(study: &Path, config: &Config, options: StudyOptions, shard: Shard) -> Result<(), StudyError> {
         let folder = Self::folder(study);
         if !folder.try_exists().map_err(failed(&folder))? {
             return Ok(());
         }
-        let end = format!("-of-{}.json", shard.of());
-        let other = Self::in_folder(&folder)?.into_iter().find(|path| !path.to_string_lossy().ends_with(&end));
-        let Some(path) = other else { return Ok(()) };
-        match Self::read(&path) {
-            Ok(part) if part.shard.of() != shard.of() && part.is_of(&Origin::of(config, options), options) => {
-                Err(StudyError::Part {
-                    path: path.display().to_string(),
-                    why: format!(
-                        "it is one of {} parts of this study, and {shard} would be one of {}: ask for the part by its number \
-                         of {} (under Slurm with SHARDS and FIRST), or move the others away",
-                        part.shard.of(),
-                        shard.of(),
-                        part.shard.of()
-                    ),
-                })
+        let (end, origin) = (format!("-of-{}.json", shard.of()), Origin::of(config, options));
+        for path in Self::in_folder(&folder)?.into_iter().filter(|path| !path.to_string_lossy().ends_with(&end)) {
+            let Ok(part) = Self::read(&path) else { continue };
+            let of = part.shard.of();
+            if of != shard.of() && part.is_of(&origin, options) {
+                let why = format!(
+                    "it is one of {of} parts of this study, and {shard} would be one of {}: ask for the part by its number of \
+                     {of} (under Slurm with SHARDS and FIRST), or move the others away",
+                    shard.of()
+                );
+                return Err(StudyError::Part { path: path.display().to_string(), why });
             }
-            _ => Ok(()),
         }
+        Ok(())
     }
 
     /// Writes the part, whole or not at all, and makes its folder where it is not there.
