@@ -31,6 +31,16 @@ impl ArrayKind {
             Self::Hexagonal => 6,
         }
     }
+
+    /// Where the smallest of these turns takes a place of the array's unit cell, by its indices along the two axes in a grid of
+    /// `side` × `side` places.
+    #[must_use]
+    pub const fn turned(self, [p, q]: [usize; 2], side: usize) -> [usize; 2] {
+        match self {
+            Self::Square => [(side - q) % side, p],
+            Self::Hexagonal => [(side - q) % side, (p + q) % side],
+        }
+    }
 }
 
 /// On which side of the MLA the main lens's image lies.

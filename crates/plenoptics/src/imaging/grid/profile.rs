@@ -300,15 +300,12 @@ impl Matcher {
         // The array's own symmetry is the profile's: what departs from it is texture, or a centre that is off.
         let sums: Vec<(f64, f64)> = (0..side * side)
             .map(|n| {
-                let (mut q, mut p) = (n / side, n % side);
+                let [mut p, mut q] = [n % side, n / side];
                 let mut sum = (0.0, 0.0);
                 for _ in 0..grid.array.turns() {
                     let bin = bins[q * side + p];
                     sum = (sum.0 + f64::from(bin[0]), sum.1 + f64::from(bin[1]));
-                    (p, q) = match grid.array {
-                        ArrayKind::Square => ((side - q) % side, p),
-                        ArrayKind::Hexagonal => ((side - q) % side, (p + q) % side),
-                    };
+                    [p, q] = grid.array.turned([p, q], side);
                 }
                 sum
             })

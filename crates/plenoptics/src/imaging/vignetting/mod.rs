@@ -277,14 +277,11 @@ impl Vignetting {
         let left: Vec<f64> = own.iter().zip(&others).map(|(own, other)| other - factor * own).collect();
         let turns = array.turns();
         let alike = |n: usize| {
-            let (mut p, mut q) = (n % SIDE, n / SIDE);
+            let [mut p, mut q] = [n % SIDE, n / SIDE];
             let mut sum = 0.0;
             for _ in 0..turns {
                 sum += left[q * SIDE + p] + left[p * SIDE + q];
-                (p, q) = match array {
-                    ArrayKind::Square => ((SIDE - q) % SIDE, p),
-                    ArrayKind::Hexagonal => ((SIDE - q) % SIDE, (p + q) % SIDE),
-                };
+                [p, q] = array.turned([p, q], SIDE);
             }
             sum / (2 * turns) as f64
         };
