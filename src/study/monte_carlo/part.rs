@@ -45,13 +45,13 @@ pub(super) struct Origin {
     pub(super) seed: u64,
 }
 
-/// What every version of the file begins with.
+/// What every version of a part's file begins with, and of its journals.
 #[derive(Deserialize)]
-struct Head {
+pub(super) struct Beginning {
     #[serde(default)]
-    format: String,
+    pub(super) format: String,
     #[serde(default)]
-    format_version: u64,
+    pub(super) format_version: u64,
 }
 
 /// What could not be done with a file or folder.
@@ -70,9 +70,7 @@ impl Origin {
             seed: options.seed,
         }
     }
-}
 
-impl Origin {
     /// What it is, for whoever has to tell two apart.
     fn in_words(&self, [benches, assemblies]: [u64; 2]) -> String {
         let quick = if self.quick { "quick, " } else { "" };
@@ -149,7 +147,7 @@ impl Part {
     pub fn read(path: &Path) -> Result<Self, StudyError> {
         let wrong = |why: String| StudyError::Part { path: path.display().to_string(), why };
         let text = fs::read(path).map_err(failed(path))?;
-        let head: Head = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a part: {error}")))?;
+        let head: Beginning = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a part: {error}")))?;
         if head.format != FORMAT {
             return Err(wrong(format!("not a part: its format is \"{}\", not \"{FORMAT}\"", head.format)));
         }

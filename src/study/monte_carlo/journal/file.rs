@@ -13,7 +13,7 @@ use uuid::Uuid;
 use crate::config::Config;
 use crate::study::loops::BenchOutcome;
 use crate::study::monte_carlo::Shard;
-use crate::study::monte_carlo::part::{Origin, failed};
+use crate::study::monte_carlo::part::{Beginning, Origin, failed};
 use crate::study::{StudyError, StudyOptions};
 
 /// What says that a file is a journal.
@@ -81,15 +81,6 @@ pub(in crate::study::monte_carlo) enum Content {
     Nothing,
     /// It cannot be read, or begins as no journal of this program does: why.
     Unknown(StudyError),
-}
-
-/// What each version of the file begins with.
-#[derive(Deserialize)]
-struct Beginning {
-    #[serde(default)]
-    format: String,
-    #[serde(default)]
-    format_version: u64,
 }
 
 /// The journals in a folder, of one part or of all, by their names.

@@ -209,8 +209,8 @@ impl Control {
                     Err(why) => request.refuse(why, &written.to_be_bytes()),
                 }
             }
-            // It has the address that it was started with.
-            Command::ForceIp | Command::Other => request.refuse(Refusal::NOT_IMPLEMENTED, &[]),
+            // Another address, too: it has the one that it was started with.
+            Command::Other => request.refuse(Refusal::NOT_IMPLEMENTED, &[]),
         })
     }
 

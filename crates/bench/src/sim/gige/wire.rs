@@ -36,8 +36,6 @@ impl fmt::Display for Refusal {
 pub(super) enum Command {
     /// Who is there?
     Discovery,
-    /// To take another address.
-    ForceIp,
     /// To send packets of a frame again, the first and the last of them.
     Resend { block: u16, first: u32, last: u32 },
     /// The values of these registers.
@@ -103,7 +101,6 @@ fn command(code: u16, contents: &[u8]) -> Option<Command> {
     let whole = contents.len().is_multiple_of(4);
     Some(match code {
         0x0002 => Command::Discovery,
-        0x0004 => Command::ForceIp,
         0x0040 => {
             let &[channel_and_block, first, last] = words.get(..3)?.as_array()?;
             // Packets are counted in 24 bits, blocks in the low half.
