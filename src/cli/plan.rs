@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::process::ExitCode;
 
 use super::Context;
-use crate::control::plan::{PlanView, PlannedBoards};
+use crate::control::plan::{ExpectedBudget, PlanView, PlannedBoards};
 
 /// Arguments of `plenalign plan`.
 #[derive(Debug, clap::Args)]
@@ -58,6 +58,16 @@ fn written(plan: &PlanView) -> Result<String, std::fmt::Error> {
     let (spacing, delta_v, e) = (plan.spacing_sigma_px, plan.delta_v_sigma_mm, plan.e_sigma_mm);
     line("expected to be good to", format!("spacing {spacing:.4} px, Δv {delta_v:.4} mm, e {e:.3} mm"))?;
     line("", format!("by the picture and the axes alone: {}", plan.assumed))?;
+    if let Some(budget) = plan.by_budget {
+        let ExpectedBudget { delta_v_sigma_mm, e_sigma_mm, e_held_off_mm } = budget;
+        line("", format!("Δv {delta_v_sigma_mm:.3} mm, e {e_sigma_mm:.2} mm with all that is taken for granted"))?;
+        if e_held_off_mm > plan.e_tolerance_mm {
+            line(
+                "",
+                format!("e stays {e_held_off_mm:.2} mm further from the shell: three of these, to be clear of it"),
+            )?;
+        }
+    }
     line("time", format!("about {:.0} s besides the operator", plan.duration_s))?;
     line("operator", format!("{} steps", plan.operator_steps.len()))?;
     for (number, step) in plan.operator_steps.iter().enumerate() {

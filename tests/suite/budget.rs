@@ -7,9 +7,10 @@ use std::sync::Arc;
 
 use plenalign::config::{Config, ShellStep};
 use plenalign::control::air::{AirDecision, AirLoop, AirObservation};
-use plenalign::control::budget::{BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, TiltChange, Verdict};
+use plenalign::control::budget::{BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, TiltChange, Verdict, e_axis};
 use plenalign::control::calibrated::CalibratedCamera;
 use plenalign::control::plan::{AirBoards, Plan};
+use plenalign::control::room::{Contact, Room};
 use plenalign::control::shell::{ShellDecision, ShellLoop, ShellObservation};
 use plenalign::imaging::calibration::{CalibrationOptions, fit_line};
 use plenalign::imaging::measurement::FrameOptions;
@@ -228,7 +229,7 @@ impl Bench {
         let middle = joint.equivalent_distance;
         let white_pitch_px = micro_image_pitch(&self.camera_of_white()) * (1.0 + self.noise(PITCH_SIGMA));
 
-        let plan = Plan::new(&config, joint, assembly.e_wall_mm(assembly.l_bound_mm), assembly.initial_e_mm);
+        let plan = Plan::new(&config, joint, assembly.l_bound_mm, assembly.initial_e_mm);
         let AirBoards::Levels(levels) = plan.arrangement.about(middle) else {
             return Err("not three levels side by side".to_owned());
         };
@@ -262,20 +263,43 @@ impl Bench {
         let target_px = camera.exact_target_px(joint.e);
         let mut shell = ShellLoop::new(plan.shell_goal(target_px, ShellStep::TranslateEThenTrim), camera);
         let scale = air.model().map_or(1.0, |model| model.scale().0);
-        let (mut e, mut trim, mut poses) = (plan.mount_e_mm, 0.0, Vec::<ShellObservation>::new());
+        let (mut e, mut trim) = (plan.mount_e_mm, 0.0);
+        let mut seen = Evidence {
+            air: camera,
+            boards,
+            pitch: Some(PitchSeen {
+                pitch_px: white_pitch_px,
+                sigma_px: PITCH_SIGMA * white_pitch_px,
+                delta_v_mm: -focus * scale,
+            }),
+            shell: Vec::new(),
+            tilt_change: None,
+            window_px: WINDOW_PX,
+        };
+        let contact = Contact { e_mm: assembly.contact_mm(), measured_sigma_mm: None };
         loop {
             let (truth, board) = self.in_water(focus + trim / scale, e);
             let spacing_px = on_axis(&truth, &board, WINDOW_PX) + self.noise(SPACING_SIGMA_PX);
-            let decision = shell.next(ShellObservation {
+            let observation = ShellObservation {
                 e_reading_mm: e,
                 trim_mm: trim,
                 spacing_px,
                 sigma_px: SPACING_SIGMA_PX,
                 sigma_random_px: SPACING_SIGMA_PX,
+            };
+            let tilt = self.tilt(&truth, &board);
+            seen.tilt_change = Some(TiltChange {
+                px: [0, 1].map(|k| tilt[k] - tilt_in_air[k]),
+                sigma_px: 2.0_f64.sqrt() * TILT_SIGMA_PX,
+                least_sigma_px: 2.0_f64.sqrt() * TILT_SIGMA_PX,
             });
-            let here = shell.here().ok_or("no pose")?;
-            poses.pop_if(|last| (last.e_reading_mm, last.trim_mm) == (e, trim));
-            poses.push(here);
+            let decision = shell.next(observation, |here| {
+                here.follows(&mut seen.shell);
+                e_axis(&config, &seen, false).map(|e| Room { contact, e })
+            });
+            if self.e(e) <= contact.e_mm {
+                return Err("the lens has touched the shell".to_owned());
+            }
             match decision {
                 ShellDecision::ProbeE { to_mm } | ShellDecision::MoveE { to_mm, .. } => e = to_mm,
                 ShellDecision::Trim { by_mm, .. } => trim += by_mm,
@@ -286,24 +310,6 @@ impl Bench {
             }
         }
         let end = focus + trim / scale;
-        let (truth, board) = self.in_water(end, e);
-        let tilt = self.tilt(&truth, &board);
-        let seen = Evidence {
-            air: camera,
-            boards,
-            pitch: Some(PitchSeen {
-                pitch_px: white_pitch_px,
-                sigma_px: PITCH_SIGMA * white_pitch_px,
-                delta_v_mm: -focus * scale,
-            }),
-            shell: poses,
-            tilt_change: Some(TiltChange {
-                px: [0, 1].map(|k| tilt[k] - tilt_in_air[k]),
-                sigma_px: 2.0_f64.sqrt() * TILT_SIGMA_PX,
-                least_sigma_px: 2.0_f64.sqrt() * TILT_SIGMA_PX,
-            }),
-            window_px: WINDOW_PX,
-        };
         let budget = Budget::of(&config, &seen, joint.e).ok_or("no budget")?;
         let (d, e) = (self.d(end), self.e(e));
         Ok(Aligned { truth: [self.delta_v(d), e, self.off_focus_px(d, e)], budget })

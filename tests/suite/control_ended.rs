@@ -296,7 +296,7 @@ async fn a_failure_is_gone_once_the_homing_of_the_other_axis_has_homed_both() {
 #[tokio::test]
 async fn a_wall_beyond_the_travel_refuses_in_words() {
     let (motion, admit) = rules(small_config(1), fakes().bench);
-    motion.set_l_bound_mm(1e3);
+    motion.set_l_bound(1e3, motion.contact());
     let refused = motion.go(&admit(), AxisName::E, Millimetres(20.0)).await.unwrap_err();
     assert!(matches!(refused, ServiceError::Refused(Refusal::Wall { .. })), "{refused}");
     for side in [Side::Low, Side::High] {

@@ -42,6 +42,10 @@ fn the_preset_is_aligned_as_it_always_was() {
     // Near what the estimator says of such frames.
     assert!((0.002..0.003).contains(&plan.spacing_sigma_px), "{}", plan.spacing_sigma_px);
     close(plan.delta_v_sigma_mm, plan.spacing_sigma_px / 8.7, 1e-5);
+    // Three of what e is good to lie between the lens and where it touches, half a millimetre beyond l_bound.
+    let budget = plan.by_budget.unwrap();
+    assert!((0.15..0.25).contains(&budget.e_sigma_mm) && (0.02..0.08).contains(&budget.delta_v_sigma_mm), "{budget:?}");
+    close(budget.e_held_off_mm, 3.0 * budget.e_sigma_mm - 0.5, 0.02);
     let asked: Vec<&str> = plan.operator_steps.iter().map(|step| step.name.as_str()).collect();
     assert_eq!(asked, ["white_frame", "triple_board_in_air", "aperture", "shell_and_water"]);
 }
@@ -291,4 +295,21 @@ async fn it_is_served_for_the_camera_in_force_and_for_drafts() {
     assert_eq!(places.len(), 3);
     let refused = daemon.post("/api/v1/plan", &json!({ "boards": { "in_air": "none" } })).await;
     assert_eq!(refused.status(), 409);
+}
+
+/// More clearance, or a bench of which more is known, lets the lens go as near as it is wanted; less keeps it away.
+#[test]
+fn the_lens_stays_clear_by_what_e_is_expected_to_be_good_to() {
+    let held_off = |keys: &[(&str, &str)]| {
+        let mut config = Config::default();
+        config.set_all(keys.iter().copied()).unwrap();
+        plan(&config).by_budget.unwrap().e_held_off_mm
+    };
+    let none = held_off(&[("assembly.clearance_mm", "0")]);
+    close(none - held_off(&[]), 0.5, 0.02);
+    assert_eq!(held_off(&[("assembly.clearance_mm", "1")]), 0.0);
+    let known = [("uncertainty.water_index", "1e-4"), ("uncertainty.board_in_water_mm", "0.1")];
+    assert!(held_off(&known) < held_off(&[]));
+    // A contact that is measured is wrong by much of the same.
+    assert!(held_off(&[("assembly.l_bound", "\"measure\"")]) < held_off(&[]));
 }

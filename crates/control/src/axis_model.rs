@@ -26,6 +26,12 @@ impl AxisModel {
         }
     }
 
+    /// A line that is known: its value at `reference`, its scale, and their covariance.
+    #[must_use]
+    pub const fn known(reference: f64, mean: [f64; 2], covariance: [[f64; 2]; 2]) -> Self {
+        Self { reference, mean, covariance }
+    }
+
     /// Takes in a measurement of the true position at a reading (a Kalman update).
     pub fn observe(&mut self, reading: f64, value: f64, sigma: f64) {
         assert!(sigma > 0.0, "a measurement needs a positive uncertainty");

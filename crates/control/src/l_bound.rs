@@ -4,6 +4,7 @@ use super::alignment::{Alignment, VERIFY_FRAMES};
 use super::context::JobEnd;
 use super::events::ShellState;
 use super::job::Stage;
+use super::room::Contact;
 use bench::device::{AxisName, Setup};
 
 impl Alignment<'_> {
@@ -46,7 +47,7 @@ impl Alignment<'_> {
                 "an l_bound of {l_bound_mm:.2} mm was measured, which puts the e wall at {wall_mm:.2} mm, beyond the e axis's travel to {highest_mm} mm: shell, water or board are not what is configured, or the axis is too short"
             )));
         }
-        self.motion.set_l_bound_mm(l_bound_mm);
+        self.motion.set_l_bound(l_bound_mm, Contact { e_mm: least_e, measured_sigma_mm: Some(sigma) });
         self.findings.l_bound_sigma_mm = Some(sigma);
         let note = format!(
             "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",

@@ -48,6 +48,7 @@ pub mod replay;
 mod report;
 mod request;
 mod retention;
+pub mod room;
 mod runner;
 mod service;
 mod set_up;

@@ -4,7 +4,7 @@ use super::air::{AirDecision, AirObservation};
 use super::alignment::Alignment;
 use super::eye::Seen;
 use super::job::{Iteration, IterationKind, Stage};
-use super::shell::{ShellDecision, ShellLoop, ShellObservation};
+use super::shell::{ShellDecision, ShellLoop};
 use bench::config::ShellStep;
 use bench::device::AxisName;
 
@@ -77,11 +77,7 @@ impl Alignment<'_> {
     ) {
         let findings = &mut self.findings;
         if let Some(here) = shell.here() {
-            // Measurements of one pose come combined.
-            let again =
-                |last: &mut ShellObservation| last.e_reading_mm == here.e_reading_mm && last.trim_mm == here.trim_mm;
-            findings.through_shell.pop_if(again);
-            findings.through_shell.push(here);
+            here.follows(&mut findings.through_shell);
         }
         findings.moves_shell = shell.moves();
         findings.e = Some(shell.model().predict(e_reading_mm));

@@ -16,7 +16,7 @@ fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {
 }
 
 /// What was seen from the end of the air step on; `None` where that is not enough for a budget.
-fn evidence(eye: &Eye, findings: &Findings) -> Option<Evidence> {
+pub(super) fn evidence(eye: &Eye, findings: &Findings) -> Option<Evidence> {
     let air = eye.air_step()?;
     let seen = findings.seen.as_ref()?;
     let pitch = eye.sight().zip(eye.white_frame()).and_then(|(sight, frame)| {

@@ -2,12 +2,14 @@
 //! beyond the wall, e stays at its optimum and Δv is trimmed (Eq. 8 with e fixed). Pure: measurement in, decision out.
 //!
 //! The wall holds twice: in the homed axis's coordinate, and in e as the picture has it. Until scale and zero of the
-//! axis are confirmed by the picture, a move towards the shell covers at most 85 % of the estimated distance.
+//! axis are confirmed by the picture, a move towards the shell covers at most 85 % of the estimated distance. Beside it the
+//! [`Room`] holds: e may be wrong by more than the picture scatters.
 
 use super::air::FREE_PROBES;
 use super::at_pose::AtPose;
 use super::axis_model::{AxisModel, MoveFault, check_move};
 use super::calibrated::CalibratedCamera;
+use super::room::Room;
 use bench::config::ShellStep;
 
 /// Share of the estimated distance to the optimum that a move may cover before scale and zero are confirmed.
@@ -25,8 +27,8 @@ const STICKS_MM: f64 = super::motion::READBACK_TOLERANCE_MM;
 const TOLD_SIGMAS: f64 = 4.0;
 /// This many contradictions in a row are a fault: one in a thousand of the carriages that stick shows as many.
 const MOST_STUCK: u32 = 6;
-/// Standard uncertainties of e that a move keeps away from the wall: where the picture cannot tell e, only as much of the
-/// way is gone as the axis alone is good for.
+/// Standard uncertainties of e, as the picture scatters, that a move keeps away from the wall: where the picture cannot tell
+/// e, only as much of the way is gone as the axis alone is good for.
 const WALL_SIGMAS: f64 = 3.0;
 
 /// What the loop is to reach, and what it may use.
@@ -77,6 +79,14 @@ pub struct ShellObservation {
     pub sigma_px: f64,
     /// The part of it that is from pixel noise, px.
     pub sigma_random_px: f64,
+}
+
+impl ShellObservation {
+    /// Puts it at the end of what was measured at pose after pose: the measurements of one pose come combined.
+    pub fn follows(self, poses: &mut Vec<Self>) {
+        poses.pop_if(|last| last.e_reading_mm == self.e_reading_mm && last.trim_mm == self.trim_mm);
+        poses.push(self);
+    }
 }
 
 /// What to do next.
@@ -131,6 +141,10 @@ pub struct ShellLoop {
     /// Trims in a row that the picture has contradicted by as little as an axis sticks.
     stuck: u32,
     verifying: bool,
+    /// The room between lens and shell by all that was seen; nothing goes towards the shell without.
+    room: Option<Room>,
+    /// Whether the room, and not the wall, has kept e away from where it was wanted.
+    held_off: bool,
 }
 
 /// The measurements at the present pose, combined.
@@ -158,6 +172,8 @@ impl ShellLoop {
             trimmed: false,
             stuck: 0,
             verifying: false,
+            room: None,
+            held_off: false,
         }
     }
 
@@ -185,8 +201,25 @@ impl ShellLoop {
         self.trimmed
     }
 
-    /// Takes in a measurement and decides.
-    pub fn next(&mut self, observation: ShellObservation) -> ShellDecision {
+    /// The room between lens and shell by all that was seen.
+    #[must_use]
+    pub fn room(&self) -> Option<Room> {
+        self.room
+    }
+
+    /// Whether e stays further from the shell than wanted, because it is not known well enough to go nearer.
+    #[must_use]
+    pub fn held_off(&self) -> bool {
+        self.held_off
+    }
+
+    /// Takes in a measurement and decides. `room` is the room between lens and shell once what was measured at this pose is
+    /// known: without one nothing goes towards the shell.
+    pub fn next(
+        &mut self,
+        observation: ShellObservation,
+        room: impl FnOnce(ShellObservation) -> Option<Room>,
+    ) -> ShellDecision {
         let same_place = self.here().is_some_and(|here| {
             (here.e_reading_mm - observation.e_reading_mm).abs() < 1e-6
                 && (here.trim_mm - observation.trim_mm).abs() < 1e-9
@@ -204,6 +237,7 @@ impl ShellLoop {
         (pose.combined.spacing_px, pose.combined.sigma_px) = (combined.value, combined.sigma);
         let (here, measurements) = (pose.combined, pose.measurements.count());
         self.pose = Some(pose);
+        self.room = room(here);
         if !same_place
             && let Some(previous) = self.previous
             && let Some(fault) = self.contradiction(previous, here)
@@ -248,6 +282,12 @@ impl ShellLoop {
     fn decide(&mut self, here: ShellObservation, measurements: u32) -> ShellDecision {
         if !self.probed {
             return self.probe(here);
+        }
+        if let Some(to_mm) = self.way_back(here.e_reading_mm)
+            && self.moves < MAX_MOVES
+        {
+            self.at_optimum = false;
+            return self.move_e(to_mm, here.trim_mm);
         }
         let goal = self.goal;
         let tolerance_px = goal.spacing_tolerance_px;
@@ -300,7 +340,9 @@ impl ShellLoop {
                 ),
             };
         }
-        ShellDecision::ProbeE { to_mm: here.e_reading_mm - goal.probe_mm }
+        let nearer = here.e_reading_mm - goal.probe_mm;
+        let to_mm = if self.lets(nearer) { nearer } else { here.e_reading_mm + goal.probe_mm };
+        ShellDecision::ProbeE { to_mm }
     }
 
     /// The way to the optimum, in pieces until scale and zero are confirmed.
@@ -334,12 +376,15 @@ impl ShellLoop {
             self.camera.e_mm(goal.spacing_px, here.trim_mm) - self.camera.e_mm(here.spacing_px, here.trim_mm);
         let reading = here.e_reading_mm + crossing_offset / self.model.scale().0;
         let (e, sigma) = self.model.predict(reading);
+        let room = reading >= here.e_reading_mm || self.lets(reading);
         let known = reading >= here.e_reading_mm || sigma <= CONFIRMED_SIGMA_MM;
         let within_wall = known && reading >= goal.wall_mm && e >= goal.wall_mm && reading <= goal.high_limit_mm;
         let translate = match goal.step {
             ShellStep::TranslateE => true,
             // Far from its optimum e is not where the design wants it: Δv is what is off.
-            ShellStep::TranslateEThenTrim => !self.trimmed && within_wall && (e - goal.e_mm).abs() <= goal.departure_mm,
+            ShellStep::TranslateEThenTrim => {
+                !self.trimmed && within_wall && room && (e - goal.e_mm).abs() <= goal.departure_mm
+            }
             ShellStep::HoldETrim => false,
         };
         if translate {
@@ -349,6 +394,17 @@ impl ShellLoop {
                         "the spacing {:.3} px would be met at e = {e:.2} ± {sigma:.2} mm, which may be beyond the wall at {:.2} mm; the best point is {:.3} px at e = {:.2} mm",
                         goal.spacing_px,
                         goal.wall_mm,
+                        here.spacing_px,
+                        self.model.predict(here.e_reading_mm).0
+                    ),
+                };
+            }
+            if let Some(contact) = self.room.map(|room| room.contact).filter(|_| !room) {
+                return ShellDecision::NotConverged {
+                    why: format!(
+                        "the spacing {:.3} px would be met at e = {e:.2} mm, nearer to where the lens touches the shell, e = {:.2} mm, than three of what e is uncertain by; the best point is {:.3} px at e = {:.2} mm",
+                        goal.spacing_px,
+                        contact.e_mm,
                         here.spacing_px,
                         self.model.predict(here.e_reading_mm).0
                     ),
@@ -383,11 +439,25 @@ impl ShellLoop {
         ShellDecision::MoveE { to_mm, predicted_px }
     }
 
-    /// The reading nearest the one wanted that is one move away, passes the wall neither by reading nor by estimate, and, coming from `from`,
-    /// not even by an estimate that is [`WALL_SIGMAS`] off.
-    fn allowed(&self, reading: f64, from: f64) -> f64 {
+    /// Where the lens is taken back to from a reading (mm) at which there is too little room for it.
+    fn way_back(&self, from: f64) -> Option<f64> {
+        let room = self.room.filter(|room| room.asks_back(from))?;
+        let to = room.least_mm(from, self.goal.high_limit_mm.min(from + self.goal.most_mm));
+        (to - from > 0.5 * self.goal.tolerance_mm).then_some(to)
+    }
+
+    /// Whether the room lets the lens be taken to a reading, mm.
+    fn lets(&self, reading: f64) -> bool {
+        self.room.is_some_and(|room| room.lets(reading))
+    }
+
+    /// The reading nearest the one wanted that is one move away, for which there is room, and which passes the wall neither by
+    /// reading nor by estimate, and, coming from `from`, not even by an estimate that is [`WALL_SIGMAS`] off.
+    fn allowed(&mut self, reading: f64, from: f64) -> f64 {
         let (wall, high) = (self.goal.wall_mm, self.goal.high_limit_mm);
-        let reading = reading.max(wall).max(self.model.reading_for(wall)).min(high);
+        let wanted = reading.max(wall).max(self.model.reading_for(wall)).min(high);
+        let reading = self.room.map_or(from.max(wanted), |room| room.least_mm(wanted, high));
+        self.held_off = reading - wanted > 0.5 * self.goal.tolerance_mm;
         let reading = reading.clamp(from - self.goal.most_mm, from + self.goal.most_mm);
         let safe = |at: f64| {
             let (e, sigma) = self.model.predict(at);
@@ -413,6 +483,7 @@ impl ShellLoop {
 #[cfg(test)]
 mod tests {
     use super::super::calibrated::tests::preset;
+    use super::super::room::Contact;
     use super::*;
 
     fn goal(step: ShellStep) -> ShellGoal {
@@ -460,6 +531,8 @@ mod tests {
         let mut camera = preset();
         camera.lens_to_mla_mm += residual;
         let mut shell = ShellLoop::new(goal(step), camera);
+        let known =
+            Room { contact: Contact { e_mm: -0.5, measured_sigma_mm: None }, e: AxisModel::new(30.0, 30.0, 0.0, 0.0) };
         let (mut reading, mut trim) = (30.0, 0.0);
         let (mut decisions, mut least_e, mut least_reading) = (Vec::new(), f64::INFINITY, f64::INFINITY);
         // Where the carriage stands does not change before it is moved again.
@@ -469,13 +542,14 @@ mod tests {
             least_reading = least_reading.min(reading);
             let spacing = camera.spacing_px(e_of(reading), truly);
             let noise = if turn % 2 == 0 { sigma } else { -sigma };
-            let decision = shell.next(ShellObservation {
+            let seen = ShellObservation {
                 e_reading_mm: reading,
                 trim_mm: trim,
                 spacing_px: spacing + noise,
                 sigma_px: sigma,
                 sigma_random_px: sigma,
-            });
+            };
+            let decision = shell.next(seen, |_| Some(known));
             decisions.push(decision.clone());
             match decision {
                 ShellDecision::ProbeE { to_mm } | ShellDecision::MoveE { to_mm, .. } => reading = to_mm,
@@ -585,5 +659,87 @@ mod tests {
             reversed.decisions
         );
         assert_eq!(reversed.decisions.len(), 2);
+    }
+
+    /// A bench of which water, board or radii are not as configured: the picture has e too large, and all that was seen and is
+    /// known says by how much it may.
+    fn run_with_room(e_of: impl Fn(f64) -> f64, shown: impl Fn(f64) -> f64, sigma_mm: f64) -> Outcome {
+        let camera = preset();
+        let mut shell = ShellLoop::new(goal(ShellStep::TranslateEThenTrim), camera);
+        let (mut reading, mut trim) = (30.0, 0.0);
+        let mut outcome = Outcome {
+            decisions: Vec::new(),
+            least_e: f64::INFINITY,
+            least_reading: f64::INFINITY,
+            spacing: 0.0,
+            e: 0.0,
+        };
+        for _ in 0..40 {
+            outcome.least_e = outcome.least_e.min(e_of(reading));
+            outcome.least_reading = outcome.least_reading.min(reading);
+            let seen = ShellObservation {
+                e_reading_mm: reading,
+                trim_mm: trim,
+                spacing_px: camera.spacing_px(shown(e_of(reading)), trim),
+                sigma_px: 0.004,
+                sigma_random_px: 0.004,
+            };
+            let shows = shown(e_of(reading));
+            let decision = shell.next(seen, |here| {
+                let e = AxisModel::new(here.e_reading_mm, shows, sigma_mm, 0.0);
+                Some(Room { contact: Contact { e_mm: -0.5, measured_sigma_mm: None }, e })
+            });
+            outcome.decisions.push(decision.clone());
+            match decision {
+                ShellDecision::ProbeE { to_mm } | ShellDecision::MoveE { to_mm, .. } => reading = to_mm,
+                ShellDecision::Trim { by_mm, .. } => trim += by_mm,
+                ShellDecision::MoreFrames | ShellDecision::Verify => {}
+                _ => break,
+            }
+        }
+        (outcome.e, outcome.spacing) = (e_of(reading), camera.spacing_px(shown(e_of(reading)), trim));
+        outcome
+    }
+
+    /// The picture is wrong by as much as three standard uncertainties, either way: the lens never touches, the focus is found
+    /// all the same, and e is no further off than it has to be.
+    #[test]
+    fn a_lens_stays_clear_by_what_e_is_uncertain_by() {
+        for sigma_mm in [0.05, 0.19, 0.4, 1.0] {
+            for off in [-2.9, 0.0, 2.9] {
+                let outcome = run_with_room(|q| q, |e| e + off * sigma_mm, sigma_mm);
+                let what = format!("σ(e) {sigma_mm} mm, {off} of it off: {:?}", outcome.decisions);
+                assert_eq!(outcome.decisions.last(), Some(&ShellDecision::Done), "{what}");
+                assert!(outcome.least_e > -0.5, "touched at {} {what}", outcome.least_e);
+                // The axis's reading does not pass the wall either.
+                let wanted = 0.0_f64.max(3.0 * sigma_mm - 0.5).max(off * sigma_mm - 0.1);
+                assert!((outcome.e + off * sigma_mm - wanted).abs() < 0.2, "{} {what}", outcome.e);
+            }
+        }
+    }
+
+    /// Without a budget nobody can say how near the lens is.
+    #[test]
+    fn nothing_goes_towards_the_shell_without_room() {
+        let camera = preset();
+        let mut shell = ShellLoop::new(goal(ShellStep::TranslateEThenTrim), camera);
+        let (mut reading, mut trim, mut nearest) = (30.0, 0.0, 30.0_f64);
+        for _ in 0..20 {
+            let seen = ShellObservation {
+                e_reading_mm: reading,
+                trim_mm: trim,
+                spacing_px: camera.spacing_px(reading, trim),
+                sigma_px: 0.004,
+                sigma_random_px: 0.004,
+            };
+            match shell.next(seen, |_| None) {
+                ShellDecision::ProbeE { to_mm } | ShellDecision::MoveE { to_mm, .. } => reading = to_mm,
+                ShellDecision::Trim { by_mm, .. } => trim += by_mm,
+                ShellDecision::MoreFrames | ShellDecision::Verify => {}
+                _ => break,
+            }
+            nearest = nearest.min(reading);
+        }
+        assert!(nearest >= 30.0, "{nearest}");
     }
 }

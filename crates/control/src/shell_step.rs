@@ -3,13 +3,15 @@
 use std::time::Duration;
 
 use super::alignment::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
-use super::budget::TiltChange;
+use super::budget::{TiltChange, e_axis};
 use super::context::JobEnd;
 use super::events::ShellState;
 use super::eye::Seen;
 use super::job::IterationKind;
 use super::mistake::ShellLook;
 use super::plan::Plan;
+use super::report::evidence;
+use super::room::Room;
 use super::shell::{ShellDecision, ShellLoop, ShellObservation};
 use bench::config::ShellStep;
 use bench::device::{AxisName, Setup};
@@ -70,14 +72,15 @@ impl Alignment<'_> {
                 self.findings.eog_before = seen.eog;
             }
             self.findings.eog_after = seen.eog;
-            let decision = shell.next(ShellObservation {
+            self.findings.tilt_change = in_air.as_ref().map(|in_air| TiltChange::between(in_air, &seen));
+            let observation = ShellObservation {
                 e_reading_mm,
                 trim_mm,
                 spacing_px: seen.spacing.spacing_px,
                 sigma_px: seen.spacing.spacing_sigma_px,
                 sigma_random_px: seen.sigma_random_px,
-            });
-            self.findings.tilt_change = in_air.as_ref().map(|in_air| TiltChange::between(in_air, &seen));
+            };
+            let decision = shell.next(observation, |here| self.room(here));
             self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;
@@ -101,6 +104,7 @@ impl Alignment<'_> {
                 ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
                 ShellDecision::Done => {
                     self.note_turned_board(&look, in_air.as_ref(), &seen);
+                    self.note_held_off(&shell);
                     return Ok(());
                 }
                 ShellDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
@@ -108,6 +112,15 @@ impl Alignment<'_> {
             }
         }
         Err(JobEnd::failed("the shell loop did not end; this is a defect of the program"))
+    }
+
+    /// The room between lens and shell, with what was measured at this pose. `None` where what was seen is not enough to say.
+    fn room(&self, here: ShellObservation) -> Option<Room> {
+        let mut seen = evidence(self.eye, &self.findings)?;
+        here.follows(&mut seen.shell);
+        let contact = self.motion.contact();
+        let e = e_axis(self.config, &seen, contact.measured_sigma_mm.is_some())?;
+        Some(Room { contact, e })
     }
 
     /// The spacing over so many frames, after a move once the picture stands still: a controller may say that an axis
@@ -146,6 +159,21 @@ impl Alignment<'_> {
             self.context.log(turned.clone());
             self.findings.notes.push(turned);
         }
+    }
+
+    /// Notes where e is further from the shell than wanted.
+    fn note_held_off(&mut self, shell: &ShellLoop) {
+        let (Some(room), Some(wanted)) = (shell.room().filter(|_| shell.held_off()), self.findings.solution) else {
+            return;
+        };
+        let Some(here) = shell.here() else { return };
+        let (e_mm, sigma_mm) = room.e.predict(here.e_reading_mm);
+        let said = format!(
+            "e is {e_mm:.2} mm and not {:.2} mm: it is known to ± {sigma_mm:.2} mm, and three of those have to lie between the lens and where it touches the shell, e = {:.2} mm; the largest parts of the budget say what would bring it nearer",
+            wanted.e, room.contact.e_mm
+        );
+        self.context.log(said.clone());
+        self.findings.notes.push(said);
     }
 
     async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {

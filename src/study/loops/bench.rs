@@ -11,8 +11,10 @@ use super::outcome::{Aligned, BenchOutcome, Ended, Taken};
 use super::{MEASUREMENT_S, PLAIN_STEP_MM, SCALE_SIGMA, SIDE, ZERO_SIGMA_MM};
 use crate::config::{AxisConfig, Config, ShellStep};
 use crate::control::air::{AirDecision, AirLoop, AirObservation};
+use crate::control::axis_model::AxisModel;
 use crate::control::calibrated::CalibratedCamera;
 use crate::control::plan::Plan;
+use crate::control::room::{Contact, Room};
 use crate::control::shell::{ShellDecision, ShellLoop, ShellObservation};
 use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frame};
 use crate::sim::renderer::{CameraTruth, Medium};
@@ -185,8 +187,7 @@ impl<'a> Bench<'a> {
         let design = &self.studio.design;
         let (assembly, pixel) = (&self.config.assembly, self.studio.pixel);
         let joint = design.joint(assembly.l_bound_mm);
-        let wall_mm = assembly.e_wall_mm(assembly.l_bound_mm);
-        let plan = Plan::new(self.config, joint, wall_mm, assembly.initial_e_mm);
+        let plan = Plan::new(self.config, joint, assembly.l_bound_mm, assembly.initial_e_mm);
         let mut air_loop = AirLoop::new(plan.air_goal());
         let (mut focus, mut air) = (0.0, Taken::default());
         while air.moves < MOST_MOVES {
@@ -222,6 +223,10 @@ impl<'a> Bench<'a> {
         };
         let target = design.mla.target_spacing() / pixel;
         let mut shell_loop = ShellLoop::new(plan.shell_goal(target, ShellStep::TranslateEThenTrim), camera);
+        // Nothing but the axes is off, and those the loop learns by itself.
+        let home_mm = self.config.bench.e.home_position_mm;
+        let contact = Contact { e_mm: assembly.contact_mm(), measured_sigma_mm: None };
+        let room = Room { contact, e: AxisModel::new(home_mm, home_mm, 0.0, 0.0) };
         let mut e = plan.mount_e_mm;
         let mut shell = Taken { least_e_mm: self.e.truth(e), ..Taken::default() };
         let mut trim = 0.0;
@@ -231,7 +236,7 @@ impl<'a> Bench<'a> {
             shell.seconds += MEASUREMENT_S;
             let seen =
                 ShellObservation { e_reading_mm: e, trim_mm: trim, spacing_px, sigma_px, sigma_random_px: sigma_px };
-            match shell_loop.next(seen) {
+            match shell_loop.next(seen, |_| Some(room)) {
                 ShellDecision::ProbeE { to_mm } | ShellDecision::MoveE { to_mm, .. } => {
                     shell.moves += 1;
                     shell.travel_mm += (to_mm - e).abs();

@@ -1813,7 +1813,8 @@ export interface components {
       blur_limit_px: number;
       /**
        * Format: double
-       * @description Clearance added to a measured l_bound, mm (at least three times its uncertainty is taken).
+       * @description How much greater l_bound is than the e at which the lens touches the shell, mm: of `l_bound_mm` so much is clearance, and
+       *     so much is added to what is measured, or three times its uncertainty where that is more.
        * @default 0.5
        */
       clearance_mm: number;
@@ -1842,7 +1843,7 @@ export interface components {
       l_bound: components["schemas"]["Config.LBoundSource"];
       /**
        * Format: double
-       * @description l_bound, the least e the lens's barrel allows with the clearance wanted, mm.
+       * @description l_bound, the least e the lens's barrel allows with `clearance_mm` left, mm.
        * @default 0
        */
       l_bound_mm: number;
@@ -3555,6 +3556,25 @@ export interface components {
       /** @description The camera's states: air design, shell added directly, clarity, joint. */
       states: components["schemas"]["DraftStateView"][];
     };
+    /** @description What is to be expected with all that is taken for granted. */
+    ExpectedBudget: {
+      /**
+       * Format: double
+       * @description Standard uncertainty of Δv, mm.
+       */
+      delta_v_sigma_mm: number;
+      /**
+       * Format: double
+       * @description By how much e stays further from the shell than it is aimed at, mm: three of its standard uncertainties lie between the
+       *     lens and where it touches, which is l_bound less `assembly.clearance_mm`.
+       */
+      e_held_off_mm: number;
+      /**
+       * Format: double
+       * @description The same of e, mm.
+       */
+      e_sigma_mm: number;
+    };
     /** @description Something that goes wrong for a while. */
     FaultEvent: {
       /**
@@ -4792,6 +4812,7 @@ export interface components {
       boards: components["schemas"]["PlannedBoard"][];
       /** @description Which boards stand before the lens in air. */
       boards_in_air: components["schemas"]["PlannedBoards"];
+      by_budget?: components["schemas"]["ExpectedBudget"] | null;
       /**
        * Format: double
        * @description Δv aimed at, mm.

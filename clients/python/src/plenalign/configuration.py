@@ -76,7 +76,9 @@ class AssemblyConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     blur_limit_px: float | UnsetType = UNSET
     """δ: diameter of the blur disc still called sharp, px."""
     clearance_mm: float | UnsetType = UNSET
-    """Clearance added to a measured l_bound, mm (at least three times its uncertainty is taken)."""
+    """How much greater l_bound is than the e at which the lens touches the shell, mm: of `l_bound_mm` so much is
+    clearance, and so much is added to what is measured, or three times its uncertainty where that is more.
+    """
     delta_v_tolerance_mm: float | None = None
     """Δv_TOL, mm; left out, what changes the spacing by 0.045 px, rounded to 1, 2 or 5 times a power of ten."""
     e_tolerance_mm: float | None = None
@@ -86,7 +88,7 @@ class AssemblyConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     l_bound: LBoundSource | UnsetType = UNSET
     """Whether `l_bound_mm` holds or is measured."""
     l_bound_mm: float | UnsetType = UNSET
-    """l_bound, the least e the lens's barrel allows with the clearance wanted, mm."""
+    """l_bound, the least e the lens's barrel allows with `clearance_mm` left, mm."""
     shell_step: ShellStep | UnsetType = UNSET
     """What the shell step may change."""
     spacing_target: SpacingTarget | UnsetType = UNSET

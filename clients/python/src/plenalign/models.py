@@ -583,6 +583,19 @@ class DraftView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The camera's states: air design, shell added directly, clarity, joint."""
 
 
+class ExpectedBudget(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What is to be expected with all that is taken for granted."""
+
+    delta_v_sigma_mm: float
+    """Standard uncertainty of Δv, mm."""
+    e_held_off_mm: float
+    """By how much e stays further from the shell than it is aimed at, mm: three of its standard uncertainties lie
+    between the lens and where it touches, which is l_bound less `assembly.clearance_mm`.
+    """
+    e_sigma_mm: float
+    """The same of e, mm."""
+
+
 class FaultEvent(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Something that goes wrong for a while."""
 
@@ -1497,6 +1510,8 @@ class PlanView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Those, from the nearest to the furthest."""
     boards_in_air: PlannedBoards
     """Which boards stand before the lens in air."""
+    by_budget: ExpectedBudget | None = None
+    """The same with all that is taken for granted; null where it cannot be worked out."""
     delta_v_mm: float
     """Δv aimed at, mm."""
     delta_v_sigma_mm: float

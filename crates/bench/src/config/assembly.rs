@@ -52,11 +52,12 @@ pub enum SpacingTarget {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AssemblyConfig {
-    /// l_bound, the least e the lens's barrel allows with the clearance wanted, mm.
+    /// l_bound, the least e the lens's barrel allows with `clearance_mm` left, mm.
     pub l_bound_mm: f64,
     /// Whether `l_bound_mm` holds or is measured.
     pub l_bound: LBoundSource,
-    /// Clearance added to a measured l_bound, mm (at least three times its uncertainty is taken).
+    /// How much greater l_bound is than the e at which the lens touches the shell, mm: of `l_bound_mm` so much is clearance, and
+    /// so much is added to what is measured, or three times its uncertainty where that is more.
     pub clearance_mm: f64,
     /// e at which the shell is mounted, mm.
     pub initial_e_mm: f64,
@@ -89,11 +90,17 @@ impl Default for AssemblyConfig {
 }
 
 impl AssemblyConfig {
-    /// The e wall for an l_bound (mm): l_bound less the configured e tolerance, or less 0.1 mm. No command and no
-    /// overshoot may pass it.
+    /// The e wall for an l_bound (mm): l_bound less the configured e tolerance, or less 0.1 mm, but no further than its
+    /// clearance. No command and no overshoot may pass it.
     #[must_use]
     pub fn e_wall_mm(&self, l_bound_mm: f64) -> f64 {
-        l_bound_mm - self.e_tolerance_mm.unwrap_or(WALL_MM)
+        l_bound_mm - self.e_tolerance_mm.unwrap_or(WALL_MM).min(self.clearance_mm)
+    }
+
+    /// The e at which the lens touches the shell by what is configured, mm.
+    #[must_use]
+    pub fn contact_mm(&self) -> f64 {
+        self.l_bound_mm - self.clearance_mm
     }
 }
 

@@ -55,6 +55,19 @@ pub struct JobStart {
     /// Whether something else than a flat board was known to stand before the lens.
     #[prost(bool, tag = "18")]
     pub other_in_view: bool,
+    /// Where the lens touches the shell, where an earlier job had measured it.
+    #[prost(message, optional, tag = "19")]
+    pub measured_contact: ::core::option::Option<MeasuredContact>,
+}
+/// Where the lens touches the shell, as the picture has told it.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct MeasuredContact {
+    /// e there, mm.
+    #[prost(double, tag = "1")]
+    pub e_mm: f64,
+    /// Its standard uncertainty by the picture, mm.
+    #[prost(double, tag = "2")]
+    pub sigma_mm: f64,
 }
 /// What an axis said of itself.
 #[derive(Clone, PartialEq, ::prost::Message)]

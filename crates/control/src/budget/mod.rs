@@ -29,6 +29,7 @@ pub use self::evidence::{BoardSeen, Evidence, PitchSeen, TiltChange};
 
 use self::adjustment::{Adjusted, slopes};
 use self::model::Model;
+use crate::axis_model::AxisModel;
 
 /// A part that is further off than this many standard uncertainties contradicts the measurements.
 const CONTRADICTS: f64 = 4.0;
@@ -191,6 +192,16 @@ impl Budget {
             self.off_focus_sigma_px
         )
     }
+}
+
+/// What the e axis's readings mean by all that was seen and all that is taken for granted: how far the lens is from a place
+/// that is configured, or from one that the picture has told itself, which is wrong by much of the same. `None` where what was
+/// seen fits nothing.
+#[must_use]
+pub fn e_axis(config: &Config, seen: &Evidence, from_a_place_seen: bool) -> Option<AxisModel> {
+    let model = Model::new(config, seen)?;
+    let adjusted = Adjusted::find(model.unknowns(), &model.measured().1, |unknowns| model.predicted(unknowns))?;
+    Some(model.e_axis(&adjusted, |part| if from_a_place_seen { part.between_set_ups() } else { 1.0 }))
 }
 
 /// What each part does, those of one name together.

@@ -5,9 +5,10 @@ use bench::config::Config;
 use nalgebra::DVector;
 use plenoptics::optics::{CameraDesign, Decentring, MainLens, Mla, Shell, mla};
 
-use super::adjustment::Measured;
+use super::adjustment::{Adjusted, Measured};
 use super::evidence::Evidence;
 use super::part::Part;
+use crate::axis_model::AxisModel;
 use crate::calibrated::CalibratedCamera;
 
 /// Standard uncertainty of d before the boards were looked at, mm: next to nothing is known of it.
@@ -108,6 +109,24 @@ impl<'a> Model<'a> {
     fn e_mm(&self, unknowns: &DVector<f64>, reading_mm: f64) -> f64 {
         let home = self.config.bench.e.home_position_mm;
         home + self.off(unknowns, Part::EZero) + (1.0 + self.off(unknowns, Part::EScale)) * (reading_mm - home)
+    }
+
+    /// What the e axis's readings mean, with the variance that each part has a share in counted so many times.
+    pub(super) fn e_axis(&self, adjusted: &Adjusted, times: impl Fn(Part) -> f64) -> AxisModel {
+        let home = self.config.bench.e.home_position_mm;
+        // Zero and scale, each with its slope against the unknown that it is.
+        let line = [Part::EZero, Part::EScale].map(|part| {
+            let at = self.parts.iter().position(|(other, _)| *other == part);
+            let mut slope = DVector::zeros(self.unknowns());
+            if let Some(at) = at {
+                slope[at] = self.parts[at].1;
+            }
+            slope
+        });
+        let covariance =
+            adjusted.covariance_by(&line, |unknown| self.parts.get(unknown).map_or(1.0, |(part, _)| times(*part)));
+        let off = line.each_ref().map(|slope| slope.dot(&adjusted.unknowns));
+        AxisModel::known(home, [home + off[0], 1.0 + off[1]], covariance)
     }
 
     /// The spacing near the axis at a pose of the shell step, px: a decentred shell brings the board's image nearer, as if

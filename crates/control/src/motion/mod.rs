@@ -30,6 +30,7 @@ use super::journal::{Journal, Underway};
 use super::lease::Leases;
 use super::recording::{Answer, Happening};
 use super::refusal::{Refusal, ServiceError};
+use super::room::Contact;
 use bench::config::{AxisConfig, Config, Side};
 use bench::device::jog::{Deadman, Seen, jog};
 use bench::device::{AxisName, Bench, DeviceError, StageInfo, StageState};
@@ -61,6 +62,7 @@ struct State {
     /// Whether the last motion of an axis ended from its approach side.
     approached: [bool; 2],
     l_bound_mm: f64,
+    contact: Contact,
 }
 
 fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
@@ -81,7 +83,7 @@ impl Motion {
     /// which counts as on.
     #[must_use]
     pub fn new(config: Arc<Config>, bench: Bench, leases: Arc<Leases>) -> Self {
-        let l_bound_mm = config.assembly.l_bound_mm;
+        let (l_bound_mm, contact_mm) = (config.assembly.l_bound_mm, config.assembly.contact_mm());
         Self {
             config,
             bench,
@@ -93,6 +95,7 @@ impl Motion {
                 shell_since: Timestamp::now(),
                 approached: [false; 2],
                 l_bound_mm,
+                contact: Contact { e_mm: contact_mm, measured_sigma_mm: None },
             }),
             shell_said: Notify::new(),
             commands: Commands::default(),
@@ -201,9 +204,16 @@ impl Motion {
         self.state().l_bound_mm
     }
 
-    /// Puts a measured l_bound (clearance included, mm) in the place of the configured one.
-    pub fn set_l_bound_mm(&self, l_bound_mm: f64) {
-        self.state().l_bound_mm = l_bound_mm;
+    /// Where the lens touches the shell, as far as is known.
+    #[must_use]
+    pub fn contact(&self) -> Contact {
+        self.state().contact
+    }
+
+    /// Puts a measured l_bound (clearance included, mm) in the place of the configured one, with where the lens touches.
+    pub fn set_l_bound(&self, l_bound_mm: f64, contact: Contact) {
+        let mut state = self.state();
+        (state.l_bound_mm, state.contact) = (l_bound_mm, contact);
     }
 
     /// Moves an axis to `target` with its approach leg and returns the readback.

@@ -3,11 +3,13 @@
 
 mod boards;
 mod capture;
+mod expected;
 mod obstacle;
 mod precision;
 mod view;
 
 pub use boards::{AirBoards, Arrangement};
+pub use expected::ExpectedBudget;
 pub use obstacle::Obstacle;
 pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedJob, PlannedStep};
 
@@ -87,6 +89,7 @@ pub struct Plan {
     pub e_departure_mm: f64,
     /// e at which the shell was to be mounted, mm.
     wanted_mount_e_mm: f64,
+    l_bound_mm: f64,
     wall_mm: f64,
     focus: AxisRoom,
     e: AxisRoom,
@@ -150,10 +153,11 @@ impl AcceptedWithin {
 }
 
 impl Plan {
-    /// The plan of an alignment that aims at a solution, with the e wall at `wall_mm` and the shell mounted at `mount_e_mm`
+    /// The plan of an alignment that aims at a solution, with l_bound at `l_bound_mm` and the shell mounted at `mount_e_mm`
     /// or, where nothing could be measured through it there, nearer to the solution.
     #[must_use]
-    pub fn new(config: &Config, solution: Solution, wall_mm: f64, mount_e_mm: f64) -> Self {
+    pub fn new(config: &Config, solution: Solution, l_bound_mm: f64, mount_e_mm: f64) -> Self {
+        let wall_mm = config.assembly.e_wall_mm(l_bound_mm);
         let design = config.design();
         let capture = Capture::new(design, config.boards.farthest_mm);
         let tolerances = config.tolerances();
@@ -187,6 +191,7 @@ impl Plan {
             most_trim_mm: most_trim_mm(config, &solution),
             e_departure_mm: (2.0 * tolerances.delta_v_mm / image_by_object + tolerances.e_mm).min(MOST_DEPARTURE_MM),
             wanted_mount_e_mm,
+            l_bound_mm,
             wall_mm,
             focus,
             e,

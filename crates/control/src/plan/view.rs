@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::boards::{AirBoards, Arrangement};
+use super::expected::ExpectedBudget;
 use super::obstacle::Obstacle;
 use super::precision::{Precision, spacing_sigma_px};
 use super::{Plan, spacing_in_water};
@@ -140,6 +141,8 @@ pub struct PlanView {
     pub delta_v_sigma_mm: f64,
     /// The same of e by picture and axis, mm.
     pub e_sigma_mm: f64,
+    /// The same with all that is taken for granted; null where it cannot be worked out.
+    pub by_budget: Option<ExpectedBudget>,
     /// What these assume, in words.
     pub assumed: String,
     /// What the operator is asked to do.
@@ -155,7 +158,7 @@ impl PlanView {
     #[must_use]
     pub fn of(config: &Config, origin: &ConfigOrigin) -> Self {
         let (assembly, design) = (&config.assembly, config.design());
-        let of = |solution| Plan::new(config, solution, assembly.e_wall_mm(assembly.l_bound_mm), assembly.initial_e_mm);
+        let of = |solution| Plan::new(config, solution, assembly.l_bound_mm, assembly.initial_e_mm);
         let joint = of(design.joint(assembly.l_bound_mm));
         let clarity = of(design.clarity(assembly.initial_e_mm));
         let parts = PARTS.map(|kind| {
@@ -173,7 +176,7 @@ impl PlanView {
             PlannedBoards::FlatInTurn => "one flat board in turn at",
         };
         format!(
-            "plan: Δv = {:.4} mm to ±{} mm and e = {:.3} mm to ±{} mm, or up to {:.1} mm more where the wall does not let its axis go further; in air {boards} {} mm, whose spacings are {} px; the shell is mounted at e = {:.1} mm, where the spacing is {:.2} px; a spacing is expected to be good to {:.4} px, which is {:.4} mm of Δv and {:.3} mm of e ({})",
+            "plan: Δv = {:.4} mm to ±{} mm and e = {:.3} mm to ±{} mm, or up to {:.1} mm more where the wall does not let its axis go further; in air {boards} {} mm, whose spacings are {} px; the shell is mounted at e = {:.1} mm, where the spacing is {:.2} px; a spacing is expected to be good to {:.4} px, which is {:.4} mm of Δv and {:.3} mm of e ({}){}",
             self.delta_v_mm,
             self.delta_v_tolerance_mm,
             self.e_mm,
@@ -186,7 +189,8 @@ impl PlanView {
             self.spacing_sigma_px,
             self.delta_v_sigma_mm,
             self.e_sigma_mm,
-            self.assumed
+            self.assumed,
+            self.by_budget.map_or_else(String::new, |budget| format!("; {budget}"))
         )
     }
 }
@@ -230,6 +234,7 @@ impl Plan {
             spacing_sigma_px: precision.spacing_px,
             delta_v_sigma_mm: precision.delta_v_mm,
             e_sigma_mm: precision.e_mm,
+            by_budget: ExpectedBudget::of(config, self, &precision),
             assumed: format!(
                 "noise of {:.1} grey levels of 255, a texture as rich as the printed boards', {:.0} micro-images",
                 precision.noise_levels,

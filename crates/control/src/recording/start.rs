@@ -7,6 +7,7 @@ use crate::context::JobEnd;
 use crate::events::InView;
 use crate::job::JobSnapshot;
 use crate::journal::word;
+use crate::room::Contact;
 use crate::service::Service;
 use crate::tasks::AirStep;
 use bench::config::Config;
@@ -50,6 +51,7 @@ impl Service {
             e: axis(AxisName::E),
             shell: word(&self.motion.shell()),
             l_bound_mm: self.motion.l_bound_mm(),
+            measured_contact: self.measured_contact(),
             spacing_target_px: self.eye.target_px(),
             aim_mm: self.eye.aim_mm(),
             air_step: self.eye.air_step().map(|air| messages::AirStep {
@@ -68,13 +70,22 @@ impl Service {
         }
     }
 
+    fn measured_contact(&self) -> Option<messages::MeasuredContact> {
+        let Contact { e_mm, measured_sigma_mm } = self.motion.contact();
+        measured_sigma_mm.map(|sigma_mm| messages::MeasuredContact { e_mm, sigma_mm })
+    }
+
     /// Begins where a recorded job began; `white` is the white frame of an earlier one.
     ///
     /// # Errors
     /// Why it cannot, in words.
     pub(crate) async fn begin_as(&self, start: &JobStart, white: Option<Frame>) -> Result<(), String> {
         self.motion.set_shell(words::known(&start.shell)?);
-        self.motion.set_l_bound_mm(start.l_bound_mm);
+        let contact = start.measured_contact.map_or_else(
+            || self.motion.contact(),
+            |seen| Contact { e_mm: seen.e_mm, measured_sigma_mm: Some(seen.sigma_mm) },
+        );
+        self.motion.set_l_bound(start.l_bound_mm, contact);
         if let Some(e_mm) = start.aim_mm {
             self.eye.aim_at(e_mm);
         }

@@ -11,5 +11,8 @@ export const plan: typeof en.plan = {
   above: (e, tolerance, more) =>
     `e kommt auf ${e} ± ${tolerance}, oder bis zu ${more} mehr, wo die Sperre die Achse nicht weiter lässt.`,
   expected: (spacing, deltaV, e) =>
-    `Erwartete Unsicherheit: ${spacing}, das sind ${deltaV} bei Δv und ${e} bei e, nach Bild und Achsen allein; die der Konfiguration kommt im Bericht hinzu:`,
+    `Erwartete Unsicherheit: ${spacing}, das sind ${deltaV} bei Δv und ${e} bei e, nach Bild und Achsen allein:`,
+  byBudget: (deltaV, e) => `Mit allem, was vorausgesetzt wird, ist Δv auf ${deltaV} bekannt und e auf ${e}.`,
+  heldOff: (more) =>
+    `e bleibt ${more} weiter von der Kugelschale weg als gewünscht: Drei dieser Unsicherheiten liegen zwischen dem Objektiv und der Stelle, an der es sie berührt.`,
 };

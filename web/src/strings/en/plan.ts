@@ -10,5 +10,9 @@ export const plan = {
   above: (e: string, tolerance: string, more: string) =>
     `e is brought to ${e} ± ${tolerance}, or up to ${more} more where the wall does not let its axis go further.`,
   expected: (spacing: string, deltaV: string, e: string) =>
-    `Expected to be good to ${spacing}, which is ${deltaV} of Δv and ${e} of e, by the picture and the axes alone; what is configured has its own uncertainty, which the report adds:`,
+    `Expected to be good to ${spacing}, which is ${deltaV} of Δv and ${e} of e, by the picture and the axes alone:`,
+  byBudget: (deltaV: string, e: string) =>
+    `With all that is taken for granted Δv is good to ${deltaV} and e to ${e}.`,
+  heldOff: (more: string) =>
+    `e stays ${more} further from the shell than it is aimed at: three of these lie between the lens and where it touches.`,
 };

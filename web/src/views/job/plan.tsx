@@ -97,6 +97,19 @@ export function PlanSummary({ plan, kind, unit }: { plan: Plan; kind: JobKind; u
           {plan.assumed}
         </span>
       </p>
+      {plan.by_budget && (
+        <p>
+          <Explained
+            text={strings.plan.byBudget(
+              length(plan.by_budget.delta_v_sigma_mm, unit, 3),
+              length(plan.by_budget.e_sigma_mm, unit, 2),
+            )}
+          />{" "}
+          {kind === "joint_alignment" && plan.by_budget.e_held_off_mm > plan.e_tolerance_mm && (
+            <Explained text={strings.plan.heldOff(length(plan.by_budget.e_held_off_mm, unit, 2))} />
+          )}
+        </p>
+      )}
     </details>
   );
 }
