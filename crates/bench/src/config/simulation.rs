@@ -47,7 +47,8 @@ pub struct SimulationConfig {
     pub shell_decentre_mm: [f64; 2],
     /// True board distance less the one asked for, mm.
     pub board_placement_error_mm: f64,
-    /// The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm.
+    /// The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm; of a flat board in air the
+    /// first each first time that it is put up, the second each second, the third each third.
     pub level_errors_mm: [f64; 3],
     /// The same of the board in water, besides, mm.
     pub water_board_error_mm: f64,

@@ -171,6 +171,8 @@ struct World {
     aperture_mm: f64,
     least_e_with_shell_mm: f64,
     touched_shell: bool,
+    /// How often a flat board was put up in air.
+    flat_boards: usize,
     /// Turns of the motors that the carriages have yet to follow: when, which axis, the firmware's count, mm.
     creeping: VecDeque<(Instant, AxisName, f64)>,
 }
@@ -237,6 +239,7 @@ impl Truth {
                 aperture_mm: design.aperture(0.0),
                 least_e_with_shell_mm: f64::INFINITY,
                 touched_shell: false,
+                flat_boards: 0,
                 creeping: VecDeque::new(),
             }),
             faults: watch::Sender::default(),
@@ -383,7 +386,15 @@ impl Truth {
             Setup::AirTripleBoard { distances_mm } => {
                 world.shell_on = false;
                 let placed_at_e_mm = world.e.coordinate();
-                let true_mm = |level: usize| distances_mm[level] + error + simulation.level_errors_mm[level];
+                let [near, middle, far] = distances_mm;
+                let flat = near == middle && middle == far;
+                let put_up = world.flat_boards;
+                world.flat_boards += usize::from(flat);
+                let true_mm = |level: usize| {
+                    // A flat board is in one piece, and stands somewhere else each time that it is put up.
+                    let drawn = if flat { put_up % 3 } else { level };
+                    distances_mm[level] + error + simulation.level_errors_mm[drawn]
+                };
                 world.surroundings =
                     Surroundings::AirTripleBoard { distances_mm: [0, 1, 2].map(true_mm), placed_at_e_mm };
             }
@@ -463,6 +474,20 @@ mod tests {
         let truth = bench(|config| config.bench.simulation.lens_to_mla_error_mm = -0.1);
         let reported = truth.report()["delta_v_mm"].as_f64().unwrap();
         assert!((reported - truth.pose().delta_v_mm + 0.1).abs() < 1e-12, "{reported}");
+    }
+
+    #[test]
+    fn a_flat_board_is_in_one_piece_wherever_it_is_put() {
+        let truth = bench(|config| config.bench.simulation.level_errors_mm = [0.1, -0.2, 0.3]);
+        let stands = |distances_mm| {
+            truth.obey(&Setup::AirTripleBoard { distances_mm });
+            let Surroundings::AirTripleBoard { distances_mm, .. } = truth.pose().surroundings else { unreachable!() };
+            distances_mm
+        };
+        assert_eq!(stands([100.0, 110.0, 120.0]), [100.1, 109.8, 120.3]);
+        for board in [100.1, 99.8, 100.3] {
+            assert_eq!(stands([100.0; 3]), [board; 3]);
+        }
     }
 
     #[test]
