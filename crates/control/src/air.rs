@@ -17,7 +17,7 @@ pub struct AirGoal {
     pub high_limit_mm: f64,
     /// Standard relative uncertainty of the axis's scale.
     pub scale_sigma: f64,
-    /// Bound on the error of the axis's zero, mm.
+    /// Standard uncertainty of the axis's zero, mm.
     pub zero_sigma_mm: f64,
     /// Lost motion on reversal, mm, at most.
     pub backlash_mm: f64,

@@ -79,7 +79,7 @@ impl ShellLook<'_> {
     /// By how much the axis's reading may be off, mm.
     fn axis_bound_mm(&self) -> f64 {
         let from_home = (self.e_mm - self.axis.home_position_mm).abs();
-        self.axis.zero_uncertainty_mm + self.axis.backlash_mm + 3.0 * self.axis.scale_uncertainty * from_home
+        3.0 * (self.axis.zero_uncertainty_mm + self.axis.scale_uncertainty * from_home) + self.axis.backlash_mm
     }
 
     /// By how much e would have to be off to look like a trim that is, mm.
@@ -195,7 +195,7 @@ mod tests {
     #[test]
     fn what_is_set_up_as_asked_is_no_contradiction() {
         assert_eq!(said(|_, _| {}), None);
-        assert_eq!(said(|_, e| *e += 0.2), None, "the axis's zero");
+        assert_eq!(said(|_, e| *e += 0.6), None, "three of what the axis's zero is uncertain by");
         assert_eq!(said(|design, _| design.object_distance += 10.0), None, "a board put up with care");
     }
 

@@ -50,7 +50,7 @@ pub struct ShellGoal {
     pub high_limit_mm: f64,
     /// Standard relative uncertainty of the e axis's scale.
     pub scale_sigma: f64,
-    /// Bound on the error of the e axis's zero, mm.
+    /// Standard uncertainty of the e axis's zero, mm.
     pub zero_sigma_mm: f64,
     /// Lost motion of the e axis on reversal, mm, at most.
     pub backlash_mm: f64,

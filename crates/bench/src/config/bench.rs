@@ -329,7 +329,7 @@ pub struct AxisConfig {
     pub max_step_mm: f64,
     /// Standard relative uncertainty of the scale before the picture has confirmed it.
     pub scale_uncertainty: f64,
-    /// Bound on the error of the coordinate's zero after homing, mm.
+    /// Standard uncertainty of the coordinate's zero after homing, mm.
     pub zero_uncertainty_mm: f64,
 }
 
