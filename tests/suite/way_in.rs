@@ -62,7 +62,12 @@ async fn what_cannot_be_measured_through_the_shell_is_still_named() {
     let reason = job.reason.clone().unwrap();
     assert!(said(&job, "led by the picture's sharpness"), "{reason}");
     assert!(reason.contains("a tank with no water in it"), "{reason}");
-    let kept = job.report.unwrap().focus_readback_mm;
+    let report = job.report.unwrap();
+    // The spacing is that in air, where the shell's target is none.
+    assert_eq!(report.spacing_target_px, report.spacing_targets.paraxial_px);
+    assert_ne!(report.spacing_targets.window_px, Some(report.spacing_target_px));
+    assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{report:?}");
+    let kept = report.focus_readback_mm;
     let focus = service.bench_view().axes.iter().find(|axis| axis.axis == AxisName::Focus).unwrap().position_mm;
     assert!((focus.unwrap() - kept.unwrap()).abs() < 0.01, "{focus:?} {kept:?}");
 }

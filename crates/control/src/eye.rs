@@ -51,6 +51,8 @@ pub(super) struct Seen {
     pub(super) taken: Instant,
     /// The spacing.
     pub(super) spacing: SpacingReading,
+    /// The spacing that was wanted then, px.
+    pub(super) target_px: f64,
     /// Readback of the focus axis, mm; `None` while unknown.
     pub(super) focus_mm: Option<f64>,
     /// Readback of the e axis, mm; `None` while unknown.
@@ -528,7 +530,8 @@ impl Eye {
         let eog = seen.eog.map(|eog| eog.mean_per_pixel);
         let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
         let Measured { spacing, sigma_random_px, tilt_sigma_px, window_px, picture, .. } = seen;
-        Seen { taken, spacing, focus_mm, e_mm, eog, sigma_random_px, tilt_sigma_px, window_px, picture }
+        let target_px = self.target_px();
+        Seen { taken, spacing, target_px, focus_mm, e_mm, eog, sigma_random_px, tilt_sigma_px, window_px, picture }
     }
 
     fn view(&self, frame: &Frame, seen: &Measured) -> MeasurementView {

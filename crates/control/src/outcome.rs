@@ -53,7 +53,8 @@ pub enum Outcome {
         crossing_mm: Option<f64>,
         /// Its standard uncertainty by the spacings' own and by how they bend between the two, mm.
         crossing_sigma_mm: Option<f64>,
-        /// The spacing's change there, px per mm.
+        /// The spacing's change at best focus, px per mm: the curve's, or that between the two neighbours where there is no
+        /// curve; `null` where there is neither.
         slope_px_per_mm: Option<f64>,
         /// Best focus: where a curve through all spacings, px, meets the target; `null` where it does not, or there are too few.
         #[serde(default)]

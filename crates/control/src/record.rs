@@ -60,7 +60,7 @@ impl Alignment<'_> {
             e_estimate_sigma_mm: None,
             spacing: seen.spacing.clone(),
             spacing_predicted_px: None,
-            spacing_target_px: self.eye.target_px(),
+            spacing_target_px: seen.target_px,
             eog: seen.eog,
             decision,
             at: jiff::Timestamp::now(),

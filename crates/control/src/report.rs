@@ -103,7 +103,8 @@ pub(super) fn report(
         image_distance_mm: delta_v_mm.map(|delta_v| design.air_image_distance() + delta_v),
         spacing_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_px),
         spacing_sigma_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_sigma_px),
-        spacing_target_px: eye.target_px(),
+        // One seen in air is not for the shell's target, which holds once the shell is on.
+        spacing_target_px: findings.seen.as_ref().map_or_else(|| eye.target_px(), |seen| seen.target_px),
         spacing_targets: SpacingTargets {
             paraxial_px: eye.paraxial_target_px(),
             chief_ray_px: design

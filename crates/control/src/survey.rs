@@ -70,14 +70,17 @@ impl Alignment<'_> {
         let spacings: Vec<Point> =
             samples.iter().map(|sample| at(sample, sample.spacing_px, sample.sigma_px)).collect();
         let eogs: Vec<Point> = samples.iter().filter_map(|sample| sample.eog.map(|eog| at(sample, eog, 1.0))).collect();
+        let best = through_focus::by_spacing(&spacings, target_px, self.design.mla.pitch / self.eye.pixel_mm());
+        // Of the best focus that is told: the curve's where there is one.
+        let slope = best.as_ref().map(|best| best.slope).or(crossing.map(|crossing| crossing.slope));
         self.context.outcome(Outcome::FocusSweep {
             axis: sweep.axis,
             positions: sweep.steps,
             measured: samples.len() as u32,
             crossing_mm: crossing.map(|crossing| crossing.at),
             crossing_sigma_mm: crossing.map(|crossing| crossing.sigma),
-            slope_px_per_mm: crossing.map(|crossing| crossing.slope),
-            best_focus: through_focus::by_spacing(&spacings, target_px, self.design.mla.pitch / self.eye.pixel_mm()),
+            slope_px_per_mm: slope,
+            best_focus: best.map(|best| best.place),
             eog_peak: through_focus::by_eog(&eogs),
         });
         Ok(())

@@ -52,6 +52,14 @@ pub struct FittedPlace {
     pub curve: Vec<CurvePoint>,
 }
 
+/// Where a curve through spacings meets the target, and how steep it is there.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct BestFocus {
+    pub(super) place: FittedPlace,
+    /// The spacing's change by the axis, in the spacing's unit per mm.
+    pub(super) slope: f64,
+}
+
 /// A polynomial in t, which is −1 and 1 at the ends of the points.
 struct Polynomial {
     middle_mm: f64,
@@ -136,7 +144,7 @@ impl Polynomial {
 /// Where a curve through the spacings meets the target, for microlenses `pitch` apart, all in one unit. The curve is one of
 /// N = pitch/(pitch − spacing), which is a straight line over the focus axis's travel, and of the lowest degree that leaves
 /// no more scatter than it has to. `None` where there are too few, or it does not.
-pub(super) fn by_spacing(points: &[Point], target: f64, pitch: f64) -> Option<FittedPlace> {
+pub(super) fn by_spacing(points: &[Point], target: f64, pitch: f64) -> Option<BestFocus> {
     let n_of = |spacing: f64| pitch / (pitch - spacing);
     let points: Vec<Point> = points
         .iter()
@@ -154,8 +162,10 @@ pub(super) fn by_spacing(points: &[Point], target: f64, pitch: f64) -> Option<Fi
             curve = finer;
         }
     }
-    let t = crossing(&curve, n_of(target))?;
-    curve.place(t, |term| t.powi(term as i32), curve.slope(t), &points, |n| pitch * (1.0 - 1.0 / n))
+    let n = n_of(target);
+    let t = crossing(&curve, n)?;
+    let place = curve.place(t, |term| t.powi(term as i32), curve.slope(t), &points, |n| pitch * (1.0 - 1.0 / n))?;
+    Some(BestFocus { place, slope: pitch / (n * n) * curve.slope(t) / curve.half_mm })
 }
 
 /// Where a curve meets a value between −1 and 1, the place nearest to the middle.
@@ -232,7 +242,9 @@ mod tests {
         // With another pitch N is bent, as along the other axis: more terms follow it.
         for (count, pitch) in [(5, 24.0), (11, 24.0), (21, 24.0), (11, 29.0), (21, 29.0)] {
             let points = sweep(count, 1.0, 3.0, 0.002, spacing);
-            let best = by_spacing(&points, 19.7, pitch).unwrap();
+            let BestFocus { place: best, slope } = by_spacing(&points, 19.7, pitch).unwrap();
+            let steep = -30.0 / (9.0f64 - truth).powi(2);
+            assert!((slope / steep - 1.0).abs() < 0.01, "{count}, {pitch}: {slope} for {steep} px/mm");
             assert!((best.position_mm - truth).abs() < 3.0 * best.sigma_mm, "{count}: {best:?} for {truth}");
             let of_two = 0.002 / 0.6;
             assert!((0.1 * of_two..of_two).contains(&best.sigma_mm), "{count}, {pitch}: {best:?}");
@@ -247,7 +259,14 @@ mod tests {
             19.7,
             24.0,
         );
-        assert!(rough.unwrap().sigma_mm > 0.03);
+        assert!(rough.unwrap().place.sigma_mm > 0.03);
+        // Noise has left no two points astride the target, and the curve meets it all the same.
+        let mut beside: Vec<Point> =
+            sweep(11, 1.0, 3.0, 0.0, spacing).into_iter().map(|point| Point { sigma: 0.02, ..point }).collect();
+        beside[10].value += 0.03;
+        assert!(beside.iter().all(|point| point.value > 19.02));
+        let met = by_spacing(&beside, 19.02, 24.0).unwrap();
+        assert!((met.place.position_mm - 3.0).abs() < 0.03 && (met.slope + 30.0 / 36.0).abs() < 0.05, "{met:?}");
     }
 
     #[test]
