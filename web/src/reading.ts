@@ -1,12 +1,13 @@
 // What the meter shows: the newest spacing against what it is to be, whether it was read frame by frame or measured in
 // whole.
 
-import type { FrameReading, Measurement, TwoBoards } from "./wire";
+import type { Scene } from "./set-up";
+import type { Combined, FrameReading, Measurement, TwoBoards } from "./wire";
 
 /** Which way Δv or e has to go: a larger one makes the spacing smaller. "There" is where a job would accept it; "unsure" is
- *  where it cannot be told from the target, and not well enough known to be accepted; of two boards the spacing is
- *  neither's. */
-export type Direction = "larger" | "smaller" | "there" | "unsure" | "two_boards";
+ *  where it cannot be told from the target, and not well enough known to be accepted; of two boards, or of a board
+ *  of several levels, the spacing is none's. */
+export type Direction = "larger" | "smaller" | "there" | "unsure" | "two_boards" | "levels";
 
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
@@ -26,6 +27,8 @@ export interface Reading {
   /** The two boards that are in view where one should be; null where there is one, as far as has been measured. */
   twoBoards: TwoBoards | null;
   inFocus: boolean;
+  /** When the picture that it is of began, the daemon's clock, ms; −∞ where it is that of the one before. */
+  pictureAt: number;
   /** Rise of the spacing, px per half frame width. */
   tiltXPx: number;
   tiltYPx: number;
@@ -49,7 +52,7 @@ export interface Missing {
 }
 
 /** A whole measurement's spacing against its target. */
-export function reading(measurement: Measurement, inAir: boolean): Reading {
+export function reading(measurement: Measurement, scene: Scene): Reading {
   const { spacing } = measurement;
   return {
     of: "measurement",
@@ -58,11 +61,12 @@ export function reading(measurement: Measurement, inAir: boolean): Reading {
       spacing.spacing_sigma_px,
       measurement.spacing_target_px,
       measurement.spacing_tolerance_px ?? 0,
-      inAir,
+      scene,
     ),
     frames: spacing.frames,
     single: { spacingPx: spacing.spacing_px, sigmaPx: spacing.spacing_sigma_px },
     inFocus: measurement.in_focus,
+    pictureAt: -Infinity,
     tiltXPx: spacing.tilt_x_px,
     tiltYPx: spacing.tilt_y_px,
     pitchPx: measurement.micro_image_pitch_px,
@@ -70,7 +74,7 @@ export function reading(measurement: Measurement, inAir: boolean): Reading {
     eMm: measurement.e_mm ?? null,
     settled: measurement.settled,
     capturedAt: Date.parse(measurement.captured_at),
-    ...told(measurement),
+    ...told(measurement, scene),
   };
 }
 
@@ -79,28 +83,47 @@ export function reading(measurement: Measurement, inAir: boolean): Reading {
 export function frameReading(
   read: FrameReading,
   measurement: Measurement | null,
-  inAir: boolean,
+  scene: Scene,
   setUpAt: number,
+  before: Reading | null,
 ): Reading | null {
   const { found, targetPx, tolerancePx, focusMm, eMm, settled, capturedAt } = read;
   if (found.is !== "measured") return null;
-  const { spacingPx, sigmaPx, combined, inFocus, tiltXPx, tiltYPx } = found;
+  const { spacingPx, sigmaPx, combined, tiltXPx, tiltYPx } = found;
+  const pictureAt = pictureBegan(combined, capturedAt, before);
+  const measuredAt = measurement ? Date.parse(measurement.captured_at) : -Infinity;
+  // Of a picture that nobody has measured in whole it is not known whether it is of one board.
+  const inFocus = found.inFocus && measuredAt >= pictureAt;
   const pitchPx = measurement?.micro_image_pitch_px ?? null;
   return {
     of: "frame",
-    ...against(combined.spacingPx, combined.sigmaPx, targetPx, tolerancePx, inAir),
+    ...against(combined.spacingPx, combined.sigmaPx, targetPx, tolerancePx, scene),
     frames: combined.frames,
     single: { spacingPx, sigmaPx },
-    ...{ inFocus, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
+    ...{ inFocus, pictureAt, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
     // What was in view before it was set up anew says nothing of what is there now.
-    ...told(measurement && Date.parse(measurement.captured_at) >= setUpAt ? measurement : null),
+    ...told(measuredAt >= setUpAt ? measurement : null, scene),
   };
 }
 
-/** Of two boards, that there are two, whatever their common spacing comes to. */
-function told(measurement: Measurement | null) {
+/** Of two boards, or of several levels, that there are, whatever their common spacing comes to. */
+function told(measurement: Measurement | null, { levels }: Scene) {
   const twoBoards = measurement?.two_boards ?? null;
-  return { twoBoards, ...(twoBoards && { direction: "two_boards" as const, inFocus: false }) };
+  const direction: Direction | null = levels ? "levels" : twoBoards ? "two_boards" : null;
+  return { twoBoards, ...(direction && { direction, inFocus: false }) };
+}
+
+/** Whether a reading is the spacing of one board, as far as is known: of no other anything is ordered. */
+export function isOfOne({ direction }: Pick<Reading, "direction">): boolean {
+  return direction !== "two_boards" && direction !== "levels";
+}
+
+/** When the picture began that frames are combined of; what moves an axis leaves it as it was. */
+function pictureBegan(combined: Combined, capturedAt: number, before: Reading | null): number {
+  const first = capturedAt - combined.spanMs;
+  const goesOn = before?.of === "frame" && first <= before.capturedAt;
+  if (goesOn || !combined.ofNewPicture) return before?.pictureAt ?? -Infinity;
+  return first;
 }
 
 /** What there is instead of a reading. A spacing once lost is lost until it is measured again: a frame that cannot be
@@ -114,7 +137,13 @@ export function missing(read: FrameReading, before: Missing | null): Missing | n
 }
 
 /** By the criterion of a job that sets e, through the shell, or Δv, in air. */
-function against(spacingPx: number, sigmaPx: number, targetPx: number, tolerancePx: number, inAir: boolean) {
+function against(
+  spacingPx: number,
+  sigmaPx: number,
+  targetPx: number,
+  tolerancePx: number,
+  { inAir }: Scene,
+) {
   const differencePx = spacingPx - targetPx;
   return {
     ...{ spacingPx, sigmaPx, targetPx, tolerancePx, differencePx },
@@ -133,7 +162,7 @@ function directionOf(differencePx: number, sigmaPx: number, tolerancePx: number,
 /** The reading that is closest to its target as far as can be told, and where the axes stood. */
 export type Best = Pick<Reading, "differencePx" | "sigmaPx" | "targetPx" | "focusMm" | "eMm">;
 
-/** What the best begins with anew: nothing where there is no reading now, or one of two boards. */
+/** What the best begins with anew: nothing where there is no reading now, or none of one board. */
 export function bestAnew({
   reading,
   missing,
@@ -141,7 +170,7 @@ export function bestAnew({
   reading: Reading | null;
   missing: Missing | null;
 }): Best | null {
-  return reading && missing === null && !reading.twoBoards ? best(null, reading) : null;
+  return reading && missing === null && isOfOne(reading) ? best(null, reading) : null;
 }
 
 /** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */

@@ -24,7 +24,14 @@ export function knowsMotion(bench: Bench | null): boolean {
   return bench?.axes.every((axis) => axis.connected) ?? false;
 }
 
-/** Whether a job would set Δv, in air, and not e through the shell. */
-export function isInAir(bench: Bench | null): boolean {
-  return bench?.shell !== "on";
+/** What a reading has to be judged by. */
+export interface Scene {
+  /** Whether a job would set Δv, in air, and not e through the shell. */
+  inAir: boolean;
+  /** Whether a board of several levels stands before the lens: a spacing of the whole field is of none of them. */
+  levels: boolean;
+}
+
+export function sceneOf(bench: Bench | null): Scene {
+  return { inAir: bench?.shell !== "on", levels: bench?.in_view === "stepped_board" };
 }

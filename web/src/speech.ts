@@ -1,7 +1,7 @@
 // When a reading of the meter is worth being said aloud again: a screen reader is to be listened to, not to be drowned in
 // figures that differ in their last digit.
 
-import type { Reading } from "./reading";
+import { isOfOne, type Reading } from "./reading";
 
 /** Between two things said, ms at least. */
 export const SPEAK_MS = 5000;
@@ -25,9 +25,8 @@ export function isNews(
   now: number,
 ): boolean {
   if (said === null) return true;
-  // What was said last would be an order to move by a spacing that is not known any more, or is of two boards.
-  if (reading === null || reading.direction === "two_boards")
-    return said.direction !== (reading?.direction ?? null);
+  // What was said last would be an order to move by a spacing that is not known any more, or is of no one board.
+  if (reading === null || !isOfOne(reading)) return said.direction !== (reading?.direction ?? null);
   if (now - said.at < SPEAK_MS) return false;
   if (reading.direction !== said.direction) return true;
   // On the target it stays on the target.

@@ -1,10 +1,19 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
 import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
-import { best, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
+import {
+  best,
+  frameReading,
+  isOfOne,
+  missing,
+  reading,
+  type Best,
+  type Missing,
+  type Reading,
+} from "./reading";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
-import { isInAir, setUpAt } from "./set-up";
+import { sceneOf, setUpAt, type Scene } from "./set-up";
 import { standard, type Preferences } from "./preferences";
 import {
   axesWeight,
@@ -181,7 +190,7 @@ function received(state: State, message: ServerMessage, now: number): State {
         stopSent: withStop(state, message.bench),
         ...withOutage(state, message.bench, true),
         jobs: message.jobs,
-        ...withSnapshot(message.measurement ?? null, isInAir(message.bench), now),
+        ...withSnapshot(message.measurement ?? null, sceneOf(message.bench), now),
         axes: withAxes(state, message.bench, now),
         ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
@@ -218,10 +227,10 @@ function received(state: State, message: ServerMessage, now: number): State {
   }
 }
 
-function withSnapshot(measurement: Measurement | null, inAir: boolean, now: number): Partial<State> {
+function withSnapshot(measurement: Measurement | null, scene: Scene, now: number): Partial<State> {
   return {
     measurement,
-    reading: measurement && reading(measurement, inAir),
+    reading: measurement && reading(measurement, scene),
     readingAt: measurement && Math.min(now, Date.parse(measurement.captured_at)),
     missing: null,
     missingAt: null,
@@ -230,7 +239,7 @@ function withSnapshot(measurement: Measurement | null, inAir: boolean, now: numb
 
 /** A whole measurement says something of the spacing where frame after frame is not read, and by a frame that is newer. */
 function withMeasurement(state: State, measurement: Measurement, now: number): Partial<State> {
-  const newest = reading(measurement, isInAir(state.bench));
+  const newest = reading(measurement, sceneOf(state.bench));
   if (newest.capturedAt < setUpAt(state.bench)) return {};
   const word = wordOf(state);
   const says = !word || word.of === "measurement" || wordAge(state, word, now) > word.oldMs;
@@ -245,7 +254,7 @@ function withReading(state: State, newest: Reading, sentAt: number) {
     readingAt: sentAt,
     missing: null,
     missingAt: null,
-    best: newest.twoBoards ? state.best : best(state.best, newest),
+    best: isOfOne(newest) ? best(state.best, newest) : state.best,
     spacings: follow(
       state.spacings,
       pageTime(state, newest.capturedAt, sentAt) / 1000,
@@ -259,7 +268,13 @@ function withReading(state: State, newest: Reading, sentAt: number) {
 export function receiveReading(state: State, read: FrameReading, now: number): State {
   const heard = { ...state, heardAt: now, framesLeftOut: read.framesLeftOut, widthPx: read.widthPx };
   if (read.capturedAt < setUpAt(state.bench)) return heard;
-  const newest = frameReading(read, state.measurement, isInAir(state.bench), setUpAt(state.bench));
+  const newest = frameReading(
+    read,
+    state.measurement,
+    sceneOf(state.bench),
+    setUpAt(state.bench),
+    state.reading,
+  );
   const takenAt = now - read.ageMs;
   return newest
     ? { ...heard, ...withReading(state, newest, takenAt) }

@@ -1,7 +1,7 @@
 // What the ear is told of the spacing, while hands and eyes are at the lens.
 
 import { place } from "./meter";
-import type { Reading } from "./reading";
+import { isOfOne, type Reading } from "./reading";
 import { isMeterOld, jobUnderWay, type State } from "./state";
 
 export interface Tone {
@@ -24,10 +24,10 @@ export function toneOf(reading: Pick<Reading, "differencePx" | "direction">): To
   return { hertz: MIDDLE_HZ * 2 ** off, pulses };
 }
 
-/** The tone for what the meter shows; none where that is nothing to go by, or of two boards, or where a job moves. */
+/** The tone for what the meter shows; none where that is nothing to go by, or not of one board, or where a job moves. */
 export function toneNow(state: State, now: number): Tone | null {
   const { tone, reading, missing } = state;
   if (!tone || !reading || missing?.is === "lost" || jobUnderWay(state) || isMeterOld(state, now))
     return null;
-  return reading.twoBoards ? null : toneOf(reading);
+  return isOfOne(reading) ? toneOf(reading) : null;
 }

@@ -3,6 +3,7 @@
 import { fromBinary } from "@bufbuild/protobuf";
 import type { components } from "./gen/api";
 import {
+  CombinedSince,
   LensState,
   Picture as Pictured,
   ReadingState,
@@ -189,7 +190,22 @@ export type Found =
       tiltXPx: number;
       tiltYPx: number;
       /** Of the frames up to this one while nothing moved: their mean, and how many they are. */
-      combined: { spacingPx: number; sigmaPx: number; frames: number };
+/** Frames combined while nothing moved. */
+export interface Combined {
+  /** Their mean. */
+  spacingPx: number;
+  sigmaPx: number;
+  /** How many they are. */
+  frames: number;
+  /** From the first to the newest. */
+  spanMs: number;
+  /** Whether they began because the picture was another one, and not because an axis moved. */
+  ofNewPicture: boolean;
+}
+
+const NEW_PICTURE = [CombinedSince.START, CombinedSince.PICTURE, CombinedSince.LOST];
+
+      combined: Combined;
       /** Whether that is within the blur limit. */
       inFocus: boolean;
     }
@@ -296,6 +312,8 @@ function foundIn(read: FrameRead): Found | null {
       return { is: "refused", why: read.why };
     default:
       return null;
+          spanMs: 1000 * read.combinedSpanS,
+          ofNewPicture: NEW_PICTURE.includes(read.combinedSince),
   }
 }
 

@@ -1,5 +1,6 @@
 import type {
   Bench,
+  Combined,
   Design,
   Found,
   FrameReading,
@@ -121,9 +122,16 @@ function read(found: Found, capturedAt: number): FrameReading {
 export function frameReading(
   spacingPx: number,
   capturedAt: number,
-  combined = { spacingPx, sigmaPx: 0.002, frames: 1 },
+  combined: Partial<Combined> = {},
 ): FrameReading {
-  const level = { sigmaPx: 0.002, tiltXPx: 0, tiltYPx: 0, inFocus: true, combined };
+  const alone = { spacingPx, sigmaPx: 0.002, frames: 1, spanMs: 0, ofNewPicture: false };
+  const level = {
+    sigmaPx: 0.002,
+    tiltXPx: 0,
+    tiltYPx: 0,
+    inFocus: true,
+    combined: { ...alone, ...combined },
+  };
   return read({ is: "measured", spacingPx, ...level }, capturedAt);
 }
 

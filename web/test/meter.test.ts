@@ -6,7 +6,9 @@ import { best, reading as readingIn } from "../src/reading";
 import { initial, receive, receiveReading, type State } from "../src/state";
 import { strings } from "../src/strings";
 import { toneNow } from "../src/tone";
-import { design, frameReading, measurement, snapshot } from "./fixtures";
+import type { Bench } from "../src/wire";
+import { nothingRead, whyMissing } from "../src/views/live/shown";
+import { bench as snapshotBench, boot, design, frameReading, job, measurement, snapshot } from "./fixtures";
 
 describe("the meter's scale", () => {
   it("has the target in the middle, the ends at its ends, and keeps what is beyond at the end", () => {
@@ -48,7 +50,7 @@ describe("the meter's figure", () => {
 });
 
 /** Through the shell. */
-const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, false);
+const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, levels: false });
 
 describe("peak hold", () => {
   it("keeps what came closest to the target, and where the axes stood", () => {
@@ -93,6 +95,89 @@ describe("two boards in view", () => {
     const one: State = { ...state, measurement: measurement(19.725, 0.001) };
     const { reading: seen } = receiveReading(one, frameReading(19.725, at), at);
     expect(seen).toMatchObject({ direction: "there", inFocus: true, twoBoards: null });
+  });
+});
+
+describe("a board of several levels in view", () => {
+  const at = Date.parse("2026-01-01T00:00:10Z");
+  const bench = { ...snapshotBench, in_view: "stepped_board" as const, shell: "off" as const };
+  const state: State = { ...initial, bench, tone: true, link: "open" };
+
+  it("is never on target or in focus, orders no move, sounds no tone and is never the best, whoever read it", () => {
+    const whole = measurement(19.725, 0.001);
+    const framed = receiveReading({ ...state, measurement: whole }, frameReading(19.725, at), at);
+    const measured = receive(state, { type: "measurement", seq: 1, boot_id: boot, measurement: whole }, at);
+    for (const { reading: seen, best: held } of [framed, measured]) {
+      expect(seen).toMatchObject({ direction: "levels", inFocus: false });
+      expect(held).toBeNull();
+      expect(toneNow({ ...state, reading: seen, readingAt: at }, at)).toBeNull();
+      const { main, other } = advice(seen!, correction(design, seen!), "delta_v", "mm");
+      expect([main, other]).toEqual([strings.meter.levelsMore, null]);
+    }
+    // Whatever was seen of two boards before: they are its levels.
+    const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
+    const both = receiveReading(
+      { ...state, measurement: { ...whole, two_boards: two } },
+      frameReading(19.7, at),
+      at,
+    );
+    expect(both.reading?.direction).toBe("levels");
+  });
+});
+
+describe("a picture that is another one", () => {
+  const start = Date.parse("2026-01-01T00:00:10Z");
+  const whole = (atMs: number) => ({
+    ...measurement(19.725, 0.001),
+    captured_at: new Date(start + atMs).toISOString(),
+  });
+  const read = (state: State, atMs: number, spanMs: number, ofNewPicture: boolean) =>
+    receiveReading(state, frameReading(19.725, start + atMs, { spanMs, ofNewPicture }), start + atMs);
+
+  it("is in focus only once it was measured in whole: until then nobody knows of how many boards it is", () => {
+    let state = read({ ...initial, link: "open", measurement: whole(-500) }, 0, 0, true);
+    expect(state.reading).toMatchObject({ inFocus: false, direction: "there" });
+    state = read({ ...state, measurement: whole(50) }, 100, 100, true);
+    expect(state.reading?.inFocus).toBe(true);
+    // What is combined reaches back some seconds only; the picture is the same.
+    state = read(state, 20_000, 15_000, true);
+    expect(state.reading?.inFocus).toBe(false);
+    state = read({ ...state, measurement: whole(19_000) }, 20_100, 5000, true);
+    for (let ms = 20_200; ms < 40_000; ms += 100) {
+      state = read(state, ms, 5000, true);
+      expect(state.reading?.inFocus).toBe(true);
+    }
+    // An axis that moves leaves the board as it was, another picture does not.
+    state = read(state, 40_000, 0, false);
+    expect(state.reading?.inFocus).toBe(true);
+    state = read(state, 40_100, 0, true);
+    expect(state.reading?.inFocus).toBe(false);
+    state = read(state, 40_200, 0, false);
+    expect(state.reading?.inFocus).toBe(false);
+    state = read({ ...state, measurement: whole(40_150) }, 40_300, 0, false);
+    expect(state.reading?.inFocus).toBe(true);
+  });
+});
+
+describe("what is said where nothing is read", () => {
+  const missing = { is: "lost" as const, why: "the board went", targetPx: 20, tolerancePx: 0, capturedAt: 0 };
+  const over = (in_view: NonNullable<Bench["in_view"]>): State => ({
+    ...initial,
+    bench: { ...snapshotBench, in_view },
+  });
+
+  it("is why: of a board of several levels and of none before the lens, that", () => {
+    expect(whyMissing(missing, over("flat_board"))).toEqual({ text: "the board went", daemons: true });
+    expect(whyMissing(missing, over("stepped_board"))?.text).toBe(strings.meter.overSteps);
+    expect(whyMissing(missing, over("other"))).toEqual({ text: strings.meter.overNone, daemons: false });
+    expect(whyMissing({ ...missing, is: "refused", why: "dark" }, over("other"))?.text).toBe("dark");
+  });
+
+  it("is that a job has not come to it yet, and not how to begin one", () => {
+    expect(nothingRead(initial)).toBe(strings.meter.unheard);
+    expect(nothingRead(over("unknown"))).toBe(strings.meter.none);
+    const at = { ...over("unknown"), jobs: [job("a", 1)] };
+    expect(nothingRead(at)).toBe(strings.meter.noneOfThis);
   });
 });
 

@@ -132,7 +132,7 @@ describe("the picture", () => {
 });
 
 /** Through the shell. */
-const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, false);
+const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, levels: false });
 
 describe("reading", () => {
   it("says which way to go: a larger Δv or e makes the spacing smaller", () => {
@@ -153,7 +153,7 @@ describe("reading", () => {
     expect([direction(0.001, 0.017), direction(0.03, 0.016)]).toEqual(["unsure", "unsure"]);
     // In air a job wants to be sure.
     const inAir = (differencePx: number, sigmaPx: number) =>
-      readingIn(measurement(19.725 + differencePx, sigmaPx), true).direction;
+      readingIn(measurement(19.725 + differencePx, sigmaPx), { inAir: true, levels: false }).direction;
     expect([inAir(0.0117, 0.0021), inAir(0.0117, 0.0022)]).toEqual(["there", "larger"]);
     expect(inAir(0.004, 0.007)).toBe("unsure");
     expect(direction(0.04, 0.017)).toBe("larger");
@@ -230,7 +230,14 @@ describe("what the meter reads, frame by frame", () => {
     expect(bestAnew(state)).toMatchObject({ targetPx: state.reading?.targetPx });
     expect(bestAnew(receiveReading(state, lostReading("gone", 3100), 3150))).toBeNull();
     const twoBoards = { spacings_px: [19.7, 19.1], share: 0.3, difference_sigma_px: 0.01 };
-    expect(bestAnew({ ...state, reading: state.reading && { ...state.reading, twoBoards } })).toBeNull();
+    const measured = {
+      ...measurement(19.7, 0.001),
+      captured_at: new Date(3000).toISOString(),
+      two_boards: twoBoards,
+    };
+    expect(
+      bestAnew(receiveReading({ ...state, measurement: measured }, frameReading(19.73, 3100), 3150)),
+    ).toBeNull();
   });
 
   it("is old after a second without it, and at once where a frame cannot be measured", () => {

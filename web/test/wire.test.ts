@@ -1,6 +1,7 @@
 import { create, toBinary, type MessageInitShape } from "@bufbuild/protobuf";
 import { describe, expect, it } from "vitest";
 import {
+  CombinedSince,
   FrameSchema,
   LensState,
   Picture,
@@ -165,6 +166,8 @@ describe("parseSeen", () => {
       combinedFrames: 12,
     });
     expect(measured).toEqual({
+      combinedSpanS: 2.5,
+      combinedSince: CombinedSince.PICTURE,
       capturedAt: 1_700_000_000_123.456,
       ageMs: 31.5,
       focusMm: null,
@@ -180,7 +183,7 @@ describe("parseSeen", () => {
         sigmaPx: 0.002,
         tiltXPx: 0.1,
         tiltYPx: -0.2,
-        combined: { spacingPx: 19.71, sigmaPx: 0.0012, frames: 12 },
+        combined: { spacingPx: 19.71, sigmaPx: 0.0012, frames: 12, spanMs: 2500, ofNewPicture: true },
         inFocus: true,
       },
     });

@@ -410,8 +410,13 @@ impl Eye {
     }
 
     /// Whether a spacing (px) is within the blur limit of the one wanted.
-    pub(super) fn is_in_focus(&self, spacing_px: f64) -> bool {
+    fn is_in_focus(&self, spacing_px: f64) -> bool {
         (spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px
+    }
+
+    /// The same for a spacing (px) of the whole field: over a board of several levels it is of none of them.
+    pub(super) fn is_field_in_focus(&self, spacing_px: f64) -> bool {
+        self.in_view() != InView::SteppedBoard && self.is_in_focus(spacing_px)
     }
 
     async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
@@ -536,6 +541,9 @@ impl Eye {
 
     fn view(&self, frame: &Frame, seen: &Measured) -> MeasurementView {
         let (spacing_target_px, spacing_target_source) = self.target();
+        let spacing_px = seen.spacing.spacing_px;
+        // One level alone has no map.
+        let near = if seen.map.is_some() { self.is_field_in_focus(spacing_px) } else { self.is_in_focus(spacing_px) };
         MeasurementView {
             frame_seq: frame.seq,
             captured_at: frame.captured_at,
@@ -546,7 +554,7 @@ impl Eye {
             spacing_target_px,
             spacing_target_source,
             spacing_tolerance_px: Some(self.tolerance_px()),
-            in_focus: seen.two_boards.is_none() && self.is_in_focus(seen.spacing.spacing_px),
+            in_focus: seen.two_boards.is_none() && near,
             // A board of several levels is one that shows several.
             two_boards: seen.two_boards.filter(|_| self.in_view() != InView::SteppedBoard),
             micro_image_pitch_px: seen.micro_image_pitch_px,

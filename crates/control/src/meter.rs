@@ -11,9 +11,11 @@ use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
+use jiff::Timestamp;
 use tokio::sync::{Notify, broadcast, watch};
 
 use super::at_rest::AtRest;
+use super::events::MeasurementView;
 use super::eye::OLD_PICTURE;
 use super::recording::{Happening, words};
 use super::service::Service;
@@ -50,7 +52,7 @@ pub struct Reading {
     pub spacing_target_px: f64,
     /// By how much it may be off that where a job accepts it, px.
     pub spacing_tolerance_px: f64,
-    /// Whether there is a spacing, and what is combined within the blur limit of that.
+    /// Whether there is a spacing, of one board as far as is known, and what is combined within the blur limit of that.
     pub in_focus: bool,
     /// Frames that the camera took since somebody began to read, and that were not measured.
     pub frames_left_out: u64,
@@ -207,13 +209,22 @@ fn pool() -> Option<&'static rayon::ThreadPool> {
     POOL.get_or_init(|| build().inspect_err(|error| tracing::error!(%error, "the meter has no threads")).ok()).as_ref()
 }
 
+/// What a frame measured in whole has to say of readings.
+#[derive(Debug, Clone, Copy)]
+struct Whole {
+    frame_seq: u64,
+    captured_at: Timestamp,
+    spacing_px: f64,
+    two_boards: bool,
+}
+
 /// Readings, to who reads them.
 pub(super) struct Readings {
     newest: watch::Sender<Option<Arc<Reading>>>,
     each: broadcast::Sender<Arc<MeterReading>>,
     begun: Notify,
-    /// Sequence number and spacing (px) of the frame that was measured in whole last.
-    whole: watch::Sender<(u64, f64)>,
+    /// What was measured in whole last.
+    whole: watch::Sender<Option<Whole>>,
 }
 
 impl Default for Readings {
@@ -222,7 +233,7 @@ impl Default for Readings {
             newest: watch::Sender::new(None),
             each: broadcast::Sender::new(EACH_KEPT),
             begun: Notify::new(),
-            whole: watch::Sender::new((0, 0.0)),
+            whole: watch::Sender::new(None),
         }
     }
 }
@@ -238,8 +249,13 @@ impl Readings {
     }
 
     /// A frame was measured in whole. Where the meter has followed another match to it, it searches anew.
-    pub(super) fn compare(&self, frame_seq: u64, spacing_px: f64) {
-        self.whole.send_replace((frame_seq, spacing_px));
+    pub(super) fn compare(&self, measured: &MeasurementView) {
+        self.whole.send_replace(Some(Whole {
+            frame_seq: measured.frame_seq,
+            captured_at: measured.captured_at,
+            spacing_px: measured.spacing.spacing_px,
+            two_boards: measured.two_boards.is_some(),
+        }));
     }
 }
 
@@ -287,10 +303,15 @@ impl Service {
             }
             let (Some(frame), Some(sight)) = (live.borrow_and_update().clone(), self.eye.sight()) else { continue };
             if whole.has_changed().is_ok_and(|changed| changed) {
-                let (seq, spacing_px) = *whole.borrow_and_update();
-                let other = |&(read, read_px): &(u64, f64)| read == seq && (read_px - spacing_px).abs() > SAME_PX;
-                if kept.iter().any(other) {
-                    tracing::warn!(frame = seq, spacing_px, "the meter has followed another match: it searches anew");
+                let measured = *whole.borrow_and_update();
+                let other = |measured: &Whole| {
+                    let differs = |&(read, read_px): &(u64, f64)| {
+                        read == measured.frame_seq && (read_px - measured.spacing_px).abs() > SAME_PX
+                    };
+                    kept.iter().any(differs)
+                };
+                if let Some(measured) = measured.filter(other) {
+                    tracing::warn!(?measured, "the meter has followed another match: it searches anew");
                     followed = None;
                     at_rest.lost();
                 }
@@ -312,7 +333,8 @@ impl Service {
             }
             let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
             let spacing_target_px = self.eye.target_px();
-            let in_focus = combined.is_some_and(|combined| self.eye.is_in_focus(combined.value));
+            let in_focus = combined.is_some_and(|combined| self.eye.is_field_in_focus(combined.value))
+                && !self.shows_two_boards(*whole.borrow());
             self.publish_reading(Reading {
                 frame,
                 spacing,
@@ -323,6 +345,11 @@ impl Service {
                 frames_left_out,
             });
         }
+    }
+
+    /// Whether what was measured in whole showed two boards, of what is before the lens still.
+    fn shows_two_boards(&self, whole: Option<Whole>) -> bool {
+        whole.is_some_and(|whole| whole.two_boards && whole.captured_at >= self.eye.set_up_at())
     }
 
     /// Hands a reading to who reads, and to a job's recording. Nobody is waited for.

@@ -225,7 +225,7 @@ impl Service {
                         && self.current().is_none_or(|job| job.snapshot().state == JobState::WaitingForOperator)
                         && let Some(measurement) = self.eye.measure_live().await
                     {
-                        self.readings.compare(measurement.frame_seq, measurement.spacing.spacing_px);
+                        self.readings.compare(&measurement);
                         self.publish_measurement(measurement);
                     }
                     rest = LIVE_REST.max(LIVE_SHARE * began.elapsed());

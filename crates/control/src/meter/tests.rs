@@ -5,14 +5,20 @@ use bench::store::Store;
 use plenoptics::imaging::combined::Since;
 
 use super::*;
-use crate::events::{Event, ShellState};
+use crate::events::{Event, InView, ShellState, TwoBoardsView};
 use crate::job::{JobKind, JobRequest};
 use crate::lease::LeaseRequest;
 use crate::open_bench;
 
 /// A small simulated bench whose white frame is known.
 async fn ready() -> Arc<Service> {
+    ready_with(|_| ()).await
+}
+
+/// The same, with some of it configured otherwise.
+async fn ready_with(otherwise: impl FnOnce(&mut Config)) -> Arc<Service> {
     let mut config = Config::default();
+    otherwise(&mut config);
     (config.sensor.width_px, config.sensor.height_px) = (420, 420);
     let simulation = &mut config.bench.simulation;
     (simulation.rays, simulation.preview_rays, simulation.preview_rate_hz) = (16, 16, 100.0);
@@ -28,6 +34,13 @@ async fn ready() -> Arc<Service> {
     let id = service.create_job(&permit, watch).await.unwrap().id;
     while !matches!(events.recv().await.unwrap(), Event::Job { job } if job.id == id && job.state.is_final()) {}
     service
+}
+
+/// What a frame measured in whole would say, had it this spacing (px).
+async fn measured(service: &Service, frame_seq: u64, spacing_px: f64) -> MeasurementView {
+    let mut view = service.eye.measure_live().await.unwrap();
+    (view.frame_seq, view.spacing.spacing_px) = (frame_seq, spacing_px);
+    view
 }
 
 /// The next reading's spacing (px), its frame, and since when it is combined.
@@ -48,7 +61,7 @@ async fn a_match_that_a_whole_measurement_contradicts_is_followed_no_further() {
     for (off_px, searched) in [(0.9 * SAME_PX, false), (-0.9 * SAME_PX, false), (1.1 * SAME_PX, true)] {
         let (spacing_px, seq, since) = next(&mut readings).await;
         assert_eq!(since, Since::Start);
-        service.readings.compare(seq, spacing_px + off_px);
+        service.readings.compare(&measured(&service, seq, spacing_px + off_px).await);
         // A frame may be under way already.
         let mut then = [Since::Start; 3];
         for since in &mut then {
@@ -60,7 +73,43 @@ async fn a_match_that_a_whole_measurement_contradicts_is_followed_no_further() {
     let mut compared = service.readings.whole.subscribe();
     let _looking = service.look_on();
     compared.changed().await.unwrap();
-    let (_, whole_px) = *compared.borrow();
+    let whole_px = compared.borrow().unwrap().spacing_px;
     let (spacing_px, ..) = next(&mut readings).await;
     assert!((spacing_px - whole_px).abs() < 0.1, "{spacing_px} px read, {whole_px} px in whole");
+}
+
+/// Whether the reading of the next frame that is taken from now on says that it is in focus.
+async fn next_in_focus(service: &Service, readings: &mut watch::Receiver<Option<Arc<Reading>>>) -> bool {
+    let now = Timestamp::now();
+    loop {
+        readings.changed().await.unwrap();
+        let reading = readings.borrow_and_update().clone().unwrap();
+        if reading.frame.captured_at > now && reading.spacing.is_ok() {
+            assert!(service.eye.in_view() != InView::SteppedBoard || !reading.in_focus, "{reading:?}");
+            return reading.in_focus;
+        }
+    }
+}
+
+#[tokio::test]
+async fn what_is_no_one_board_is_in_focus_neither_by_frames_nor_by_whole_measurements() {
+    let service = ready_with(|config| config.assembly.blur_limit_px = 30.0).await;
+    let mut readings = service.readings();
+    assert!(next_in_focus(&service, &mut readings).await);
+    let whole = service.eye.measure_live().await.unwrap();
+    assert!(whole.in_focus && whole.two_boards.is_none());
+
+    // Two boards, as a whole measurement has them, until something is set up anew.
+    let two = TwoBoardsView { spacings_px: [20.0, 19.0], difference_sigma_px: 0.01, share: 0.3 };
+    service.readings.compare(&MeasurementView { two_boards: Some(two), ..whole });
+    assert!(!next_in_focus(&service, &mut readings).await);
+    service.eye.see(None);
+    assert!(next_in_focus(&service, &mut readings).await);
+
+    // A board of several levels: what the whole field has is the spacing of none.
+    service.eye.see(Some(InView::SteppedBoard));
+    assert!(!next_in_focus(&service, &mut readings).await);
+    assert!(!service.eye.measure_live().await.unwrap().in_focus);
+    service.eye.see(Some(InView::FlatBoard));
+    assert!(next_in_focus(&service, &mut readings).await);
 }

@@ -63,6 +63,7 @@ export const picture: typeof en.picture = {
 export const meter: typeof en.meter = {
   title: "Fokus",
   none: "Noch nichts gemessen",
+  noneOfThis: "Vom jetzigen Aufbau ist noch nichts gemessen",
   unheard: "Noch ist nichts bekannt",
   noneBegin: "Eine beginnen",
   noneMore:
@@ -86,6 +87,7 @@ export const meter: typeof en.meter = {
     lost: "Der Punktabstand ist verloren und wird gesucht",
     refused: "Dieses Bild lässt sich nicht messen",
   },
+  overNone: "Vor der Hauptlinse steht keine Tafel: Es ist keiner zu messen",
   overSteps:
     "über einer Stufentafel findet die Anzeige womöglich keinen; ein Auftrag misst sie Stufe für Stufe",
   words: {
@@ -94,6 +96,7 @@ export const meter: typeof en.meter = {
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
     two_boards: "Zwei Tafeln im Bild",
+    levels: "Mehrere Stufen im Bild",
   },
   sharp: {
     larger: "Scharf; Punktabstand etwas groß",
@@ -101,8 +104,11 @@ export const meter: typeof en.meter = {
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
     two_boards: "Zwei Tafeln im Bild",
+    levels: "Mehrere Stufen im Bild",
   },
   thereMore: (px) => `innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
+  levelsMore:
+    "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
   unsureMore: "innerhalb 2 σ, aber für einen Auftrag zu unsicher",
   twoBoards: (larger, smaller, percent) =>
     `Der Punktabstand ist ${larger} px im größeren Teil des Bilds und ${smaller} px auf ${percent} %: Eine Tafel muss das Bild füllen`,

@@ -65,6 +65,7 @@ export const picture = {
 export const meter = {
   title: "Focus",
   none: "Nothing measured yet",
+  noneOfThis: "Nothing read yet of what is set up now",
   /** Before the daemon has said anything. */
   unheard: "Nothing is known yet",
   noneBegin: "Begin one",
@@ -88,6 +89,7 @@ export const meter = {
     lost: "The spacing is lost, and searched for",
     refused: "This frame cannot be measured",
   } satisfies Record<Missing["is"], string>,
+  overNone: "no board stands before the lens: there is none to be read",
   overSteps: "over a board of several levels the meter may find none; a job measures them level by level",
   words: {
     larger: "Spacing too large",
@@ -95,6 +97,7 @@ export const meter = {
     there: "On target",
     unsure: "Cannot be told from the target",
     two_boards: "Two boards in view",
+    levels: "Several levels in view",
   } satisfies Record<Direction, string>,
   /** Within the blur limit, and yet off the target by more than the uncertainty. */
   sharp: {
@@ -103,8 +106,11 @@ export const meter = {
     there: "On target",
     unsure: "Cannot be told from the target",
     two_boards: "Two boards in view",
+    levels: "Several levels in view",
   } satisfies Record<Direction, string>,
   thereMore: (px: string) => `within ± ${px} px, as a job accepts it: no move is called for`,
+  levelsMore:
+    "the spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
   unsureMore: "within 2 σ, and too uncertain for a job to accept it",
   twoBoards: (larger: string, smaller: string, percent: string) =>
     `the spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,

@@ -11,7 +11,7 @@ import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
-import { ARROW, NO_FIGURE, useNewest, useShown } from "./shown";
+import { ARROW, NO_FIGURE, nothingRead, useNewest, useShown } from "./shown";
 import { Spoken } from "./spoken";
 import { TiltArrow, TiltUntold } from "./tilt-arrow";
 
@@ -21,10 +21,9 @@ export function Meter(given: Scene) {
   const { state, now: clock } = scene;
   const shown = useShown(scene);
   if (isBeingSetUp(state.bench, jobUnderWay(state))) return <BeingSetUp />;
-  const { reading: now, missing, old, ageMs: age, difference, words, wanted } = shown;
+  const { reading: now, missing, why, old, ageMs: age, difference, words, wanted } = shown;
   const target = missing ?? state.reading;
   if (!target) return <Nothing {...scene} />;
-  const lostOverSteps = missing?.is === "lost" && state.bench?.in_view === "stepped_board";
   const leaning = tilt(state.design, state.reading, state.widthPx);
   return (
     <section
@@ -82,9 +81,7 @@ export function Meter(given: Scene) {
       {missing && (
         <p class="advice">
           <b>{strings.meter.missing[missing.is]}:</b>{" "}
-          <small lang={lostOverSteps ? undefined : "en"}>
-            {lostOverSteps ? strings.meter.overSteps : missing.why}
-          </small>
+          <small lang={why?.daemons ? "en" : undefined}>{why?.text}</small>
         </p>
       )}
       {!missing && now && wanted && (
@@ -151,8 +148,8 @@ function Nothing({ state }: Scene) {
       <h2>
         {strings.meter.title} <Alone />
       </h2>
-      <p>{state.bench ? strings.meter.none : strings.meter.unheard}</p>
-      {state.bench && (
+      <p>{nothingRead(state)}</p>
+      {state.bench && !jobUnderWay(state) && (
         <p class="quiet">
           {strings.meter.noneMore}{" "}
           {state.route.page !== "alignment" && may(state, "control") && (

@@ -11,7 +11,14 @@ import { isMeterOld, jobUnderWay, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
 import type { Scene } from "../scene";
 
-export const ARROW = { larger: "▲", smaller: "▼", there: "✓", unsure: "≈", two_boards: "≠" } as const;
+export const ARROW = {
+  larger: "▲",
+  smaller: "▼",
+  there: "✓",
+  unsure: "≈",
+  two_boards: "≠",
+  levels: "≠",
+} as const;
 /** What stands where a figure would. */
 export const NO_FIGURE = "–";
 
@@ -20,6 +27,8 @@ export interface Shown {
   reading: Reading | null;
   /** Why there is none of the newest frame. */
   missing: Missing | null;
+  /** That in words, and whether they are the daemon's. */
+  why: { text: string; daemons: boolean } | null;
   old: boolean;
   ageMs: number | null;
   /** The spacing less its target, or what stands in its place. */
@@ -33,6 +42,21 @@ export interface Shown {
 /** Whether Δv is set by hand, or e. */
 function moved(state: State): Moved {
   return state.bench?.shell === "off" ? "delta_v" : "e";
+}
+
+/** A board of several levels, or none, before the lens says more than what the frame shows. */
+export function whyMissing(missing: Missing, { bench }: State): Shown["why"] {
+  const words = strings.meter;
+  if (missing.is === "lost" && bench?.in_view === "stepped_board")
+    return { text: words.overSteps, daemons: false };
+  if (missing.is === "lost" && bench?.in_view === "other") return { text: words.overNone, daemons: false };
+  return { text: missing.why, daemons: true };
+}
+
+/** What stands where nothing has been read. */
+export function nothingRead(state: State): string {
+  if (!state.bench) return strings.meter.unheard;
+  return jobUnderWay(state) ? strings.meter.noneOfThis : strings.meter.none;
 }
 
 /** The scene as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
@@ -56,6 +80,7 @@ export function useShown({ state, now }: Scene): Shown {
   return {
     reading,
     missing,
+    why: missing && whyMissing(missing, state),
     old: isMeterOld(state, now),
     ageMs: meterAge(state, now),
     difference: reading ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE,

@@ -6,7 +6,7 @@ import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
 import { FullScreen } from "../full-screen";
 import { mayConfirm } from "../job/turn";
-import { ARROW, NO_FIGURE, useNewest, useShown } from "../live/shown";
+import { ARROW, NO_FIGURE, nothingRead, useNewest, useShown } from "../live/shown";
 import { Spoken } from "../live/spoken";
 import type { Scene } from "../scene";
 import { Toggle } from "../toggle";
@@ -21,16 +21,16 @@ export function MeterPage(given: Scene) {
   const shown = useShown(scene);
   const job = jobUnderWay(state);
   const settingUp = isBeingSetUp(state.bench, job);
-  const { missing, old, ageMs, words, wanted } = shown;
+  const { missing, why, old, ageMs, words, wanted } = shown;
   const reading = settingUp ? null : shown.reading;
   const figure = settingUp ? NO_FIGURE : missing?.is === "lost" ? strings.meter.lost : shown.difference;
   const says = settingUp
     ? { of: strings.meter.beingSetUp, more: strings.meter.beingSetUpMore }
     : missing
-      ? { of: strings.meter.missing[missing.is], more: missing.why }
+      ? { of: strings.meter.missing[missing.is], more: why?.text ?? "" }
       : reading
         ? { of: words ?? "", more: wanted?.main ?? "" }
-        : { of: state.bench ? strings.meter.none : strings.meter.unheard, more: "" };
+        : { of: nothingRead(state), more: "" };
   return (
     <section
       class="meter-alone"
@@ -66,7 +66,7 @@ export function MeterPage(given: Scene) {
         )}
       </p>
       <p class="advice">
-        <b>{says.of}.</b> <span lang={missing && !settingUp ? "en" : undefined}>{says.more}</span>
+        <b>{says.of}.</b> <span lang={why?.daemons && !settingUp ? "en" : undefined}>{says.more}</span>
       </p>
       <p class="quiet exact">
         {reading &&
