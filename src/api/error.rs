@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
-use crate::access::{Principal, Scope, TokenError, TooMany, Unauthorised, VIEWED_MEASUREMENTS};
+use crate::access::{Ended, Principal, Scope, TokenError, TooMany, Unauthorised, VIEWED_MEASUREMENTS};
 use crate::control::{Refusal, ServiceError};
 use crate::device::DeviceError;
 
@@ -166,8 +166,23 @@ impl Problem {
                 "this token, ticket or session is not valid: it may have expired, or have been revoked"
             }
             Unauthorised::TooMany(wait) => return Self::too_many(wait),
+            Unauthorised::Ended(ended) => return Self::ended(ended),
         };
         Self::new(StatusCode::UNAUTHORIZED, "unauthorised", "Not signed in", detail)
+    }
+
+    /// Who asks was let in once, and is no more.
+    fn ended(ended: Ended) -> Self {
+        let (how, what, name, at, by) = match ended {
+            Ended::Revoked { name, at, by } => {
+                let whence = by.as_ref().map_or_else(|| "on the daemon's machine".to_owned(), |by| format!("by {by}"));
+                ("revoked", format!("was revoked {whence}"), name, at, by)
+            }
+            Ended::Expired { name, at } => ("expired", "has expired".to_owned(), name, at, None),
+        };
+        let detail = format!("the token of {name} {what} at {at:.0}: ask for another");
+        Self::new(StatusCode::UNAUTHORIZED, "unauthorised", "Not signed in", detail)
+            .with(json!({ "ended": { "how": how, "name": name, "at": at, "by": by } }))
     }
 
     /// Who asks is known, and may not do this.

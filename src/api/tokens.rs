@@ -132,7 +132,8 @@ pub(super) async fn revoke(
     Extension(principal): Extension<Principal>,
     PathParam(TokenId(id)): PathParam<TokenId>,
 ) -> Result<StatusCode> {
-    let record = changing(&app, move |gate| gate.tokens().revoke(&id.to_string())).await?;
+    let by = principal.name.clone();
+    let record = changing(&app, move |gate| gate.tokens().revoke(&id.to_string(), Some(&by))).await?;
     app.gate.audit(AuditRecord::of(&principal, "token.revoke", json!({ "id": id, "name": record.name })));
     Ok(StatusCode::NO_CONTENT)
 }

@@ -78,7 +78,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
         }
         Command::Revoke { token } => {
-            let record = store.revoke(token)?;
+            let record = store.revoke(token, None)?;
             write_down(&folder, "token.revoke", json!({ "id": record.id, "name": record.name }));
             if args.json {
                 println!("{}", as_json(&record));

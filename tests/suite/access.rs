@@ -503,9 +503,15 @@ async fn a_token_made_on_the_command_line_works_at_once_and_dies_soon() {
     let ask = || daemon.request(Method::GET, "/api/v1/bench").bearer_auth(secret.reveal()).send();
     assert_eq!(ask().await.unwrap().status(), 200);
     problem(daemon.get("/api/v1/bench").await, 401, "unauthorised").await;
-    command_line.revoke("Ana").unwrap();
+    command_line.revoke("Ana", None).unwrap();
     let dead = until("a revoked token opens nothing", async || ask().await.unwrap().status() != 200);
     assert!(tokio::time::timeout(std::time::Duration::from_secs(5), dead).await.is_ok(), "a revoked token still opens");
+    let told = problem(ask().await.unwrap(), 401, "unauthorised").await;
+    assert!(
+        told["detail"].as_str().unwrap().contains("the token of Ana was revoked on the daemon's machine"),
+        "{told}"
+    );
+    assert_eq!((&told["ended"]["how"], &told["ended"]["by"]), (&json!("revoked"), &Value::Null));
     // With the last token gone the door does not open for everybody.
     problem(daemon.get("/api/v1/bench").await, 401, "unauthorised").await;
 }

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { existsSync, readFileSync } from "node:fs";
 import { join } from "node:path";
-import { accessible, browse, folder, open, program, start, step } from "./harness.mjs";
+import { accessible, browse, folder, open, program, shots, start, step } from "./harness.mjs";
 import { drawn, until } from "./until.mjs";
 
 const place = folder(`[bench.simulation]\nrays = 4\n[server]\nauth = "required"\n`);
@@ -106,10 +106,17 @@ try {
   await page.locator("#reset").waitFor();
   assert(await page.locator("#reset").isDisabled());
 
-  step("a token that is revoked ends what is shown");
+  step("a token that is revoked ends what is shown, and says that it was, also after a reload");
   execFileSync(program, ["token", "revoke", "Vera"], { env });
+  const out = page.locator("#out", {
+    hasText: /token of Vera was revoked on the daemon’s machine, .*\d:\d\d/,
+  });
+  await out.waitFor({ timeout: 10_000 });
+  assert.equal(await page.locator(".axes, #stop").count(), 0);
   await page.reload();
-  await page.locator("#sign-in").waitFor({ timeout: 10_000 });
+  await out.waitFor({ timeout: 10_000 });
+  await accessible(page);
+  await page.screenshot({ path: `${shots}/revoked.png` });
 } finally {
   await browser.close();
   daemon.process.kill("SIGKILL");

@@ -11,7 +11,7 @@ import { jog, watchJog } from "./jogging";
 import { needle } from "./needle";
 import { keep, recall } from "./preferences";
 import { addressOf, routeOf } from "./route";
-import { keyOfLink, signIn, signOut, whoAmI } from "./session";
+import { keyOfLink, signIn, signOut, whoAmI, whyOut } from "./session";
 import {
   endsPress,
   initial,
@@ -159,14 +159,15 @@ async function identify(): Promise<void> {
   await entering;
   const who = await whoAmI();
   if (who.is === "known") {
-    set({ ...state, session: who.session });
+    set({ ...state, session: who.session, out: null });
     void learnDesign();
   }
   if (who.is === "stranger") {
     eyepiece.close();
     // Nothing that was shown to somebody is left for the next one.
     const { problem, route, preferences, made } = state;
-    set({ ...initial, problem, route, preferences, made, session: "stranger" });
+    const out = whyOut(state.session, who.ended, state.out);
+    set({ ...initial, problem, route, preferences, made, session: "stranger", out });
     eyepiece.forget();
     return;
   }

@@ -30,6 +30,7 @@ import {
 import type {
   Bench,
   Design,
+  Ended,
   FrameReading,
   Job,
   JobState,
@@ -50,6 +51,8 @@ export type Link = "connecting" | "open" | "lost";
 export interface State {
   /** Who one is to the daemon; "stranger" where it asks for a token; null before it has said. */
   session: Session | "stranger" | null;
+  /** Why a stranger is out who was in; null where that is not so. */
+  out: Ended | "demanded" | null;
   link: Link;
   /** When a lost connection is tried again, this page's clock, ms; null while it is being tried. */
   retryAt: number | null;
@@ -118,6 +121,7 @@ const OLDEST_MS = 30_000;
 
 export const initial: State = {
   session: null,
+  out: null,
   link: "connecting",
   retryAt: null,
   bootId: null,

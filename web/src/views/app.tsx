@@ -67,7 +67,7 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
           {state.made && <Secret made={state.made} kept={() => update({ made: null })} />}
         </header>
         <main class="alone">
-          <SignIn enter={enter} />
+          <SignIn out={state.out} enter={enter} />
         </main>
       </>
     );

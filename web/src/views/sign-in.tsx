@@ -1,10 +1,18 @@
 import { useState } from "preact/hooks";
+import { moment } from "../format";
+import type { State } from "../state";
 import { strings } from "../strings";
 import type { Problem, Session } from "../wire";
 import { ProblemLine } from "./problem";
 
+interface Props {
+  /** Why one is out who was in. */
+  out: State["out"];
+  enter: (key: string) => Promise<Problem | null>;
+}
+
 /** Shown in the page's place to whom the daemon does not know. */
-export function SignIn({ enter }: { enter: (key: string) => Promise<Problem | null> }) {
+export function SignIn({ out, enter }: Props) {
   const [key, setKey] = useState("");
   const [problem, setProblem] = useState<Problem | null>(null);
   const submit = async (event: Event) => {
@@ -15,6 +23,11 @@ export function SignIn({ enter }: { enter: (key: string) => Promise<Problem | nu
   return (
     <form id="sign-in" class="card sign-in" onSubmit={(event) => void submit(event)}>
       <h2>{strings.signIn.signIn}</h2>
+      {out && (
+        <p id="out" role="status">
+          <b>{whyOf(out)}</b>
+        </p>
+      )}
       <p>{strings.signIn.more}</p>
       <label>
         {strings.signIn.token}
@@ -30,6 +43,13 @@ export function SignIn({ enter }: { enter: (key: string) => Promise<Problem | nu
       {problem && <ProblemLine problem={problem} />}
     </form>
   );
+}
+
+function whyOf(out: NonNullable<State["out"]>): string {
+  const words = strings.signIn.ended;
+  if (out === "demanded") return words.demanded;
+  const when = moment(out.at);
+  return out.how === "revoked" ? words.revoked(out.name, when, out.by) : words.expired(out.name, when);
 }
 
 /** Who one is, and the way out. */

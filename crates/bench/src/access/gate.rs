@@ -14,7 +14,7 @@ use super::once::OnceKey;
 use super::principal::{LOCAL, Principal, Scope};
 use super::secret::{Digest, Secret};
 use super::tickets::Tickets;
-use super::tokens::{Holder, ONE_TIME, OWN, TokenError, TokenStore};
+use super::tokens::{Ended, Holder, ONE_TIME, OWN, TokenError, TokenStore};
 
 /// Between two looks at the file of tokens: a token revoked on the command line is dead after it.
 const REFRESH: Duration = Duration::from_millis(250);
@@ -70,12 +70,14 @@ impl Default for GateSettings {
 pub struct TooMany(pub Duration);
 
 /// Why somebody is not let in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Unauthorised {
     /// Nothing was presented, and something is demanded.
     Nothing,
     /// What was presented opens nothing.
     Wrong,
+    /// What was presented opens nothing any more.
+    Ended(Ended),
     /// Too much has been presented that opens nothing.
     TooMany(TooMany),
 }
@@ -189,7 +191,8 @@ impl Gate {
     /// # Errors
     /// When it opens nothing. A browser that brings an old cookie is no attack, so this is not counted.
     pub fn by_session(&self, session: &str, address: IpAddr) -> Result<Principal, Unauthorised> {
-        let holder = self.tokens.session_holder(&Digest::of(session)).ok_or(Unauthorised::Wrong)?;
+        let digest = Digest::of(session);
+        let holder = self.tokens.session_holder(&digest).ok_or_else(|| self.wrong(&digest))?;
         Ok(Principal { name: holder.name, scope: holder.scope, address })
     }
 
@@ -280,7 +283,13 @@ impl Gate {
                 return Ok(holder);
             }
         }
-        Err(self.failed(address))
+        self.failed(address);
+        Err(self.wrong(digest))
+    }
+
+    /// Why a token or a session that opens nothing does not.
+    fn wrong(&self, digest: &Digest) -> Unauthorised {
+        self.tokens.ended(digest).map_or(Unauthorised::Wrong, Unauthorised::Ended)
     }
 
     fn failed(&self, address: IpAddr) -> Unauthorised {

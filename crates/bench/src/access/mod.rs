@@ -28,4 +28,4 @@ pub use record::TokenRecord;
 pub use secret::{Digest, Secret};
 pub use state_file::{write_private, write_whole};
 pub use tickets::{LASTS as TICKET_LASTS, Tickets};
-pub use tokens::{OWN as PROGRAM, TokenError, TokenStore};
+pub use tokens::{Ended, OWN as PROGRAM, TokenError, TokenStore};

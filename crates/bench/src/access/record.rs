@@ -7,6 +7,9 @@ use uuid::Uuid;
 use super::principal::Scope;
 use super::secret::Digest;
 
+/// Revoked tokens that are remembered.
+const REVOKED: usize = 100;
+
 /// A token as it is kept: everything but the secret.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct TokenRecord {
@@ -39,19 +42,35 @@ pub(super) struct SessionRecord {
     pub(super) expires_at: Timestamp,
 }
 
+/// A token that was revoked, for whoever still has it, or is signed in with it, to be told.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct RevokedRecord {
+    pub(super) name: String,
+    pub(super) sha256: Digest,
+    /// SHA-256 of the sessions that were open by it.
+    pub(super) sessions: Vec<Digest>,
+    pub(super) at: Timestamp,
+    /// Who revoked it; nobody is named who did it on the machine itself.
+    pub(super) by: Option<String>,
+}
+
 /// The whole of what is kept.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Records {
     pub(super) tokens: Vec<TokenRecord>,
     #[serde(default)]
     pub(super) sessions: Vec<SessionRecord>,
+    /// The newest last.
+    #[serde(default)]
+    pub(super) revoked: Vec<RevokedRecord>,
 }
 
 impl Records {
     /// Takes away what has expired, and sessions of tokens that are gone.
     pub(super) fn tidy(&mut self, now: Timestamp) {
         let alive = |expires_at: Option<Timestamp>| expires_at.is_none_or(|end| end > now);
-        let Self { tokens, sessions } = self;
+        let Self { tokens, sessions, revoked } = self;
+        revoked.drain(..revoked.len().saturating_sub(REVOKED));
         // A token that has expired stays in the list, so that its holder can be told why it no longer opens.
         sessions.retain(|session| {
             session.expires_at > now

@@ -14,7 +14,7 @@ use uuid::Uuid;
 
 use super::name::name as possible;
 use super::principal::{LOCAL, Scope};
-use super::record::{Records, SessionRecord, TokenRecord};
+use super::record::{Records, RevokedRecord, SessionRecord, TokenRecord};
 use super::secret::{Digest, Secret};
 use super::share::keep_share;
 use super::state_file::write_private;
@@ -83,6 +83,27 @@ struct Held {
 pub struct TokenStore {
     folder: Option<PathBuf>,
     held: Mutex<Held>,
+}
+
+/// Why a secret that has let somebody in does so no more. Only whoever has the secret is told.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ended {
+    /// Its token was revoked.
+    Revoked {
+        /// Name of the token.
+        name: String,
+        /// When.
+        at: Timestamp,
+        /// By whom; `None` where it was done on the machine itself.
+        by: Option<String>,
+    },
+    /// Its token has expired.
+    Expired {
+        /// Name of the token.
+        name: String,
+        /// When.
+        at: Timestamp,
+    },
 }
 
 /// Whom a secret belongs to.
@@ -202,16 +223,49 @@ impl TokenStore {
         Ok((secret, record))
     }
 
-    /// Revokes a token by its name or id, with the sessions opened with it. Does blocking I/O.
+    /// Revokes a token by its name or id, with the sessions opened with it, and keeps who did so; `None` on the machine
+    /// itself. Does blocking I/O.
     ///
     /// # Errors
     /// When there is no such token, or the file cannot be written.
-    pub fn revoke(&self, which: &str) -> Result<TokenRecord, TokenError> {
+    pub fn revoke(&self, which: &str, by: Option<&str>) -> Result<TokenRecord, TokenError> {
         self.change(|records| {
             let at = records.tokens.iter().position(|token| token.name == which || token.id.to_string() == which);
             let at = at.ok_or_else(|| TokenError::Unknown(which.to_owned()))?;
-            Ok(records.tokens.remove(at))
+            let token = records.tokens.remove(at);
+            let of_it = records.sessions.iter().filter(|session| session.token == Some(token.id));
+            records.revoked.push(RevokedRecord {
+                name: token.name.clone(),
+                sha256: token.sha256,
+                sessions: of_it.map(|session| session.sha256).collect(),
+                at: Timestamp::now(),
+                by: by.map(str::to_owned),
+            });
+            Ok(token)
         })
+    }
+
+    /// Why a token or a session opens nothing any more; `None` where it is not known to have opened anything.
+    pub(super) fn ended(&self, digest: &Digest) -> Option<Ended> {
+        let held = self.held();
+        let Records { tokens, sessions, revoked } = &held.records;
+        let mut found = None;
+        for token in revoked {
+            let is_it = std::iter::once(&token.sha256).chain(&token.sessions).any(|known| known.matches(digest));
+            if is_it {
+                found = Some(Ended::Revoked { name: token.name.clone(), at: token.at, by: token.by.clone() });
+            }
+        }
+        let now = Timestamp::now();
+        let of = sessions.iter().find(|session| session.sha256.matches(digest)).and_then(|session| session.token);
+        for token in tokens {
+            if let Some(at) = token.expires_at.filter(|end| *end <= now)
+                && (token.sha256.matches(digest) || of == Some(token.id))
+            {
+                found = Some(Ended::Expired { name: token.name.clone(), at });
+            }
+        }
+        found
     }
 
     /// Opens a session. It is kept if that is possible, and good until the program ends if it is not. Does blocking
@@ -301,7 +355,7 @@ impl TokenStore {
     /// Whether anybody is let in under this name now.
     pub(super) fn knows(&self, name: &str) -> bool {
         let now = Timestamp::now();
-        let Records { tokens, sessions } = &self.held().records;
+        let Records { tokens, sessions, .. } = &self.held().records;
         tokens.iter().any(|token| token.name == name && token.expires_at.is_none_or(|end| end > now))
             || sessions
                 .iter()
@@ -403,9 +457,20 @@ mod tests {
         let text = fs::read_to_string(folder.path().join(FILE)).unwrap();
         assert!(!text.contains(secret.reveal()) && !text.contains(&secret.reveal()[PREFIX.len()..]));
 
-        command_line.revoke("Ana").unwrap();
+        assert_eq!(daemon.ended(&secret.digest()), None);
+        let (session, _) = daemon.open_session(&holder, DAY).unwrap();
+        command_line.revoke("Ana", Some("Ben")).unwrap();
         daemon.refresh().unwrap();
         assert!(daemon.holder(&secret.digest()).is_none());
+        // Whoever has the token, or is signed in with it, is told; whoever guesses is not.
+        for ended in [&secret, &session] {
+            let told = daemon.ended(&ended.digest());
+            assert!(
+                matches!(&told, Some(Ended::Revoked { name, by, .. }) if name == "Ana" && by.as_deref() == Some("Ben")),
+                "{told:?}"
+            );
+        }
+        assert_eq!(daemon.ended(&Digest::of("guess")), None);
         assert!(daemon.ever_used() && !daemon.has_any());
     }
 
@@ -439,7 +504,7 @@ mod tests {
         }
         let past = Timestamp::now() - SignedDuration::from_secs(1);
         assert!(matches!(store.create("b", Scope::View, Some(past)), Err(TokenError::Past(_))));
-        assert!(matches!(store.revoke("b"), Err(TokenError::Unknown(_))));
+        assert!(matches!(store.revoke("b", None), Err(TokenError::Unknown(_))));
     }
 
     #[test]
@@ -475,7 +540,7 @@ mod tests {
         again.close_session(one.reveal());
         assert!(again.session_holder(&one.digest()).is_none());
         assert!(again.session_holder(&two.digest()).is_some());
-        again.revoke("a").unwrap();
+        again.revoke("a", None).unwrap();
         assert!(again.session_holder(&two.digest()).is_none());
         assert!(again.session_holder(&three.digest()).is_some());
         // A session is no token.

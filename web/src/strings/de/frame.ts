@@ -75,6 +75,12 @@ export const signIn: typeof en.signIn = {
   more: "Dieser Dienst verlangt ein Token: Wer ihn verwaltet, erstellt eines mit „plenalign token create“.",
   signOut: "Abmelden",
   token: "Token",
+  ended: {
+    revoked: (name, when, by) =>
+      `Das Token von ${name} wurde ${by === null ? "am Rechner des Dienstes" : `von ${by}`} widerrufen, ${when}: Es lässt niemanden mehr ein.`,
+    expired: (name, when) => `Das Token von ${name} ist abgelaufen, ${when}.`,
+    demanded: "Soeben wurde das erste Token erstellt: Von nun an wird von allen eines verlangt.",
+  },
   scope: {
     view: "darf zusehen und anhalten",
     control: "darf bedienen",

@@ -71,6 +71,13 @@ export const signIn = {
   more: "This daemon asks for a token: whoever administers it makes one with “plenalign token create”.",
   signOut: "Sign out",
   token: "Token",
+  /** Why one is out who was in. */
+  ended: {
+    revoked: (name: string, when: string, by: string | null) =>
+      `The token of ${name} was revoked ${by === null ? "on the daemon’s machine" : `by ${by}`}, ${when}: it lets nobody in any more.`,
+    expired: (name: string, when: string) => `The token of ${name} has expired, ${when}.`,
+    demanded: "Somebody has just made the first token: from now on everybody is asked for one.",
+  },
   scope: {
     view: "may look and stop",
     control: "may command",
