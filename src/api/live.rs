@@ -163,7 +163,31 @@ struct Viewer {
     metering: Option<Metering>,
     /// The control lease, where this connection holds it.
     lease: Option<Permit>,
+    repeated: Repeated,
     heard_at: Instant,
+}
+
+/// How often a viewer has been shown the very same picture.
+#[derive(Default)]
+struct Repeated {
+    last: Option<Arc<Frame>>,
+    /// In a row, the last one counted.
+    alike: u32,
+}
+
+impl Repeated {
+    /// How many pictures in a row are the same, up to one of this frame: 1 where it is another than the one before. What is
+    /// played from files may well come again.
+    fn note(&mut self, app: &App, frame: &Arc<Frame>) -> u32 {
+        self.alike = match &self.last {
+            // Another part of it, or another view.
+            Some(last) if last.seq == frame.seq => self.alike,
+            Some(last) if !frame.replayed && app.service.repeats(last, frame) => self.alike.saturating_add(1),
+            _ => 1,
+        };
+        self.last = Some(Arc::clone(frame));
+        self.alike
+    }
 }
 
 impl Drop for Viewer {
@@ -174,7 +198,16 @@ impl Drop for Viewer {
 
 impl Viewer {
     fn new(app: App, principal: Principal, socket: WebSocket) -> Self {
-        Self { app, principal, socket, watching: None, metering: None, lease: None, heard_at: Instant::now() }
+        Self {
+            app,
+            principal,
+            socket,
+            watching: None,
+            metering: None,
+            lease: None,
+            repeated: Repeated::default(),
+            heard_at: Instant::now(),
+        }
     }
 
     async fn run(mut self, follow: Follow) {
@@ -307,8 +340,9 @@ impl Viewer {
             Some(Ok(Message::Close(_))) => Err(End::Left),
             Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(()),
             Some(Ok(Message::Binary(_))) => Err(End::Close(close_code::UNSUPPORTED, "send text")),
-            Some(Ok(Message::Text(text))) => match self.obey(&text) {
-                Ok(()) => Ok(()),
+            Some(Ok(Message::Text(said))) => match self.obey(&said) {
+                Ok(None) => Ok(()),
+                Ok(Some(answer)) => self.send(Message::Text(text(&answer))).await,
                 Err(problem) => self.send_problem(problem).await,
             },
         }
@@ -319,7 +353,8 @@ impl Viewer {
         self.send(Message::Text(text(&ServerMessage::Problem { seq, boot_id, problem }))).await
     }
 
-    fn obey(&mut self, message: &Utf8Bytes) -> Result<()> {
+    /// Does what a message asks for; what is to be answered.
+    fn obey(&mut self, message: &Utf8Bytes) -> Result<Option<ServerMessage>> {
         match parse(message.as_bytes())? {
             ViewerMessage::Pictures { on: false, .. } => self.watching = None,
             ViewerMessage::Readings { on: false, .. } => self.metering = None,
@@ -378,13 +413,17 @@ impl Viewer {
                     skipped: Skipped::default(),
                 });
             }
+            ViewerMessage::Clock { asked_ms } => {
+                let (seq, boot_id) = (self.app.hub.newest(), self.app.hub.boot_id());
+                return Ok(Some(ServerMessage::Clock { seq, boot_id, asked_ms, now: jiff::Timestamp::now() }));
+            }
             ViewerMessage::Seen { seq } => {
                 if let Some(watching) = &mut self.watching {
                     watching.unseen.retain(|&unseen| unseen > seq);
                 }
             }
         }
-        Ok(())
+        Ok(None)
     }
 
     async fn send_picture(&mut self, frame: Arc<Frame>) -> std::result::Result<(), End> {
@@ -412,7 +451,8 @@ impl Viewer {
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
-        let message = picture_message(picture, watching.wanted, watching.skipped.total);
+        let alike = self.repeated.note(&self.app, &frame);
+        let message = picture_message(picture, watching.wanted, watching.skipped.total, alike);
         self.send_viewed(What::Frame(message)).await?;
         telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);
         Ok(())

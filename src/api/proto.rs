@@ -237,6 +237,11 @@ pub struct Frame {
     /// The same of dark violet.
     #[prost(double, optional, tag = "23")]
     pub far_mm: ::core::option::Option<f64>,
+    /// How many pictures in a row, this one counted, this viewer was sent of frames that are the same to the last pixel: 1 where
+    /// it is another than the one before. No sensor takes the same one twice, so that more say that an old picture is given again
+    /// as if it were new. Frames played from a file, or without light between black and white, do not count.
+    #[prost(uint32, tag = "24")]
+    pub alike: u32,
 }
 /// What became of a frame at the meter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

@@ -257,6 +257,18 @@ pub enum ServerMessage {
         /// Age of the newest frame of a viewer that watches pictures, ms.
         frame_age_ms: Option<f64>,
     },
+    /// What a viewer asked the daemon's clock for is answered with.
+    Clock {
+        /// Number of the newest change.
+        seq: u64,
+        /// Identity of this run of the program.
+        boot_id: Uuid,
+        /// What the viewer had said of when it asked.
+        asked_ms: f64,
+        /// The daemon's clock when it heard that, RFC 3339.
+        #[schema(value_type = String, format = DateTime)]
+        now: jiff::Timestamp,
+    },
     /// A message from this viewer could not be used.
     Problem {
         /// Number of the newest change.
@@ -321,6 +333,12 @@ pub enum ViewerMessage {
     Hold {
         /// The lease's key.
         lease: String,
+    },
+    /// Asks for the daemon's clock: by it and by when it asked, a viewer knows how old at most is what comes, however long
+    /// that waits on its way.
+    Clock {
+        /// When it asks, by its own clock, ms: given back as it is.
+        asked_ms: f64,
     },
     /// Says that a picture has been shown, where `window` bounds how many are on the way.
     Seen {

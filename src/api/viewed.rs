@@ -146,8 +146,8 @@ pub(super) async fn picture_of(app: &App, frame: Arc<Frame>, wanted: Wanted) -> 
     Ok(Picture { frame: Arc::clone(&look.frame), bytes, shown: None, ends_mm })
 }
 
-/// The message that a picture of a frame goes out as.
-pub(super) fn picture_message(picture: Picture, wanted: Wanted, frames_skipped: u64) -> proto::Frame {
+/// The message that a picture of a frame goes out as: one of so many alike in a row.
+pub(super) fn picture_message(picture: Picture, wanted: Wanted, frames_skipped: u64, alike: u32) -> proto::Frame {
     let Picture { frame, bytes, shown, ends_mm: [far_mm, near_mm] } = picture;
     let pictured = match wanted.show {
         Show::Raw => proto::Picture::Raw,
@@ -177,6 +177,7 @@ pub(super) fn picture_message(picture: Picture, wanted: Wanted, frames_skipped: 
         simulated: frame.simulated,
         age_ms: milliseconds(age(&frame)),
         frames_skipped,
+        alike,
         width_px: frame.image.width() as u32,
         height_px: frame.image.height() as u32,
         reduce,

@@ -68,6 +68,7 @@ def test_live_pictures(homed: plenalign.Client) -> None:
         assert isinstance(picture, plenalign.Picture)
         assert picture.jpeg.startswith(b"\xff\xd8")
         assert (picture.raw_size, picture.reduce, picture.show) == ((560, 560), 4, Show.RAW)
+        assert picture.alike == 1
         assert picture.simulated
         assert picture.focus_mm is not None
     assert isinstance(spacing, plenalign.SpacingMap)

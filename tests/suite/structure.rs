@@ -288,6 +288,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
             ("tests/suite/fakes.rs", 1),
             ("tests/suite/gige.rs", 1),
             ("tests/suite/kill.rs", 1),
+            ("web/e2e/harness.mjs", 1),
         ],
     ),
     ("a guest in emulation, whose one limit is that of the whole", &[("tests/hardware/chain.rs", 9)]),

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
 use plenalign::api::proto::{self, viewed::What};
+use plenalign::raw::RawImage;
 use prost::Message as _;
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -125,6 +126,47 @@ async fn pictures_come_to_who_asks_and_carry_where_they_were_taken() {
     assert!((0..5_000_000).contains(&age), "{age} µs");
     let jpeg = image::load_from_memory(&picture.jpeg).unwrap();
     assert_eq!((jpeg.width(), jpeg.height()), (32, 24));
+}
+
+/// By it a page tells a line that is late all the time from the daemon's clock.
+#[tokio::test]
+async fn the_daemons_clock_is_told_to_who_asks() {
+    let daemon = Daemon::start(fakes().bench).await;
+    let mut socket = open(&daemon).await;
+    let before = jiff::Timestamp::now();
+    say(&mut socket, json!({ "type": "clock", "asked_ms": 1234.5 })).await;
+    let told = loop {
+        let message = next_text(&mut socket).await;
+        if message["type"] == "clock" {
+            break message;
+        }
+    };
+    assert_eq!(told["asked_ms"], 1234.5);
+    let now: jiff::Timestamp = told["now"].as_str().unwrap().parse().unwrap();
+    assert!(before <= now && now <= jiff::Timestamp::now(), "{told}");
+}
+
+#[tokio::test]
+async fn a_picture_that_comes_again_as_if_it_were_new_is_told() {
+    let fakes = fakes();
+    let daemon = Daemon::start(fakes.bench).await;
+    let mut socket = open(&daemon).await;
+    next_text(&mut socket).await;
+    let grey = |level: u8| RawImage::from_u8(64, 48, vec![level; 64 * 48]);
+    let whole = json!({ "type": "pictures", "on": true, "max_rate_hz": 60 });
+    say(&mut socket, whole.clone()).await;
+    for (seq, level, alike) in [(1, 120, 1), (2, 120, 2), (3, 120, 3), (4, 121, 1), (5, 0, 1), (6, 0, 1), (7, 120, 1)] {
+        fakes.camera.take_image(seq, grey(level));
+        let picture = next_picture(&mut socket).await;
+        assert_eq!((picture.seq, picture.alike), (seq, alike), "grey {level}");
+    }
+    // Looked at otherwise it is the same frame, and counts on.
+    fakes.camera.take_image(8, grey(120));
+    assert_eq!(next_picture(&mut socket).await.alike, 2);
+    say(&mut socket, json!({ "type": "pictures", "on": true, "max_rate_hz": 60, "reduce": 2 })).await;
+    fakes.camera.take_image(8, grey(120));
+    let again = next_picture(&mut socket).await;
+    assert_eq!((again.seq, again.alike), (8, 2));
 }
 
 #[tokio::test]

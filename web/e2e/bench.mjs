@@ -8,6 +8,7 @@ import {
   faults,
   fits,
   folder,
+  lateLine,
   open,
   photograph,
   resetStop,
@@ -308,6 +309,14 @@ try {
   step("given back, it is free for everybody");
   await ben.page.getByRole("button", { name: "Release control" }).click();
   await ana.page.locator(".lease[data-lease=free]").waitFor();
+
+  step("over a line that is late from the first what comes is old, however steadily it comes");
+  const line = await lateLine(address, 2500);
+  const late = await visit(line.address);
+  await late.page.locator(".picture[data-state=stale] .over", { hasText: /STALE · [2-9]/ }).waitFor();
+  await late.page.context().close();
+  line.close();
+  await ana.page.locator(".picture[data-state=fresh]").waitFor();
 
   step("a daemon that is frozen is said to be lost, what may be old is marked so, and no command is offered");
   await open(ana.page, "Live");

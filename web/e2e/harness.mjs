@@ -8,6 +8,7 @@ import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
+import { connect, createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { createInterface } from "node:readline";
@@ -58,6 +59,27 @@ export function start({ file, env }, listen = "127.0.0.1:0", more = ["--simulate
     throw new Error("the daemon ended without saying its address");
   };
   return begun;
+}
+
+/** A line to the daemon at `address` over which its WebSocket's words come `ms` late, from the first on. */
+export async function lateLine(address, ms) {
+  const { hostname, port } = new URL(address);
+  const server = createServer((near) => {
+    const far = connect(Number(port), hostname);
+    let waitMs = 0;
+    near.once("data", (bytes) => (waitMs = /upgrade: websocket/i.test(String(bytes)) ? ms : 0));
+    near.on("data", (bytes) => far.write(bytes));
+    far.on("data", (bytes) => setTimeout(() => near.write(bytes), waitMs));
+    for (const [one, other] of [
+      [near, far],
+      [far, near],
+    ]) {
+      one.on("close", () => other.destroy());
+      one.on("error", () => other.destroy());
+    }
+  });
+  await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+  return { address: `http://127.0.0.1:${server.address().port}/`, close: () => server.close() };
 }
 
 export function browse() {

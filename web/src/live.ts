@@ -2,7 +2,6 @@
 // when pictures were drawn.
 
 import { COARSE, EVERY, instead, sameAim, type Aim } from "./aim";
-import { Sameness } from "./sameness";
 import {
   parseMessage,
   parseSeen,
@@ -78,7 +77,6 @@ export class Live {
   private refused = false;
   private askedAt = -Infinity;
   private asking: ReturnType<typeof setTimeout> | null = null;
-  private readonly sameness = new Sameness();
   /** Whether this connection has been asked for readings. */
   private reads = false;
 
@@ -140,6 +138,7 @@ export class Live {
       if (this.socket !== socket) return;
       this.retryMs = FIRST_RETRY_MS;
       this.refused = false;
+      this.askClock(socket);
       this.ask();
     };
     socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => {
@@ -149,6 +148,7 @@ export class Live {
       const cameAt = Date.now();
       if (typeof event.data === "string") {
         const message = parseMessage(event.data);
+        if (message?.type === "tick") this.askClock(socket);
         if (message && !this.isRefusal(message)) this.listener.message(message, cameAt);
       } else {
         void this.show(socket, new Uint8Array(event.data), cameAt);
@@ -165,6 +165,10 @@ export class Live {
     this.listener.link("lost", this.wanted ? Date.now() + this.retryMs : null);
     this.retry = setTimeout(() => this.connect(), this.retryMs);
     this.retryMs = Math.min(this.retryMs * 2, LONGEST_RETRY_MS);
+  }
+
+  private askClock(socket: WebSocket): void {
+    this.send(socket, { type: "clock", asked_ms: Date.now() });
   }
 
   /** Whether a message says that the part asked for cannot be had: the whole frame is taken in its place. */
@@ -185,11 +189,10 @@ export class Live {
     if (seen?.is !== "picture") return;
     const { facts } = seen.picture;
     const framesSkipped = this.count(facts.framesSkipped);
-    const alike = this.sameness.note(seen.picture.bytes, facts);
     const began = performance.now();
     const before = this.said;
     const drawn = this.listener
-      .picture({ ...seen.picture, facts: { ...facts, framesSkipped, alike } }, cameAt)
+      .picture({ ...seen.picture, facts: { ...facts, framesSkipped } }, cameAt)
       // One that could not be drawn is on the way no longer, either.
       .finally(() => this.learn(performance.now() - began));
     // In order: a later one that is drawn first would be taken for this one's sign, too.

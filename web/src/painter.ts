@@ -41,12 +41,6 @@ export interface Taken {
   facts: PictureFacts;
 }
 
-/** Grey levels of what is neither dark nor clipped, and the least share of a picture that has to be. */
-const LIT = [0.1 * 255, 0.9 * 255] as const;
-const LEAST_LIT = 0.01;
-/** So coarse it is looked at for that. */
-const LIT_SIDE = 64;
-
 export class Painter {
   private canvas: Surface | null = null;
   private over: Surface | null = null;
@@ -174,20 +168,6 @@ export class Painter {
     const one = (this.probing ??= surface(1));
     one?.drawImage(this.bitmap, column, row, 1, 1, 0, 0, 1, 1);
     return one?.getImageData(0, 0, 1, 1).data[0] ?? null;
-  }
-
-  /** Whether the picture has light between black and white: a sensor that is dark or clipped may well repeat itself. */
-  isLit(): boolean {
-    const one = this.bitmap && surface(LIT_SIDE);
-    if (!one || !this.bitmap) return false;
-    one.drawImage(this.bitmap, 0, 0, LIT_SIDE, LIT_SIDE);
-    const { data } = one.getImageData(0, 0, LIT_SIDE, LIT_SIDE);
-    let lit = 0;
-    for (let at = 0; at < data.length; at += 4) {
-      const level = data[at] ?? 0;
-      if (level >= LIT[0] && level < LIT[1]) lit += 1;
-    }
-    return lit >= LEAST_LIT * LIT_SIDE * LIT_SIDE;
   }
 
   /** What is seen, with what is laid over it, as a PNG; null where nothing is shown. */

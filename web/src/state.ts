@@ -1,6 +1,6 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
-import { ahead, heard as heardTick, unknown, type Clock } from "./clock";
+import { ahead, clockAfter, unknown, type Clock } from "./clock";
 import {
   best,
   frameReading,
@@ -188,7 +188,6 @@ function received(state: State, message: ServerMessage, now: number): State {
         ...heard,
         seq,
         bootId: message.boot_id,
-        clock: unknown,
         version: message.version,
         bench: message.bench,
         stopSent: withStop(state, message.bench),
@@ -223,7 +222,8 @@ function received(state: State, message: ServerMessage, now: number): State {
         ...withMeasurement(state, message.measurement, now),
       };
     case "tick":
-      return { ...heard, seq, clock: heardTick(state.clock, now, message.now) };
+    case "clock":
+      return { ...heard, seq, clock: clockAfter(state.clock, message, now) };
     case "gap":
       return { ...heard, seq };
     case "problem":

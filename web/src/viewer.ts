@@ -1,14 +1,13 @@
 // What keeps the connection and draws its pictures: told what to do, and reporting what came. It knows nothing of the
 // page, so that it can work in a worker, where nothing that the page does delays a picture.
 
-import { heard, sentAt, unknown, type Clock } from "./clock";
+import { clockAfter, sentAt, unknown, type Clock } from "./clock";
 import { range } from "./field-map";
 import { Live } from "./live";
 import type { Marks } from "./marks";
 import { Painter, type Look, type Stamps, type Surface, type Taken } from "./painter";
 import type { Overlay } from "./preferences";
 import type { RegionFacts } from "./region-watch";
-import { SAME } from "./sameness";
 import { onFrame } from "./screen-frame";
 import type { Link } from "./state";
 import type { Size } from "./viewport";
@@ -70,8 +69,7 @@ export class Viewer {
     this.live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
       link: (link, nextAt) => report({ is: "link", link, nextAt }),
       message: (message, cameAt) => {
-        if (message.type === "snapshot") this.clock = unknown;
-        if (message.type === "tick") this.clock = heard(this.clock, cameAt, message.now);
+        this.clock = clockAfter(this.clock, message, cameAt);
         report({ is: "message", message, cameAt });
       },
       picture: async (picture, cameAt) => {
@@ -79,9 +77,7 @@ export class Viewer {
         const size = await this.painter.show(picture);
         if (size === null) return;
         this.aim();
-        const alike = facts.alike >= SAME && !this.painter.isLit() ? 1 : facts.alike;
-        const shown = { ...facts, alike };
-        report({ is: "picture", facts: shown, size, sentAt: sentAt(this.clock, facts, cameAt) });
+        report({ is: "picture", facts, size, sentAt: sentAt(this.clock, facts, cameAt) });
         // A browser that draws its frames more slowly than pictures come is not sent more of them.
         await new Promise<void>((resolve) => onFrame(resolve));
       },

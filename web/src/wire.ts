@@ -100,6 +100,7 @@ const KNOWN = [
   "job",
   "measurement",
   "tick",
+  "clock",
   "problem",
 ] as const satisfies readonly ServerMessage["type"][];
 
@@ -132,7 +133,7 @@ export interface PictureFacts {
   /** Of old, played from a file. */
   replayed: boolean;
   framesSkipped: number;
-  /** How many pictures in a row are the same, up to this one. */
+  /** How many pictures in a row are of frames that are the same to the last pixel, this one counted. */
   alike: number;
   widthPx: number;
   heightPx: number;
@@ -147,8 +148,6 @@ export interface PictureFacts {
 export interface Picture {
   /** A JPEG, or a PNG where it is without loss. */
   file: Blob;
-  /** What is in it. */
-  bytes: Uint8Array;
   facts: PictureFacts;
 }
 
@@ -191,15 +190,6 @@ export interface FrameReading {
   found: Found;
 }
 
-/** Its spacing; or why there is none: it is lost and searched for, or the frame cannot be measured. */
-export type Found =
-  | {
-      is: "measured";
-      spacingPx: number;
-      sigmaPx: number;
-      tiltXPx: number;
-      tiltYPx: number;
-      /** Of the frames up to this one while nothing moved: their mean, and how many they are. */
 /** Frames combined while nothing moved. */
 export interface Combined {
   /** Their mean. */
@@ -215,6 +205,15 @@ export interface Combined {
 
 const NEW_PICTURE = [CombinedSince.START, CombinedSince.PICTURE, CombinedSince.LOST];
 
+/** Its spacing; or why there is none: it is lost and searched for, or the frame cannot be measured. */
+export type Found =
+  | {
+      is: "measured";
+      spacingPx: number;
+      sigmaPx: number;
+      tiltXPx: number;
+      tiltYPx: number;
+      /** Of the frames up to this one while nothing moved: their mean, and how many they are. */
       combined: Combined;
       /** Whether that is within the blur limit. */
       inFocus: boolean;
@@ -313,6 +312,8 @@ function foundIn(read: FrameRead): Found | null {
           spacingPx: read.combinedSpacingPx,
           sigmaPx: read.combinedSigmaPx,
           frames: read.combinedFrames,
+          spanMs: 1000 * read.combinedSpanS,
+          ofNewPicture: NEW_PICTURE.includes(read.combinedSince),
         },
         inFocus: read.inFocus,
       };
@@ -322,8 +323,6 @@ function foundIn(read: FrameRead): Found | null {
       return { is: "refused", why: read.why };
     default:
       return null;
-          spanMs: 1000 * read.combinedSpanS,
-          ofNewPicture: NEW_PICTURE.includes(read.combinedSince),
   }
 }
 
@@ -347,7 +346,6 @@ function pictureOf(frame: Frame): Picture {
   const bytes = new Uint8Array(lossless ? frame.png : frame.jpeg);
   return {
     file: new Blob([bytes], { type: lossless ? "image/png" : "image/jpeg" }),
-    bytes,
     facts: {
       seq: Number(frame.seq),
       capturedAt: new Date(Number(frame.capturedUnixUs) / 1000),
@@ -359,7 +357,7 @@ function pictureOf(frame: Frame): Picture {
       simulated: frame.simulated,
       replayed: frame.replayed,
       framesSkipped: Number(frame.framesSkipped),
-      alike: 1,
+      alike: Math.max(1, frame.alike),
       widthPx: frame.widthPx,
       heightPx: frame.heightPx,
       part: show === "raw" ? partOf(frame.viewport, frame) : null,

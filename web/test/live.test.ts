@@ -122,6 +122,18 @@ describe("the live connection", () => {
     expect(sent("readings")).toEqual([on]);
   });
 
+  it("asks for the daemon's clock at once, and with each tick", () => {
+    vi.setSystemTime(5000);
+    const tick = JSON.stringify({ type: "tick", seq: 1, boot_id: "b", now: "2026-01-01T00:00:00Z" });
+    expect(sent("clock").length).toBe(1);
+    socket().onmessage?.({ data: tick });
+    expect(sent("clock").at(-1)).toEqual({ type: "clock", asked_ms: 5000 });
+    const clock = { type: "clock", seq: 1, boot_id: "b", asked_ms: 5000, now: "2026-01-01T00:00:00Z" };
+    socket().onmessage?.({ data: JSON.stringify(clock) });
+    expect(heard).toEqual(["tick", "clock"]);
+    expect(sent("clock").length).toBe(2);
+  });
+
   it("hands a reading on, of which nothing is said to have been seen", async () => {
     socket().reading();
     await vi.advanceTimersByTimeAsync(0);

@@ -76,6 +76,7 @@ describe("parseSeen", () => {
       simulated: true,
       ageMs: 31.5,
       framesSkipped: 3n,
+      alike: 4,
       widthPx: 1160,
       heightPx: 1160,
       viewport: {
@@ -97,6 +98,7 @@ describe("parseSeen", () => {
       eMm: null,
       ageMs: 31.5,
       framesSkipped: 3,
+      alike: 4,
     });
     expect(picture?.facts.capturedAt.getTime()).toBeCloseTo(1_700_000_000_123.456, 0);
     expect(picture?.facts.part).toEqual({
@@ -164,10 +166,10 @@ describe("parseSeen", () => {
       combinedSpacingPx: 19.71,
       combinedSigmaPx: 0.0012,
       combinedFrames: 12,
-    });
-    expect(measured).toEqual({
       combinedSpanS: 2.5,
       combinedSince: CombinedSince.PICTURE,
+    });
+    expect(measured).toEqual({
       capturedAt: 1_700_000_000_123.456,
       ageMs: 31.5,
       focusMm: null,

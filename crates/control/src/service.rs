@@ -28,7 +28,7 @@ use super::stopping::KEEP_ALLOWED;
 use super::{Refusal, ServiceError};
 use bench::access::PROGRAM;
 use bench::config::Config;
-use bench::device::{AxisName, Bench};
+use bench::device::{AxisName, Bench, Frame};
 use bench::store::Store;
 
 /// Events kept for a subscriber that lags.
@@ -170,6 +170,12 @@ impl Service {
     #[must_use]
     pub fn field_map(&self) -> watch::Receiver<Option<Arc<FieldMap>>> {
         self.eye.map()
+    }
+
+    /// Whether a frame has the very picture of one before it, which no sensor takes twice.
+    #[must_use]
+    pub fn repeats(&self, before: &Frame, frame: &Frame) -> bool {
+        self.eye.repeats(before, frame)
     }
 
     /// Since when what stands before the camera does, and the shell is on or off.

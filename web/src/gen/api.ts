@@ -4711,7 +4711,8 @@ export interface components {
           positions: number;
           /**
            * Format: double
-           * @description The spacing's change there, px per mm.
+           * @description The spacing's change at best focus, px per mm: the curve's, or that between the two neighbours where there is no
+           *     curve; `null` where there is neither.
            */
           slope_px_per_mm?: number | null;
           /** @enum {string} */
@@ -5502,6 +5503,30 @@ export interface components {
         }
       | {
           /**
+           * Format: double
+           * @description What the viewer had said of when it asked.
+           */
+          asked_ms: number;
+          /**
+           * Format: uuid
+           * @description Identity of this run of the program.
+           */
+          boot_id: string;
+          /**
+           * Format: date-time
+           * @description The daemon's clock when it heard that, RFC 3339.
+           */
+          now: string;
+          /**
+           * Format: int64
+           * @description Number of the newest change.
+           */
+          seq: number;
+          /** @enum {string} */
+          type: "clock";
+        }
+      | {
+          /**
            * Format: uuid
            * @description Identity of this run of the program.
            */
@@ -6080,6 +6105,15 @@ export interface components {
           lease: string;
           /** @enum {string} */
           type: "hold";
+        }
+      | {
+          /**
+           * Format: double
+           * @description When it asks, by its own clock, ms: given back as it is.
+           */
+          asked_ms: number;
+          /** @enum {string} */
+          type: "clock";
         }
       | {
           /**

@@ -81,6 +81,9 @@ class Picture:
     """Age when it was sent, ms."""
     frames_skipped: int
     """Frames that this viewer was not sent until now."""
+    alike: int
+    """How many pictures in a row are of frames that are the same to the last pixel, this one counted: more than 1 where
+    the camera gives an old picture again as if it were new."""
     raw_size: tuple[int, int]
     """Columns and rows of the raw frame."""
     reduce: int
@@ -301,6 +304,7 @@ def _picture(frame: frame_pb2.Frame) -> Picture:
         replayed=frame.replayed,
         age_ms=frame.age_ms,
         frames_skipped=frame.frames_skipped,
+        alike=max(1, frame.alike),
         raw_size=(frame.width_px, frame.height_px),
         reduce=frame.reduce,
         viewport=_viewport(frame.viewport) if frame.HasField("viewport") else None,

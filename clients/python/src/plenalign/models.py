@@ -1421,7 +1421,9 @@ class FocusSweepOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True, t
     positions: int
     """Positions asked for."""
     slope_px_per_mm: float | None = None
-    """The spacing's change there, px per mm."""
+    """The spacing's change at best focus, px per mm: the curve's, or that between the two neighbours where there is
+    no curve; `null` where there is neither.
+    """
 
 
 class SpacingWatchOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="spacing_watch"):
@@ -1971,6 +1973,19 @@ class TickMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fie
     """Number of the newest change."""
 
 
+class ClockMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="clock"):
+    """What a viewer asked the daemon's clock for is answered with."""
+
+    asked_ms: float
+    """What the viewer had said of when it asked."""
+    boot_id: UUID
+    """Identity of this run of the program."""
+    now: datetime
+    """The daemon's clock when it heard that, RFC 3339."""
+    seq: int
+    """Number of the newest change."""
+
+
 class ProblemMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="problem"):
     """A message from this viewer could not be used."""
 
@@ -2379,6 +2394,15 @@ class HoldRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fie
     """The lease's key."""
 
 
+class ClockRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="clock"):
+    """Asks for the daemon's clock: by it and by when it asked, a viewer knows how old at most is what comes,
+    however long that waits on its way.
+    """
+
+    asked_ms: float
+    """When it asks, by its own clock, ms: given back as it is."""
+
+
 class SeenRequest(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="seen"):
     """Says that a picture has been shown, where `window` bounds how many are on the way."""
 
@@ -2525,9 +2549,16 @@ JobRequest: TypeAlias = (
 Outcome: TypeAlias = HomingOutcome | CalibrationOutcome | LBoundOutcome | FocusSweepOutcome | SpacingWatchOutcome
 
 ServerMessage: TypeAlias = (
-    SnapshotMessage | GapMessage | BenchMessage | JobMessage | MeasurementMessage | TickMessage | ProblemMessage
+    SnapshotMessage
+    | GapMessage
+    | BenchMessage
+    | JobMessage
+    | MeasurementMessage
+    | TickMessage
+    | ClockMessage
+    | ProblemMessage
 )
 
 Setup: TypeAlias = DiffuserSetup | BoardsInAirSetup | BoardInWaterSetup | LeastESetup | ShellOffSetup | ApertureSetup
 
-ViewerMessage: TypeAlias = PicturesRequest | ReadingsRequest | HoldRequest | SeenRequest
+ViewerMessage: TypeAlias = PicturesRequest | ReadingsRequest | HoldRequest | ClockRequest | SeenRequest

@@ -1,7 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { fixed, span } from "../../format";
 import { eyepiece, type Probe } from "../../eyepiece";
-import { SAME } from "../../sameness";
 import { knowsMotion } from "../../set-up";
 import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
@@ -12,6 +11,9 @@ import { useGestures } from "./gestures";
 import { Keeping } from "./keeping";
 import { Measured, Measuring } from "./measuring";
 import { Overlays } from "./overlays";
+
+/** So many in a row are no chance. */
+const SAME = 3;
 
 interface Props extends Scene {
   /** Whether it is alone on the page. */

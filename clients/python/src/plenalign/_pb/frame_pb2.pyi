@@ -166,7 +166,7 @@ class Viewport(_message.Message):
     def __init__(self, x_px: _Optional[int] = ..., y_px: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., picture_width_px: _Optional[int] = ..., picture_height_px: _Optional[int] = ..., lossless: _Optional[bool] = ...) -> None: ...
 
 class Frame(_message.Message):
-    __slots__ = ("jpeg", "seq", "captured_unix_us", "exposure_us", "exposure_assumed", "focus_mm", "e_mm", "settled", "preview", "simulated", "age_ms", "frames_skipped", "width_px", "height_px", "reduce", "replayed", "captured_monotonic_us", "picture", "viewport", "png", "sample_bits", "near_mm", "far_mm")
+    __slots__ = ("jpeg", "seq", "captured_unix_us", "exposure_us", "exposure_assumed", "focus_mm", "e_mm", "settled", "preview", "simulated", "age_ms", "frames_skipped", "width_px", "height_px", "reduce", "replayed", "captured_monotonic_us", "picture", "viewport", "png", "sample_bits", "near_mm", "far_mm", "alike")
     JPEG_FIELD_NUMBER: _ClassVar[int]
     SEQ_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_UNIX_US_FIELD_NUMBER: _ClassVar[int]
@@ -190,6 +190,7 @@ class Frame(_message.Message):
     SAMPLE_BITS_FIELD_NUMBER: _ClassVar[int]
     NEAR_MM_FIELD_NUMBER: _ClassVar[int]
     FAR_MM_FIELD_NUMBER: _ClassVar[int]
+    ALIKE_FIELD_NUMBER: _ClassVar[int]
     jpeg: bytes
     seq: int
     captured_unix_us: int
@@ -213,4 +214,5 @@ class Frame(_message.Message):
     sample_bits: int
     near_mm: float
     far_mm: float
-    def __init__(self, jpeg: _Optional[bytes] = ..., seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., exposure_us: _Optional[int] = ..., exposure_assumed: _Optional[bool] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., age_ms: _Optional[float] = ..., frames_skipped: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., reduce: _Optional[int] = ..., replayed: _Optional[bool] = ..., captured_monotonic_us: _Optional[int] = ..., picture: _Optional[_Union[Picture, str]] = ..., viewport: _Optional[_Union[Viewport, _Mapping]] = ..., png: _Optional[bytes] = ..., sample_bits: _Optional[int] = ..., near_mm: _Optional[float] = ..., far_mm: _Optional[float] = ...) -> None: ...
+    alike: int
+    def __init__(self, jpeg: _Optional[bytes] = ..., seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., exposure_us: _Optional[int] = ..., exposure_assumed: _Optional[bool] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., age_ms: _Optional[float] = ..., frames_skipped: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., reduce: _Optional[int] = ..., replayed: _Optional[bool] = ..., captured_monotonic_us: _Optional[int] = ..., picture: _Optional[_Union[Picture, str]] = ..., viewport: _Optional[_Union[Viewport, _Mapping]] = ..., png: _Optional[bytes] = ..., sample_bits: _Optional[int] = ..., near_mm: _Optional[float] = ..., far_mm: _Optional[float] = ..., alike: _Optional[int] = ...) -> None: ...
