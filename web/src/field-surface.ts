@@ -1,10 +1,12 @@
 // The spacing over the field as a smooth surface: on axis, tilt and curvature, fitted to what each micro-image says, and
 // the lines of equal spacing on it. Single micro-images scatter; what they have in common is how the array leans.
 
+import { dot, fit, type Fit } from "./least-squares";
 import type { FieldMap, Lens } from "./wire";
 
-/** On axis, along x, along y, with the distance squared. */
-const TERMS = 4;
+/** How much more uncertain what many micro-images say together is than had each its own pairs: a pair of neighbours counts
+ *  in both of them. As a variance. */
+export const SHARED = 2;
 /** Micro-images that a surface takes at least. */
 const LEAST = 12;
 /** Those further from the surface than this many times the median distance are left out of the second fit. */
@@ -25,6 +27,7 @@ export interface Surface {
   stepPx: number | null;
 }
 
+/** On axis, along x, along y, with the distance squared. */
 type Row = [number, number, number, number];
 
 /** The surface of a map; null where there is too little to fit one to. */
@@ -60,9 +63,11 @@ export function surfaceOf(map: FieldMap): Surface | null {
 }
 
 /** How far lines are apart: a round number that makes about so many of them. */
-function step({ of, sigmas }: Fit): number | null {
-  const [, x, y, curve] = of;
-  const [, sigmaX, sigmaY, sigmaCurve] = sigmas;
+function step({ of, covariance, scatter }: Fit): number | null {
+  const [, x, y, curve] = of as Row;
+  const [, sigmaX, sigmaY, sigmaCurve] = covariance.map((line, i) =>
+    Math.sqrt(Math.max(0, line[i]!) * scatter * SHARED),
+  ) as Row;
   // From one end of the field to the other, and from its middle to a corner.
   const rise = Math.max(2 * Math.hypot(x, y), 2 * Math.abs(curve));
   const tilted = Math.hypot(x, y) > SIGMAS * Math.hypot(sigmaX, sigmaY);
@@ -117,59 +122,6 @@ export function linesOf({ at, field, stepPx }: Surface): Line[] {
   return [...lines]
     .filter(([, pieces]) => pieces.length > 0)
     .map(([level, pieces]) => ({ errorPx: level * stepPx, pieces }));
-}
-
-interface Fit {
-  of: Row;
-  sigmas: Row;
-}
-
-/** Least squares, weighted by the uncertainties, which are made larger where the scatter is. */
-function fit(rows: Row[], values: number[], sigmas: number[]): Fit | null {
-  const square = Array.from({ length: TERMS }, () => new Array<number>(2 * TERMS + 1).fill(0));
-  rows.forEach((row, index) => {
-    const weight = 1 / (sigmas[index] ?? 1) ** 2;
-    square.forEach((line, i) => {
-      for (let j = 0; j < TERMS; j += 1) line[j]! += weight * row[i]! * row[j]!;
-      line[TERMS]! += weight * row[i]! * (values[index] ?? 0);
-    });
-  });
-  // The inverse on the right: it is what the coefficients' variances are read from.
-  square.forEach((line, i) => (line[TERMS + 1 + i] = 1));
-  if (!solve(square)) return null;
-  const of = square.map((line) => line[TERMS]!) as Row;
-  const chi = rows.reduce((sum, row, index) => {
-    const off = ((values[index] ?? 0) - dot(of, row)) / (sigmas[index] ?? 1);
-    return sum + off * off;
-  }, 0);
-  const scatter = Math.max(1, chi / Math.max(1, rows.length - TERMS));
-  const own = square.map((line, i) => Math.sqrt(Math.max(0, line[TERMS + 1 + i]!) * scatter)) as Row;
-  return { of, sigmas: own };
-}
-
-/** Gauss and Jordan, with pivots. False where it has no one solution. */
-function solve(lines: number[][]): boolean {
-  for (let i = 0; i < TERMS; i += 1) {
-    let pivot = i;
-    for (let j = i + 1; j < TERMS; j += 1) {
-      if (Math.abs(lines[j]![i]!) > Math.abs(lines[pivot]![i]!)) pivot = j;
-    }
-    [lines[i], lines[pivot]] = [lines[pivot]!, lines[i]!];
-    const line = lines[i]!;
-    const by = line[i]!;
-    if (!(Math.abs(by) > 1e-12)) return false;
-    for (let k = 0; k < line.length; k += 1) line[k]! /= by;
-    for (let j = 0; j < TERMS; j += 1) {
-      const share = lines[j]![i]!;
-      if (j === i || share === 0) continue;
-      for (let k = 0; k < line.length; k += 1) lines[j]![k]! -= share * line[k]!;
-    }
-  }
-  return true;
-}
-
-function dot(one: Row, other: Row): number {
-  return one.reduce((sum, value, index) => sum + value * (other[index] ?? 0), 0);
 }
 
 function median(values: number[]): number {

@@ -1,16 +1,20 @@
 // What a part of the picture says for itself: its spacing, and how bright it is. Pure, so that it can be tested.
 
+import { SHARED } from "./field-surface";
+import { dot, fit } from "./least-squares";
 import type { Region } from "./marks";
 import { saturated } from "./saturation";
-import type { FieldMap } from "./wire";
+import type { FieldMap, Lens } from "./wire";
 
 /** Fewer micro-images say nothing of how far they scatter. */
 const LEAST = 4;
+/** Of fewer nobody knows whether they scatter or lean. */
+const SMOOTH = 12;
 
 export interface RegionSpacing {
-  /** Mean over the micro-images whose centres are within. */
+  /** Mean over the micro-images whose centres are within, of a smooth surface through what each says. */
   spacingPx: number;
-  /** Its standard uncertainty: noise and scatter. What the whole frame has in common is not in it. */
+  /** Its standard uncertainty by noise and by scatter about that surface. What the whole frame has in common is not in it. */
   sigmaPx: number;
   targetPx: number;
   lenses: number;
@@ -33,17 +37,37 @@ export function spacingIn(map: FieldMap, { x, y, width, height }: Region): Regio
       lens.y < top + height,
   );
   if (within.length < LEAST) return null;
-  let [weights, sum] = [0, 0];
-  for (const { spacingPx, sigmaPx } of within) {
-    weights += sigmaPx ** -2;
-    sum += spacingPx * sigmaPx ** -2;
-  }
-  const spacingPx = sum / weights;
-  const scatter = within.reduce((all, lens) => all + ((lens.spacingPx - spacingPx) / lens.sigmaPx) ** 2, 0);
-  const excess = Math.max(1, scatter / (within.length - 1));
-  // Each pair of neighbours counts in both of them: so many micro-images say what half as many would.
-  const sigmaPx = Math.sqrt((2 * excess) / weights);
-  return { spacingPx, sigmaPx, targetPx: map.targetPx, lenses: within.length, frameSeq: map.frameSeq };
+  // What leans or curves within is no scatter; in a single row of them it cannot be told.
+  const leaning = within.length < SMOOTH ? null : meanOf(within, smooth({ x, y, width, height }));
+  const mean = leaning ?? meanOf(within, () => [1]);
+  return mean && { ...mean, targetPx: map.targetPx, lenses: within.length, frameSeq: map.frameSeq };
+}
+
+/** The mean over lenses of what terms make of their spacings; null where they do not tell that. */
+function meanOf(
+  lenses: Lens[],
+  terms: (lens: Lens) => number[],
+): Pick<RegionSpacing, "spacingPx" | "sigmaPx"> | null {
+  const rows = lenses.map(terms);
+  const found = fit(
+    rows,
+    lenses.map((lens) => lens.spacingPx),
+    lenses.map((lens) => lens.sigmaPx),
+  );
+  if (!found) return null;
+  const mean = found.of.map((_, term) => rows.reduce((sum, row) => sum + row[term]!, 0) / rows.length);
+  const spread = found.covariance.map((line) => dot(line, mean));
+  const variance = dot(mean, spread) * found.scatter * SHARED;
+  return { spacingPx: dot(found.of, mean), sigmaPx: Math.sqrt(variance) };
+}
+
+/** The terms of a smooth surface over a region: its middle, along x, along y, with the distance squared. */
+function smooth({ x, y, width, height }: Region): (lens: Lens) => number[] {
+  const half = Math.max(width, height) / 2;
+  return (lens) => {
+    const [u, v] = [(lens.x - x - width / 2) / half, (lens.y - y - height / 2) / half];
+    return [1, u, v, u * u + v * v];
+  };
 }
 
 /** Grey levels of the picture, 0 to 255. */

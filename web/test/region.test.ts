@@ -69,15 +69,39 @@ describe("the spacing within a region", () => {
       spacingIn(map, { ...all, width: 180 }),
       spacingIn(map, { ...all, x: 180, width: 180 }),
     ];
-    // At the edges fewer pairs count, so that the mean is not quite that of the middle: by less than is said.
     for (const [found, middle] of [
       [left, 20.09],
       [right, 20.27],
-    ] as const)
-      expect(Math.abs((found?.spacingPx ?? NaN) - middle)).toBeLessThan(found?.sigmaPx ?? NaN);
-    // What leans within it scatters.
-    expect(left?.sigmaPx).toBeGreaterThan(0.005);
-    expect(left?.sigmaPx).toBeLessThan(0.02);
+    ] as const) {
+      expect(Math.abs((found?.spacingPx ?? NaN) - middle)).toBeLessThan(3 * (found?.sigmaPx ?? NaN));
+      // What leans within it is no scatter.
+      expect(found?.sigmaPx).toBeLessThan(3e-5);
+    }
+  });
+
+  it("scatters by what is said of it where the field leans and curves, too", () => {
+    const next = noise(4);
+    const of = (x: number, y: number) => 20 + x / 1000 + ((x - 180) ** 2 + (y - 180) ** 2) / 2e5;
+    const part = { x: 30, y: 60, width: 210, height: 240 };
+    const found = Array.from({ length: 300 }, () => spacingIn(field(of, 0.05, next), part));
+    const mean = found.reduce((sum, one) => sum + (one?.spacingPx ?? NaN), 0) / found.length;
+    const square = found.reduce((sum, one) => sum + ((one?.spacingPx ?? NaN) - mean) ** 2, 0);
+    const said = found.reduce((sum, one) => sum + (one?.sigmaPx ?? NaN), 0) / found.length;
+    const scatter = Math.sqrt(square / found.length);
+    const still = spacingIn(
+      field(of, 1e-6, () => 0),
+      part,
+    );
+    expect(Math.abs(mean - (still?.spacingPx ?? NaN))).toBeLessThan((4 * scatter) / Math.sqrt(found.length));
+    expect(scatter / said).toBeGreaterThan(0.8);
+    expect(scatter / said).toBeLessThan(1.15);
+  });
+
+  it("is told of a single row of micro-images, too", () => {
+    const map = field(() => 20, 0.01, noise(5));
+    const row = spacingIn(map, { ...all, height: PITCH });
+    expect(row?.lenses).toBe(SIDE);
+    expect(Math.abs((row?.spacingPx ?? NaN) - 20)).toBeLessThan(4 * (row?.sigmaPx ?? NaN));
   });
 
   it("is none where too few were measured, and counts no others", () => {

@@ -21,10 +21,10 @@ export const measuring: typeof en.measuring = {
       "Ziehen zeichnet eine Strecke. Pfeiltasten verschieben ihr Ende, mit Umschalt ihren Anfang; Escape beendet. Plus und Minus vergrößern und verkleinern, 0 zeigt das ganze Bild.",
   },
   region: (width, height, x, y) => `Ausschnitt von ${width} × ${height} px bei ${x}, ${y}`,
-  spacing: (spacing, sigma) => `Punktabstand ${spacing} ± ${sigma} px`,
+  spacing: (spacing, sigma) => `Punktabstand ${spacing} ± ${sigma} px allein durch Rauschen und Streuung`,
   difference: (difference) => `${difference} px vom Sollwert`,
   spacingMore:
-    "Mittel über seine Mikrobilder mit der Unsicherheit aus Rauschen und Streuung; was das ganze Bild gemeinsam hat, steht nur im ± der Fokusanzeige",
+    "Mittel über seine Mikrobilder mit der Unsicherheit aus Rauschen und Streuung um eine glatte Fläche: Damit lassen sich Ausschnitte eines Bilds vergleichen; was das ganze Bild gemeinsam hat, steht nur im ± der Fokusanzeige",
   of: (lenses, frame) => `${lenses} Mikrobilder von Bild ${frame}`,
   spacingNone: "kein Punktabstand: zu wenige gemessene Mikrobilder darin",
   grey: (mean, least, most) => `Grauwert ${mean} im Mittel, ${least} bis ${most} von 255`,

@@ -22,10 +22,10 @@ export const measuring = {
   } satisfies Record<Tool, string>,
   region: (width: number, height: number, x: number, y: number) =>
     `Region of ${width} × ${height} px at ${x}, ${y}`,
-  spacing: (spacing: string, sigma: string) => `spacing ${spacing} ± ${sigma} px`,
+  spacing: (spacing: string, sigma: string) => `spacing ${spacing} ± ${sigma} px by noise and scatter alone`,
   difference: (difference: string) => `${difference} px from the target`,
   spacingMore:
-    "Mean over its micro-images, with what noise and scatter leave uncertain; what the whole frame has in common is in the meter's ± alone",
+    "Mean over its micro-images, with what noise and scatter about a smooth surface leave uncertain: regions of a frame compare among themselves by it; what the whole frame has in common is in the meter's ± alone",
   of: (lenses: number, frame: number) => `${lenses} micro-images of frame ${frame}`,
   spacingNone: "no spacing: too few micro-images measured in it",
   grey: (mean: string, least: number, most: number) => `grey ${mean} on average, ${least} to ${most} of 255`,
