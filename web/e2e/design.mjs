@@ -51,6 +51,14 @@ try {
   assert.match(await figure("Aperture", "joint").innerText(), /^6\.364 mm$/);
   assert(await page.locator("#save").isDisabled());
   await page.locator("#save-more", { hasText: "Nothing differs" }).waitFor();
+  const lines = await page.locator(".draft-field .unit").evaluateAll((units) =>
+    units.map((unit) => {
+      const words = document.createRange();
+      words.selectNodeContents(unit);
+      return words.getClientRects().length;
+    }),
+  );
+  assert(lines.includes(1) && Math.max(...lines) === 1, `units on several lines: ${lines}`);
 
   step("what is typed is worked out at once, and the newest answer stands");
   const distance = page.getByLabel("Distance in water, from the shell");

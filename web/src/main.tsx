@@ -9,7 +9,7 @@ import { eyepiece } from "./eyepiece";
 import { install } from "./install";
 import { jog, watchJog } from "./jogging";
 import { needle } from "./needle";
-import { keep, recall } from "./preferences";
+import { keep, named, recall } from "./preferences";
 import { addressOf, routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI, whyOut } from "./session";
 import {
@@ -239,6 +239,11 @@ install.watch(() => cadence.due(SOON_MS));
 watchToneKey(() => update({ tone: !state.tone }));
 // Its secret is shown only now: a reload would lose it.
 window.addEventListener("beforeunload", (event) => state.made && event.preventDefault());
+// Asked for once in a browser, however many of its tabs are open.
+window.addEventListener("storage", () => {
+  const preferences = named(state.preferences, recall(localStorage));
+  if (preferences !== state.preferences) update({ preferences });
+});
 window.addEventListener("hashchange", () => {
   takeConfirmKey();
   update({ route: routeOf(location.hash), problem: null });

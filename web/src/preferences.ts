@@ -70,6 +70,11 @@ export function recall(storage: Pick<Storage, "getItem">): Preferences {
   };
 }
 
+/** The preferences of a tab that has been given no name, with the one that another tab of the browser has. */
+export function named(mine: Preferences, kept: Preferences): Preferences {
+  return mine.name === null && kept.name !== null ? { ...mine, name: kept.name } : mine;
+}
+
 /** Keeps what has been changed since `before`: another tab of the browser may have kept something else meanwhile. */
 export function keep(
   storage: Pick<Storage, "getItem" | "setItem">,

@@ -25,9 +25,14 @@ function places(digits: number, unit: LengthUnit): number {
   return unit === "mm" ? digits : Math.max(0, digits - FEWER);
 }
 
+/** A length given in mm, with so many digits of that in the unit: as exact in one as in the other, and the same. */
+function shown(mm: number, unit: LengthUnit, digits: number): number {
+  return unit === "mm" || !Number.isFinite(mm) ? inUnit(mm, unit) : inUnit(Number(mm.toFixed(digits)), unit);
+}
+
 /** A length given in mm, without its unit, as in a table that names it in its head; `digits` are those in mm. */
 export function bare(mm: number, unit: LengthUnit, digits = 3): string {
-  return fixed(inUnit(mm, unit), places(digits, unit));
+  return fixed(shown(mm, unit, digits), places(digits, unit));
 }
 
 /** A length given in mm, with its unit; `digits` are those in mm. */
@@ -37,7 +42,7 @@ export function length(mm: number, unit: LengthUnit, digits = 3): string {
 
 /** The same, with its sign. */
 export function signedLength(mm: number, unit: LengthUnit, digits = 3): string {
-  return `${signed(inUnit(mm, unit), places(digits, unit))} ${unit}`;
+  return `${signed(shown(mm, unit, digits), places(digits, unit))} ${unit}`;
 }
 
 /** Several lengths and their unit once. */

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { isBelow, keysOf, same, tableOf, valueAt, withValue } from "../src/config-schema";
 import { isLarge } from "../src/pace";
-import { keep, recall, standard } from "../src/preferences";
+import { keep, named, recall, standard } from "../src/preferences";
 import { addressOf, routeOf } from "../src/route";
 import { extent, overlaysOn } from "../src/show";
 import { initial, may } from "../src/state";
@@ -42,6 +42,14 @@ describe("preferences", () => {
     // Another tab of the browser, which was opened before, changes something else.
     keep(storage, { ...standard, stepMm: 0.01 }, standard);
     expect(recall(storage)).toEqual({ ...mine, stepMm: 0.01 });
+  });
+
+  it("have the name that was given in another tab, and one's own where there is one", () => {
+    const ana = { ...standard, name: "Ana", language: "de" as const };
+    expect(named(standard, ana)).toEqual({ ...standard, name: "Ana" });
+    const ben = { ...standard, name: "" };
+    expect(named(ben, ana)).toBe(ben);
+    expect(named(standard, standard)).toBe(standard);
   });
 
   it("are standard where what was kept is none", () => {
@@ -136,7 +144,7 @@ describe("moves by hand", () => {
   it("show lengths in the unit chosen", () => {
     expect([length(1.2345, "mm"), length(1.2345, "µm"), signedLength(0.0012, "mm", 4)]).toEqual([
       "1.234 mm",
-      "1235 µm",
+      "1234 µm",
       "+0.0012 mm",
     ]);
     expect(signedLength(0.0012, "µm", 4)).toBe("+1.2 µm");

@@ -6,10 +6,13 @@ import type { Report } from "../src/wire";
 describe("lengths", () => {
   it("are the same in both units, with as many digits", () => {
     expect(units.length(1.2345, "mm")).toBe("1.234 mm");
-    expect(units.length(1.2345, "µm")).toBe("1235 µm");
+    expect(units.length(1.2345, "µm")).toBe("1234 µm");
     expect(units.bare(-0.0005, "µm", 4)).toBe("−0.5");
     expect(units.signedLength(0.0012, "µm", 4)).toBe("+1.2 µm");
-    expect(units.lengths([159.23, 167.2], "µm", 1)).toBe("159230, 167200 µm");
+    // What is told to a tenth of a millimetre is no more exact in the other unit, and no other figure.
+    expect(units.lengths([159.23, 198.522], "mm", 1)).toBe("159.2, 198.5 mm");
+    expect(units.lengths([159.23, 198.522], "µm", 1)).toBe("159200, 198500 µm");
+    expect(units.signedLength(-0.368, "µm", 2)).toBe("−370 µm");
     for (const unit of units.UNITS) expect(units.toMm(units.inUnit(0.42, unit), unit)).toBeCloseTo(0.42, 12);
   });
 

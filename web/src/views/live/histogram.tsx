@@ -12,10 +12,12 @@ const EVERY_MS = 1000;
 /** Counts the newest frame once a second, for as long as it is in sight: nobody looking, nothing is counted. */
 function useHistogram(online: boolean) {
   const seen = useRef<HTMLElement>(null);
-  const [histogram, keep] = useState<Histogram | null>(null);
+  // Undefined until it has been asked for, null where there is none.
+  const [histogram, keep] = useState<Histogram | null | undefined>(undefined);
   useEffect(() => {
     const element = seen.current;
     if (!online || !element) return keep(null);
+    keep(undefined);
     let [inSight, over] = [false, false];
     let timer: ReturnType<typeof setTimeout> | null = null;
     const look = async () => {
@@ -50,7 +52,11 @@ export function HistogramView({ state }: Scene) {
   const clipped = histogram?.overexposed === true;
   return (
     <figure ref={seen} class="histogram" data-clipped={clipped} data-seq={histogram?.frame_seq}>
-      {histogram ? <Steps histogram={histogram} /> : <p class="quiet">{words.histogramNone}</p>}
+      {histogram ? (
+        <Steps histogram={histogram} />
+      ) : (
+        <p class="quiet">{histogram === null && words.histogramNone}</p>
+      )}
       <figcaption class="facts">
         <span title={words.histogramMore}>{words.histogram}</span>
         {histogram && (
