@@ -160,7 +160,7 @@ function directionOf(differencePx: number, sigmaPx: number, tolerancePx: number,
 }
 
 /** The reading that is closest to its target as far as can be told, and where the axes stood. */
-export type Best = Pick<Reading, "differencePx" | "sigmaPx" | "targetPx" | "focusMm" | "eMm">;
+export type Best = Pick<Reading, "differencePx" | "sigmaPx" | "targetPx" | "focusMm" | "eMm" | "capturedAt">;
 
 /** What the best begins with anew: nothing where there is no reading now, or none of one board. */
 export function bestAnew({
@@ -173,11 +173,18 @@ export function bestAnew({
   return reading && missing === null && isOfOne(reading) ? best(null, reading) : null;
 }
 
+/** The best so far with a new reading. Of no one board there is none: what was read of the same picture before that was known
+ *  goes with it. */
+export function bestWith(held: Best | null, now: Reading): Best | null {
+  if (isOfOne(now)) return best(held, now);
+  return held && held.capturedAt >= now.pictureAt ? null : held;
+}
+
 /** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */
 export function best(held: Best | null, now: Reading): Best {
-  const { differencePx, sigmaPx, targetPx, focusMm, eMm } = now;
+  const { differencePx, sigmaPx, targetPx, focusMm, eMm, capturedAt } = now;
   // A single frame's spacing is often nearer by chance than the mean of many: what it may be off by counts.
   const off = (one: Pick<Reading, "differencePx" | "sigmaPx">) => Math.hypot(one.differencePx, one.sigmaPx);
   const better = held?.targetPx !== targetPx || off(now) < off(held);
-  return held && !better ? held : { differencePx, sigmaPx, targetPx, focusMm, eMm };
+  return held && !better ? held : { differencePx, sigmaPx, targetPx, focusMm, eMm, capturedAt };
 }

@@ -1,16 +1,7 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
 import { ahead, clockAfter, unknown, type Clock } from "./clock";
-import {
-  best,
-  frameReading,
-  isOfOne,
-  missing,
-  reading,
-  type Best,
-  type Missing,
-  type Reading,
-} from "./reading";
+import { bestWith, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
 import { sceneOf, setUpAt, type Scene } from "./set-up";
@@ -258,7 +249,7 @@ function withReading(state: State, newest: Reading, sentAt: number) {
     readingAt: sentAt,
     missing: null,
     missingAt: null,
-    best: isOfOne(newest) ? best(state.best, newest) : state.best,
+    best: bestWith(state.best, newest),
     spacings: follow(
       state.spacings,
       pageTime(state, newest.capturedAt, sentAt) / 1000,

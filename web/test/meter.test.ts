@@ -157,6 +157,26 @@ describe("a picture that is another one", () => {
     state = read({ ...state, measurement: whole(40_150) }, 40_300, 0, false);
     expect(state.reading?.inFocus).toBe(true);
   });
+
+  it("leaves nothing as the best that was read before it was known to be of two boards", () => {
+    const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
+    let state = read({ ...initial, link: "open", measurement: whole(-500) }, 0, 0, false);
+    const one = state.best;
+    expect(one).toMatchObject({ capturedAt: start });
+    // What one board was best at stays.
+    state = read({ ...state, measurement: { ...whole(1100), two_boards: two } }, 1200, 200, true);
+    expect(state.best).toBe(one);
+    // Another picture, nearer by chance, before anybody has measured it in whole.
+    state = receiveReading(
+      { ...state, measurement: whole(1300) },
+      frameReading(19.72501, start + 2000, { sigmaPx: 0.0001, spacingPx: 19.72501, ofNewPicture: true }),
+      start + 2000,
+    );
+    expect(state.best).toMatchObject({ capturedAt: start + 2000 });
+    state = read({ ...state, measurement: { ...whole(2100), two_boards: two } }, 2200, 200, true);
+    expect(state.reading?.direction).toBe("two_boards");
+    expect(state.best).toBeNull();
+  });
 });
 
 describe("what is said where nothing is read", () => {
