@@ -19,9 +19,9 @@
 #                 parts 3 and 7 of 8 again, SHARDS=8 FIRST=1 sbatch --array=3,7 slurm-parts.sh
 set -euo pipefail
 
-# However many lines it has.
+# However many lines it has, and however they end.
 study_args=()
-while read -ra words; do study_args+=("${words[@]}"); done <<<"${STUDY_ARGS:-}"
+while IFS=$' \t\r' read -ra words; do study_args+=("${words[@]}"); done <<<"${STUDY_ARGS:-}"
 for word in "${study_args[@]}"; do
   case ${word%%=*} in
     --set | --config) instead="the merge has to know the configuration, too: it goes into the file CONFIG" ;;
@@ -45,8 +45,8 @@ if [[ -n ${SHARDS:-}${FIRST:-} ]]; then
 fi
 if [[ -n ${SLURM_ARRAY_TASK_ID:-} ]]; then
   # For squeue; what it shows is no reason not to work. By the array's number: the last task's own is that of all.
-  part="index $SLURM_ARRAY_TASK_ID of $SLURM_ARRAY_TASK_MIN-$SLURM_ARRAY_TASK_MAX"
-  scontrol update JobId="${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID" Comment="part of a study, $part, into ${OUT:-study}" || true
+  part="index $SLURM_ARRAY_TASK_ID of ${SLURM_ARRAY_TASK_MIN:-?}-${SLURM_ARRAY_TASK_MAX:-?}"
+  scontrol update JobId="${SLURM_ARRAY_JOB_ID:-?}_$SLURM_ARRAY_TASK_ID" Comment="part of a study, $part, into ${OUT:-study}" || true
 fi
 
 # In this shell's place, so that it gets the signal at the time limit.

@@ -208,12 +208,19 @@ fn an_interrupted_part_goes_on_and_a_finished_one_is_kept() {
 
     // Also where what it says finds no room.
     let before = fs::read_dir(folder.path().join("study/parts")).unwrap().count();
-    let mut unheard = command(folder.path(), &arguments);
-    unheard.env("RAYON_NUM_THREADS", "1").stdout(full()).stderr(full());
+    let slurm = arguments.map(|argument| if argument == "2/2" { "slurm" } else { argument });
+    let mut unheard = command(folder.path(), &slurm);
+    unheard.env_remove("RAYON_NUM_THREADS").stdout(full()).stderr(full()).env("SLURM_CPUS_PER_TASK", "1000");
+    for (variable, value) in [("ID", "2"), ("COUNT", "2"), ("MIN", "1"), ("MAX", "2")] {
+        unheard.env(format!("SLURM_ARRAY_TASK_{variable}"), value);
+    }
     let mut unheard = unheard.spawn().unwrap();
     until_blocking("another attempt has begun", || {
         (fs::read_dir(folder.path().join("study/parts")).ok()?.count() > before).then_some(())
     });
+    // Whatever Slurm says, no more than there are processors; beside them are what began, hears signals, and writes.
+    let threads = fs::read_dir(format!("/proc/{}/task", unheard.id())).unwrap().count();
+    assert!(threads <= std::thread::available_parallelism().unwrap().get() + 3, "{threads} threads");
     kill(Pid::from_raw(i32::try_from(unheard.id()).unwrap()), Signal::SIGTERM).unwrap();
     assert_eq!(unheard.wait().unwrap().code(), Some(143));
 

@@ -45,6 +45,8 @@ impl Asked {
         let variable = |name: &str| std::env::var(name).ok();
         let shard = slurm::shard(&variable)?;
         if let Some(threads) = slurm::threads(&variable)? {
+            // More than there are would be in each other's way, whatever is told.
+            let threads = std::thread::available_parallelism().map_or(threads, |most| most.min(threads));
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
             pool.build_global().context("the threads do not start")?;
         }

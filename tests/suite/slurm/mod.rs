@@ -87,10 +87,11 @@ fn a_slurm_array_and_its_merge_are_the_single_run() {
     let status = cluster.shell("plenalign study status --out study");
     assert!(status.contains("\ndone             1-2\n") && status.contains("\nmissing          none\n"), "{status}");
 
-    // Counted from 0, and one part alone: both are there, and are kept.
+    // Counted from 0, and one part alone, told in lines that end as on Windows: both are there, and are kept.
     for (variables, array, tasks) in [("", "0-1", 2), ("SHARDS=2 FIRST=0", "1", 1)] {
-        let line =
-            format!("{variables} STUDY_ARGS=--quick sbatch --parsable --array={array} deploy/batch/slurm-parts.sh");
+        let line = format!(
+            "{variables} STUDY_ARGS=$'--quick\\r\\n--seed 1\\r' sbatch --parsable --array={array} deploy/batch/slurm-parts.sh"
+        );
         let array = cluster.shell(&line);
         assert_eq!(cluster.ended(&array), vec!["COMPLETED"; tasks], "{}", cluster.state(&array));
     }
