@@ -265,17 +265,28 @@ fn a_part_is_whole_though_nobody_hears_of_it_and_no_other_takes_its_place() {
     let path = folder.path().join("study/parts/part-1-of-2.json");
     let first = fs::read(&path).unwrap();
     for (seed, number, says) in [
-        ("2", "1/2", "part-1-of-2.json: there is a part of another study (quick, seed 1, 1 benches, 4 assemblies, "),
+        ("2", "1/2", "part-1-of-2.json: there is part 1/2 of a study (quick, seed 1, 1 benches, 4 assemblies, "),
         ("1", "1/3", "part-1-of-2.json: it is one of 2 parts of this study, and 1/3 would be one of 3"),
     ] {
         let output = study(folder.path(), &shard(seed, number));
         let error = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success() && error.contains(says), "{error}");
     }
-    fs::write(&path, &first[..200]).unwrap();
-    let damaged = study(folder.path(), &shard("1", "1/2"));
-    let error = String::from_utf8_lossy(&damaged.stderr).into_owned();
-    assert!(!damaged.status.success() && error.contains("move it away to have it made again"), "{error}");
+    // Cut off, and with another digit in a number: both are told, and the part is not taken for whole.
+    let text = String::from_utf8(first.clone()).unwrap();
+    let (before, number) = text.split_once("\"as_built_mm\":0.").unwrap();
+    let digit = if number.starts_with('0') { "1" } else { "0" };
+    let flipped = format!("{before}\"as_built_mm\":0.{digit}{}", &number[1..]);
+    for (damaged, says) in
+        [(&first[..200], "not a part: EOF"), (flipped.as_bytes(), "damaged: it does not end with the")]
+    {
+        fs::write(&path, damaged).unwrap();
+        for (arguments, then) in [(shard("1", "1/2"), "; move it away to have it made again"), (vec!["merge"], "")] {
+            let output = study(folder.path(), &arguments);
+            let error = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert!(!output.status.success() && error.contains(says) && error.contains(then), "{error}");
+        }
+    }
     // What was asked for is lost: that is told by the end.
     let lost = command(folder.path(), &["status", "--json"]).stdout(full()).output().unwrap();
     let error = String::from_utf8_lossy(&lost.stderr).into_owned();

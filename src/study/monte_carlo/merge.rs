@@ -165,6 +165,9 @@ fn joined<T>(blocks: Vec<Block<T>>, count: u64) -> Block<T> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
+    use super::super::part::ending;
     use super::*;
     use crate::study::loops::{Aligned, Ended, Taken};
 
@@ -265,18 +268,28 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (_, good) = part("2/3", OPTIONS);
         let path = folder.path().join("part.json");
-        let text = serde_json::to_string(&good).unwrap();
-        let changed = |from: &str, to: &str| text.replacen(from, to, 1);
+        good.write(&path).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let (before, _) = text.split_at(text.len() - ending(&[]).len());
+        // As if it had been written so.
+        let changed = |from: &str, to: &str| {
+            assert_eq!(before.matches(from).count(), 1, "{from}");
+            let changed = before.replacen(from, to, 1);
+            format!("{changed}{}", ending(changed.as_bytes()))
+        };
         let broken = [
             (String::new(), "not a part"),
             ("{}".to_owned(), "its format is \"\""),
             (changed("plenalign-study-part", "other"), "its format is \"other\""),
-            (changed("\"format_version\":1", "\"format_version\":2"), "of version 2 of the format"),
+            (changed("\"format_version\":2", "\"format_version\":1"), "of version 1 of the format"),
             (text[..text.len() / 2].to_owned(), "not a part: "),
             (changed("\"shard\":\"2/3\"", "\"shard\":\"2/4\""), "part 2/4 of 3 benches is items 0 to 1"),
             (changed("\"shard\":\"2/3\"", "\"shard\":\"9/3\""), "the last one is 3/3"),
-            (changed("\"first\":1", "\"first\":18446744073709551615"), "part 2/3 of 3 benches"),
+            (changed("\"first\":1,", "\"first\":18446744073709551615,"), "part 2/3 of 3 benches"),
             (changed("\"seed\"", "\"sead\""), "not a whole part: unknown field `sead`"),
+            (text.replacen("0.1", "0.2", 1), "damaged: it does not end with the SHA-256 of what it holds"),
+            (format!("{text}\n"), "damaged: "),
+            (format!("{before}}}"), "damaged: "),
         ];
         for (text, says) in broken {
             std::fs::write(&path, text).unwrap();
@@ -286,6 +299,24 @@ mod tests {
         assert!(
             Part::read(&folder.path().join("none.json")).unwrap_err().to_string().contains("none.json: No such file")
         );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        /// Wherever a bit is not what it was.
+        #[test]
+        fn nothing_damaged_is_believed(at: proptest::sample::Index, bit in 0u32..8) {
+            let folder = tempfile::tempdir().unwrap();
+            let counts = Counts { assemblies: 10, ..OPTIONS.counts };
+            let (_, good) = part("1/2", StudyOptions { counts, ..OPTIONS });
+            let path = folder.path().join("part.json");
+            good.write(&path).unwrap();
+            let mut bytes = std::fs::read(&path).unwrap();
+            let at = at.index(bytes.len());
+            bytes[at] ^= 1 << bit;
+            std::fs::write(&path, bytes).unwrap();
+            prop_assert!(Part::read(&path).is_err());
+        }
     }
 
     #[test]
@@ -298,11 +329,16 @@ mod tests {
         part.write(&path).unwrap();
         let kept = |options| Part::kept(&path, &config, options, part.shard());
         assert!(kept(OPTIONS).unwrap().is_some());
+        let another = Part::kept(&path, &config, OPTIONS, "3/3".parse().unwrap()).unwrap_err().to_string();
+        assert!(
+            another.contains("there is part 2/3 of a study") && another.contains("this is part 3/3 of one"),
+            "{another}"
+        );
         for other in [
             StudyOptions { seed: 4, ..OPTIONS },
             StudyOptions { counts: Counts { benches: 4, ..OPTIONS.counts }, ..OPTIONS },
         ] {
-            assert!(kept(other).unwrap_err().to_string().contains("there is a part of another study"));
+            assert!(kept(other).unwrap_err().to_string().contains("there is part 2/3 of a study (quick, seed 3, "));
         }
         // Nothing but the part is left in the folder.
         assert_eq!(std::fs::read_dir(Part::folder(folder.path())).unwrap().count(), 1);

@@ -17,9 +17,11 @@ use crate::study::{StudyError, StudyOptions};
 /// What says that a file is a part.
 const FORMAT: &str = "plenalign-study-part";
 /// The version of the file's layout; it rises with every change of it.
-const FORMAT_VERSION: u64 = 1;
+const FORMAT_VERSION: u64 = 2;
 /// The folder of parts in a study's folder.
 const FOLDER: &str = "parts";
+/// How the names of files end that are not whole yet.
+const PARTIAL: &str = ".partial";
 
 /// What the items of a part came to, and what it was made from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,6 +56,41 @@ pub(super) struct Beginning {
     pub(super) format_version: u64,
 }
 
+/// What a part's file ends with, by all that is before it there.
+pub(super) fn ending(text: &[u8]) -> String {
+    format!(r#","sha256":"{}"}}"#, hexadecimal(text))
+}
+
+/// The SHA-256 of some bytes.
+fn hexadecimal(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// What a part's file, and those beside it while it is made, are named before the first point.
+pub(super) fn stem(shard: Shard) -> String {
+    format!("part-{}-of-{}", shard.number(), shard.of())
+}
+
+/// The files in a folder whose names begin and end like this, by their names.
+pub(super) fn named(folder: &Path, begin: &str, end: &str) -> Result<Vec<PathBuf>, StudyError> {
+    let mut paths = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed(folder))? {
+        let path = entry.map_err(failed(folder))?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with(begin) && name.ends_with(end) {
+            paths.push(path);
+        }
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+/// Has the names in a folder come through a power cut, where its file system can do that.
+pub(super) fn keep_names(folder: &Path) {
+    // What the files hold is safe by itself; more than ask for this cannot be done.
+    let _ = fs::File::open(folder).and_then(|folder| folder.sync_all());
+}
+
 /// What could not be done with a file or folder.
 pub(super) fn failed(path: &Path) -> impl FnOnce(std::io::Error) -> StudyError {
     let path = path.display().to_string();
@@ -65,7 +102,7 @@ impl Origin {
         let text = serde_json::to_vec(config).unwrap_or_default();
         Self {
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
-            configuration_sha256: Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect(),
+            configuration_sha256: hexadecimal(&text),
             quick: options.quick,
             seed: options.seed,
         }
@@ -114,7 +151,7 @@ impl Part {
     /// Where the part of a study is kept, by the study's folder.
     #[must_use]
     pub fn path(folder: &Path, shard: Shard) -> PathBuf {
-        folder.join(FOLDER).join(format!("part-{}-of-{}.json", shard.number(), shard.of()))
+        folder.join(FOLDER).join(format!("{}.json", stem(shard)))
     }
 
     /// The folder of parts in a study's folder.
@@ -128,16 +165,7 @@ impl Part {
     /// # Errors
     /// [`StudyError::Folder`].
     pub fn in_folder(folder: &Path) -> Result<Vec<PathBuf>, StudyError> {
-        let mut paths = Vec::new();
-        for entry in fs::read_dir(folder).map_err(failed(folder))? {
-            let path = entry.map_err(failed(folder))?.path();
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            if name.starts_with("part-") && name.ends_with(".json") {
-                paths.push(path);
-            }
-        }
-        paths.sort();
-        Ok(paths)
+        named(folder, "part-", ".json")
     }
 
     /// Reads a part.
@@ -146,7 +174,7 @@ impl Part {
     /// [`StudyError::Folder`] for a file that cannot be read, [`StudyError::Part`] for one that is no part.
     pub fn read(path: &Path) -> Result<Self, StudyError> {
         let wrong = |why: String| StudyError::Part { path: path.display().to_string(), why };
-        let text = fs::read(path).map_err(failed(path))?;
+        let mut text = fs::read(path).map_err(failed(path))?;
         let head: Beginning = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a part: {error}")))?;
         if head.format != FORMAT {
             return Err(wrong(format!("not a part: its format is \"{}\", not \"{FORMAT}\"", head.format)));
@@ -158,6 +186,12 @@ impl Part {
                  again, or merge with the program that made it"
             )));
         }
+        let end = text.len().saturating_sub(ending(&[]).len());
+        if text[end..] != *ending(&text[..end]).as_bytes() {
+            return Err(wrong("damaged: it does not end with the SHA-256 of what it holds".to_owned()));
+        }
+        text.truncate(end);
+        text.push(b'}');
         let part: Self = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a whole part: {error}")))?;
         for (what, count, range) in [
             ("benches", part.benches.count, part.benches.range()),
@@ -179,6 +213,18 @@ impl Part {
     /// # Errors
     /// As [`Part::read`], but for a file that is not there; [`StudyError::Part`] for a part of another study.
     pub fn kept(path: &Path, config: &Config, options: StudyOptions, shard: Shard) -> Result<Option<Self>, StudyError> {
+        let counts = [options.counts.benches, options.counts.assemblies];
+        Self::there(path, shard, &Origin::of(config, options), counts)
+    }
+
+    /// The part at this place, as [`Part::kept`], by its number, what it is made from, and how many benches and assemblies
+    /// its study has.
+    pub(super) fn there(
+        path: &Path,
+        shard: Shard,
+        asked: &Origin,
+        counts: [u64; 2],
+    ) -> Result<Option<Self>, StudyError> {
         let wrong = |why: String| StudyError::Part { path: path.display().to_string(), why };
         let part = match Self::read(path) {
             Ok(part) => part,
@@ -188,20 +234,25 @@ impl Part {
             }
             Err(error) => return Err(error),
         };
-        let asked = Origin::of(config, options);
-        if part.shard == shard && part.is_of(&asked, options) {
+        if part.shard == shard && part.is_of(asked, counts) {
             return Ok(Some(part));
         }
         Err(wrong(format!(
-            "there is a part of another study ({}), and this is {}: move it away, or write into another folder by --out",
-            part.origin.in_words([part.benches.count, part.assemblies.count]),
-            asked.in_words([options.counts.benches, options.counts.assemblies])
+            "there is part {} of a study ({}), and this is part {shard} of one ({}): move it away, or write into another \
+             folder by --out",
+            part.shard,
+            part.origin.in_words(part.counts()),
+            asked.in_words(counts)
         )))
     }
 
-    fn is_of(&self, origin: &Origin, options: StudyOptions) -> bool {
-        let counts = [options.counts.benches, options.counts.assemblies];
-        self.origin == *origin && [self.benches.count, self.assemblies.count] == counts
+    fn is_of(&self, origin: &Origin, counts: [u64; 2]) -> bool {
+        self.origin == *origin && self.counts() == counts
+    }
+
+    /// How many benches and assemblies its study has.
+    const fn counts(&self) -> [u64; 2] {
+        [self.benches.count, self.assemblies.count]
     }
 
     /// Checks that no part of the same study is there which was split into another number of parts: the two would not fit.
@@ -214,10 +265,11 @@ impl Part {
             return Ok(());
         }
         let (end, origin) = (format!("-of-{}.json", shard.of()), Origin::of(config, options));
+        let counts = [options.counts.benches, options.counts.assemblies];
         for path in Self::in_folder(&folder)?.into_iter().filter(|path| !path.to_string_lossy().ends_with(&end)) {
             let Ok(part) = Self::read(&path) else { continue };
             let of = part.shard.of();
-            if of != shard.of() && part.is_of(&origin, options) {
+            if of != shard.of() && part.is_of(&origin, counts) {
                 let why = format!(
                     "it is one of {of} parts of this study, and {shard} would be one of {}: ask for the part by its number of \
                      {of} (under Slurm with SHARDS and FIRST), or move the others away",
@@ -229,17 +281,24 @@ impl Part {
         Ok(())
     }
 
-    /// Writes the part, whole or not at all, and makes its folder where it is not there.
+    /// Writes the part, whole or not at all, and makes its folder where it is not there. One of the same part that is there
+    /// already is kept.
     ///
     /// # Errors
-    /// [`StudyError::Folder`].
+    /// As [`Part::kept`]; what is there is not replaced.
     pub fn write(&self, path: &Path) -> Result<(), StudyError> {
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(failed(folder))?;
+        if Self::there(path, self.shard, &self.origin, self.counts())?.is_some() {
+            return Ok(());
         }
-        let text = serde_json::to_vec(self).map_err(|error| failed(path)(error.into()))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        fs::create_dir_all(folder).map_err(failed(folder))?;
+        let mut text = serde_json::to_vec(self).map_err(|error| failed(path)(error.into()))?;
+        // The last brace is the ending's.
+        text.pop();
+        let ending = ending(&text);
+        text.extend_from_slice(ending.as_bytes());
         // A name of its own: a batch engine may have begun the same part twice, on two machines that share the folder.
-        let partial = path.with_extension(format!("{}.partial", Uuid::now_v7()));
+        let partial = path.with_file_name(format!("{}.{}{PARTIAL}", stem(self.shard), Uuid::now_v7()));
         let written = fs::File::create(&partial)
             .and_then(|mut file| file.write_all(&text).and_then(|()| file.sync_all()))
             .map_err(failed(&partial))
@@ -247,7 +306,13 @@ impl Part {
         if written.is_err() {
             // What is left of it is of no use; that it could not be written is what is told.
             let _ = fs::remove_file(&partial);
+            return written;
         }
-        written
+        keep_names(folder);
+        // What attempts have left that were killed while they wrote. One that is writing now finds the part instead.
+        for partial in named(folder, &format!("{}.", stem(self.shard)), PARTIAL)? {
+            let _ = fs::remove_file(&partial);
+        }
+        Ok(())
     }
 }
