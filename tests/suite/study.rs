@@ -224,6 +224,19 @@ fn an_interrupted_part_goes_on_and_a_finished_one_is_kept() {
     kill(Pid::from_raw(i32::try_from(unheard.id()).unwrap()), Signal::SIGTERM).unwrap();
     assert_eq!(unheard.wait().unwrap().code(), Some(143));
 
+    // In another split, whose third part of four is the bench that is finished.
+    let other = tempfile::tempdir().unwrap();
+    let parts = other.path().join("study/parts");
+    fs::create_dir_all(&parts).unwrap();
+    fs::copy(&journal, parts.join(journal.file_name().unwrap())).unwrap();
+    let third = arguments.map(|argument| if argument == "2/2" { "3/4" } else { argument });
+    let goes_on = told(&study(other.path(), &third));
+    assert!(
+        goes_on.contains("1 of 1 benches are there from earlier attempts at part 3/4, 1 of them from when "),
+        "{goes_on}"
+    );
+    assert_eq!(fs::read_dir(&parts).unwrap().count(), 2);
+
     let said = |kept: bool| {
         let output = study(folder.path(), &arguments);
         let goes_on = told(&output).contains("1 of 2 benches are there from earlier attempts at part 2/2");

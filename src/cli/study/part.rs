@@ -110,7 +110,14 @@ fn made(context: &Context, options: StudyOptions, shard: Shard, out: &Path, bar:
     let share = shard.range(options.counts.benches);
     let benches = share.end - share.start;
     if journal.found() > 0 {
-        eprintln!("{} of {benches} benches are there from earlier attempts at part {shard}", journal.found());
+        let elsewhere = match journal.elsewhere() {
+            0 => String::new(),
+            some => format!(", {some} of them from when the study was split or counted otherwise"),
+        };
+        eprintln!(
+            "{} of {benches} benches are there from earlier attempts at part {shard}{elsewhere}",
+            journal.found()
+        );
     }
     for why in journal.unknown() {
         eprintln!("plenalign: {why}");
@@ -159,7 +166,7 @@ fn end_with_what_is_finished(ends: Ends, journal: Arc<Journal>, benches: u64, pa
             }
         });
         journal.end(|kept| {
-            if part.exists() {
+            if journal.is_complete(&part) {
                 std::process::exit(0);
             }
             match kept {

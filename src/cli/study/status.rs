@@ -62,6 +62,7 @@ fn as_json(status: &Status) -> Value {
         "missing": status.missing.iter().map(|(first, last)| json!({ "first": first, "last": last })).collect::<Vec<_>>(),
         "work_s": status.work_s,
         "rest_s": status.rest_s,
+        "left_over": status.left_over,
     })
 }
 
@@ -92,10 +93,10 @@ fn block(status: &Status) -> String {
     }
     lines.push(format!("missing          {}", rows(status.missing.iter().copied())));
     let running = of(State::Running).count();
+    // One that is not written yet is not done, though its benches are.
+    let all_done = status.missing.is_empty() && of(State::Done).count() == status.parts.len();
     lines.push(match (status.work_s, status.rest_s) {
-        (Some(0.0), _) if status.missing.is_empty() => {
-            "rest             none: `plenalign study merge` makes the report".to_owned()
-        }
+        _ if all_done => "rest             none: `plenalign study merge` makes the report".to_owned(),
         (Some(work), Some(rest)) => {
             format!(
                 "rest             {} with {running} at a time, as now; {} one after the other",
@@ -106,6 +107,12 @@ fn block(status: &Status) -> String {
         (Some(work), None) => format!("rest             {} one after the other; no part is running", time(work)),
         (None, _) => "rest             not known before the first bench is finished".to_owned(),
     });
+    match status.left_over {
+        0 => {}
+        some => lines.push(format!(
+            "left over        {some} journals of another split: parts that are not done go on from what they have"
+        )),
+    }
     lines.join("\n") + "\n"
 }
 
@@ -163,6 +170,7 @@ mod tests {
             missing,
             work_s: Some(7200.0),
             rest_s: Some(7200.0),
+            left_over: 0,
         };
         assert_eq!(
             block(&status),
@@ -180,6 +188,11 @@ mod tests {
         status.work_s = None;
         assert!(block(&status).ends_with("not known before the first bench is finished\n"));
         (status.missing, status.work_s) = (Vec::new(), Some(0.0));
+        status.parts[0].state = State::Interrupted;
+        assert!(block(&status).ends_with("\nrest             0 s one after the other; no part is running\n"));
+        status.parts[0].state = State::Done;
         assert!(block(&status).contains("missing          none\nrest             none: `plenalign study merge`"));
+        status.left_over = 2;
+        assert!(block(&status).contains("\nleft over        2 journals of another split: "));
     }
 }

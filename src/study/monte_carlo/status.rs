@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -61,27 +62,33 @@ pub struct Status {
     pub work_s: Option<f64>,
     /// Time that it takes with as many parts at a time as are running now, s; `None` where none is.
     pub rest_s: Option<f64>,
+    /// Journals of attempts at another split of this study, of which no part is done or running: these parts go on from
+    /// what they have.
+    pub left_over: u64,
 }
 
 /// What makes a study of its own of parts: they are made from the same, and as many.
 type Key = (Origin, u64, u64, u64);
 
+/// Benches that journals have, by their indices, and the time that each took, s: of all parts and splits, since whoever
+/// begins a part goes on from them.
+type Finished = BTreeMap<u64, f64>;
+
 /// What is there of one part.
-#[derive(Default)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Found {
     done: bool,
     running: bool,
-    benches: BTreeMap<u64, ()>,
-    /// Time that the benches of its journals took, s.
-    bench_seconds: f64,
 }
 
 /// What is there of a study.
 #[derive(Default)]
 struct Study {
     parts: BTreeMap<u64, Found>,
-    /// Items whose time is known, and that time, s: benches, then assemblies.
+    /// Items of whole parts and the time that they took, s: benches, then assemblies.
     known: [(u64, f64); 2],
+    journals: u64,
+    left_over: u64,
 }
 
 /// Looks at the parts in a study's folder, for a few seconds where some are begun and not done. Beside the studies, what
@@ -108,7 +115,7 @@ pub fn status(study: &Path) -> Result<(Vec<Status>, Vec<StudyError>), StudyError
 /// The lengths of all journals in a folder of parts that are not done.
 fn lengths(folder: &Path) -> Result<BTreeMap<PathBuf, u64>, StudyError> {
     let mut lengths = BTreeMap::new();
-    for path in journal::in_folder(folder, None)? {
+    for path in journal::in_folder(folder, |_| true)? {
         // Opened, since a network's file system may answer from what it remembers for a file that is not.
         // What cannot be opened does not grow; why is said when it is read.
         if let Ok(found) = File::open(&path).and_then(|file| file.metadata()) {
@@ -120,18 +127,11 @@ fn lengths(folder: &Path) -> Result<BTreeMap<PathBuf, u64>, StudyError> {
 
 fn look(folder: &Path, grows: impl Fn(&Path) -> bool) -> Result<(Vec<Status>, Vec<StudyError>), StudyError> {
     let mut studies: Vec<(Key, Study)> = Vec::new();
+    let mut finished: Vec<(Origin, Finished)> = Vec::new();
     let mut unusable = Vec::new();
-    let mut of = |key: Key, see: &mut dyn FnMut(&mut Study)| match studies.iter_mut().find(|(other, _)| *other == key) {
-        Some((_, study)) => see(study),
-        None => {
-            let mut study = Study::default();
-            see(&mut study);
-            studies.push((key, study));
-        }
-    };
     // Before the parts: one that is written meanwhile takes its journals away, and is then seen as a part.
     let mut journals = Vec::new();
-    for path in journal::in_folder(folder, None)? {
+    for path in journal::in_folder(folder, |_| true)? {
         match journal::read(&path) {
             Content::Kept(kept) => journals.push((path, kept)),
             Content::Nothing => {}
@@ -146,56 +146,86 @@ fn look(folder: &Path, grows: impl Fn(&Path) -> bool) -> Result<(Vec<Status>, Ve
                 continue;
             }
         };
-        of((part.origin, part.benches.count, part.assemblies.count, part.shard.of()), &mut |study| {
-            study.parts.entry(part.shard.number()).or_default().done = true;
-            for (known, items, seconds) in [
-                (0, part.benches.outcomes.len(), part.benches.seconds),
-                (1, part.assemblies.outcomes.len(), part.assemblies.seconds),
-            ] {
-                study.known[known].0 += items as u64;
-                study.known[known].1 += seconds;
-            }
-        });
+        let key = (part.origin, part.benches.count, part.assemblies.count, part.shard.of());
+        let study = entry(&mut studies, key);
+        study.parts.entry(part.shard.number()).or_default().done = true;
+        for (known, items, seconds) in [
+            (0, part.benches.outcomes.len(), part.benches.seconds),
+            (1, part.assemblies.outcomes.len(), part.assemblies.seconds),
+        ] {
+            study.known[known].0 += items as u64;
+            study.known[known].1 += seconds;
+        }
     }
     for (path, kept) in journals {
         let head = kept.head;
-        of((head.origin, head.benches, head.assemblies, head.shard.of()), &mut |study| {
-            let found = study.parts.entry(head.shard.number()).or_default();
-            if !found.done {
-                found.running |= grows(&path);
-                found.benches.extend(kept.benches.keys().map(|bench| (*bench, ())));
-                found.bench_seconds += kept.seconds;
-                study.known[0].0 += kept.benches.len() as u64;
-                study.known[0].1 += kept.seconds;
-            }
-        });
+        let benches = kept.benches.into_iter().map(|(bench, found)| (bench, found.seconds));
+        entry(&mut finished, head.origin.clone()).extend(benches);
+        let study = entry(&mut studies, (head.origin, head.benches, head.assemblies, head.shard.of()));
+        study.parts.entry(head.shard.number()).or_default().running |= grows(&path);
+        study.journals += 1;
     }
-    Ok((studies.into_iter().map(|(key, study)| study.status(key)).collect(), unusable))
+    let studies = without_left_over(studies).into_iter().map(|(key, study)| {
+        let of_it = entry(&mut finished, key.0.clone());
+        study.status(key, of_it)
+    });
+    Ok((studies.collect(), unusable))
+}
+
+/// What belongs to a key, from here on at least.
+fn entry<K: PartialEq, V: Default>(all: &mut Vec<(K, V)>, key: K) -> &mut V {
+    let at = all.iter().position(|(other, _)| *other == key).unwrap_or_else(|| {
+        all.push((key, V::default()));
+        all.len() - 1
+    });
+    &mut all[at].1
+}
+
+/// The studies without those that only journals tell of at which nobody is, and that cannot be gone on with, since parts of
+/// another split of the same study are done.
+fn without_left_over(studies: Vec<(Key, Study)>) -> Vec<(Key, Study)> {
+    let any = |study: &Study, state: fn(&Found) -> bool| study.parts.values().any(state);
+    let (mut kept, others): (Vec<_>, Vec<_>) =
+        studies.into_iter().partition(|(_, study)| any(study, |part| part.done || part.running));
+    for (key, other) in others {
+        let same = |(begun, study): &&mut (Key, Study)| {
+            (&begun.0, begun.1, begun.2) == (&key.0, key.1, key.2) && any(study, |part| part.done)
+        };
+        match kept.iter_mut().find(same) {
+            Some((_, study)) => study.left_over += other.journals,
+            None => kept.push((key, other)),
+        }
+    }
+    kept
 }
 
 impl Study {
-    fn status(self, (origin, benches, assemblies, of): Key) -> Status {
+    fn status(self, (origin, benches, assemblies, of): Key, finished: &Finished) -> Status {
         let counts = Counts { benches, assemblies };
-        let per_item = self.known.map(|(items, seconds)| (items > 0).then(|| seconds / items as f64));
+        let [mut known, aligned] = self.known;
+        known.0 += finished.len() as u64;
+        known.1 += finished.values().sum::<f64>();
+        let per_item = [known, aligned].map(|(items, seconds)| (items > 0).then(|| seconds / items as f64));
         // Of so many benches at this rate, and assemblies at everybody's: where nobody knows, of assemblies alone it is
         // nothing, since all of them together take less than a bench.
         let takes = |benches: u64, per_bench: Option<f64>, assemblies: u64| {
             let aligned = if benches == 0 { Some(0.0) } else { per_bench.map(|seconds| seconds * benches as f64) };
             aligned.map(|seconds| seconds + per_item[1].unwrap_or(0.0) * assemblies as f64)
         };
-        let length = |range: std::ops::Range<u64>| range.end - range.start;
+        let length = |range: Range<u64>| range.end - range.start;
         let mut parts = Vec::new();
         let (mut missing, mut last) = (Vec::new(), 0);
         let mut work = Some(0.0);
         let mut add = |seconds: Option<f64>| work = work.zip(seconds).map(|(work, seconds)| work + seconds);
         for (number, found) in self.parts {
             let shard = Shard::new(number, of);
-            let share = length(shard.range(benches));
-            let finished = if found.done { share } else { found.benches.len() as u64 };
-            let own = (finished > 0 && !found.done).then(|| found.bench_seconds / finished as f64);
-            let rest_s = match found.done {
-                true => Some(0.0),
-                false => takes(share - finished, own.or(per_item[0]), length(shard.range(assemblies))),
+            let range = shard.range(benches);
+            let (has, seconds) = within(finished, range.clone());
+            let share = length(range);
+            let own = (has > 0).then(|| seconds / has as f64);
+            let (finished, rest_s) = match found.done {
+                true => (share, Some(0.0)),
+                false => (has, takes(share - has, own.or(per_item[0]), length(shard.range(assemblies)))),
             };
             add(rest_s);
             let state = match (found.done, found.running) {
@@ -213,18 +243,32 @@ impl Study {
             missing.push((last + 1, of));
         }
         for (first, last) in &missing {
-            let items = |count| Shard::new(*last, of).range(count).end - Shard::new(*first, of).range(count).start;
-            add(takes(items(benches), per_item[0], items(assemblies)));
+            let items = |count| Shard::new(*first, of).range(count).start..Shard::new(*last, of).range(count).end;
+            let (has, _) = within(finished, items(benches));
+            add(takes(length(items(benches)) - has, per_item[0], length(items(assemblies))));
         }
         let running: Vec<Option<f64>> =
             parts.iter().filter(|part| part.state == State::Running).map(|part| part.rest_s).collect();
         // All of it shared out evenly, but no part sooner than it is done.
         let shared = work.filter(|_| !running.is_empty()).map(|work| work / running.len() as f64);
         let rest_s = running.iter().fold(shared, |rest, part| rest.zip(*part).map(|(rest, part)| rest.max(part)));
-        let options = StudyOptions { quick: origin.quick, seed: origin.seed, counts };
-        let Origin { program_version, configuration_sha256, .. } = origin;
-        Status { options, program_version, configuration_sha256, shards: of, parts, missing, work_s: work, rest_s }
+        Status {
+            options: StudyOptions { quick: origin.quick, seed: origin.seed, counts },
+            program_version: origin.program_version,
+            configuration_sha256: origin.configuration_sha256,
+            shards: of,
+            parts,
+            missing,
+            work_s: work,
+            rest_s,
+            left_over: self.left_over,
+        }
     }
+}
+
+/// How many of these benches are finished, and the time that they took, s.
+fn within(finished: &Finished, benches: Range<u64>) -> (u64, f64) {
+    finished.range(benches).fold((0, 0.0), |(items, seconds), (_, more)| (items + 1, seconds + more))
 }
 
 #[cfg(test)]
@@ -236,46 +280,70 @@ mod tests {
         Origin::of(&config, StudyOptions::new(true, 1))
     }
 
-    fn found(done: bool, running: bool, benches: &[u64], bench_seconds: f64) -> Found {
-        Found { done, running, benches: benches.iter().map(|bench| (*bench, ())).collect(), bench_seconds }
+    fn found(done: bool, running: bool) -> Found {
+        Found { done, running }
+    }
+
+    fn status(parts: &[(u64, Found)], known: [(u64, f64); 2], finished: &[(u64, f64)], of: (u64, u64, u64)) -> Status {
+        let study = Study { parts: parts.iter().copied().collect(), known, ..Study::default() };
+        study.status((origin(), of.0, of.1, of.2), &finished.iter().copied().collect())
     }
 
     #[test]
     fn the_rest_is_what_is_left_at_the_rates_seen() {
         // Of 40 benches in 8 parts: one done, one running at 10 s a bench, one interrupted at 20 s.
-        let parts = [
-            (2, found(true, false, &[], 0.0)),
-            (5, found(false, true, &[20, 22], 20.0)),
-            (6, found(false, false, &[27], 20.0)),
-        ];
-        let study = Study { parts: parts.into(), known: [(8, 100.0), (100, 10.0)] };
-        let status = study.status((origin(), 40, 800, 8));
+        let parts = [(2, found(true, false)), (5, found(false, true)), (6, found(false, false))];
+        let journals = [(20, 10.0), (22, 10.0), (27, 20.0)];
+        let done = [(5, 60.0), (100, 10.0)];
+        let seen = status(&parts, done, &journals, (40, 800, 8));
         let states = [State::Done, State::Running, State::Interrupted];
-        assert_eq!(status.parts.iter().map(|part| part.state).collect::<Vec<_>>(), states);
-        assert_eq!(status.parts.iter().map(|part| part.finished).collect::<Vec<_>>(), [5, 2, 1]);
-        assert_eq!(status.missing, [(1, 1), (3, 4), (7, 8)]);
+        assert_eq!(seen.parts.iter().map(|part| part.state).collect::<Vec<_>>(), states);
+        assert_eq!(seen.parts.iter().map(|part| part.finished).collect::<Vec<_>>(), [5, 2, 1]);
+        assert_eq!(seen.missing, [(1, 1), (3, 4), (7, 8)]);
         // 100 assemblies of a part take 10 s.
-        assert_eq!(status.parts[1].rest_s, Some(3.0 * 10.0 + 10.0));
-        assert_eq!(status.parts[2].rest_s, Some(4.0 * 20.0 + 10.0));
+        assert_eq!(seen.parts[1].rest_s, Some(3.0 * 10.0 + 10.0));
+        assert_eq!(seen.parts[2].rest_s, Some(4.0 * 20.0 + 10.0));
         let work = 40.0 + 90.0 + 5.0 * (5.0 * 12.5 + 10.0);
-        assert_eq!((status.work_s, status.rest_s), (Some(work), Some(work)));
+        assert_eq!((seen.work_s, seen.rest_s), (Some(work), Some(work)));
+        // Two that another split has finished are taken by parts that are not begun.
+        let more = status(&parts, done, &[&journals[..], &[(0, 12.5), (39, 12.5)]].concat(), (40, 800, 8));
+        assert_eq!((more.work_s, more.missing), (Some(work - 25.0), seen.missing));
     }
 
     #[test]
     fn the_last_to_run_is_waited_for() {
-        let parts = [(1, found(false, true, &[0, 1, 2, 3], 40.0)), (2, found(false, true, &[5], 30.0))];
-        let status = Study { parts: parts.into(), known: [(5, 70.0), (0, 0.0)] }.status((origin(), 10, 10, 2));
-        assert_eq!((status.work_s, status.rest_s), (Some(10.0 + 120.0), Some(120.0)));
+        let journals = [(0, 10.0), (1, 10.0), (2, 10.0), (3, 10.0), (5, 30.0)];
+        let both = [(1, found(false, true)), (2, found(false, true))];
+        let seen = status(&both, Default::default(), &journals, (10, 10, 2));
+        assert_eq!((seen.work_s, seen.rest_s), (Some(10.0 + 120.0), Some(120.0)));
     }
 
     #[test]
     fn what_nobody_has_timed_is_not_made_up() {
-        let begun = Study { parts: [(1, found(false, true, &[], 0.0))].into(), known: Default::default() };
-        let status = begun.status((origin(), 10, 10, u64::MAX));
-        assert_eq!((status.work_s, status.rest_s), (None, None));
-        assert_eq!(status.missing, [(2, u64::MAX)]);
-        let done = Study { parts: [(1, found(true, false, &[], 0.0))].into(), known: [(10, 5.0), (10, 0.1)] };
-        let status = done.status((origin(), 10, 10, 1));
-        assert_eq!((status.work_s, status.rest_s, status.missing.len()), (Some(0.0), None, 0));
+        let begun = status(&[(1, found(false, true))], Default::default(), &[], (10, 10, u64::MAX));
+        assert_eq!((begun.work_s, begun.rest_s), (None, None));
+        assert_eq!(begun.missing, [(2, u64::MAX)]);
+        let done = status(&[(1, found(true, false))], [(10, 5.0), (10, 0.1)], &[], (10, 10, 1));
+        assert_eq!((done.work_s, done.rest_s, done.missing.len()), (Some(0.0), None, 0));
+    }
+
+    #[test]
+    fn what_another_split_has_left_is_no_study_where_parts_are_done() {
+        let study = |done: bool, running: bool, journals: u64| Study {
+            parts: [(1, found(done, running))].into(),
+            journals,
+            ..Study::default()
+        };
+        let folded = |first: Study, second: Study| {
+            let studies = vec![((origin(), 8, 8, 2), first), ((origin(), 8, 8, 4), second)];
+            let kept = without_left_over(studies);
+            kept.into_iter().map(|((.., of), study)| (of, study.left_over)).collect::<Vec<_>>()
+        };
+        assert_eq!(folded(study(false, false, 3), study(true, false, 0)), [(4, 3)]);
+        // Somebody is at the one, or none is done of the other: either may become the study.
+        assert_eq!(folded(study(false, true, 3), study(true, false, 0)), [(2, 0), (4, 0)]);
+        assert_eq!(folded(study(false, false, 3), study(false, true, 1)), [(4, 0), (2, 0)]);
+        let other = vec![((origin(), 9, 8, 2), study(false, false, 3)), ((origin(), 8, 8, 4), study(true, false, 0))];
+        assert_eq!(without_left_over(other).len(), 2);
     }
 }

@@ -13,7 +13,7 @@ use uuid::Uuid;
 use crate::config::Config;
 use crate::study::loops::BenchOutcome;
 use crate::study::monte_carlo::Shard;
-use crate::study::monte_carlo::part::{Beginning, Origin, failed};
+use crate::study::monte_carlo::part::{Beginning, Origin, failed, named, stem};
 use crate::study::{StudyError, StudyOptions};
 
 /// What says that a file is a journal.
@@ -60,14 +60,21 @@ pub(super) struct Finished {
     pub(super) outcome: BenchOutcome,
 }
 
+/// A bench of a journal.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::study::monte_carlo) struct Bench {
+    pub(in crate::study::monte_carlo) outcome: BenchOutcome,
+    /// Wall time of the attempt from the bench that was finished before it to this one, s. Those of all benches are the
+    /// attempt's time, however many were worked on at once; and where two attempts have a bench, one of them counts.
+    pub(in crate::study::monte_carlo) seconds: f64,
+}
+
 /// What a journal holds that can be believed.
 #[derive(Debug)]
 pub(in crate::study::monte_carlo) struct Kept {
     pub(in crate::study::monte_carlo) head: Head,
     /// The finished benches, by their indices.
-    pub(in crate::study::monte_carlo) benches: BTreeMap<u64, BenchOutcome>,
-    /// Wall time that they took, s.
-    pub(in crate::study::monte_carlo) seconds: f64,
+    pub(in crate::study::monte_carlo) benches: BTreeMap<u64, Bench>,
     /// Lines that were not believed.
     pub(in crate::study::monte_carlo) torn: usize,
 }
@@ -83,22 +90,21 @@ pub(in crate::study::monte_carlo) enum Content {
     Unknown(StudyError),
 }
 
-/// The journals in a folder, of one part or of all, by their names.
+/// The journals in a folder that are named for certain parts, by their names.
 pub(in crate::study::monte_carlo) fn in_folder(
     folder: &Path,
-    shard: Option<Shard>,
+    wanted: impl Fn(Shard) -> bool,
 ) -> Result<Vec<PathBuf>, StudyError> {
-    let begin = shard.map_or_else(|| "part-".to_owned(), |shard| format!("{}.", stem(shard)));
-    let mut paths = Vec::new();
-    for entry in fs::read_dir(folder).map_err(failed(folder))? {
-        let path = entry.map_err(failed(folder))?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if name.starts_with(&begin) && name.ends_with(ENDING) {
-            paths.push(path);
-        }
-    }
-    paths.sort();
+    let mut paths = named(folder, "part-", ENDING)?;
+    paths.retain(|path| of_name(path).is_some_and(&wanted));
     Ok(paths)
+}
+
+/// Which part a journal is of, by its name.
+fn of_name(path: &Path) -> Option<Shard> {
+    let (stem, _) = path.file_name()?.to_str()?.split_once('.')?;
+    let (number, of) = stem.strip_prefix("part-")?.split_once("-of-")?;
+    format!("{number}/{of}").parse().ok()
 }
 
 /// A name for another journal of a part.
@@ -124,14 +130,14 @@ pub(in crate::study::monte_carlo) fn read(path: &Path) -> Content {
         Err(why) => return Content::Unknown(StudyError::Part { path: path.display().to_string(), why }),
     };
     let share = head.shard.range(head.benches);
-    let mut kept = Kept { head, benches: BTreeMap::new(), seconds: 0.0, torn: 0 };
+    let (mut kept, mut before) = (Kept { head, benches: BTreeMap::new(), torn: 0 }, 0.0);
     // A line that says nothing is a beat.
     for line in lines.filter(|line| *line != "\n") {
         let finished = believed(first_line, line).and_then(|text| serde_json::from_str::<Finished>(text).ok());
         match finished.filter(|finished| share.contains(&finished.bench)) {
-            Some(finished) => {
-                kept.seconds = finished.seconds.max(kept.seconds);
-                kept.benches.insert(finished.bench, finished.outcome);
+            Some(Finished { bench, seconds, outcome }) => {
+                kept.benches.insert(bench, Bench { outcome, seconds: seconds - before });
+                before = seconds;
             }
             None => kept.torn += 1,
         }
@@ -155,11 +161,6 @@ fn head(first_line: &str) -> Result<Head, String> {
         ));
     }
     serde_json::from_str(text).map_err(|error| format!("not a journal of a part: {error}; it is left alone"))
-}
-
-/// What the name of a part's journal begins with, as that of the part.
-fn stem(shard: Shard) -> String {
-    format!("part-{}-of-{}", shard.number(), shard.of())
 }
 
 /// A line of a journal with this first line; that one's own has none before it.

@@ -1,5 +1,6 @@
 //! What a part has finished while it is not whole: each attempt at it keeps its benches in a file of its own, so that the
-//! next one goes on from there. Assemblies are not kept: to work one out takes less than to write it down.
+//! next one goes on from there, also where the study is split otherwise by then. Assemblies are not kept: to work one out
+//! takes less than to write it down.
 
 mod file;
 
@@ -11,9 +12,9 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-pub(super) use self::file::{Content, in_folder, read};
+pub(super) use self::file::{Bench, Content, in_folder, read};
 use self::file::{Finished, Head, line, new_path};
-use super::part::failed;
+use super::part::{failed, keep_names};
 use super::{Part, Shard};
 use crate::config::Config;
 use crate::study::loops::BenchOutcome;
@@ -30,8 +31,8 @@ pub struct Journal {
     /// The first line, which the checksum of each other one is of, too: no line is believed in another file.
     first_line: String,
     path: PathBuf,
-    benches: BTreeMap<u64, BenchOutcome>,
-    seconds: f64,
+    benches: BTreeMap<u64, Bench>,
+    elsewhere: u64,
     torn: usize,
     unknown: Vec<StudyError>,
     begun: Instant,
@@ -50,7 +51,8 @@ struct State {
 }
 
 impl Journal {
-    /// Opens the journal of a new attempt at a part, and reads those of the earlier ones.
+    /// Opens the journal of a new attempt at a part, and reads those of the earlier ones; also of attempts at other parts, of
+    /// another number of parts or items, which have the same benches by the same indices.
     ///
     /// # Errors
     /// [`StudyError::Folder`].
@@ -58,20 +60,25 @@ impl Journal {
         let head = Head::of(config, options, shard);
         let folder = Part::folder(study);
         fs::create_dir_all(&folder).map_err(failed(&folder))?;
-        let (mut benches, mut seconds, mut torn) = (BTreeMap::new(), 0.0, 0);
+        let (mut benches, mut others, mut torn) = (BTreeMap::new(), BTreeMap::new(), 0);
         let mut unknown = Vec::new();
-        for path in in_folder(&folder, Some(shard))? {
+        // Those of the other parts have nothing of this one.
+        for path in in_folder(&folder, |named| named == shard || named.of() != shard.of())? {
             match read(&path) {
                 Content::Kept(kept) if kept.head == head => {
-                    seconds += kept.seconds;
                     torn += kept.torn;
                     benches.extend(kept.benches);
                 }
+                Content::Kept(kept) if kept.head.origin == head.origin => others.extend(kept.benches),
                 // Of another study; or somebody has only just begun.
                 Content::Kept(_) | Content::Nothing => {}
                 Content::Unknown(why) => unknown.push(why),
             }
         }
+        let share = shard.range(options.counts.benches);
+        others.retain(|bench, _| share.contains(bench) && !benches.contains_key(bench));
+        let elsewhere = others.len() as u64;
+        benches.append(&mut others);
         let path = new_path(&folder, shard);
         let text = serde_json::to_string(&head).map_err(|error| failed(&path)(error.into()))?;
         let first_line = line("", &text);
@@ -81,9 +88,10 @@ impl Journal {
             let _ = fs::remove_file(&path);
             failed(&path)(source)
         })?;
+        keep_names(&folder);
         let state = State { file, pending: String::new(), finished: 0, failure: None };
         let (begun, state) = (Instant::now(), Mutex::new(state));
-        Ok(Self { head, first_line, path, benches, seconds, torn, unknown, begun, state })
+        Ok(Self { head, first_line, path, benches, elsewhere, torn, unknown, begun, state })
     }
 
     /// Which part it is of.
@@ -98,6 +106,12 @@ impl Journal {
         self.benches.len() as u64
     }
 
+    /// How many of these only attempts at parts of another number of parts or items have finished.
+    #[must_use]
+    pub const fn elsewhere(&self) -> u64 {
+        self.elsewhere
+    }
+
     /// How many lines of theirs were not believed.
     #[must_use]
     pub const fn torn(&self) -> usize {
@@ -110,14 +124,14 @@ impl Journal {
         &self.unknown
     }
 
-    /// Time that earlier attempts took, s.
-    pub(in crate::study) const fn seconds(&self) -> f64 {
-        self.seconds
+    /// Time that earlier attempts took for the benches that they have finished, s. One that several have counts once.
+    pub(in crate::study) fn seconds(&self) -> f64 {
+        self.benches.values().map(|bench| bench.seconds).sum()
     }
 
     /// What a bench came to in an earlier attempt.
     pub(in crate::study) fn bench(&self, index: u64) -> Option<&BenchOutcome> {
-        self.benches.get(&index)
+        self.benches.get(&index).map(|bench| &bench.outcome)
     }
 
     /// Keeps what a bench came to, with the next beat.
@@ -173,20 +187,31 @@ impl Journal {
         let mut state = self.state();
         let finished = self.found() + state.finished;
         let kept = state.flush().map(|()| finished).map_err(failed(&self.path));
+        if state.finished == 0 {
+            // There is nothing in it to go on from.
+            let _ = fs::remove_file(&self.path);
+        }
         then(kept)
     }
 
-    /// Writes the whole part, and takes the journals of it away.
+    /// Whether the whole part is there, whoever has made it.
+    #[must_use]
+    pub fn is_complete(&self, path: &Path) -> bool {
+        let Head { shard, origin, benches, assemblies, .. } = &self.head;
+        Part::there(path, *shard, origin, [*benches, *assemblies]).is_ok_and(|part| part.is_some())
+    }
+
+    /// Writes the whole part, where it is not there, and takes the journals of it away.
     ///
     /// # Errors
-    /// [`StudyError::Folder`]; the journals are there still.
+    /// As [`Part::write`]; the journals are there still.
     pub fn complete(&self, part: &Part, path: &Path) -> Result<(), StudyError> {
         let mut state = self.state();
         // What cannot be kept is not needed, where the part itself can.
         let _ = state.flush();
         part.write(path)?;
         let folder = self.path.parent().unwrap_or(Path::new("."));
-        for journal in in_folder(folder, Some(self.head.shard))? {
+        for journal in in_folder(folder, |named| named == self.head.shard)? {
             let same = match read(&journal) {
                 Content::Kept(kept) => kept.head == self.head,
                 Content::Nothing => true,
@@ -221,142 +246,4 @@ impl State {
 }
 
 #[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::file::Kept;
-    use super::*;
-    use crate::study::Counts;
-    use crate::study::loops::{Aligned, Ended};
-
-    const OPTIONS: StudyOptions = StudyOptions { quick: true, seed: 3, counts: Counts { benches: 8, assemblies: 10 } };
-
-    fn shard() -> Shard {
-        "2/2".parse().unwrap()
-    }
-
-    fn open(folder: &Path, options: StudyOptions) -> Journal {
-        Journal::open(folder, &Config::default(), options, shard()).unwrap()
-    }
-
-    fn outcome(bench: u64) -> BenchOutcome {
-        let plain = Ended::Aligned(Aligned { delta_v_error_mm: 1.0 / bench as f64, ..Aligned::default() });
-        BenchOutcome { plain, ours: Ended::Refused(format!("bench {bench}")) }
-    }
-
-    /// A folder in which an attempt has finished these benches and was then killed.
-    fn attempted(benches: &[u64]) -> (tempfile::TempDir, PathBuf) {
-        let folder = tempfile::tempdir().unwrap();
-        let journal = open(folder.path(), OPTIONS);
-        for bench in benches {
-            journal.finish(*bench, &outcome(*bench)).unwrap();
-        }
-        assert_eq!(journal.end(Result::unwrap), benches.len() as u64);
-        (folder, journal.path)
-    }
-
-    #[test]
-    fn the_next_attempt_has_what_each_earlier_one_finished() {
-        let (folder, _) = attempted(&[7, 4]);
-        let second = open(folder.path(), OPTIONS);
-        assert_eq!((second.found(), second.torn()), (2, 0));
-        second.finish(5, &outcome(5)).unwrap();
-        assert_eq!(second.end(Result::unwrap), 3);
-        // Also of two that are at it at the same time.
-        let (third, fourth) = (open(folder.path(), OPTIONS), open(folder.path(), OPTIONS));
-        for journal in [&third, &fourth] {
-            assert_eq!(journal.benches.keys().copied().collect::<Vec<_>>(), [4, 5, 7]);
-            assert_eq!(journal.bench(5), Some(&outcome(5)));
-            assert!(journal.seconds() > 0.0 && journal.bench(6).is_none());
-        }
-    }
-
-    #[test]
-    fn what_another_study_finished_is_neither_believed_nor_taken_away() {
-        let (folder, path) = attempted(&[4]);
-        let other = open(folder.path(), StudyOptions { seed: 4, ..OPTIONS });
-        assert_eq!((other.found(), other.torn()), (0, 0));
-        let more = Counts { benches: 9, ..OPTIONS.counts };
-        assert_eq!(open(folder.path(), StudyOptions { counts: more, ..OPTIONS }).found(), 0);
-        let mut config = Config::default();
-        config.assembly.initial_e_mm = 25.0;
-        assert_eq!(Journal::open(folder.path(), &config, OPTIONS, shard()).unwrap().found(), 0);
-        assert!(path.exists());
-    }
-
-    #[test]
-    fn a_whole_part_takes_its_journals_away() {
-        let (folder, earlier) = attempted(&[4]);
-        let (torn, other) = (earlier.with_file_name("part-2-of-2.x.journal"), open(folder.path(), OPTIONS));
-        fs::write(&torn, "0123").unwrap();
-        let later = earlier.with_file_name("part-2-of-2.y.journal");
-        fs::write(&later, line("", r#"{"format":"plenalign-study-journal","format_version":9}"#)).unwrap();
-        let damaged = earlier.with_file_name("part-2-of-2.z.journal");
-        fs::write(&damaged, fs::read_to_string(&earlier).unwrap().replacen("seed", "sead", 1)).unwrap();
-        let strangers = open(folder.path(), StudyOptions { seed: 4, ..OPTIONS });
-        let block = |count: u64| {
-            let range = shard().range(count);
-            (count, range.start, range)
-        };
-        let (count, first, range) = block(8);
-        let benches = super::super::Block { count, first, seconds: 1.0, outcomes: range.map(outcome).collect() };
-        let (count, first, range) = block(10);
-        let blur = |_| crate::study::assembly::Blur { as_built_mm: 0.1, aligned_mm: 0.0 };
-        let assemblies = super::super::Block { count, first, seconds: 1.0, outcomes: range.map(blur).collect() };
-        let part = Part::new(&Config::default(), OPTIONS, shard(), benches, assemblies);
-        let path = Part::path(folder.path(), shard());
-        let last = open(folder.path(), OPTIONS);
-        let [of_later, of_damaged] = last.unknown() else { panic!("{:?}", last.unknown()) };
-        assert!(
-            of_later.to_string().ends_with("version 9 of the format, of which this program reads 1: it is left alone")
-        );
-        assert!(of_damaged.to_string().contains("z.journal: the journal's first line is damaged"), "{of_damaged}");
-        assert_eq!((last.found(), last.torn()), (1, 0));
-        last.complete(&part, &path).unwrap();
-        let mut left = [strangers.path, later, damaged];
-        left.sort();
-        assert_eq!(in_folder(&Part::folder(folder.path()), None).unwrap(), left);
-        // One that is at it still loses nothing but its journal.
-        other.finish(5, &outcome(5)).unwrap();
-        other.complete(&part, &path).unwrap();
-        assert_eq!(Part::read(&path).unwrap(), part);
-    }
-
-    #[test]
-    fn a_journal_grows_while_its_part_is_worked_out() {
-        let folder = tempfile::tempdir().unwrap();
-        let journal = open(folder.path(), OPTIONS);
-        let length = || fs::metadata(&journal.path).unwrap().len();
-        let before = length();
-        let grown = journal.beating_each(Duration::from_millis(1), || {
-            let begun = Instant::now();
-            while length() == before && begun.elapsed() < 20 * BEAT {
-                std::thread::yield_now();
-            }
-            Ok(length() > before)
-        });
-        assert!(grown.unwrap());
-        assert!(matches!(read(&journal.path), Content::Kept(Kept { torn: 0, .. })));
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
-        /// Cut off or damaged anywhere: what is believed is what was finished.
-        #[test]
-        fn nothing_torn_is_believed(cut in 0usize..1800, flip in 0usize..1800, with in 0u8..=255) {
-            let (folder, path) = attempted(&[4, 5, 6, 7]);
-            let mut bytes = fs::read(&path).unwrap();
-            prop_assert!(bytes.len() < 1800 && bytes.len() > 900, "{}", bytes.len());
-            if let Some(byte) = bytes.get_mut(flip) {
-                *byte ^= with;
-            }
-            bytes.truncate(cut);
-            fs::write(&path, &bytes).unwrap();
-            let next = open(folder.path(), OPTIONS);
-            for (bench, found) in &next.benches {
-                prop_assert_eq!(found, &outcome(*bench));
-            }
-            prop_assert!(next.found() + next.torn() as u64 <= 5, "{} and {}", next.found(), next.torn());
-        }
-    }
-}
+mod tests;
