@@ -1961,7 +1961,7 @@ export interface components {
       steps_per_mm: number;
       /**
        * Format: double
-       * @description Bound on the error of the coordinate's zero after homing, mm.
+       * @description Standard uncertainty of the coordinate's zero after homing, mm.
        * @default 0.2
        */
       zero_uncertainty_mm: number;
@@ -2957,7 +2957,8 @@ export interface components {
        */
       lens_to_mla_error_mm: number;
       /**
-       * @description The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm.
+       * @description The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm; of a flat board in air the
+       *     first each first time that it is put up, the second each second, the third each third.
        * @default [
        *       0,
        *       0,

@@ -147,7 +147,7 @@ class AxisConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     where it has one.
     """
     zero_uncertainty_mm: float | UnsetType = UNSET
-    """Bound on the error of the coordinate's zero after homing, mm."""
+    """Standard uncertainty of the coordinate's zero after homing, mm."""
 
 
 class BenchConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -652,7 +652,9 @@ class SimulationConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     lens_to_mla_error_mm: float | UnsetType = UNSET
     """True d less the design's d when the focus axis reads 0, mm."""
     level_errors_mm: list[float] | UnsetType = UNSET
-    """The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm."""
+    """The same of the nearest, middle and farthest level of a triple-level board in air, besides, mm; of a flat
+    board in air the first each first time that it is put up, the second each second, the third each third.
+    """
     microlenses: MicrolensesConfig | UnsetType = UNSET
     """How the microlenses differ from each other."""
     mla_tilt_mrad: list[float] | UnsetType = UNSET
