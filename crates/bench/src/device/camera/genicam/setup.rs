@@ -1,9 +1,11 @@
 //! Making a camera deliver what is configured, and refusing one that does not.
 
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
 use viva_genicam::genapi::{FeatureState, FeatureValue, RegisterIo as _};
+use viva_genicam::gige::{self, Iface};
 use viva_genicam::{FrameStream, ResendPolicy, StandardFeature, StreamOptions};
 
 use super::clock::{DeviceClock, Latch};
@@ -29,6 +31,8 @@ const PLAIN: [(&str, &str); 9] = [
 ];
 /// The least room for packets in the kernel's buffer, bytes.
 const LEAST_ROOM: usize = 1 << 20;
+/// The feature of a packet's size with all its headers.
+const PACKET_SIZE: &str = "GevSCPSPacketSize";
 /// Registers that every GigE Vision device has at these places.
 const TICKS_A_SECOND: u64 = 0x093c;
 const TIMESTAMP_CONTROL: u64 = 0x0944;
@@ -192,7 +196,7 @@ pub(super) fn open_stream(
         None => StreamOptions::new().resend(ResendPolicy::Auto),
         Some(room) => StreamOptions::new().resend(ResendPolicy::Off).rcvbuf_bytes(room),
     };
-    options = match config.packet_bytes {
+    options = match packet_bytes(device, config)? {
         Some(bytes) => options.packet_size(bytes),
         None => options.auto_packet_size(),
     };
@@ -200,6 +204,34 @@ pub(super) fn open_stream(
         options = options.packet_delay(Duration::try_from_secs_f64(delay_us * 1e-6).unwrap_or_default());
     }
     device.open_stream(options).map_err(|error| format!("its stream does not open: {}", features::why(&error)))
+}
+
+/// How large a packet may be at most, where the camera or the configuration says so: else as the interface carries them. The
+/// camera's own test packets then show what comes through.
+///
+/// # Errors
+/// Where the camera does not take what is configured, in words.
+fn packet_bytes(device: &Device, config: &CameraConfig) -> Result<Option<u32>, String> {
+    // Without the feature, or where it cannot be read, the register itself shows what the camera takes.
+    let Ok(Some(state)) = state(device, PACKET_SIZE) else { return Ok(config.packet_bytes) };
+    let Some(range) = state.range else { return Ok(config.packet_bytes) };
+    let step = range.inc.filter(|step| *step >= 1.0).unwrap_or(1.0);
+    let taken = |bytes: f64| range.min + ((bytes.min(range.max) - range.min) / step).floor() * step;
+    if let Some(bytes) = config.packet_bytes {
+        if taken(f64::from(bytes)) != f64::from(bytes) {
+            let choices = features::choices(&state);
+            return Err(format!(
+                "`{PACKET_SIZE}` is not set to {bytes}: it takes {choices} (bench.camera.packet_bytes)"
+            ));
+        }
+        return Ok(Some(bytes));
+    }
+    let Ok(address) = device.transport().lock_device().map(|device| device.remote_addr()) else { return Ok(None) };
+    let IpAddr::V4(address) = address.ip() else { return Ok(None) };
+    let carried =
+        Iface::from_remote_ipv4(address).map(|interface| gige::best_packet_size(gige::mtu(&interface).bytes()));
+    let Ok(carried) = carried else { return Ok(None) };
+    Ok(Some(taken(carried.into()) as u32).filter(|bytes| *bytes < carried))
 }
 
 /// The camera's clock, where it has one that can be read and its timestamps are to be believed; else why not.
