@@ -40,27 +40,45 @@ struct Known {
     in_use: Vec<Ipv4Addr>,
 }
 
-static KNOWN: Mutex<Known> = Mutex::new(Known { read: VecDeque::new(), in_use: Vec::new() });
+static KNOWN: Mutex<Known> = Mutex::new(Known::new());
 
 fn known() -> MutexGuard<'static, Known> {
     KNOWN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+impl Known {
+    const fn new() -> Self {
+        Self { read: VecDeque::new(), in_use: Vec::new() }
+    }
+
+    fn keep(&mut self, identity: &Identity, place: &[u8], formats: &[String]) {
+        self.read.retain(|read| read.identity.address != identity.address);
+        self.read.push_back(Read { identity: identity.clone(), place: place.to_vec(), formats: formats.to_vec() });
+        if self.read.len() > KEPT {
+            self.read.pop_front();
+        }
+    }
+
+    fn formats(&self, identity: &Identity, place: Option<&[u8]>) -> Option<Vec<String>> {
+        let same = |read: &&Read| read.identity == *identity && place.is_none_or(|place| read.place == place);
+        self.read.iter().find(same).map(|read| read.formats.clone())
+    }
+
+    fn let_go(&mut self, address: Ipv4Addr) {
+        if let Some(at) = self.in_use.iter().position(|used| *used == address) {
+            self.in_use.swap_remove(at);
+        }
+    }
+}
+
 /// Keeps what a camera offers, which says that its description is at `place`.
 pub(super) fn keep(identity: &Identity, place: &[u8], formats: &[String]) {
-    let mut known = known();
-    known.read.retain(|read| read.identity.address != identity.address);
-    known.read.push_back(Read { identity: identity.clone(), place: place.to_vec(), formats: formats.to_vec() });
-    if known.read.len() > KEPT {
-        known.read.pop_front();
-    }
+    known().keep(identity, place, formats);
 }
 
 /// What a camera offers, where that was read of it; by the `place` of its description, too, where that is known.
 pub(super) fn formats(identity: &Identity, place: Option<&[u8]>) -> Option<Vec<String>> {
-    let known = known();
-    let same = |read: &&Read| read.identity == *identity && place.is_none_or(|place| read.place == place);
-    known.read.iter().find(same).map(|read| read.formats.clone())
+    known().formats(identity, place)
 }
 
 /// A camera that this program has in use, for as long as this lives.
@@ -77,10 +95,7 @@ impl InUse {
 
 impl Drop for InUse {
     fn drop(&mut self) {
-        let mut known = known();
-        if let Some(at) = known.in_use.iter().position(|address| *address == self.0) {
-            known.in_use.swap_remove(at);
-        }
+        known().let_go(self.0);
     }
 }
 
@@ -99,27 +114,27 @@ mod tests {
 
     #[test]
     fn what_was_read_holds_for_the_same_camera_of_the_same_making() {
-        let address = Ipv4Addr::new(10, 99, 0, 1);
-        let formats_of = |version: &str, place: Option<&[u8]>| formats(&camera(address, version), place);
+        let (mut known, address) = (Known::new(), Ipv4Addr::new(10, 99, 0, 1));
         let mono = vec!["Mono8".to_owned()];
-        keep(&camera(address, "1"), b"local:a;1;2", &mono);
+        known.keep(&camera(address, "1"), b"local:a;1;2", &mono);
+        let formats_of = |version: &str, place: Option<&[u8]>| known.formats(&camera(address, version), place);
         assert_eq!(formats_of("1", None), Some(mono.clone()));
         assert_eq!(formats_of("1", Some(b"local:a;1;2")), Some(mono));
         assert_eq!(formats_of("1", Some(b"local:b;1;2")), None, "its description is another");
         assert_eq!(formats_of("2", None), None, "its firmware is another");
-        keep(&camera(address, "2"), b"local:b;1;2", &[]);
-        assert_eq!(formats_of("1", None), None, "it was replaced");
+        known.keep(&camera(address, "2"), b"local:b;1;2", &[]);
+        assert_eq!(known.formats(&camera(address, "1"), None), None, "it was replaced");
     }
 
     #[test]
     fn no_more_is_kept_than_there_is_room_for() {
-        let at = |index: usize| Ipv4Addr::new(10, 98, 0, index as u8);
+        let (mut known, at) = (Known::new(), |index: usize| Ipv4Addr::new(10, 98, 0, index as u8));
         for index in 0..=KEPT {
-            keep(&camera(at(index), "1"), b"", &[]);
+            known.keep(&camera(at(index), "1"), b"", &[]);
         }
-        assert_eq!(formats(&camera(at(0), "1"), None), None);
-        assert_eq!(formats(&camera(at(KEPT), "1"), None), Some(Vec::new()));
-        assert!(known().read.len() <= KEPT);
+        assert_eq!(known.formats(&camera(at(0), "1"), None), None);
+        assert_eq!(known.formats(&camera(at(KEPT), "1"), None), Some(Vec::new()));
+        assert_eq!(known.read.len(), KEPT);
     }
 
     #[test]
