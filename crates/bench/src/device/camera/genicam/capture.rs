@@ -1,20 +1,25 @@
 //! Taking frames off a camera's stream.
 
+use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
-use viva_genicam::{ControlState, Frame as Block, FrameStream, GenicamError, StreamStats};
+use viva_genicam::{Frame as Block, FrameStream, GenicamError, StreamStats};
 
 use super::super::controls::KeptControls;
 use super::super::feed::{Capture, Count, Judge, News, Outlet};
 use super::super::unpack::{UnpackError, unpack};
+use super::bounded::{OPEN_WITHIN, within};
 use super::dating::{Dating, HELD};
 use super::features::{self, Device};
 use super::find;
+use super::hold::Hold;
+use super::known::InUse;
+use super::read::Opened;
 use super::setup::{self, Agreed};
-use crate::config::CameraConfig;
+use crate::config::{CameraConfig, ControlValue};
 use crate::device::light::{ControlName, LightControl};
 use plenoptics::raw::{Layout, PixelFormat, RawImage};
 
@@ -48,11 +53,14 @@ pub(super) struct Capturer {
 struct Stream {
     identity: String,
     agreed: Agreed,
+    hold: Hold,
     dating: Dating,
     latched_at: Instant,
     seen: StreamStats,
     judge: Judge,
     good_at: Instant,
+    /// When a frame last came or was lost.
+    heard_at: Instant,
     /// Why the last frame was not good.
     damage: Option<String>,
 }
@@ -64,43 +72,77 @@ impl Capture for Capturer {
 
     fn capture(&mut self) -> Result<(), String> {
         self.refuse_orders();
-        let info = find::resolve(&self.config)?;
-        let (mut device, _in_use) = find::open(&info)?;
         let mut controls = self.config.controls.clone();
         controls.extend(self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).clone());
-        let mut agreed = setup::agree(&mut device, &self.config, &controls, self.format, self.outlet.size())?;
-        let clock =
-            match self.distrusted.take().map_or_else(|| setup::clock(&device, &self.config), |why| Err(Some(why))) {
-                Ok(clock) => Some(clock),
-                Err(note) => {
-                    agreed.notes.extend(note);
-                    None
-                }
-            };
-        let room = || setup::room_by_arrival(self.frame_bytes(), super::most_buffer_bytes());
+        let (config, format, size) = (self.config.clone(), self.format, self.outlet.size());
+        let distrusted = self.distrusted.take();
+        let Running { opened, mut frames, mut stream, _in_use } =
+            within(OPEN_WITHIN, move || Running::begin(&config, &controls, format, size, distrusted))?;
+        let mut device = opened.device;
+        self.outlet.pace(stream.agreed.interval);
+        let ended = self.take_frames(&mut device, &mut frames, &mut stream);
+        // Whoever has the camera now is not disturbed: the library refuses to write what it has no control of.
+        let _ = device.acquisition_stop();
+        drop(frames);
+        ended
+    }
+}
+
+/// A camera that is this program's own and sends frames.
+struct Running {
+    frames: FrameStream,
+    stream: Stream,
+    opened: Opened,
+    _in_use: InUse,
+}
+
+impl Running {
+    /// Finds, opens and sets up the camera, and has it begin. Why its clock was not believed is told, where it was given up
+    /// for that.
+    ///
+    /// # Errors
+    /// Why not, in words.
+    fn begin(
+        config: &CameraConfig,
+        controls: &BTreeMap<String, ControlValue>,
+        format: PixelFormat,
+        size: (usize, usize),
+        distrusted: Option<String>,
+    ) -> Result<Self, String> {
+        let info = find::resolve(config)?;
+        let (mut opened, in_use) = find::open(&info)?;
+        let device = &mut opened.device;
+        let hold = Hold::of(device);
+        let mut agreed = setup::agree(device, config, controls, format, size)?;
+        let clock = match distrusted.map_or_else(|| setup::clock(device, config), |why| Err(Some(why))) {
+            Ok(clock) => Some(clock),
+            Err(note) => {
+                agreed.notes.extend(note);
+                None
+            }
+        };
+        let frame_bytes = format.row_bytes(size.0 * size.1);
+        let room = || setup::room_by_arrival(frame_bytes, super::most_buffer_bytes());
         let room = clock.is_none().then(room);
-        let mut frames = setup::open_stream(&mut device, &self.config, room)?;
+        let mut frames = setup::open_stream(device, config, room)?;
         frames.set_block_timeout(HELD);
         device.acquisition_start().map_err(|error| format!("it does not start: {}", features::why(&error)))?;
         let now = Instant::now();
-        let buffered = room.map_or(0, |room| setup::buffered(room, self.frame_bytes()));
-        let delays =
-            (Duration::from_millis(self.config.pipeline_delay_ms), Duration::from_millis(self.config.timeout_ms));
-        self.outlet.pace(agreed.interval);
-        let mut stream = Stream {
+        let buffered = room.map_or(0, |room| setup::buffered(room, frame_bytes));
+        let delays = (Duration::from_millis(config.pipeline_delay_ms), Duration::from_millis(config.timeout_ms));
+        let stream = Stream {
             identity: find::identity(&info),
-            dating: Dating::new((self.config.timestamp_means, clock), agreed.interval, buffered, delays, now),
+            dating: Dating::new((config.timestamp_means, clock), agreed.interval, buffered, delays, now),
             agreed,
+            hold,
             latched_at: now,
             seen: frames.stats(),
             judge: Judge::default(),
             good_at: now,
+            heard_at: now,
             damage: None,
         };
-        let ended = self.take_frames(&mut device, &mut frames, &mut stream);
-        // Whoever has the camera now is not disturbed: the library refuses to write what it has no control of.
-        let _ = device.acquisition_stop();
-        ended
+        Ok(Self { frames, stream, opened, _in_use: in_use })
     }
 }
 
@@ -120,17 +162,13 @@ impl Capturer {
     ) -> Result<(), String> {
         let timeout = Duration::from_millis(self.config.timeout_ms);
         while !self.outlet.has_ended() {
-            if device.transport().control_state() != ControlState::Held {
-                return Err("it let go of this program: another took control of it, or it was restarted".to_owned());
-            }
+            stream.hold.check(device)?;
             if stream.good_at.elapsed() > timeout {
-                let why = match (&stream.damage, stream.dating.has_begun()) {
-                    (Some(why), _) => format!("; the last one was damaged: {why}"),
-                    (None, true) => "; unplugged, without power, or taken by another program".to_owned(),
-                    // A switch between that does not carry large packets.
-                    (None, false) => "; where there were none at all, set bench.camera.packet_bytes = 1500".to_owned(),
-                };
-                return Err(format!("no good frame came within {} ms{why}", timeout.as_millis()));
+                return Err(format!(
+                    "no good frame came within {} ms; {}",
+                    timeout.as_millis(),
+                    why_none(device, stream)
+                ));
             }
             self.follow_orders(device, stream)?;
             self.renew_clock(device, stream)?;
@@ -155,6 +193,9 @@ impl Capturer {
                 stream.dating.lost();
             }
             let news = newest.is_some() || lost;
+            if news {
+                stream.heard_at = Instant::now();
+            }
             if let Some(block) = newest
                 && let Some(damage) = self.see(device, stream, block)?
             {
@@ -173,7 +214,6 @@ impl Capturer {
     /// What was lost since this was last asked.
     fn count(&mut self, stats: &StreamStats, stream: &mut Stream) -> Count {
         let before = std::mem::replace(&mut stream.seen, *stats);
-        // How many are missed is the network's word.
         let damaged = stats.frames_incomplete.saturating_sub(before.frames_incomplete);
         let lost = [
             (stats.frames_missed, before.frames_missed),
@@ -181,6 +221,9 @@ impl Capturer {
             (stats.frames_unsupported, before.frames_unsupported),
         ];
         let lost = lost.into_iter().fold(0u64, |sum, (now, then)| sum.saturating_add(now.saturating_sub(then)));
+        // That is what a packet says of its frame's number: there was time for so many.
+        let time = stream.heard_at.elapsed().as_secs_f64();
+        let lost = lost.min((time / stream.agreed.interval.as_secs_f64()) as u64 + 1);
         self.outlet.seq = self.outlet.seq.saturating_add(lost).saturating_add(damaged);
         if damaged > 0 {
             let packets = stats.packets_missing.saturating_sub(before.packets_missing);
@@ -230,12 +273,6 @@ impl Capturer {
         }
     }
 
-    /// Bytes of a frame as it is sent.
-    fn frame_bytes(&self) -> usize {
-        let (width, height) = self.outlet.size();
-        self.format.row_bytes(width * height)
-    }
-
     /// Has the camera opened anew without its clock, and says so.
     fn distrust(&mut self, why: String) -> String {
         let told = format!("{why}; it is opened anew for that");
@@ -248,7 +285,13 @@ impl Capturer {
             return Ok(());
         }
         stream.latched_at = Instant::now();
-        let latch = setup::latch(device).map_err(|why| format!("its clock cannot be read any more: {why}"))?;
+        let latch = match setup::latch(device) {
+            Ok(latch) => latch,
+            // That comes of another's having the camera, or of none.
+            Err(why) => {
+                return Err(stream.hold.ask(device).err().unwrap_or(format!("its clock cannot be read: {why}")));
+            }
+        };
         stream.dating.renew(latch).map_err(|why| self.distrust(why))
     }
 
@@ -277,6 +320,24 @@ impl Capturer {
             notes: stream.agreed.notes.iter().cloned().chain(stream.judge.note()).collect(),
             count,
         });
+    }
+}
+
+/// Why no frames come, as far as the camera's answers and what came before tell.
+fn why_none(device: &Device, stream: &mut Stream) -> String {
+    match (&stream.damage, stream.hold.ask(device), stream.dating.has_begun()) {
+        (_, Err(why), _) => why,
+        (Some(why), Ok(()), _) => format!("the last one was damaged: {why}"),
+        (None, Ok(()), true) => {
+            "it answers and is this program's own: it has stopped sending, or what it sends is lost on the way"
+                .to_owned()
+        }
+        // A switch between that does not carry large packets.
+        (None, Ok(()), false) => {
+            "it answers, and none came at all: a firewall (UDP), or a switch that does not carry packets as large; set \
+             bench.camera.packet_bytes = 1500"
+                .to_owned()
+        }
     }
 }
 

@@ -9,10 +9,11 @@ use serde::Serialize;
 use viva_genicam::blocking;
 use viva_genicam::gige::{DeviceInfo, DiscoveryOptions, Iface};
 
-use super::features::{self, Device};
+use super::bounded::{OPEN_WITHIN, within};
+use super::features;
 use super::known::{self, Identity, InUse};
 use super::listing::{self, Feature};
-use super::read::{self, Reader};
+use super::read::{self, Opened, Reader};
 use crate::config::{CameraConfig, GenicamName};
 use plenoptics::raw::PixelFormat;
 
@@ -197,14 +198,15 @@ pub fn configured(config: &CameraConfig) -> Result<NetworkCamera, String> {
 /// Why there is no such camera, or why it cannot be read or set, in words.
 pub fn features_of(config: &CameraConfig, apply: bool) -> Result<(Vec<Feature>, Vec<String>), String> {
     let info = resolve(config)?;
-    apart(|| {
-        if !apply {
-            return Reader::open(info.ip)?.look(|device| Ok((listing::list(device), Vec::new())));
-        }
-        let (mut device, _in_use) = open(&info)?;
-        let notes = features::apply(&mut device, &config.controls)?;
-        Ok((listing::list(&device), notes))
-    })?
+    if !apply {
+        return apart(|| Reader::open(info.ip)?.look(|device| Ok((listing::list(device), Vec::new()))))?;
+    }
+    let controls = config.controls.clone();
+    within(OPEN_WITHIN, move || {
+        let (mut opened, _in_use) = open(&info)?;
+        let notes = features::apply(&mut opened.device, &controls)?;
+        Ok((listing::list(&opened.device), notes))
+    })
 }
 
 /// As [`configured`], for whoever opens it.
@@ -266,22 +268,23 @@ fn chosen(answers: Vec<DeviceInfo>, name: &GenicamName, config: &CameraConfig) -
     }
 }
 
-/// Takes control of a camera, which is this program's own while the other that is returned lives.
+/// Takes control of a camera, which is this program's own while the other that is returned lives: to be done [`within`] bounded
+/// time.
 ///
 /// # Errors
 /// Why not, and what to do, in words.
-pub(super) fn open(info: &DeviceInfo) -> Result<(Device, InUse), String> {
+pub(super) fn open(info: &DeviceInfo) -> Result<(Opened, InUse), String> {
     let in_use = InUse::begin(info.ip);
-    let device = blocking::connect(info).map_err(|error| match is_controlled(info.ip) {
+    let opened = Reader::open(info.ip)?.take().map_err(|why| match is_controlled(info.ip) {
         // Some refuse, some say nothing.
         true => features::CONTROLLED.to_owned(),
-        false => features::why(&error),
+        false => why,
     })?;
     // For whoever lists cameras meanwhile. What cannot be read now is read then.
-    if let (Ok(place), Ok(formats)) = (read::place(&device), read::formats(&device)) {
+    if let (Ok(place), Ok(formats)) = (read::place(&opened.device), read::formats(&opened.device)) {
         known::keep(&Identity::of(info), &place, &formats);
     }
-    Ok((device, in_use))
+    Ok((opened, in_use))
 }
 
 /// Whether somebody has control of a camera; `false` where it does not say.

@@ -2,11 +2,13 @@
 //!
 //! The protocol and the camera's XML are read by `viva-genicam`, of which nothing is named outside of here.
 
+mod bounded;
 mod capture;
 mod clock;
 mod dating;
 mod features;
 pub mod find;
+mod hold;
 mod known;
 pub mod listing;
 mod read;

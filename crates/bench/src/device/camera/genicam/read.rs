@@ -1,4 +1,5 @@
-//! Reading what a camera offers without taking it from whoever has it: its description, of bounded length, in bounded time.
+//! Reading a camera's description, of bounded length, in bounded time: without taking the camera from whoever has it, or once
+//! it is this program's own.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
@@ -7,21 +8,39 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::Mutex;
 use viva_genapi_xml::{XmlError, fetch_and_load_xml};
 use viva_genicam::genapi::{NodeMap, RegisterIo as _};
-use viva_genicam::gige::{GVCP_PORT, GigeDevice, consts};
+use viva_genicam::gige::{GVCP_PORT, GigeDevice, GigeError, consts};
 use viva_genicam::{Camera, GigeRegisterIo};
 
+use super::bounded::{OPEN_WITHIN, within};
 use super::features::{self, Device, state};
 use super::known::{self, Identity};
 
 /// Bytes of the longest description that is read, as the camera sends it: those of real cameras are a tenth of that.
 const MOST_BYTES: usize = 8 << 20;
-/// How long a camera may take to send its description.
+/// How long a camera may take to send its description, or to say where it is.
 const READ_WITHIN: Duration = Duration::from_secs(10);
 
 /// Whoever reads a camera, and changes nothing of it.
 pub(super) struct Reader {
     runtime: Runtime,
     device: GigeDevice,
+}
+
+/// A camera that is read or this program's own. The library's part of it works in a thread that ends with this.
+pub(super) struct Opened {
+    pub(super) device: Device,
+    _runtime: Background,
+}
+
+/// A runtime whose end is not waited for.
+struct Background(Option<Runtime>);
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
 }
 
 impl Reader {
@@ -39,37 +58,81 @@ impl Reader {
 
     /// Whether somebody has control of the camera; `false` where it does not say.
     pub(super) fn is_controlled(&mut self) -> bool {
-        let privilege = self.runtime.block_on(self.device.read_register(consts::CONTROL_CHANNEL_PRIVILEGE as u32));
-        match privilege {
-            Ok(bits) => bits & consts::CCP_CONTROLLER_BITS != 0,
-            Err(error) => features::is_denied(&error),
+        let privilege = self.device.read_register(consts::CONTROL_CHANNEL_PRIVILEGE as u32);
+        match self.runtime.block_on(async { tokio::time::timeout(READ_WITHIN, privilege).await }) {
+            Ok(Ok(bits)) => bits & consts::CCP_CONTROLLER_BITS != 0,
+            Ok(Err(error)) => features::is_denied(&error),
+            Err(_) => false,
         }
     }
 
     /// Where the camera says that its description is.
     fn place(&mut self) -> Result<Vec<u8>, String> {
-        let place = self.runtime.block_on(self.device.read_mem(consts::FIRST_URL, consts::URL_LEN));
-        place.map_err(|error| features::why(&error))
+        let place = self.device.read_mem(consts::FIRST_URL, consts::URL_LEN);
+        let place = self.runtime.block_on(async { tokio::time::timeout(READ_WITHIN, place).await });
+        place.map_err(|_| too_late("where its description is"))?.map_err(|error| features::why(&error))
     }
 
     /// Reads the description, and looks at the camera by it.
     ///
     /// # Errors
     /// Why it cannot be read, in words.
-    pub(super) fn look<T>(self, look: impl FnOnce(&Device) -> Result<T, String>) -> Result<T, String> {
-        let Self { runtime, device } = self;
-        let device = Mutex::new(device);
-        let fetched = runtime.block_on(async { tokio::time::timeout(READ_WITHIN, description(&device)).await });
-        let description = fetched
-            .map_err(|_| format!("its description does not come within {} s", READ_WITHIN.as_secs()))?
-            .map_err(|error| features::why(&error))?;
-        let unreadable = |why: String| format!("its description is not understood: {why}");
-        let model = viva_genapi_xml::parse(&description).map_err(|error| unreadable(error.to_string()))?;
-        let nodes = NodeMap::try_from_xml(model).map_err(|error| unreadable(error.to_string()))?;
-        let transport = GigeRegisterIo::monitor(runtime.handle().clone(), device.into_inner());
-        let camera = Camera::new(transport, nodes);
-        look(&camera)
+    pub(super) fn look<T: Send + 'static>(
+        mut self,
+        look: impl FnOnce(&Device) -> Result<T, String> + Send + 'static,
+    ) -> Result<T, String> {
+        let description = self.fetched()?;
+        within(OPEN_WITHIN, move || {
+            let Self { runtime, device } = self;
+            let nodes = nodes(&description)?;
+            look(&Camera::new(GigeRegisterIo::monitor(runtime.handle().clone(), device), nodes))
+        })
     }
+
+    /// Takes control of the camera and reads its description: to be done [`within`] bounded time.
+    ///
+    /// # Errors
+    /// Why not, in words; the camera is then let go.
+    pub(super) fn take(mut self) -> Result<Opened, String> {
+        let claimed = self.runtime.block_on(async {
+            let claim = async {
+                self.device.claim_control().await?;
+                // For what takes it longer. One that does not have it is asked again.
+                let _ = self.device.enable_pending_ack().await;
+                Ok::<(), GigeError>(())
+            };
+            tokio::time::timeout(READ_WITHIN, claim).await
+        });
+        let claimed = match claimed {
+            Ok(claimed) => claimed.map_err(|error| features::why(&error)),
+            Err(_) => Err(too_late("whether this program may have it")),
+        };
+        let description = claimed.and_then(|()| self.fetched()).inspect_err(|_| {
+            // It may have been granted all the same.
+            let _runtime = self.runtime.enter();
+            let _ = self.device.try_send_release();
+        })?;
+        let Self { runtime, device } = self;
+        let transport = GigeRegisterIo::new(runtime.handle().clone(), device);
+        Ok(Opened { device: Camera::new(transport, nodes(&description)?), _runtime: Background(Some(runtime)) })
+    }
+
+    fn fetched(&mut self) -> Result<String, String> {
+        let device = Mutex::new(&mut self.device);
+        let fetched = self.runtime.block_on(async { tokio::time::timeout(READ_WITHIN, description(&device)).await });
+        fetched.map_err(|_| too_late("its description"))?.map_err(|error| features::why(&error))
+    }
+}
+
+fn too_late(what: &str) -> String {
+    format!("{what} does not come within {} s", READ_WITHIN.as_secs())
+}
+
+/// The features that a description tells of.
+fn nodes(description: &str) -> Result<NodeMap, String> {
+    let unreadable = |why: String| format!("its description is not understood: {why}");
+    let model = viva_genapi_xml::parse(description).map_err(|error| unreadable(error.to_string()))?;
+    NodeMap::try_from_xml(model).map_err(|error| unreadable(error.to_string()))
 }
 
 /// What a camera offers: as it was read before, where its description is still the same, and else by reading it, if it
@@ -92,7 +155,7 @@ pub(super) fn offered(identity: &Identity, may_be_read: impl FnOnce() -> bool) -
 }
 
 /// A camera's description, of [`MOST_BYTES`] at most.
-async fn description(device: &Mutex<GigeDevice>) -> Result<String, XmlError> {
+async fn description(device: &Mutex<&mut GigeDevice>) -> Result<String, XmlError> {
     let mut left = MOST_BYTES;
     let part = |address, bytes| {
         let granted = left.checked_sub(bytes);

@@ -1,0 +1,91 @@
+//! Whether this program still has control of its camera. One that another program has taken may send frames on, but not those
+//! that were asked for.
+
+use std::time::{Duration, Instant};
+
+use viva_genicam::ControlState;
+use viva_genicam::genapi::RegisterIo as _;
+use viva_genicam::gige::consts;
+
+use super::features::{self, Device};
+
+/// How often it is asked: well within any heartbeat, after which a camera lets go.
+const ASK_EVERY: Duration = Duration::from_secs(1);
+/// Where a camera says what it can do, and the bit of it for telling which program has control.
+const ABILITIES: u64 = 0x0934;
+const NAMES_CONTROLLER: u32 = 1 << 27;
+/// What a program writes that wants control.
+const CONTROL: u32 = 2;
+
+/// What is said where nobody has control any more.
+const LET_GO: &str = "it let go of this program: it was restarted, or heard nothing of this program for too long";
+/// What is said where another has.
+const TAKEN: &str = "another program took control of it";
+
+/// This program's control of an open camera.
+pub(super) struct Hold {
+    /// Whether the camera says which program has control.
+    names_controller: bool,
+    asked_at: Instant,
+}
+
+impl Hold {
+    /// Of a camera that was just opened.
+    pub(super) fn of(device: &Device) -> Self {
+        let names_controller = word(device, ABILITIES).is_ok_and(|abilities| abilities & NAMES_CONTROLLER != 0);
+        Self { names_controller, asked_at: Instant::now() }
+    }
+
+    /// Asks from time to time whether the camera is still this program's own.
+    ///
+    /// # Errors
+    /// Why it is not, or that it does not answer, in words.
+    pub(super) fn check(&mut self, device: &Device) -> Result<(), String> {
+        if device.transport().control_state() != ControlState::Held {
+            return Err(lost(device));
+        }
+        if self.asked_at.elapsed() < ASK_EVERY {
+            return Ok(());
+        }
+        self.ask(device)
+    }
+
+    /// Asks at once.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub(super) fn ask(&mut self, device: &Device) -> Result<(), String> {
+        self.asked_at = Instant::now();
+        let transport = device.transport();
+        match transport.refresh_control_state() {
+            Ok(ControlState::Held) => {}
+            Ok(_) => return Err(lost(device)),
+            Err(error) => return Err(features::why(&error)),
+        }
+        if !self.names_controller
+            // Whoever has control may ask for it again, and nobody else may: the camera's state tells no more than that
+            // somebody has it.
+            && let Err(error) = transport.write(consts::CONTROL_CHANNEL_PRIVILEGE, &CONTROL.to_be_bytes())
+        {
+            let held = transport.control_state() == ControlState::Held;
+            return Err(if held { features::why(&error) } else { lost(device) });
+        }
+        Ok(())
+    }
+}
+
+/// Who has the camera now.
+fn lost(device: &Device) -> String {
+    match word(device, consts::CONTROL_CHANNEL_PRIVILEGE) {
+        Ok(privilege) if privilege & consts::CCP_CONTROLLER_BITS == 0 => LET_GO.to_owned(),
+        Ok(_) => TAKEN.to_owned(),
+        Err(why) if why == features::CONTROLLED => TAKEN.to_owned(),
+        Err(_) => format!("{TAKEN}, or it was restarted"),
+    }
+}
+
+/// A register's value.
+fn word(device: &Device, at: u64) -> Result<u32, String> {
+    let bytes = device.transport().read(at, 4).map_err(|error| features::why(&error))?;
+    bytes.try_into().map(u32::from_be_bytes).map_err(|_| "no register".to_owned())
+}
