@@ -13,6 +13,9 @@ const TOLD_EVERY_US: i64 = 10_000;
 /// How far back places are kept, µs: what a frame may be exposed before it is asked where the slides stood.
 const KEPT_US: i64 = 10_000_000;
 
+/// By so many of its first bytes a record is told from another.
+const HEAD_BYTES: u64 = 64;
+
 /// A record of slides: a file that `plenalign sim-stage --record` writes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SlideRecord {
@@ -49,11 +52,14 @@ struct Followed {
     read: u64,
     /// The beginning of a line.
     begun: String,
+    /// How the record begins: with a moment, which no other begins with.
+    head: Vec<u8>,
 }
 
 impl Slides {
     pub(super) fn new(records: Vec<SlideRecord>) -> Self {
-        let records = records.into_iter().map(|record| Followed { record, read: 0, begun: String::new() });
+        let records =
+            records.into_iter().map(|record| Followed { record, read: 0, begun: String::new(), head: Vec::new() });
         Self { records: records.collect(), tracks: Default::default() }
     }
 
@@ -103,10 +109,13 @@ impl Followed {
     /// The whole lines that are new.
     fn lines(&mut self) -> io::Result<String> {
         let mut file = File::open(&self.record.path)?;
-        if file.metadata()?.len() < self.read {
+        let mut head = Vec::new();
+        file.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
+        if !head.starts_with(&self.head) {
             // Begun anew: the stage was.
             (self.read, self.begun) = (0, String::new());
         }
+        self.head = head;
         file.seek(SeekFrom::Start(self.read))?;
         self.read += file.read_to_string(&mut self.begun)? as u64;
         let whole = self.begun.rfind('\n').map_or(0, |end| end + 1);
@@ -153,10 +162,14 @@ mod tests {
         file.write_all(b"00 1 21.0\n").unwrap();
         slides.follow();
         assert_eq!(slides.moved_at(AxisName::E), Some(2_008_000));
-        // A stage that was started again begins its record anew.
+        // A stage that was started again begins its record anew; it may have written more already than before.
         File::create(&path).unwrap().write_all(b"3000000 1 25.0\n").unwrap();
         slides.follow();
         assert_eq!(slides.at(AxisName::E, 3_000_000), Some(25.0));
+        let anew: String = (4..20).map(|s| format!("{s}000000 1 {s}.0\n")).collect();
+        File::create(&path).unwrap().write_all(anew.as_bytes()).unwrap();
+        slides.follow();
+        assert_eq!([12_000_000, 19_000_000].map(|at| slides.at(AxisName::E, at)), [Some(12.0), Some(19.0)]);
     }
 
     #[test]
