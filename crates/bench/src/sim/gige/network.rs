@@ -26,6 +26,23 @@ pub(super) struct Interface {
     pub(super) mac: [u8; 6],
 }
 
+/// An address of this machine's.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Own {
+    name: String,
+    address: Ipv4Addr,
+    mask: Ipv4Addr,
+    broadcast: Option<Ipv4Addr>,
+}
+
+/// Where an address is: at the interface that has it, or else at that of the smallest network with it in it, as the kernel
+/// routes.
+fn nearest(own: impl Iterator<Item = Own>, address: Ipv4Addr) -> Option<Own> {
+    let network = |address: Ipv4Addr, mask: Ipv4Addr| u32::from(address) & u32::from(mask);
+    own.filter(|own| network(own.address, own.mask) == network(address, own.mask))
+        .max_by_key(|own| (own.address == address, u32::from(own.mask)))
+}
+
 impl Interface {
     /// The interface on whose network an address is; the camera's hardware address is made of its serial number.
     ///
@@ -34,23 +51,24 @@ impl Interface {
     pub(super) fn of(address: Ipv4Addr, serial: &str) -> io::Result<Self> {
         let ipv4 =
             |address: Option<SockaddrStorage>| address.and_then(|address| address.as_sockaddr_in().map(SockaddrIn::ip));
-        for interface in getifaddrs()? {
-            let (Some(own), Some(mask)) = (ipv4(interface.address), ipv4(interface.netmask)) else { continue };
-            if u32::from(own) & u32::from(mask) != u32::from(address) & u32::from(mask) {
-                continue;
-            }
-            let broadcast = ipv4(interface.broadcast).filter(|_| !own.is_loopback());
-            let mut hash: u64 = 0xcbf2_9ce4_8422_2325;
-            for byte in serial.bytes() {
-                hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
-            }
-            let [a, b, c, d, e, ..] = hash.to_le_bytes();
-            return Ok(Self { name: interface.interface_name, address, mask, broadcast, mac: [0x02, a, b, c, d, e] });
+        let own = getifaddrs()?.filter_map(|interface| {
+            let (own, mask) = (ipv4(interface.address)?, ipv4(interface.netmask)?);
+            // Where an interface has none, the C library tells its own address.
+            let broadcast = ipv4(interface.broadcast).filter(|to| !own.is_loopback() && *to != own);
+            Some(Own { name: interface.interface_name, address: own, mask, broadcast })
+        });
+        let Some(Own { name, mask, broadcast, .. }) = nearest(own, address) else {
+            return Err(io::Error::new(
+                io::ErrorKind::AddrNotAvailable,
+                format!("this machine has no interface on {address}'s network; `ip address` lists those that it has"),
+            ));
+        };
+        let mut hash: u64 = 0xcbf2_9ce4_8422_2325;
+        for byte in serial.bytes() {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
         }
-        Err(io::Error::new(
-            io::ErrorKind::AddrNotAvailable,
-            format!("this machine has no interface on {address}'s network; `ip address` lists those that it has"),
-        ))
+        let [a, b, c, d, e, ..] = hash.to_le_bytes();
+        Ok(Self { name, address, mask, broadcast, mac: [0x02, a, b, c, d, e] })
     }
 
     /// The socket that the camera is spoken to by, and answers by.
@@ -81,5 +99,25 @@ pub(super) fn wait(sockets: &[&UdpSocket], at_most: Duration) -> io::Result<()> 
     match poll(&mut polled, timeout) {
         Ok(_) | Err(Errno::EINTR) => Ok(()),
         Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_where_the_kernel_routes_it() {
+        let own = |name: &str, last: [u8; 2], bits: u32| Own {
+            name: name.to_owned(),
+            address: Ipv4Addr::new(10, 9, last[0], last[1]),
+            mask: Ipv4Addr::from(u32::MAX << (32 - bits)),
+            broadcast: None,
+        };
+        let there = [own("wide", [0, 1], 16), own("near", [7, 1], 24), own("other", [7, 9], 16)];
+        let name = |last| nearest(there.iter().cloned(), Ipv4Addr::new(10, 9, 7, last)).map(|own| own.name);
+        assert_eq!(name(20).as_deref(), Some("near"));
+        assert_eq!(name(9).as_deref(), Some("other"), "it has the address itself");
+        assert_eq!(nearest(there.into_iter(), Ipv4Addr::new(10, 8, 7, 1)), None);
     }
 }
