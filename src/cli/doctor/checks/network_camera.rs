@@ -12,6 +12,8 @@ const WIRE: u32 = 38;
 const LINK_SHARE: f64 = 0.9;
 /// More packets a second than these cost more of a processor than it is worth: larger ones are to be had.
 const MANY_PACKETS: f64 = 20_000.0;
+/// What interfaces and switches carry that carry large packets, bytes.
+const JUMBO: u32 = 9000;
 /// The least that a driver's buffer holds, bytes: what comes while it is not running must have room.
 const LEAST_BUFFER: u64 = 4 << 20;
 
@@ -113,13 +115,18 @@ fn pace(config: &Config, facts: &NetworkCameraFacts, mtu: u32, frame_bytes: usiz
             format!("[bench.camera] packet_delay_us = {:.1}", tenths(most_us)),
         ));
     }
-    if packets > MANY_PACKETS && mtu < 9000 {
-        all.push(Finding::warning(
-            "camera.packets",
-            WHAT,
-            format!("frames come in {packets:.0} packets a second of {packet} bytes on {interface}"),
-            format!("sudo ip link set {interface} mtu 9000    # where camera and switches carry that, too"),
-        ));
+    let larger = match camera.packet_bytes {
+        Some(bytes) if bytes < mtu => Some(format!("[bench.camera] packet_bytes = {mtu}    # or without it")),
+        _ if mtu < JUMBO => {
+            Some(format!("sudo ip link set {interface} mtu {JUMBO}    # where camera and switches carry that, too"))
+        }
+        _ => None,
+    };
+    if packets > MANY_PACKETS
+        && let Some(larger) = larger
+    {
+        let detail = format!("frames come in {packets:.0} packets a second of {packet} bytes on {interface}");
+        all.push(Finding::warning("camera.packets", WHAT, detail, larger));
     }
     all
 }
@@ -197,7 +204,7 @@ mod tests {
             let found = check(&config, &Ok(facts.clone()));
             let finding = found.iter().find(|finding| finding.id == id).unwrap_or_else(|| panic!("{id}: {found:?}"));
             let number = finding.mend.as_ref().and_then(|mend| mend.split(&format!("{key} = ")).nth(1)).unwrap();
-            let number: f64 = number.parse().unwrap();
+            let number: f64 = number.split(' ').next().and_then(|number| number.parse().ok()).unwrap();
             let camera = &mut config.bench.camera;
             match key {
                 "frame_rate_hz" => camera.frame_rate_hz = number,
@@ -214,6 +221,9 @@ mod tests {
         spread.bench.camera.packet_delay_us = Some(30.0);
         // 40 ms are 28.5 µs a packet, of which it takes 7.2 µs to send one, and a tenth is left free.
         assert_eq!(mended(spread, facts(), "camera.packet_delay", "packet_delay_us"), 18.4);
+        let mut small = config();
+        small.bench.camera.packet_bytes = Some(1500);
+        mended(small, facts(), "camera.packets", "packet_bytes");
         let mut large = config();
         large.bench.camera.packet_bytes = Some(9014);
         mended(large, facts(), "camera.packet_size", "packet_bytes");
