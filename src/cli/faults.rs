@@ -1,11 +1,12 @@
 //! `--faults PLAN.json`: what is to go wrong with the simulated bench, and when.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
+use serde::de::DeserializeOwned;
 
 use crate::control::Service;
-use crate::device::faults::FaultPlan;
+use crate::device::faults::{FaultPlan, PlanError};
 
 /// The option of commands that can run the simulated bench.
 #[derive(Debug, Default, clap::Args)]
@@ -23,13 +24,24 @@ impl FaultArgs {
 
     /// The plan named, if one is.
     pub(super) fn read(&self) -> anyhow::Result<Option<FaultPlan>> {
-        let Some(path) = &self.faults else { return Ok(None) };
-        let text = std::fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
-        let plan: FaultPlan = serde_path_to_error::deserialize(&mut serde_json::Deserializer::from_slice(&text))
-            .with_context(|| format!("{} is no plan of faults", path.display()))?;
-        plan.check().with_context(|| format!("{} is no plan of faults", path.display()))?;
-        Ok(Some(plan))
+        self.faults.as_deref().map(|path| read_plan(path, FaultPlan::check)).transpose()
     }
+}
+
+/// The plan of faults in a file.
+///
+/// # Errors
+/// Where it cannot be read, or is none, and why.
+pub(super) fn read_plan<P: DeserializeOwned>(
+    path: &Path,
+    check: impl FnOnce(&P) -> Result<(), PlanError>,
+) -> anyhow::Result<P> {
+    let text = std::fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let none = || format!("{} is no plan of faults", path.display());
+    let plan: P =
+        serde_path_to_error::deserialize(&mut serde_json::Deserializer::from_slice(&text)).with_context(none)?;
+    check(&plan).with_context(none)?;
+    Ok(plan)
 }
 
 /// Puts a plan in force.

@@ -477,6 +477,32 @@ pub enum Setup {
     },
 }
 
+impl Setup {
+    /// Longest distance of a board and widest aperture that are believed, mm; largest number on a lens's ring.
+    const MOST: f64 = 1e5;
+
+    /// Whether every number in it can be.
+    ///
+    /// # Errors
+    /// Which cannot, and what it can be.
+    pub fn check(&self) -> Result<(), String> {
+        let numbers: &[(&str, f64)] = match *self {
+            Self::AirTripleBoard { distances_mm: [near, middle, far] } => {
+                &[("distances_mm[0]", near), ("distances_mm[1]", middle), ("distances_mm[2]", far)]
+            }
+            Self::WaterBoard { distance_mm } | Self::LeastE { distance_mm } => &[("distance_mm", distance_mm)],
+            Self::Aperture { diameter_mm, ring_f_number } => {
+                &[("diameter_mm", diameter_mm), ("ring_f_number", ring_f_number)]
+            }
+            Self::Diffuser | Self::ShellOff => &[],
+        };
+        match numbers.iter().find(|(_, value)| !(*value > 0.0 && *value <= Self::MOST)) {
+            Some((field, value)) => Err(format!("{field} {value}: it has to be above 0, and at most {}", Self::MOST)),
+            None => Ok(()),
+        }
+    }
+}
+
 /// The simulated operator: obeys a set-up instruction on the simulated bench.
 pub trait SimulatedOperator: Send + Sync {
     /// Carries out the instruction at once.

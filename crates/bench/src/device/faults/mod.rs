@@ -5,7 +5,7 @@ mod plan;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use plan::{FaultEvent, FaultPlan, PlanError};
+pub use plan::{Episode, FaultEvent, FaultPlan, PlanError, check_events, faults_at, next_change};
 
 use super::AxisName;
 use crate::whole::whole;

@@ -1,5 +1,7 @@
-//! Faults that come and go by themselves: which, when, and for how long.
+//! Faults that come and go by themselves: which, when, and for how long; of a simulated bench, or of whatever else can be made
+//! to go wrong.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
@@ -78,59 +80,108 @@ impl PlanError {
     }
 }
 
+/// An event of a plan, whatever it is that it has go wrong.
+pub trait Episode {
+    /// What can go wrong; by default nothing does.
+    type Faults: Default + Clone + Serialize + DeserializeOwned;
+
+    /// When it begins, and how long it lasts, s.
+    fn times(&self) -> (f64, Option<f64>);
+
+    /// What goes wrong.
+    fn faults(&self) -> &Self::Faults;
+
+    /// Whether that can be.
+    ///
+    /// # Errors
+    /// The first of the faults that cannot.
+    fn check(&self) -> Result<(), FaultRange>;
+}
+
+/// Whether a plan of these events can be carried out.
+///
+/// # Errors
+/// The first thing that cannot be.
+pub fn check_events<E: Episode>(events: &[E]) -> Result<(), PlanError> {
+    if events.len() > MAX_EVENTS {
+        return Err(PlanError::TooMany { found: events.len() });
+    }
+    for (event, planned) in events.iter().enumerate() {
+        let (at_s, lasts_s) = planned.times();
+        for (field, value) in [("at_s", Some(at_s)), ("lasts_s", lasts_s)] {
+            if let Some(value) = value.filter(|value| !(0.0..=MAX_SECONDS).contains(value)) {
+                return Err(PlanError::Time { event, field, value });
+            }
+        }
+        planned.check().map_err(|fault| PlanError::Fault { event, fault })?;
+    }
+    Ok(())
+}
+
+/// What goes wrong so many seconds after a plan of these events was put in force.
+pub fn faults_at<E: Episode>(events: &[E], seconds: f64) -> E::Faults {
+    let lasts = |event: &&E| event.times().0 <= seconds && ends_at(*event).is_none_or(|end| seconds < end);
+    let mut now: Vec<&E> = events.iter().filter(lasts).collect();
+    now.sort_by(|one, other| one.times().0.total_cmp(&other.times().0));
+    now.into_iter().fold(E::Faults::default(), |faults, event| overlaid(&faults, event.faults()))
+}
+
+/// The next moment after so many seconds at which any of these events begins or ends; `None` when nothing changes any more.
+pub fn next_change<E: Episode>(events: &[E], seconds: f64) -> Option<f64> {
+    let times = events.iter().flat_map(|event| [Some(event.times().0), ends_at(event)]);
+    times.flatten().filter(|&at| at > seconds).min_by(f64::total_cmp)
+}
+
+fn ends_at(event: &impl Episode) -> Option<f64> {
+    let (at_s, lasts_s) = event.times();
+    lasts_s.map(|lasts| at_s + lasts)
+}
+
+impl Episode for FaultEvent {
+    type Faults = Faults;
+
+    fn times(&self) -> (f64, Option<f64>) {
+        (self.at_s, self.lasts_s)
+    }
+
+    fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    fn check(&self) -> Result<(), FaultRange> {
+        self.faults.check()
+    }
+}
+
 impl FaultPlan {
     /// Whether the plan can be carried out.
     ///
     /// # Errors
     /// The first thing that cannot be.
     pub fn check(&self) -> Result<(), PlanError> {
-        if self.events.len() > MAX_EVENTS {
-            return Err(PlanError::TooMany { found: self.events.len() });
-        }
-        for (event, planned) in self.events.iter().enumerate() {
-            for (field, value) in [("at_s", Some(planned.at_s)), ("lasts_s", planned.lasts_s)] {
-                if let Some(value) = value.filter(|value| !(0.0..=MAX_SECONDS).contains(value)) {
-                    return Err(PlanError::Time { event, field, value });
-                }
-            }
-            planned.faults.check().map_err(|fault| PlanError::Fault { event, fault })?;
-        }
-        Ok(())
+        check_events(&self.events)
     }
 
     /// What goes wrong so many seconds after the plan was put in force.
     #[must_use]
     pub fn at(&self, seconds: f64) -> Faults {
-        let mut now: Vec<&FaultEvent> = self.events.iter().filter(|event| event.lasts_at(seconds)).collect();
-        now.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
-        now.into_iter().fold(Faults::default(), |faults, event| overlaid(&faults, &event.faults))
+        faults_at(&self.events, seconds)
     }
 
     /// The next moment after so many seconds at which anything begins or ends; `None` when nothing changes any more.
     #[must_use]
     pub fn next_change(&self, seconds: f64) -> Option<f64> {
-        let times = self.events.iter().flat_map(|event| [Some(event.at_s), event.ends_at()]);
-        times.flatten().filter(|&at| at > seconds).min_by(f64::total_cmp)
-    }
-}
-
-impl FaultEvent {
-    fn ends_at(&self) -> Option<f64> {
-        self.lasts_s.map(|lasts| self.at_s + lasts)
-    }
-
-    fn lasts_at(&self, seconds: f64) -> bool {
-        self.at_s <= seconds && self.ends_at().is_none_or(|end| seconds < end)
+        next_change(&self.events, seconds)
     }
 }
 
 /// Faults with what others name laid over them.
-fn overlaid(faults: &Faults, over: &Faults) -> Faults {
-    let json = |faults: &Faults| serde_json::to_value(faults).unwrap_or_default();
+fn overlaid<F: Default + Clone + Serialize + DeserializeOwned>(faults: &F, over: &F) -> F {
+    let json = |faults: &F| serde_json::to_value(faults).unwrap_or_default();
     let mut merged = json(faults);
-    overlay(&mut merged, &json(over), &json(&Faults::default()));
+    overlay(&mut merged, &json(over), &json(&F::default()));
     // What was made of faults can be read as such.
-    serde_json::from_value(merged).unwrap_or(*over)
+    serde_json::from_value(merged).unwrap_or_else(|_| over.clone())
 }
 
 fn overlay(into: &mut Value, over: &Value, nothing: &Value) {

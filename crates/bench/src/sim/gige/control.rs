@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use super::addresses::{IDENTITY, PRIVILEGE};
-use super::faults::{Chance, PacketFaults, Sending};
+use super::addresses::{IDENTITY, PRIVILEGE, USER_NAME};
+use super::faults::{Chance, LinkFaults, Sending, Taken};
 use super::network::Interface;
 use super::registers::Registers;
 use super::settings::{Effect, Identity};
@@ -17,6 +17,8 @@ use super::wire::{Command, Refusal, Request};
 /// Bits of the control privilege: one has the camera alone; one controls it, and others may look.
 const EXCLUSIVE: u32 = 1;
 const CONTROL: u32 = 2;
+/// Another program, which nothing is heard of: its address is one that the standards leave for examples.
+const STRANGER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::new(192, 0, 2, 1), 49_152);
 /// So many of the newest frames can be sent again.
 const KEPT: usize = 4;
 /// So many requests for that wait at most: what comes beyond is asked for again.
@@ -63,7 +65,7 @@ pub(super) struct Control {
     last_block: u16,
     /// The last datagram with its answer: one that comes again is answered again, and not done.
     answered: Option<(SocketAddrV4, Vec<u8>, Vec<u8>)>,
-    pub(super) faults: PacketFaults,
+    link_faults: LinkFaults,
     pub(super) chance: Chance,
     /// Until when the camera is without power.
     away_until: Option<Instant>,
@@ -91,7 +93,7 @@ impl Control {
             again: VecDeque::new(),
             last_block: 0,
             answered: None,
-            faults: PacketFaults::default(),
+            link_faults: LinkFaults::default(),
             chance,
             away_until: None,
         }
@@ -100,11 +102,32 @@ impl Control {
     /// Switches the camera off and, after a while, on again: it has forgotten everything.
     pub(super) fn restart(&mut self, away: Duration, now: Instant) {
         let chance = std::mem::replace(&mut self.chance, Chance::new(0));
-        let (generation, faults) = (Arc::clone(&self.generation), self.faults);
+        let (generation, faults) = (Arc::clone(&self.generation), self.link_faults);
         generation.fetch_add(1, Ordering::SeqCst);
         let began = now + away;
         let anew = Self::new(self.identity.clone(), self.interface.clone(), self.bytes_per_s, chance, began);
-        *self = Self { generation, faults, away_until: Some(began), ..anew };
+        *self = Self { generation, away_until: Some(began), ..anew };
+        self.set_link_faults(faults);
+    }
+
+    /// What goes wrong between camera and program.
+    pub(super) const fn link_faults(&self) -> &LinkFaults {
+        &self.link_faults
+    }
+
+    /// Makes that go wrong, and nothing else, from now on.
+    pub(super) fn set_link_faults(&mut self, faults: LinkFaults) {
+        let before = std::mem::replace(&mut self.link_faults, faults).taken;
+        let privilege = match faults.taken {
+            Taken::No if before == Taken::No => return,
+            // Whoever had it lets it go.
+            Taken::No => return self.release(),
+            Taken::Control => CONTROL,
+            Taken::Exclusive => EXCLUSIVE,
+        };
+        self.owner = None;
+        self.answered = None;
+        self.registers.set_control(privilege, Some((*STRANGER.ip(), STRANGER.port())));
     }
 
     /// Whether the camera is switched off.
@@ -200,8 +223,9 @@ impl Control {
             }
             Command::WriteMemory { at, bytes } => {
                 let done = match <[u8; 4]>::try_from(bytes.as_slice()) {
-                    Ok(word) => self.write(*at, u32::from_be_bytes(word), from, now),
-                    Err(_) => self.write_memory(*at, bytes, from, now),
+                    // A name is a text, however short.
+                    Ok(word) if !USER_NAME.contains(at) => self.write(*at, u32::from_be_bytes(word), from, now),
+                    _ => self.write_memory(*at, bytes, from, now),
                 };
                 let written = if done.is_ok() { u32::try_from(bytes.len()).unwrap_or(0) } else { 0 };
                 match done {
@@ -216,7 +240,7 @@ impl Control {
 
     fn may_read(&self, from: SocketAddrV4) -> Result<(), Refusal> {
         let others = self.owner.is_some_and(|owner| owner.exclusive && owner.address != from);
-        if others { Err(Refusal::ACCESS_DENIED) } else { Ok(()) }
+        if others || self.link_faults.taken == Taken::Exclusive { Err(Refusal::ACCESS_DENIED) } else { Ok(()) }
     }
 
     fn may_write(&self, from: SocketAddrV4) -> Result<(), Refusal> {
@@ -268,7 +292,7 @@ impl Control {
     }
 
     fn give_control(&mut self, privilege: u32, from: SocketAddrV4, now: Instant) -> Result<(), Refusal> {
-        if self.owner.is_some_and(|owner| owner.address != from) {
+        if self.owner.is_some_and(|owner| owner.address != from) || self.link_faults.taken != Taken::No {
             return Err(Refusal::ACCESS_DENIED);
         }
         match privilege & (EXCLUSIVE | CONTROL) {
@@ -329,7 +353,7 @@ impl Control {
         };
         let packets = first..=last.min(link.packets(block) - 1);
         // What is asked for may be lost again, and nothing else goes wrong with it.
-        let faults = PacketFaults { lost_one_in: self.faults.lost_one_in, ..PacketFaults::default() };
+        let faults = LinkFaults { lost_one_in: self.link_faults.lost_one_in, ..LinkFaults::default() };
         if self.again.len() < WAITING {
             let (block, packets) = (Arc::clone(block), self.chance.sent(packets, &faults));
             let generation = self.generation.load(Ordering::SeqCst);
@@ -347,6 +371,7 @@ impl Control {
 mod tests {
     use std::net::UdpSocket;
 
+    use super::super::addresses::PRIMARY_ADDRESS;
     use super::super::registers::tests::identity;
     use super::*;
 
@@ -467,5 +492,37 @@ mod tests {
         let back = now + Duration::from_secs(2);
         assert_eq!(camera.ask(0x80, &[PRIVILEGE], client(1000), back), (0, vec![0; 4]));
         assert_eq!(camera.0.ticks(back + Duration::from_secs(1)), 1_000_000_000);
+    }
+
+    #[test]
+    fn a_name_may_have_any_length() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        camera.write(PRIVILEGE, CONTROL, client(1000), now);
+        for name in [[u32::from_be_bytes(*b"left"), 0].as_slice(), &[u32::from_be_bytes(*b"rear")]] {
+            let words = [&[USER_NAME.start], name].concat();
+            assert_eq!(camera.ask(0x86, &words, client(1000), now).0, 0);
+        }
+        let (_, read) = camera.ask(0x84, &[USER_NAME.start, 16], client(1000), now);
+        assert_eq!(&read[4..12], b"rear\0\0\0\0");
+    }
+
+    #[test]
+    fn another_program_takes_it_and_leaves_its_frames_going() {
+        let now = Instant::now();
+        let mut camera = Asked::new(now);
+        camera.write(PRIVILEGE, CONTROL, client(1000), now);
+        camera.0.registers.acquiring = true;
+        camera.0.set_link_faults(LinkFaults { taken: Taken::Control, ..LinkFaults::default() });
+        assert_eq!(camera.write(0x0938, 1000, client(1000), now), DENIED);
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, client(1000), now), DENIED);
+        assert_eq!(camera.ask(0x80, &[PRIVILEGE, PRIMARY_ADDRESS], client(1000), now).1, [0, 0, 0, 2, 192, 0, 2, 1]);
+        camera.0.expire(now + Duration::from_secs(60));
+        assert!(camera.0.registers.acquiring);
+        camera.0.set_link_faults(LinkFaults { taken: Taken::Exclusive, ..LinkFaults::default() });
+        assert_eq!(camera.ask(0x80, &[PRIVILEGE], client(1000), now).0, DENIED);
+        camera.0.set_link_faults(LinkFaults::default());
+        assert!(!camera.0.registers.acquiring);
+        assert_eq!(camera.write(PRIVILEGE, CONTROL, client(1000), now), 0);
     }
 }

@@ -1,18 +1,19 @@
 //! Taking frames: exposing, rendering what was seen, stamping, handing over to be sent.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender};
 use std::time::{Duration, Instant};
 
 use super::control::Again;
+use super::faults::GigeFaults;
 use super::format::Format;
 use super::settings::Settings;
 use super::stream::{Block, Link};
 use super::world::now_us;
-use super::{Exposure, MIDDLE_BYTES, SLICE, Shared};
+use super::{Exposure, SLICE, Shared};
 use crate::config::{Config, TimestampMeans};
-use crate::device::faults::Faults;
 use crate::sim::picture::Picture;
 
 /// How long it takes until everything that moved during an exposure has been told.
@@ -42,8 +43,8 @@ pub(super) struct Film {
     means: TimestampMeans,
     /// The pictures of the format that was last asked for: its depth is the camera's.
     picture: Option<(Format, Picture)>,
-    /// What a driver that hangs gives again.
-    last: Option<(Settings, Vec<u8>)>,
+    /// What is sent again: of a driver that hangs one frame.
+    again: VecDeque<(Settings, Vec<u8>)>,
     frames: u64,
     exposed_at: Option<Instant>,
 }
@@ -53,7 +54,7 @@ impl Film {
         let mut config = config.clone();
         let motion = &mut config.bench.simulation.motion;
         motion.steps = motion.steps.max(MOMENTS);
-        Self { shared, config, means, picture: None, last: None, frames: 0, exposed_at: None }
+        Self { shared, config, means, picture: None, again: VecDeque::new(), frames: 0, exposed_at: None }
     }
 
     /// Takes frames until the camera ends.
@@ -100,15 +101,19 @@ impl Film {
             std::thread::sleep(TOLD_WITHIN);
         }
         let faults = self.shared.faults();
-        if faults.camera.unplugged {
+        if faults.camera.unplugged || faults.link.silent {
             return None;
         }
-        let bytes = match self.last.take().filter(|(before, _)| faults.camera.frozen && *before == settings) {
+        let kept = if faults.camera.frozen { 1 } else { self.shared.repeated.load(Ordering::SeqCst) };
+        self.again.retain(|(before, _)| *before == settings);
+        let oldest = if self.again.len() >= kept { self.again.pop_front().filter(|_| kept > 0) } else { None };
+        let bytes = match oldest {
             Some((_, bytes)) => bytes,
             None => self.see(&settings, [started_us, exposed_us], &faults),
         };
-        if faults.camera.frozen {
-            self.last = Some((settings, bytes.clone()));
+        self.again.truncate(kept.saturating_sub(1));
+        if kept > 0 {
+            self.again.push_back((settings, bytes.clone()));
         }
         let read_out = Instant::now();
         let mut control = self.shared.control();
@@ -125,16 +130,14 @@ impl Film {
             control.registers.acquiring = false;
         }
         let ticks = control.ticks(stamped);
-        let half = bytes.len() / 2;
-        let middle = bytes[half..(half + MIDDLE_BYTES).min(bytes.len())].to_vec();
-        self.shared.note(Exposure { from: started, to: exposed, middle });
+        self.shared.note(Exposure { from: started, to: exposed, checksum: Exposure::checksum(&bytes) });
         let (format, region) = (settings.format, settings.region);
         let block = control.keep(Block { id: 0, ticks, format, region, bytes });
         Some(Take { block, link: control.link.clone()?, generation: order.generation })
     }
 
     /// The bytes of what is seen between two moments.
-    fn see(&mut self, settings: &Settings, moments: [i64; 2], faults: &Faults) -> Vec<u8> {
+    fn see(&mut self, settings: &Settings, moments: [i64; 2], faults: &GigeFaults) -> Vec<u8> {
         let [from, to] = self.shared.world.poses(moments);
         if self.picture.as_ref().is_none_or(|(format, _)| format.bits != settings.format.bits) {
             let mut config = self.config.clone();
@@ -145,7 +148,7 @@ impl Film {
         let gain = 10f64.powf(settings.gain_db / 20.0);
         picture.set_exposed(settings.exposure_us / USUAL_EXPOSURE_US, gain);
         self.frames += 1;
-        let image = picture.take(&from, &to, self.config.bench.simulation.rays, self.frames, faults);
+        let image = picture.take(&from, &to, self.config.bench.simulation.rays, self.frames, &faults.seen());
         settings.format.pack(&image, &settings.region)
     }
 }
@@ -155,7 +158,7 @@ pub(super) fn send(shared: &Shared, generation: &AtomicU64, takes: &Receiver<Tak
     while let Ok(Take { block, link, generation: of }) = takes.recv() {
         let packets = {
             let mut control = shared.control();
-            let faults = control.faults;
+            let faults = *control.link_faults();
             control.chance.sent(0..link.packets(&block), &faults)
         };
         link.send(&block, &packets, false, || shared.has_ended() || generation.load(Ordering::SeqCst) != of);

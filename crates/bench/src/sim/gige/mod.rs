@@ -20,12 +20,12 @@ mod world;
 use std::collections::VecDeque;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-pub use self::faults::PacketFaults;
+pub use self::faults::{GigeFaultPlan, GigeFaults, LinkFaults, Taken};
 pub use self::slides::SlideRecord;
 
 use self::control::Control;
@@ -37,7 +37,6 @@ use self::settings::Identity;
 use self::world::World;
 use crate::config::{Config, TimestampMeans};
 use crate::device::Setup;
-use crate::device::faults::Faults;
 
 /// Ticks of the camera's clock a second.
 const TICKS_A_SECOND: u64 = 1_000_000_000;
@@ -47,9 +46,8 @@ const SLICE: Duration = Duration::from_millis(50);
 const DATAGRAM: usize = 2048;
 /// So many datagrams of a socket are answered before the next one's.
 const AT_A_TIME: usize = 64;
-/// So many of the newest exposures are kept in mind, with so many bytes of their frames.
+/// So many of the newest exposures are kept in mind.
 const EXPOSURES: usize = 256;
-const MIDDLE_BYTES: usize = 64;
 /// Filters lie two by two.
 const MOSAIC_STEP: u32 = 2;
 
@@ -66,8 +64,10 @@ pub struct Options {
     pub means: TimestampMeans,
     /// What its link carries, Mbit/s.
     pub link_mbit_s: f64,
-    /// What goes wrong with packets.
-    pub packets: PacketFaults,
+    /// Whether it says which program has control of it, as not every camera does.
+    pub names_controller: bool,
+    /// What goes wrong from the beginning.
+    pub faults: GigeFaults,
     /// What chance depends on.
     pub seed: u64,
     /// Records of the slides that it sees move; without, nothing moves.
@@ -87,8 +87,16 @@ pub struct Exposure {
     pub from: Instant,
     /// When it ended.
     pub to: Instant,
-    /// Bytes of the frame's middle, by which it is known again.
-    pub middle: Vec<u8>,
+    /// The checksum of the frame's bytes, by which it is known again, and known to be whole.
+    pub checksum: u32,
+}
+
+impl Exposure {
+    /// The checksum of a frame's bytes as they are sent.
+    #[must_use]
+    pub fn checksum(bytes: &[u8]) -> u32 {
+        crc32fast::hash(bytes)
+    }
 }
 
 struct Shared {
@@ -96,7 +104,9 @@ struct Shared {
     exposures: Mutex<VecDeque<Exposure>>,
     changed: Condvar,
     ended: AtomicBool,
-    faults: Mutex<Faults>,
+    faults: Mutex<GigeFaults>,
+    /// How many frames are sent again and again.
+    repeated: AtomicUsize,
     world: World,
     /// Whether slides are followed.
     follows: bool,
@@ -108,7 +118,8 @@ impl GigeCamera {
     /// # Errors
     /// Where the address is not this machine's, or another camera has it.
     pub fn start(config: &Arc<Config>, options: Options) -> io::Result<Self> {
-        let Options { address, serial, user_name, means, link_mbit_s, packets, seed, slides } = options;
+        let Options { address, serial, user_name, means, link_mbit_s, names_controller, faults, seed, slides } =
+            options;
         let interface = Interface::of(address, &serial)?;
         let mosaic = config.sensor.mosaic;
         let identity = Identity {
@@ -118,6 +129,7 @@ impl GigeCamera {
             sensor: [config.sensor.width_px, config.sensor.height_px],
             formats: Format::offered(mosaic),
             offset_step: mosaic.map_or(1, |_| MOSAIC_STEP),
+            names_controller,
         };
         let mut sockets = vec![interface.control_socket()?];
         match interface.broadcast_sockets() {
@@ -126,14 +138,15 @@ impl GigeCamera {
         }
         let bytes_per_s = link_mbit_s * 1e6 / 8.0;
         let mut control = Control::new(identity, interface, bytes_per_s, Chance::new(seed), Instant::now());
-        control.faults = packets;
+        control.set_link_faults(faults.link);
         let generation = Arc::clone(&control.generation);
         let shared = Arc::new(Shared {
             control: Mutex::new(control),
             exposures: Mutex::default(),
             changed: Condvar::new(),
             ended: AtomicBool::new(false),
-            faults: Mutex::default(),
+            faults: Mutex::new(faults),
+            repeated: AtomicUsize::new(0),
             follows: !slides.is_empty(),
             world: World::new(config, slides),
         });
@@ -161,20 +174,22 @@ impl GigeCamera {
         self.shared.world.truth()
     }
 
-    /// Makes these things go wrong with camera and scene, and nothing else, from now on.
-    pub fn set_faults(&self, faults: Faults) {
+    /// Makes these things go wrong, and nothing else, from now on.
+    pub fn set_faults(&self, faults: GigeFaults) {
         *self.shared.faults.lock().unwrap_or_else(PoisonError::into_inner) = faults;
-    }
-
-    /// Makes these things go wrong with packets, and nothing else, from now on.
-    pub fn set_packet_faults(&self, faults: PacketFaults) {
-        self.shared.control().faults = faults;
+        self.shared.control().set_link_faults(faults.link);
     }
 
     /// The newest exposures of frames that were sent, the oldest first.
     #[must_use]
     pub fn exposures(&self) -> Vec<Exposure> {
         self.shared.exposures.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+    }
+
+    /// Has it send that many of its next frames again and again, as fast as its rate and link go: rendering them takes no time
+    /// any more. 0 ends that.
+    pub fn repeat(&self, frames: usize) {
+        self.shared.repeated.store(frames, Ordering::SeqCst);
     }
 
     /// Takes its power away for so long.
@@ -214,7 +229,7 @@ impl Shared {
         }
     }
 
-    fn faults(&self) -> Faults {
+    fn faults(&self) -> GigeFaults {
         *self.faults.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -240,9 +255,10 @@ impl Shared {
                 // In turns: whoever sends faster than it is answered does not keep the others out.
                 for _ in 0..AT_A_TIME {
                     let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut datagram) else { break };
-                    let unplugged = self.faults().camera.unplugged;
+                    let faults = self.faults();
+                    let unheard = faults.camera.unplugged || faults.link.deaf;
                     let answer =
-                        if unplugged { None } else { self.control().hear(&datagram[..length], from, Instant::now()) };
+                        if unheard { None } else { self.control().hear(&datagram[..length], from, Instant::now()) };
                     self.changed.notify_all();
                     if let Some(answer) = answer {
                         let _ = control_socket.send_to(&answer, from);

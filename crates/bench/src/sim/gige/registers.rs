@@ -28,8 +28,9 @@ const HEARTBEATS_MS: (u32, u32) = (500, 600_000);
 /// The bits of the packet size's register that have a test packet sent, and packets not be cut up on the way.
 const FIRE_TEST_PACKET: u32 = 1 << 31;
 const DO_NOT_FRAGMENT: u32 = 1 << 30;
-/// Users' names, serial numbers, the primary application's address, resends, writing memory, several registers at once.
-const ABILITIES: u32 = 1 << 31 | 1 << 30 | 1 << 27 | 1 << 2 | 1 << 1 | 1;
+/// Users' names, serial numbers, resends, writing memory, several registers at once; and the primary application's address.
+const ABILITIES: u32 = 1 << 31 | 1 << 30 | 1 << 2 | 1 << 1 | 1;
+const NAMES_CONTROLLER: u32 = 1 << 27;
 
 /// The camera's memory.
 #[derive(Debug)]
@@ -63,6 +64,7 @@ impl Registers {
         let word = |bytes: &[u8]| bytes.iter().fold(0, |word, &byte| word << 8 | u32::from(byte));
         let (address, mask) = (u32::from(interface.address), u32::from(interface.mask));
         let ticks = self.identity.ticks_a_second;
+        let abilities = ABILITIES | if self.identity.names_controller { NAMES_CONTROLLER } else { 0 };
         // Version 1.2, big-endian with texts in UTF-8, one interface, whose address can be set in no other way than here.
         for (at, value) in [
             (0x0000, 0x0001_0002),
@@ -76,7 +78,7 @@ impl Registers {
             (0x0600, 1),
             (0x0900, 0),
             (0x0904, 1),
-            (0x0934, ABILITIES),
+            (0x0934, abilities),
             (HEARTBEAT, 3000),
             (TICKS_A_SECOND, (ticks >> 32) as u32),
             (TICKS_A_SECOND + 4, (ticks & 0xffff_ffff) as u32),
@@ -226,7 +228,8 @@ impl Registers {
     /// Who has control, and how: nobody where the privilege is 0.
     pub(super) fn set_control(&mut self, privilege: u32, owner: Option<(Ipv4Addr, u16)>) {
         self.put_word(PRIVILEGE, privilege);
-        let (address, port) = owner.map_or((0, 0), |(address, port)| (u32::from(address), u32::from(port)));
+        let named = owner.filter(|_| self.identity.names_controller);
+        let (address, port) = named.map_or((0, 0), |(address, port)| (u32::from(address), u32::from(port)));
         self.put_word(PRIMARY_PORT, port);
         self.put_word(PRIMARY_ADDRESS, address);
         if owner.is_none() {
@@ -338,6 +341,7 @@ pub(super) mod tests {
             sensor: [120, 90],
             formats: Format::offered(None),
             offset_step: 1,
+            names_controller: true,
         }
     }
 

@@ -34,6 +34,8 @@ pub(super) struct Identity {
     pub(super) formats: &'static [Format],
     /// To what whole steps a region's place is bound, px.
     pub(super) offset_step: u32,
+    /// Whether it says which program has control of it.
+    pub(super) names_controller: bool,
 }
 
 /// How frames are taken.
