@@ -4,80 +4,12 @@ sim-stage`, and the operator is this program, which sets the twins up and judges
 align.py ADDRESS COMMAND...: the daemon's address, and the command that starts the camera
 """
 
-import json
-import subprocess
 import sys
-import time
-import urllib.error
-import urllib.request
 
-ADDRESS, CAMERA = sys.argv[1], sys.argv[2:]
-PATIENCE_S = 120
+from twins import Camera, Daemon, setup, state, until
+
 # How far off the sharp image may be, mm of image distance; and the spacing, px.
 FOCUS_MM, SPACING_PX = 0.010, 0.03
-
-
-class Camera:
-    """The twin: a line to it, a line from it."""
-
-    def __init__(self):
-        self.process = subprocess.Popen(CAMERA, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        json.loads(self.process.stdout.readline())
-
-    def tell(self, order):
-        self.process.stdin.write(json.dumps(order) + "\n")
-        self.process.stdin.flush()
-        answer = json.loads(self.process.stdout.readline())
-        if isinstance(answer, dict) and "error" in answer:
-            sys.exit(f"the camera refused {order}: {answer}")
-        return answer
-
-    def end(self):
-        self.process.kill()
-        self.process.wait()
-
-
-class Daemon:
-    key = ""
-
-    def ask(self, method, path, body=None):
-        headers = {"content-type": "application/json", "plenalign-lease": self.key}
-        data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(f"{ADDRESS}/api/v1{path}", data, headers, method=method)
-        try:
-            with urllib.request.urlopen(request, timeout=20) as answer:
-                return json.loads(answer.read())
-        except urllib.error.HTTPError as error:
-            sys.exit(f"{method} {path}: {error.code} {error.read().decode()}")
-
-
-def until(what, holds):
-    end = time.monotonic() + PATIENCE_S
-    while True:
-        now = holds()
-        if now:
-            return now
-        if time.monotonic() > end:
-            sys.exit(f"not within {PATIENCE_S} s: {what}")
-        time.sleep(0.05)
-
-
-def setup(step):
-    """What a step asks for, by the numbers that the page shows large."""
-    words = "".join(letter if letter.isdigit() or letter == "." else " " for letter in step["value"] or "").split()
-    numbers = [float(word) for word in words if any(letter.isdigit() for letter in word)]
-    name = step["name"]
-    if name == "white_frame":
-        return {"type": "diffuser"}
-    if name == "triple_board_in_air":
-        return {"type": "boards_in_air", "distances_mm": numbers}
-    if name == "board_in_air":
-        return {"type": "boards_in_air", "distances_mm": 3 * numbers}
-    if name == "aperture":
-        return {"type": "aperture", "diameter_mm": numbers[0], "ring_f_number": numbers[1]}
-    if name == "shell_and_water":
-        return {"type": "board_in_water", "distance_mm": numbers[0]}
-    sys.exit(f"this operator cannot do: {step}")
 
 
 class Alignment:
@@ -113,10 +45,6 @@ class Alignment:
         return None
 
 
-def state(daemon):
-    return daemon.ask("GET", "/bench")["camera"]
-
-
 def judge(job, truth, camera):
     report = job["report"]
     print(f"  {truth}")
@@ -136,10 +64,10 @@ def judge(job, truth, camera):
 
 
 def main():
-    daemon, camera = Daemon(), Camera()
+    daemon, camera = Daemon(sys.argv[1]), Camera(sys.argv[2:])
     try:
         until("the camera is there", lambda: state(daemon)["online"])
-        daemon.key = daemon.ask("POST", "/lease", {"owner": "the twins' operator", "ttl_s": 600})["key"]
+        daemon.take_lease()
         job = until("the job converges", Alignment(daemon, camera).converged)
         judge(job, camera.tell("truth"), state(daemon))
     finally:

@@ -251,7 +251,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
         &[
             ("tests/alpaca-client/client.py", 1),
             ("tests/daemon.sh", 1),
-            ("tests/genicam/align.py", 1),
+            ("tests/genicam/twins.py", 1),
             ("tests/genicam/client.py", 1),
             ("tests/hardware/cameras.sh", 1),
             ("tests/hardware/chain.sh", 1),
