@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use plenalign::config::{CameraConfig, CameraDriver, Config, TimestampMeans};
 use plenalign::device::camera::genicam::GenicamCamera;
-use plenalign::device::{AxisPose, CameraState, Frame, FrameSource as _};
+use plenalign::device::{AxisPose, CameraState, Frame, FrameSource as _, Setup};
 use plenalign::raw::Samples;
 use plenalign::sim::gige::{Exposure, GigeCamera, GigeFaults, LinkFaults, Options, Taken};
 use rand::{RngExt as _, SeedableRng as _};
@@ -69,18 +69,23 @@ fn camera(test: u8, means: TimestampMeans, link: LinkFaults, slides: Option<&Pat
 
 /// A driver that takes its stamps for stamps of `told`.
 fn driver(test: u8, told: TimestampMeans, timeout_ms: u64) -> GenicamCamera {
-    let config = CameraConfig {
+    started(&CameraConfig { timeout_ms, timestamp_means: told, ..config(test) })
+}
+
+fn config(test: u8) -> CameraConfig {
+    CameraConfig {
         driver: CameraDriver::Genicam,
         device: own_address(test).to_string(),
         format: "Mono8".to_owned(),
         frame_rate_hz: RATE_HZ,
-        timeout_ms,
-        timestamp_means: told,
         ..CameraConfig::default()
-    };
+    }
+}
+
+fn started(config: &CameraConfig) -> GenicamCamera {
     let at_rest = AxisPose { position: None, settled: true };
     let size = (SIDE as usize, SIDE as usize);
-    GenicamCamera::start(&config, size, Arc::new(move |_, _| (at_rest, at_rest))).unwrap()
+    GenicamCamera::start(config, size, Arc::new(move |_, _| (at_rest, at_rest))).unwrap()
 }
 
 /// The exposure that a frame is of, where it is whole.
@@ -256,4 +261,25 @@ async fn whatever_goes_wrong_on_the_way_is_told_and_mends_and_every_frame_is_who
         all_that_goes_wrong_mends(30, TimestampMeans::ExposureStart),
         all_that_goes_wrong_mends(31, TimestampMeans::Arrival)
     );
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn packets_that_the_camera_does_not_send_are_refused_by_what_it_takes() {
+    let _camera = camera(40, TimestampMeans::ExposureStart, good(), None);
+    for bytes in [9004, 1501] {
+        let driver = started(&CameraConfig { packet_bytes: Some(bytes), ..config(40) });
+        let words = format!("`GevSCPSPacketSize` is not set to {bytes}: it takes 256 to 9000 B in steps of 4");
+        told(&mut driver.state(), &words).await;
+        driver.end().await;
+    }
+    let driver = started(&CameraConfig { packet_bytes: Some(1500), ..config(40) });
+    online(&mut driver.state()).await;
+}
+
+#[test]
+fn nothing_is_set_up_at_a_place_that_is_none() {
+    assert_eq!(Setup::WaterBoard { distance_mm: 800.0 }.check(), Ok(()));
+    let why = Setup::AirTripleBoard { distances_mm: [100.0, -1.0, 120.0] }.check().unwrap_err();
+    assert!(why.contains("distances_mm[1] -1: it has to be above 0"), "{why}");
+    assert!(Setup::Aperture { diameter_mm: f64::NAN, ring_f_number: 4.0 }.check().is_err());
 }
