@@ -60,8 +60,9 @@ def percentile(values, share):
     return sorted(values)[min(int(len(values) * share), len(values) - 1)]
 
 
-def read(address, seconds, processes):
-    """Ages of the readings, ms, why how many have no spacing, for how long, and what each process had of the processor."""
+def read(address, seconds, processes, lost):
+    """Ages of the readings, ms, why how many have no spacing, how many frames were lost, for how long, and what each process had
+    of the processor."""
     ages, refused, count, begin, before = [], collections.Counter(), 0, None, None
     with plenalign.Client(address) as client, client.watch(readings=ReadingsRequest(on=True)) as messages:
         for message in messages:
@@ -70,14 +71,14 @@ def read(address, seconds, processes):
             now = time.monotonic()
             count += 1
             if count == FIRST:
-                begin, before = now, [processor_s(process) for process in processes]
+                begin, before = now, ([processor_s(process) for process in processes], lost())
             elif count > FIRST:
                 ages.append(1e3 * now - 1e-3 * message.captured_monotonic_us)
                 if message.spacing_px is None:
                     refused[message.why] += 1
                 if now - begin > seconds:
-                    spent = [processor_s(process) - was for process, was in zip(processes, before)]
-                    return ages, refused, now - begin, spent
+                    spent = [processor_s(process) - was for process, was in zip(processes, before[0], strict=True)]
+                    return ages, refused, lost() - before[1], now - begin, spent
     sys.exit("the readings ended")
 
 
@@ -89,9 +90,9 @@ def main():
         daemon.take_lease()
         watched(daemon, camera)
         camera.tell({"repeat": REPEATED})
-        lost = state(daemon)["frames_lost"]
-        ages, refused, took, (own, theirs) = read(address, seconds, [process, camera.process.pid])
-        lost = state(daemon)["frames_lost"] - lost
+        ages, refused, lost, took, (own, theirs) = read(
+            address, seconds, [process, camera.process.pid], lambda: state(daemon)["frames_lost"]
+        )
         if refused:
             print(f"{refused.total()} of {len(ages)} readings have no spacing: {refused.most_common(1)[0][0]}", file=sys.stderr)
         measured = len(ages) - refused.total()
