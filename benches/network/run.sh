@@ -46,7 +46,7 @@ trap finish EXIT
 ip link set lo up
 unshare --net tail -f /dev/null &
 there=$!
-its_own() { [[ $(readlink "/proc/$there/ns/net") != $(readlink /proc/self/ns/net) ]]; }
+its_own() { local net && net=$(readlink "/proc/$there/ns/net") && [[ $net != $(readlink /proc/self/ns/net) ]]; }
 wait_for its_own
 ip link add cable type veth peer name cable netns "$there"
 elsewhere() { nsenter --target "$there" --net "$@"; }
