@@ -76,14 +76,23 @@ impl Capture for Capturer {
         controls.extend(self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).clone());
         let (config, format, size) = (self.config.clone(), self.format, self.outlet.size());
         let distrusted = self.distrusted.take();
-        let Running { opened, mut frames, mut stream, _in_use } =
+        let Running { mut opened, mut frames, mut stream, _in_use } =
             within(OPEN_WITHIN, move || Running::begin(&config, &controls, format, size, distrusted))?;
-        let mut device = opened.device;
         self.outlet.pace(stream.agreed.interval);
-        let ended = self.take_frames(&mut device, &mut frames, &mut stream);
-        // Whoever has the camera now is not disturbed: the library refuses to write what it has no control of.
-        let _ = device.acquisition_stop();
-        drop(frames);
+        let ended = self.take_frames(&mut opened.device, &mut frames, &mut stream);
+        if stream.hold.is_silent() {
+            // To let go of it takes as long as its answers are waited for, and nobody is to take its last picture for a new
+            // one until then.
+            let let_go =
+                std::thread::Builder::new().name("camera-gone".to_owned()).spawn(move || drop((frames, opened)));
+            if let Err(error) = let_go {
+                tracing::warn!(%error, "there is no thread to let go of a camera in");
+            }
+        } else {
+            // Whoever has the camera now is not disturbed: the library refuses to write what it has no control of.
+            let _ = opened.device.acquisition_stop();
+            drop(frames);
+        }
         ended
     }
 }

@@ -27,13 +27,20 @@ pub(super) struct Hold {
     /// Whether the camera says which program has control.
     names_controller: bool,
     asked_at: Instant,
+    /// Whether it did not answer when it was asked last.
+    silent: bool,
 }
 
 impl Hold {
     /// Of a camera that was just opened.
     pub(super) fn of(device: &Device) -> Self {
         let names_controller = word(device, ABILITIES).is_ok_and(|abilities| abilities & NAMES_CONTROLLER != 0);
-        Self { names_controller, asked_at: Instant::now() }
+        Self { names_controller, asked_at: Instant::now(), silent: false }
+    }
+
+    /// Whether the camera did not answer when it was asked last.
+    pub(super) const fn is_silent(&self) -> bool {
+        self.silent
     }
 
     /// Asks from time to time whether the camera is still this program's own.
@@ -42,7 +49,7 @@ impl Hold {
     /// Why it is not, or that it does not answer, in words.
     pub(super) fn check(&mut self, device: &Device) -> Result<(), String> {
         if device.transport().control_state() != ControlState::Held {
-            return Err(lost(device));
+            return Err(self.lost(device));
         }
         if self.asked_at.elapsed() < ASK_EVERY {
             return Ok(());
@@ -58,9 +65,12 @@ impl Hold {
         self.asked_at = Instant::now();
         let transport = device.transport();
         match transport.refresh_control_state() {
-            Ok(ControlState::Held) => {}
-            Ok(_) => return Err(lost(device)),
-            Err(error) => return Err(features::why(&error)),
+            Ok(ControlState::Held) => self.silent = false,
+            Ok(_) => return Err(self.lost(device)),
+            Err(error) => {
+                self.silent = true;
+                return Err(features::why(&error));
+            }
         }
         if !self.names_controller
             // Whoever has control may ask for it again, and nobody else may: the camera's state tells no more than that
@@ -68,19 +78,22 @@ impl Hold {
             && let Err(error) = transport.write(consts::CONTROL_CHANNEL_PRIVILEGE, &CONTROL.to_be_bytes())
         {
             let held = transport.control_state() == ControlState::Held;
-            return Err(if held { features::why(&error) } else { lost(device) });
+            return Err(if held { features::why(&error) } else { self.lost(device) });
         }
         Ok(())
     }
-}
 
-/// Who has the camera now.
-fn lost(device: &Device) -> String {
-    match word(device, consts::CONTROL_CHANNEL_PRIVILEGE) {
-        Ok(privilege) if privilege & consts::CCP_CONTROLLER_BITS == 0 => LET_GO.to_owned(),
-        Ok(_) => TAKEN.to_owned(),
-        Err(why) if why == features::CONTROLLED => TAKEN.to_owned(),
-        Err(_) => format!("{TAKEN}, or it was restarted"),
+    /// Who has the camera now.
+    fn lost(&mut self, device: &Device) -> String {
+        match word(device, consts::CONTROL_CHANNEL_PRIVILEGE) {
+            Ok(privilege) if privilege & consts::CCP_CONTROLLER_BITS == 0 => LET_GO.to_owned(),
+            Ok(_) => TAKEN.to_owned(),
+            Err(why) if why == features::CONTROLLED => TAKEN.to_owned(),
+            Err(_) => {
+                self.silent = true;
+                format!("{TAKEN}, or it was restarted")
+            }
+        }
     }
 }
 
