@@ -356,7 +356,7 @@ impl Viewer {
     /// Does what a message asks for; what is to be answered.
     fn obey(&mut self, message: &Utf8Bytes) -> Result<Option<ServerMessage>> {
         match parse(message.as_bytes())? {
-            ViewerMessage::Pictures { on: false, .. } => self.watching = None,
+            ViewerMessage::Pictures { on: false, .. } => (self.watching, self.repeated) = (None, Repeated::default()),
             ViewerMessage::Readings { on: false, .. } => self.metering = None,
             ViewerMessage::Readings { on: true, max_rate_hz, whole } => {
                 let interval = interval(max_rate_hz, 120.0)?;

@@ -93,7 +93,7 @@ export function frameReading(
   const pictureAt = pictureBegan(combined, capturedAt, before);
   const measuredAt = measurement ? Date.parse(measurement.captured_at) : -Infinity;
   // Of a picture that nobody has measured in whole it is not known whether it is of one board.
-  const inFocus = found.inFocus && measuredAt >= pictureAt;
+  const inFocus = found.inFocus && measurement !== null && measuredAt >= Math.max(pictureAt, setUpAt);
   const pitchPx = measurement?.micro_image_pitch_px ?? null;
   return {
     of: "frame",

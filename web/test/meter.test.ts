@@ -134,6 +134,14 @@ describe("a picture that is another one", () => {
   const read = (state: State, atMs: number, spanMs: number, ofNewPicture: boolean) =>
     receiveReading(state, frameReading(19.725, start + atMs, { spanMs, ofNewPicture }), start + atMs);
 
+  it("is not in focus where nothing was measured in whole since what is in view was set up", () => {
+    expect(read({ ...initial, link: "open" }, 0, 0, false).reading?.inFocus).toBe(false);
+    const bench = { ...snapshotBench, set_up_at: new Date(start).toISOString() };
+    const measured = (atMs: number): State => ({ ...initial, link: "open", bench, measurement: whole(atMs) });
+    expect(read(measured(-500), 100, 0, false).reading?.inFocus).toBe(false);
+    expect(read(measured(50), 100, 0, false).reading?.inFocus).toBe(true);
+  });
+
   it("is in focus only once it was measured in whole: until then nobody knows of how many boards it is", () => {
     let state = read({ ...initial, link: "open", measurement: whole(-500) }, 0, 0, true);
     expect(state.reading).toMatchObject({ inFocus: false, direction: "there" });

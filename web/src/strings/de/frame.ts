@@ -79,7 +79,7 @@ export const signIn: typeof en.signIn = {
     revoked: (name, when, by) =>
       `Das Token von ${name} wurde ${by === null ? "am Rechner des Dienstes" : `von ${by}`} widerrufen, ${when}: Es lässt niemanden mehr ein.`,
     expired: (name, when) => `Das Token von ${name} ist abgelaufen, ${when}.`,
-    demanded: "Soeben wurde das erste Token erstellt: Von nun an wird von allen eines verlangt.",
+    demanded: "Von nun an wird von allen ein Token verlangt.",
   },
   scope: {
     view: "darf zusehen und anhalten",

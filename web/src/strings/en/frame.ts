@@ -76,7 +76,7 @@ export const signIn = {
     revoked: (name: string, when: string, by: string | null) =>
       `The token of ${name} was revoked ${by === null ? "on the daemon’s machine" : `by ${by}`}, ${when}: it lets nobody in any more.`,
     expired: (name: string, when: string) => `The token of ${name} has expired, ${when}.`,
-    demanded: "Somebody has just made the first token: from now on everybody is asked for one.",
+    demanded: "From now on everybody is asked for a token.",
   },
   scope: {
     view: "may look and stop",

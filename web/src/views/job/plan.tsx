@@ -105,7 +105,7 @@ export function PlanSummary({ plan, kind, unit }: { plan: Plan; kind: JobKind; u
               length(plan.by_budget.e_sigma_mm, unit, 2),
             )}
           />{" "}
-          {kind === "joint_alignment" && plan.by_budget.e_held_off_mm > plan.e_tolerance_mm && (
+          {kind === "joint_alignment" && plan.by_budget.e_held_off_mm > 0 && (
             <Explained text={strings.plan.heldOff(length(plan.by_budget.e_held_off_mm, unit, 2))} />
           )}
         </p>
