@@ -62,8 +62,8 @@ impl Journal {
         fs::create_dir_all(&folder).map_err(failed(&folder))?;
         let (mut benches, mut others, mut torn) = (BTreeMap::new(), BTreeMap::new(), 0);
         let mut unknown = Vec::new();
-        // Those of the other parts have nothing of this one.
-        for path in in_folder(&folder, |named| named == shard || named.of() != shard.of())? {
+        // Of other counts any part may have benches of this one.
+        for path in in_folder(&folder, |_| true)? {
             match read(&path) {
                 Content::Kept(kept) if kept.head == head => {
                     torn += kept.torn;

@@ -79,6 +79,7 @@ fn what_was_finished_in_another_split_is_gone_on_from() {
     assert_eq!(at(OPTIONS, "1/1"), (vec![4, 5, 6], 3));
     assert_eq!(at(OPTIONS, "1/4"), (vec![], 0));
     let more = StudyOptions { counts: Counts { benches: 12, ..OPTIONS.counts }, ..OPTIONS };
+    assert_eq!(at(more, "1/2"), (vec![4, 5], 2));
     assert_eq!(at(more, "2/2"), (vec![6], 1));
     assert_eq!(at(StudyOptions { seed: 4, ..more }, "1/1"), (vec![], 0));
     // It is another's, who may be at it still; and its own part has nothing from elsewhere.
