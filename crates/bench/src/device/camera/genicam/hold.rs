@@ -9,7 +9,7 @@ use viva_genicam::gige::consts;
 
 use super::features::{self, Device};
 
-/// How often it is asked: well within any heartbeat, after which a camera lets go.
+/// How often it is asked: well within the usual heartbeat of 3 s, after which a camera lets go.
 const ASK_EVERY: Duration = Duration::from_secs(1);
 /// Where a camera says what it can do, and the bit of it for telling which program has control.
 const ABILITIES: u64 = 0x0934;

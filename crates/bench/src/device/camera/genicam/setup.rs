@@ -216,7 +216,7 @@ fn packet_bytes(device: &Device, config: &CameraConfig) -> Result<Option<u32>, S
     let Ok(Some(state)) = state(device, PACKET_SIZE) else { return Ok(config.packet_bytes) };
     let Some(range) = state.range else { return Ok(config.packet_bytes) };
     let step = range.inc.filter(|step| *step >= 1.0).unwrap_or(1.0);
-    let taken = |bytes: f64| range.min + ((bytes.min(range.max) - range.min) / step).floor() * step;
+    let taken = |bytes: f64| range.min + ((bytes.clamp(range.min, range.max) - range.min) / step).floor() * step;
     if let Some(bytes) = config.packet_bytes {
         if taken(f64::from(bytes)) != f64::from(bytes) {
             let choices = features::choices(&state);
