@@ -61,10 +61,12 @@ fn written(plan: &PlanView) -> Result<String, std::fmt::Error> {
     if let Some(budget) = plan.by_budget {
         let ExpectedBudget { delta_v_sigma_mm, e_sigma_mm, e_held_off_mm } = budget;
         line("", format!("Δv {delta_v_sigma_mm:.3} mm, e {e_sigma_mm:.2} mm with all that is taken for granted"))?;
-        if e_held_off_mm > plan.e_tolerance_mm {
+        if e_held_off_mm > 0.0 {
             line(
                 "",
-                format!("e stays {e_held_off_mm:.2} mm further from the shell: three of these, to be clear of it"),
+                format!(
+                    "e stays {e_held_off_mm:.2} mm further from the shell: three of what it is good to, to be clear of it"
+                ),
             )?;
         }
     }

@@ -294,8 +294,8 @@ impl Bench {
                 least_sigma_px: 2.0_f64.sqrt() * TILT_SIGMA_PX,
             });
             let decision = shell.next(observation, |here| {
-                here.follows(&mut seen.shell);
-                e_axis(&config, &seen, false).map(|e| Room { contact, e })
+                here.put_after(&mut seen.shell);
+                e_axis(&config, &seen).map(|e| Room { contact, e })
             });
             if self.e(e) <= contact.e_mm {
                 return Err("the lens has touched the shell".to_owned());

@@ -1,11 +1,19 @@
 //! Measuring l_bound, the least e that the lens's barrel allows, with the shell on.
 
 use super::alignment::{Alignment, VERIFY_FRAMES};
+use super::budget::{Evidence, e_axis};
 use super::context::JobEnd;
 use super::events::ShellState;
+use super::eye::Seen;
 use super::job::Stage;
+use super::report::evidence;
 use super::room::Contact;
+use super::shell::ShellObservation;
+use bench::config::Config;
 use bench::device::{AxisName, Setup};
+
+/// An axis that is uncertain by so much says nothing, mm.
+const UNTOLD_MM: f64 = 100.0;
 
 impl Alignment<'_> {
     /// l_bound by Eqs. 9–12: d and b in air, then the spacing with the lens pushed by hand to the least e. Δv is brought
@@ -19,6 +27,8 @@ impl Alignment<'_> {
         let Some(camera) = self.findings.camera else {
             return Err(JobEnd::failed("l_bound needs the calibration in air"));
         };
+        // An axis that is let go of may take what the air step left with it.
+        let in_air = evidence(self.eye, &self.findings, camera.window_px.unwrap_or_default());
         self.context.unless_cancelled(self.motion.release(self.admission, AxisName::E)).await?;
         // Its Δv is for the l_bound that was configured: nothing is to go on from it.
         self.eye.forget_air_step();
@@ -47,7 +57,11 @@ impl Alignment<'_> {
                 "an l_bound of {l_bound_mm:.2} mm was measured, which puts the e wall at {wall_mm:.2} mm, beyond the e axis's travel to {highest_mm} mm: shell, water or board are not what is configured, or the axis is too short"
             )));
         }
-        self.motion.set_l_bound(l_bound_mm, Contact { e_mm: least_e, measured_sigma_mm: Some(sigma) });
+        let told = in_air.and_then(|in_air| self.contact_sigma_mm(in_air, least_e, &seen));
+        let contact_sigma = told.ok_or_else(|| {
+            JobEnd::failed("how well it is known where the lens touches cannot be told: the boards in air could not be told apart, or fit no camera like the configured one")
+        })?;
+        self.motion.set_l_bound(l_bound_mm, Contact { e_mm: least_e, measured_sigma_mm: Some(contact_sigma) });
         self.findings.l_bound_sigma_mm = Some(sigma);
         let note = format!(
             "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
@@ -70,5 +84,21 @@ impl Alignment<'_> {
         // For another solution from now on.
         self.aperture_set = false;
         Ok(())
+    }
+
+    /// Standard uncertainty (mm) of where the lens touches, with all that is taken for granted: the picture has told it, and no
+    /// axis. `None` where what was seen fits nothing.
+    fn contact_sigma_mm(&self, in_air: Evidence, least_e: f64, seen: &Seen) -> Option<f64> {
+        let mut config = Config::clone(self.config);
+        config.bench.e.zero_uncertainty_mm = UNTOLD_MM;
+        let pose = ShellObservation {
+            e_reading_mm: least_e,
+            trim_mm: 0.0,
+            spacing_px: seen.spacing.spacing_px,
+            sigma_px: seen.spacing.spacing_sigma_px,
+            sigma_random_px: seen.sigma_random_px,
+        };
+        let seen = Evidence { shell: vec![pose], window_px: seen.window_px, ..in_air };
+        Some(e_axis(&config, &seen)?.predict(least_e).1)
     }
 }

@@ -77,7 +77,7 @@ impl Alignment<'_> {
     ) {
         let findings = &mut self.findings;
         if let Some(here) = shell.here() {
-            here.follows(&mut findings.through_shell);
+            here.put_after(&mut findings.through_shell);
         }
         findings.moves_shell = shell.moves();
         findings.e = Some(shell.model().predict(e_reading_mm));
@@ -86,7 +86,8 @@ impl Alignment<'_> {
         findings.seen = Some(seen.clone());
         let how = match (step, shell.trimmed()) {
             (_, true) => {
-                format!("e held at its optimum, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
+                let at = if shell.held_off() { "where it is known to be clear of the shell" } else { "at its optimum" };
+                format!("e held {at}, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
             }
             (ShellStep::HoldETrim, false) => "e moved to its optimum; no trim of Δv was needed".to_owned(),
             (_, false) => "e translated until the spacing met its target".to_owned(),

@@ -15,10 +15,10 @@ fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {
     (tilt_px / slope_px_per_mm / half_width_mm).atan().to_degrees()
 }
 
-/// What was seen from the end of the air step on; `None` where that is not enough for a budget.
-pub(super) fn evidence(eye: &Eye, findings: &Findings) -> Option<Evidence> {
+/// What was seen from the end of the air step on, last through masks of a radius (px); `None` where that is not enough for a
+/// budget.
+pub(super) fn evidence(eye: &Eye, findings: &Findings, window_px: f64) -> Option<Evidence> {
     let air = eye.air_step()?;
-    let seen = findings.seen.as_ref()?;
     let pitch = eye.sight().zip(eye.white_frame()).and_then(|(sight, frame)| {
         let moved_mm = frame.focus.position?.value() - air.focus_mm;
         let grid = &sight.white().grid;
@@ -32,7 +32,7 @@ pub(super) fn evidence(eye: &Eye, findings: &Findings) -> Option<Evidence> {
         pitch,
         shell: findings.through_shell.clone(),
         tilt_change: findings.tilt_change,
-        window_px: seen.window_px,
+        window_px,
     })
 }
 
@@ -50,7 +50,8 @@ pub(super) fn report(
     let design = config.design();
     let l_bound_mm = motion.l_bound_mm();
     let solution = findings.solution.unwrap_or_else(|| design.joint(l_bound_mm));
-    let budget = evidence(eye, findings).and_then(|seen| Budget::of(config, &seen, solution.e));
+    let seen = findings.seen.as_ref().and_then(|seen| evidence(eye, findings, seen.window_px));
+    let budget = seen.and_then(|seen| Budget::of(config, &seen, solution.e));
     let (delta_v_mm, delta_v_sigma_mm) = budget
         .as_ref()
         .map(|budget| (budget.delta_v_mm, budget.delta_v_sigma_mm))

@@ -13,7 +13,7 @@ const BACK_SIGMAS: f64 = 2.5;
 pub struct Contact {
     /// e there, mm: l_bound less its clearance.
     pub e_mm: f64,
-    /// Of a measured one the standard uncertainty by its picture, mm; `None` where it is configured.
+    /// Of a measured one the standard uncertainty by all that is taken for granted, mm; `None` where it is configured.
     pub measured_sigma_mm: Option<f64>,
 }
 
@@ -22,8 +22,8 @@ pub struct Contact {
 pub struct Room {
     /// Where the lens touches.
     pub contact: Contact,
-    /// What the e axis's readings mean, with all that is taken for granted: against a contact that was measured, with what
-    /// both are wrong by alike left out.
+    /// What the e axis's readings mean, with all that is taken for granted. Much of it a contact that was measured is wrong by,
+    /// too, and alike; it counts for both all the same.
     pub e: AxisModel,
 }
 
@@ -48,11 +48,14 @@ impl Room {
         self.clear(reading_mm).1 < BACK_SIGMAS
     }
 
-    /// The least reading, from one on (mm) up to a highest one, that the lens may be taken to; the highest where there is none.
+    /// The least reading, from one on (mm) up to a highest one, that the lens may be taken to; `None` where there is none.
     #[must_use]
-    pub fn least_mm(&self, from_mm: f64, highest_mm: f64) -> f64 {
-        if self.lets(from_mm) || highest_mm <= from_mm {
-            return from_mm;
+    pub fn least_mm(&self, from_mm: f64, highest_mm: f64) -> Option<f64> {
+        if self.lets(from_mm) {
+            return Some(from_mm);
+        }
+        if highest_mm <= from_mm || !self.lets(highest_mm) {
+            return None;
         }
         let (mut near, mut far) = (from_mm, highest_mm);
         for _ in 0..40 {
@@ -63,6 +66,38 @@ impl Room {
                 near = middle;
             }
         }
-        far
+        Some(far)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn room(sigma_mm: f64, measured_sigma_mm: Option<f64>) -> Room {
+        Room { contact: Contact { e_mm: -0.5, measured_sigma_mm }, e: AxisModel::new(0.0, 0.1, sigma_mm, 0.0) }
+    }
+
+    #[test]
+    fn three_sigmas_are_left_and_two_and_a_half_ask_back() {
+        // The lens is 0.6 mm from where it touches where the axis reads 0.
+        for (sigma_mm, lets, asks_back) in
+            [(0.0, true, false), (0.19, true, false), (0.22, false, false), (0.25, false, true)]
+        {
+            let room = room(sigma_mm, None);
+            assert_eq!((room.lets(0.0), room.asks_back(0.0)), (lets, asks_back), "{sigma_mm}");
+        }
+        assert!(!room(0.0, None).lets(-0.7), "beyond it nothing is left, however well e is known");
+        assert!(!room(0.15, Some(0.15)).lets(0.0), "a measured contact is uncertain, too");
+    }
+
+    #[test]
+    fn the_least_reading_is_the_nearest_that_leaves_room() {
+        let uncertain = room(0.4, None);
+        let least = uncertain.least_mm(0.0, 30.0).unwrap();
+        assert!((least - 0.6).abs() < 1e-6, "{least}");
+        assert_eq!(uncertain.least_mm(2.0, 30.0), Some(2.0));
+        assert_eq!(uncertain.least_mm(0.0, 0.5), None);
+        assert_eq!(uncertain.least_mm(0.0, -1.0), None);
     }
 }

@@ -80,7 +80,7 @@ impl Alignment<'_> {
                 sigma_px: seen.spacing.spacing_sigma_px,
                 sigma_random_px: seen.sigma_random_px,
             };
-            let decision = shell.next(observation, |here| self.room(here));
+            let decision = shell.next(observation, |here| self.room(here, seen.window_px));
             self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;
@@ -115,12 +115,10 @@ impl Alignment<'_> {
     }
 
     /// The room between lens and shell, with what was measured at this pose. `None` where what was seen is not enough to say.
-    fn room(&self, here: ShellObservation) -> Option<Room> {
-        let mut seen = evidence(self.eye, &self.findings)?;
-        here.follows(&mut seen.shell);
-        let contact = self.motion.contact();
-        let e = e_axis(self.config, &seen, contact.measured_sigma_mm.is_some())?;
-        Some(Room { contact, e })
+    fn room(&self, here: ShellObservation, window_px: f64) -> Option<Room> {
+        let mut seen = evidence(self.eye, &self.findings, window_px)?;
+        here.put_after(&mut seen.shell);
+        Some(Room { contact: self.motion.contact(), e: e_axis(self.config, &seen)? })
     }
 
     /// The spacing over so many frames, after a move once the picture stands still: a controller may say that an axis

@@ -333,6 +333,15 @@ pub struct AxisConfig {
     pub zero_uncertainty_mm: f64,
 }
 
+impl AxisConfig {
+    /// How far beside its target, on the side that it is approached from, a move first goes where it comes from the other, mm:
+    /// long enough for the play to be taken up on the way.
+    #[must_use]
+    pub fn approach_leg_mm(&self) -> f64 {
+        2.0 * self.backlash_mm + 0.05
+    }
+}
+
 impl Default for AxisConfig {
     fn default() -> Self {
         Self {

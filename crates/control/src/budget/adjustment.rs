@@ -91,19 +91,6 @@ impl Adjusted {
         (one.transpose() * &self.covariance * other)[0]
     }
 
-    /// The covariance of two results by their slopes, were the variance that each unknown has a share in so many times as
-    /// large: what the measurements have a share in counts once.
-    pub(super) fn covariance_by(&self, slopes: &[DVector<f64>; 2], times: impl Fn(usize) -> f64) -> [[f64; 2]; 2] {
-        let by_unknown = slopes.each_ref().map(|slope| slope.transpose() * &self.covariance);
-        let by_measurement = slopes.each_ref().map(|slope| slope.transpose() * &self.moves);
-        [0, 1].map(|i| {
-            [0, 1].map(|j| {
-                let unknowns = (0..self.unknowns.len()).map(|k| times(k) * by_unknown[i][k] * by_unknown[j][k]);
-                unknowns.sum::<f64>() + by_measurement[i].dot(&by_measurement[j])
-            })
-        })
-    }
-
     /// What a result is uncertain by because an unknown was: these, and those of the measurements, squared add up to its
     /// variance.
     pub(super) fn by_unknown(&self, slopes: &DVector<f64>, unknown: usize) -> f64 {

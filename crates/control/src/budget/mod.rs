@@ -194,14 +194,13 @@ impl Budget {
     }
 }
 
-/// What the e axis's readings mean by all that was seen and all that is taken for granted: how far the lens is from a place
-/// that is configured, or from one that the picture has told itself, which is wrong by much of the same. `None` where what was
-/// seen fits nothing.
+/// What the e axis's readings mean by all that was seen and all that is taken for granted. `None` where what was seen fits
+/// nothing.
 #[must_use]
-pub fn e_axis(config: &Config, seen: &Evidence, from_a_place_seen: bool) -> Option<AxisModel> {
+pub fn e_axis(config: &Config, seen: &Evidence) -> Option<AxisModel> {
     let model = Model::new(config, seen)?;
     let adjusted = Adjusted::find(model.unknowns(), &model.measured().1, |unknowns| model.predicted(unknowns))?;
-    Some(model.e_axis(&adjusted, |part| if from_a_place_seen { part.between_set_ups() } else { 1.0 }))
+    Some(model.e_axis(&adjusted))
 }
 
 /// What each part does, those of one name together.

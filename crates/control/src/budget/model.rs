@@ -111,8 +111,8 @@ impl<'a> Model<'a> {
         home + self.off(unknowns, Part::EZero) + (1.0 + self.off(unknowns, Part::EScale)) * (reading_mm - home)
     }
 
-    /// What the e axis's readings mean, with the variance that each part has a share in counted so many times.
-    pub(super) fn e_axis(&self, adjusted: &Adjusted, times: impl Fn(Part) -> f64) -> AxisModel {
+    /// What the e axis's readings mean.
+    pub(super) fn e_axis(&self, adjusted: &Adjusted) -> AxisModel {
         let home = self.config.bench.e.home_position_mm;
         // Zero and scale, each with its slope against the unknown that it is.
         let line = [Part::EZero, Part::EScale].map(|part| {
@@ -123,8 +123,7 @@ impl<'a> Model<'a> {
             }
             slope
         });
-        let covariance =
-            adjusted.covariance_by(&line, |unknown| self.parts.get(unknown).map_or(1.0, |(part, _)| times(*part)));
+        let covariance = [0, 1].map(|i| [0, 1].map(|j| adjusted.covariance_of(&line[i], &line[j])));
         let off = line.each_ref().map(|slope| slope.dot(&adjusted.unknowns));
         AxisModel::known(home, [home + off[0], 1.0 + off[1]], covariance)
     }

@@ -49,26 +49,6 @@ impl Part {
             .collect()
     }
 
-    /// How many times over its variance stands between two places of the lens that were both told by the picture, a shell
-    /// and its boards having been set up anew for each: not at all for what is the same in both.
-    pub(super) const fn between_set_ups(self) -> f64 {
-        match self {
-            Self::FocalLength
-            | Self::MlaPitch
-            | Self::MlaFocalLength
-            | Self::MlaToSensor
-            | Self::ExitPupil
-            | Self::WaterIndex
-            | Self::OuterRadius
-            | Self::InnerRadius
-            | Self::ShellIndex
-            | Self::Aberrations => 0.0,
-            // Only one of the two was told by the axis.
-            Self::EZero | Self::EScale => 1.0,
-            Self::BoardsInAir | Self::BoardStep(_) | Self::BoardInWater | Self::Decentre => 2.0,
-        }
-    }
-
     /// Its standard uncertainty as configured: mm, or without a unit; that of the decentre's square is the caller's.
     pub(super) fn sigma(self, config: &Config) -> f64 {
         let known = &config.uncertainty;

@@ -99,7 +99,7 @@ impl Motion {
             return vec![target];
         }
         let (low, high) = self.range_mm(axis);
-        let margin = 2.0 * config.backlash_mm + 0.05;
+        let margin = config.approach_leg_mm();
         if comes_from_approach_side && (from - target).abs().value() >= margin {
             // Long enough for the play to be taken up on the way.
             return vec![target];

@@ -17,8 +17,6 @@ use plenoptics::optics::mla::micro_image_pitch;
 
 /// Standard uncertainty of a white frame's pitch, as a share of it.
 const PITCH_SIGMA: f64 = 2e-5;
-/// Nothing is said of less, mm.
-const SAID_MM: f64 = 0.01;
 
 /// What is to be expected with all that is taken for granted.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -39,7 +37,7 @@ impl fmt::Display for ExpectedBudget {
             f,
             "with all that is taken for granted Δv is good to {delta_v_sigma_mm:.3} mm and e to {e_sigma_mm:.2} mm"
         )?;
-        if *e_held_off_mm >= SAID_MM {
+        if *e_held_off_mm > 0.0 {
             write!(f, ", so that e stays {e_held_off_mm:.2} mm further from the shell than aimed at")?;
         }
         Ok(())
@@ -54,13 +52,17 @@ impl ExpectedBudget {
         let measured = config.assembly.l_bound == LBoundSource::Measure;
         let contact = Contact {
             e_mm: plan.l_bound_mm - config.assembly.clearance_mm,
-            measured_sigma_mm: measured.then_some(precision.e_mm),
+            // The picture tells it as well as it tells e.
+            measured_sigma_mm: measured.then_some(budget.e_sigma_mm),
         };
-        let room = Room { contact, e: e_axis(config, &seen, measured)? };
+        let room = Room { contact, e: e_axis(config, &seen)? };
+        let least_mm = room.least_mm(plan.solution.e, plan.e.high_mm).unwrap_or(plan.e.high_mm);
+        let e_held_off_mm = least_mm - plan.solution.e;
         Some(Self {
             delta_v_sigma_mm: budget.delta_v_sigma_mm,
             e_sigma_mm: budget.e_sigma_mm,
-            e_held_off_mm: room.least_mm(plan.solution.e, plan.e.high_mm) - plan.solution.e,
+            // So little is no other place.
+            e_held_off_mm: if e_held_off_mm > 0.5 * plan.e_tolerance_mm { e_held_off_mm } else { 0.0 },
         })
     }
 }

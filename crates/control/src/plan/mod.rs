@@ -15,7 +15,7 @@ pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedJob, PlannedStep};
 
 use super::air::{AirGoal, FREE_PROBES};
 use super::shell::ShellGoal;
-use bench::config::{AxisConfig, Config, ShellStep};
+use bench::config::{AxisConfig, Config, ShellStep, Side};
 use capture::Capture;
 use plenoptics::imaging::grid::PITCH_FOLLOWED;
 use plenoptics::optics::mla::micro_image_pitch;
@@ -104,11 +104,13 @@ struct AxisRoom {
     zero_mm: f64,
     scale_sigma: f64,
     backlash_mm: f64,
+    /// How far below a target it goes on its way there.
+    leg_below_mm: f64,
     most_mm: f64,
 }
 
 impl AxisRoom {
-    const fn of(axis: &AxisConfig) -> Self {
+    fn of(axis: &AxisConfig) -> Self {
         Self {
             low_mm: axis.low_limit_mm,
             high_mm: axis.high_limit_mm,
@@ -116,6 +118,7 @@ impl AxisRoom {
             zero_mm: axis.zero_uncertainty_mm,
             scale_sigma: axis.scale_uncertainty,
             backlash_mm: axis.backlash_mm,
+            leg_below_mm: if axis.approach == Side::Low { axis.approach_leg_mm() } else { 0.0 },
             // An approach begins beside its target, on the far side of the play.
             most_mm: axis.max_step_mm - 2.0 * axis.backlash_mm - PLAY_MM,
         }
@@ -233,6 +236,7 @@ impl Plan {
             scale_sigma: self.e.scale_sigma,
             zero_sigma_mm: self.e.zero_mm,
             backlash_mm: self.e.backlash_mm,
+            leg_mm: self.e.leg_below_mm,
             home_mm: self.e.home_mm,
             probe_mm: self.e_probe_mm,
             most_mm: self.e.most_mm,

@@ -82,7 +82,7 @@ impl Service {
     pub(crate) async fn begin_as(&self, start: &JobStart, white: Option<Frame>) -> Result<(), String> {
         self.motion.set_shell(words::known(&start.shell)?);
         let contact = start.measured_contact.map_or_else(
-            || self.motion.contact(),
+            || Contact { e_mm: start.l_bound_mm - self.config.assembly.clearance_mm, measured_sigma_mm: None },
             |seen| Contact { e_mm: seen.e_mm, measured_sigma_mm: Some(seen.sigma_mm) },
         );
         self.motion.set_l_bound(start.l_bound_mm, contact);
