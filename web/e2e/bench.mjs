@@ -386,7 +386,9 @@ try {
   const secret = ana.page.locator("header #secret code");
   await secret.waitFor();
   await ana.page.locator(".who", { hasText: "Ana" }).waitFor();
-  await ben.page.locator("#sign-in #out", { hasText: "From now on everybody is asked for a token" }).waitFor();
+  await ben.page
+    .locator("#sign-in #out", { hasText: "From now on everybody is asked for a token" })
+    .waitFor();
   await ana.page.locator(".token-list li", { hasText: "Ana" }).waitFor();
   await ana.page.setViewportSize({ width: 360, height: 740 });
   await drawn(ana.page);
