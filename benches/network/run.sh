@@ -56,45 +56,14 @@ elsewhere ip address add 10.9.0.2/24 dev cable
 elsewhere ip link set cable up
 elsewhere ip link set lo up
 
-cat >"$folder/plenalign.toml" <<TOML
-[main_lens]
-focal_length_mm = 20.0
-[mla]
-array = "square"
-pitch_mm = 0.1
-focal_length_mm = 0.5
-angular_resolution = 3.13
-mode = "galilean"
+cat ../../tests/genicam/bench.toml - >"$folder/plenalign.toml" <<TOML
 [sensor]
 pixel_um = 3.45
 width_px = ${sensor%x*}
 height_px = ${sensor#*x}
-[shell]
-outer_radius_mm = 59.0
-inner_radius_mm = 51.0
-refractive_index = 1.49
-[water]
-refractive_index = 1.333
-[server]
-requests_per_s = 100000
-[bench]
-driver = "hardware"
 [bench.controllers.main]
 driver = "grbl"
 port = "$folder/stage"
-[bench.focus]
-controller = "main"
-axis = "X"
-steps_per_mm = 800.0
-speed_mm_per_s = 20
-acceleration_mm_per_s2 = 200
-[bench.e]
-controller = "main"
-axis = "Y"
-steps_per_mm = 800.0
-home_side = "high"
-speed_mm_per_s = 20
-acceleration_mm_per_s2 = 200
 [bench.camera]
 driver = "genicam"
 device = "10.9.0.2"

@@ -85,29 +85,11 @@ client() { python3 client.py "$ADDRESS" "$@"; }
 # A feature as Aravis reads it.
 feature() { elsewhere arv-tool-0.8 -a 10.9.0.2 control "$1" | sed 's/^[^=]* = //; s/ .*//'; }
 
-cat >"$folder/plenalign.toml" <<'TOML'
-[main_lens]
-focal_length_mm = 20.0
-[mla]
-array = "square"
-pitch_mm = 0.1
-focal_length_mm = 0.5
-angular_resolution = 3.13
-mode = "galilean"
+cat bench.toml - >"$folder/plenalign.toml" <<'TOML'
 [sensor]
 pixel_um = 3.45
 width_px = 256
 height_px = 200
-[shell]
-outer_radius_mm = 59.0
-inner_radius_mm = 51.0
-refractive_index = 1.49
-[water]
-refractive_index = 1.333
-[server]
-requests_per_s = 100000
-[bench]
-driver = "hardware"
 [bench.controllers.main]
 driver = "grbl"
 port = "/dev/no-such-port"

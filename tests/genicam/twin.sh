@@ -46,55 +46,22 @@ trap finish EXIT
 # Packets that are larger do not come through, which test packets are to show.
 ip link set lo up mtu 4000
 
-cat >"$folder/plenalign.toml" <<'TOML'
-[main_lens]
-focal_length_mm = 20.0
-[mla]
-array = "square"
-pitch_mm = 0.1
-focal_length_mm = 0.5
-angular_resolution = 3.13
-mode = "galilean"
+cat bench.toml - >"$folder/plenalign.toml" <<TOML
 [sensor]
-pixel_um = PIXEL
-width_px = COLUMNS
-height_px = ROWS
-[shell]
-outer_radius_mm = 59.0
-inner_radius_mm = 51.0
-refractive_index = 1.49
-[water]
-refractive_index = 1.333
-[server]
-requests_per_s = 100000
-[bench]
-driver = "hardware"
+pixel_um = $pixel_um
+width_px = $columns
+height_px = $rows
 [bench.controllers.main]
 driver = "grbl"
-port = "STAGE"
-[bench.focus]
-controller = "main"
-axis = "X"
-steps_per_mm = 800.0
-speed_mm_per_s = 20
-acceleration_mm_per_s2 = 200
-[bench.e]
-controller = "main"
-axis = "Y"
-steps_per_mm = 800.0
-home_side = "high"
-speed_mm_per_s = 20
-acceleration_mm_per_s2 = 200
+port = "$folder/stage"
 [bench.camera]
 driver = "genicam"
 device = "127.0.0.1"
 format = "Mono12p"
-frame_rate_hz = RATE
-timeout_ms = TIMEOUT
+frame_rate_hz = $rate_hz
+timeout_ms = $timeout_ms
 timestamp_means = "exposure_end"
 TOML
-sed -i "s|STAGE|$folder/stage|; s/PIXEL/$pixel_um/; s/COLUMNS/$columns/; s/ROWS/$rows/; s/RATE/$rate_hz/; s/TIMEOUT/$timeout_ms/" \
-  "$folder/plenalign.toml"
 # What renders has fewer rays to a pixel, to keep pace.
 as_twin=(--config "$folder/plenalign.toml" --set bench.simulation.rays=16)
 
