@@ -4,7 +4,7 @@
 use super::axis_model::AxisModel;
 
 /// Standard uncertainties of e that have to lie between the lens and where it touches: one in a thousand is nearer.
-pub const CLEAR_SIGMAS: f64 = 3.0;
+const CLEAR_SIGMAS: f64 = 3.0;
 /// With fewer than this, where a later picture has made e smaller or less certain, the lens is taken back.
 const BACK_SIGMAS: f64 = 2.5;
 
@@ -28,24 +28,24 @@ pub struct Room {
 }
 
 impl Room {
-    /// e (mm) at a reading (mm), and how many of its standard uncertainties it is from where the lens touches.
-    fn clear(&self, reading_mm: f64) -> (f64, f64) {
+    /// How many of its standard uncertainties e is from where the lens touches, at a reading, mm.
+    fn sigmas_left(&self, reading_mm: f64) -> f64 {
         let (e_mm, sigma_mm) = self.e.predict(reading_mm);
         let sigma_mm = sigma_mm.hypot(self.contact.measured_sigma_mm.unwrap_or(0.0));
         let left_mm = e_mm - self.contact.e_mm;
-        (left_mm, if sigma_mm > 0.0 { left_mm / sigma_mm } else { left_mm.signum() * f64::INFINITY })
+        if sigma_mm > 0.0 { left_mm / sigma_mm } else { left_mm.signum() * f64::INFINITY }
     }
 
     /// Whether the lens may be taken there.
     #[must_use]
     pub fn lets(&self, reading_mm: f64) -> bool {
-        self.clear(reading_mm).1 >= CLEAR_SIGMAS
+        self.sigmas_left(reading_mm) >= CLEAR_SIGMAS
     }
 
     /// Whether the lens, which stands there, has to be taken back.
     #[must_use]
     pub fn asks_back(&self, reading_mm: f64) -> bool {
-        self.clear(reading_mm).1 < BACK_SIGMAS
+        self.sigmas_left(reading_mm) < BACK_SIGMAS
     }
 
     /// The least reading, from one on (mm) up to a highest one, that the lens may be taken to; `None` where there is none.

@@ -125,8 +125,7 @@ impl Budget {
     #[must_use]
     pub fn of(config: &Config, seen: &Evidence, e_target_mm: f64) -> Option<Self> {
         let model = Model::new(config, seen)?;
-        let (measurements, measured) = model.measured();
-        let adjusted = Adjusted::find(model.unknowns(), &measured, |unknowns| model.predicted(unknowns))?;
+        let (measurements, adjusted) = model.adjusted()?;
         let found = model.results(&adjusted.unknowns)?;
         let rows = slopes(&adjusted.unknowns, found.len(), |unknowns| {
             model.results(unknowns).map_or_else(|| DVector::zeros(found.len()), |found| DVector::from_row_slice(&found))
@@ -199,7 +198,7 @@ impl Budget {
 #[must_use]
 pub fn e_axis(config: &Config, seen: &Evidence) -> Option<AxisModel> {
     let model = Model::new(config, seen)?;
-    let adjusted = Adjusted::find(model.unknowns(), &model.measured().1, |unknowns| model.predicted(unknowns))?;
+    let (_, adjusted) = model.adjusted()?;
     Some(model.e_axis(&adjusted))
 }
 

@@ -68,7 +68,7 @@ impl<'a> Model<'a> {
     }
 
     /// How many unknowns there are.
-    pub(super) fn unknowns(&self) -> usize {
+    fn unknowns(&self) -> usize {
         self.parts.len() + 1
     }
 
@@ -114,18 +114,16 @@ impl<'a> Model<'a> {
     /// What the e axis's readings mean.
     pub(super) fn e_axis(&self, adjusted: &Adjusted) -> AxisModel {
         let home = self.config.bench.e.home_position_mm;
-        // Zero and scale, each with its slope against the unknown that it is.
-        let line = [Part::EZero, Part::EScale].map(|part| {
-            let at = self.parts.iter().position(|(other, _)| *other == part);
-            let mut slope = DVector::zeros(self.unknowns());
-            if let Some(at) = at {
-                slope[at] = self.parts[at].1;
-            }
-            slope
+        let line = [Part::EZero, Part::EScale];
+        // Each is an unknown itself, or exact.
+        let slopes = line.map(|part| {
+            DVector::from_fn(self.unknowns(), |at, _| {
+                self.parts.get(at).filter(|(other, _)| *other == part).map_or(0.0, |(_, sigma)| *sigma)
+            })
         });
-        let covariance = [0, 1].map(|i| [0, 1].map(|j| adjusted.covariance_of(&line[i], &line[j])));
-        let off = line.each_ref().map(|slope| slope.dot(&adjusted.unknowns));
-        AxisModel::known(home, [home + off[0], 1.0 + off[1]], covariance)
+        let covariance = [0, 1].map(|i| [0, 1].map(|j| adjusted.covariance_of(&slopes[i], &slopes[j])));
+        let [zero, scale] = line.map(|part| self.off(&adjusted.unknowns, part));
+        AxisModel::known(home, [home + zero, 1.0 + scale], covariance)
     }
 
     /// The spacing near the axis at a pose of the shell step, px: a decentred shell brings the board's image nearer, as if
@@ -137,8 +135,15 @@ impl<'a> Model<'a> {
         camera.spacing_px(e, at.trim_mm)
     }
 
+    /// What each measurement is called, and the most probable values. `None` where what was seen fits nothing.
+    pub(super) fn adjusted(&self) -> Option<(Vec<&'static str>, Adjusted)> {
+        let (measurements, measured) = self.measured();
+        let adjusted = Adjusted::find(self.unknowns(), &measured, |unknowns| self.predicted(unknowns))?;
+        Some((measurements, adjusted))
+    }
+
     /// What was measured: what each measurement is called, and what came of it.
-    pub(super) fn measured(&self) -> (Vec<&'static str>, Vec<Measured>) {
+    fn measured(&self) -> (Vec<&'static str>, Vec<Measured>) {
         let named = |name, value, sigma| (name, Measured { value, sigma });
         let boards = self.seen.boards.iter().map(|b| named("spacings of the boards in air", b.spacing_px, b.sigma_px));
         let pitch = self.seen.pitch.iter().map(|p| named("pitch of the micro-images", p.pitch_px, p.sigma_px));
@@ -152,7 +157,7 @@ impl<'a> Model<'a> {
     }
 
     /// The same as the unknowns would have them.
-    pub(super) fn predicted(&self, unknowns: &DVector<f64>) -> Vec<f64> {
+    fn predicted(&self, unknowns: &DVector<f64>) -> Vec<f64> {
         let camera = self.camera(unknowns);
         let (design, b) = (&camera.design, camera.mla_to_sensor_mm);
         let datum = self.off(unknowns, Part::BoardsInAir);
