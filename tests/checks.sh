@@ -57,7 +57,7 @@ start_lanes() {
 }
 # Waits for the lanes' ends, and shows what their parts printed.
 join_lanes() {
-  local pid number status=0 failed=""
+  local pid number status=0 failed="" printed=""
   for pid in "${lane_pids[@]}"; do
     wait "$pid" || status=$?
   done
@@ -71,10 +71,12 @@ join_lanes() {
       times+=("$(printf '%6d s  %s (beside)' "$(<"$logs/$number.done")" "$2")")
     elif [[ -e $logs/$number.failed ]]; then
       failed+="${failed:+, }$2 after $(<"$logs/$number.failed") s"
+      # Where only a log's end is kept, it says why.
+      printed+="== the last that $2 printed"$'\n'"$(tail -n 25 "$logs/$number")"$'\n'
     fi
   done
   if ((status != 0)); then
-    echo "== FAILED: ${failed:-a lane}" >&2
+    printf '%s== FAILED: %s\n' "$printed" "${failed:-a lane}" >&2
     exit 1
   fi
   parts=()
