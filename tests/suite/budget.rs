@@ -7,7 +7,9 @@ use std::sync::Arc;
 
 use plenalign::config::{Config, ShellStep};
 use plenalign::control::air::{AirDecision, AirLoop, AirObservation};
-use plenalign::control::budget::{BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, TiltChange, Verdict, e_axis};
+use plenalign::control::budget::{
+    AirPlace, BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, TiltChange, Verdict, e_axis,
+};
 use plenalign::control::calibrated::CalibratedCamera;
 use plenalign::control::plan::{AirBoards, Plan};
 use plenalign::control::room::{Contact, Room};
@@ -234,9 +236,11 @@ impl Bench {
             return Err("not three levels side by side".to_owned());
         };
         let mut air = AirLoop::new(plan.air_goal());
-        let mut focus = joint.delta_v - FROM_SOLUTION_MM;
+        let (mut focus, mut places) = (joint.delta_v - FROM_SOLUTION_MM, Vec::<AirPlace>::new());
         let (camera, boards) = loop {
             let boards = self.boards(focus, levels);
+            places.retain(|place| place.focus_mm != focus);
+            places.push(AirPlace { focus_mm: focus, boards: boards.to_vec() });
             let far = |delta_v: f64| (delta_v - joint.delta_v).abs() > plan.b_told_within_mm;
             let guess = air.here().map_or(focus, |here| here.delta_v_mm);
             let camera = self.calibrated(&boards, far(guess))?;
@@ -264,14 +268,14 @@ impl Bench {
         let mut shell = ShellLoop::new(plan.shell_goal(target_px, ShellStep::TranslateEThenTrim), camera);
         let scale = air.model().map_or(1.0, |model| model.scale().0);
         let (mut e, mut trim) = (plan.mount_e_mm, 0.0);
+        places.retain(|place| place.focus_mm != focus);
         let mut seen = Evidence {
             air: camera,
+            focus_mm: focus,
+            focus_scale: scale,
+            places,
             boards,
-            pitch: Some(PitchSeen {
-                pitch_px: white_pitch_px,
-                sigma_px: PITCH_SIGMA * white_pitch_px,
-                delta_v_mm: -focus * scale,
-            }),
+            pitch: Some(PitchSeen { pitch_px: white_pitch_px, sigma_px: PITCH_SIGMA * white_pitch_px, focus_mm: 0.0 }),
             shell: Vec::new(),
             tilt_change: None,
             window_px: WINDOW_PX,
@@ -576,7 +580,8 @@ fn what_is_exact_has_no_part() {
     let mut config = Config::default();
     let exact = config.uncertainty.keyed().map(|(key, _)| (key, "0"));
     config.set_all(exact).unwrap();
-    config.set_all([("bench.e.zero_uncertainty_mm", "0"), ("bench.e.scale_uncertainty", "0")]).unwrap();
+    let exact = ["bench.focus.scale_uncertainty", "bench.e.zero_uncertainty_mm", "bench.e.scale_uncertainty"];
+    config.set_all(exact.map(|key| (key, "0"))).unwrap();
     let Aligned { truth, budget } = Bench::draw(config, 0.0, 1).align().unwrap();
     assert!(budget.parts.iter().all(|part| part.key.is_none()), "{:?}", budget.parts);
     assert!(budget.correlation.iter().flatten().all(|r| r.is_finite()), "{:?}", budget.correlation);

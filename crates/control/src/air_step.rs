@@ -3,7 +3,7 @@
 use super::air::{AirDecision, AirLoop, AirObservation, FREE_PROBES};
 use super::alignment::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
 use super::axis_model::{AxisModel, check_move};
-use super::budget::BoardSeen;
+use super::budget::{AirPlace, BoardSeen};
 use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
 use super::eye::Seen;
@@ -14,10 +14,13 @@ use super::tasks::AirStep;
 use bench::config::BoardsInAir;
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::Solution;
+use plenoptics::optics::mla::a_from_spacing;
 use plenoptics::units::Millimetres;
 
-/// Places nearer to one another than this are one, mm.
+/// Places of a board nearer to one another than this are one, mm.
 const SAME_PLACE_MM: f64 = 0.05;
+/// Places of the focus axis nearer to one another than this are one, mm.
+const SAME_FOCUS_MM: f64 = 1e-6;
 
 /// What is done where the levels of a board cannot be told well enough.
 const IN_TURN: &str = "a flat board is put to three places in turn instead";
@@ -123,8 +126,14 @@ impl Alignment<'_> {
                     let standing = self.calibrate_in_turn(plan, standing).await?;
                     if let Some(camera) = self.findings.camera {
                         let delta_v = (here.delta_v_mm, here.sigma_mm);
-                        let boards = self.findings.boards;
-                        self.eye.keep_air_step(AirStep { camera, delta_v, boards, focus_mm: reading_mm });
+                        self.eye.keep_air_step(AirStep {
+                            camera,
+                            delta_v,
+                            boards: self.findings.boards,
+                            focus_mm: reading_mm,
+                            focus_scale: self.findings.focus_scale.unwrap_or(1.0),
+                            places: self.places_but(reading_mm),
+                        });
                     }
                     self.context.log(format!(
                         "air step done: Δv = {:.4} ± {:.4} mm, wanted {:.4} mm",
@@ -188,6 +197,11 @@ impl Alignment<'_> {
         let seen = self.context.unless_cancelled(self.eye.calibrate(boards, known_b, hold_b, frames)).await?;
         let delta_v_mm = self.keep_camera(&seen.camera, seen.middle.window_px);
         self.findings.boards = seen.camera.boards;
+        let mut air_places = self.places_but(reading);
+        let as_one = || vec![self.as_one(&seen.camera, boards.middle_mm(), seen.middle.spacing.spacing_px)];
+        let boards = seen.camera.boards.map_or_else(as_one, Vec::from);
+        air_places.push(AirPlace { focus_mm: reading, boards });
+        self.findings.air_places = air_places;
         self.findings.seen = Some(seen.middle.clone());
         let observation = AirObservation {
             reading_mm: reading,
@@ -196,6 +210,22 @@ impl Alignment<'_> {
             repeatability_mm: seen.camera.repeatability_mm,
         };
         Ok((observation, seen.middle))
+    }
+
+    /// What boards showed with the focus axis elsewhere than at a reading, mm.
+    fn places_but(&self, focus_mm: f64) -> Vec<AirPlace> {
+        let places = self.findings.air_places.iter();
+        places.filter(|place| (place.focus_mm - focus_mm).abs() > SAME_FOCUS_MM).cloned().collect()
+    }
+
+    /// Boards that were not told apart as one at a distance (mm) with their spacing (px): as uncertain as it leaves the image
+    /// distance, by where the levels stand, too.
+    fn as_one(&self, seen: &CameraSeen, distance_mm: f64, spacing_px: f64) -> BoardSeen {
+        let (mla, pixel_mm) = (self.design.mla, self.eye.pixel_mm());
+        let a = a_from_spacing(mla.pitch, spacing_px * pixel_mm, seen.mla_to_sensor_mm);
+        // l = P (a − b)/a.
+        let slope = mla.pitch * seen.mla_to_sensor_mm / (a * a) / pixel_mm;
+        BoardSeen { distance_mm, spacing_px, sigma_px: slope * seen.image_distance_sigma_mm }
     }
 
     fn known_b(&self) -> (f64, f64) {

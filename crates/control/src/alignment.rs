@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::budget::{BoardSeen, TiltChange};
+use super::budget::{AirPlace, BoardSeen, TiltChange};
 use super::calibrated::CalibratedCamera;
 use super::context::{JobContext, JobEnd};
 use super::events::{InView, ShellState};
@@ -38,6 +38,8 @@ pub(super) struct Findings {
     pub(super) delta_v_air: Option<(f64, f64)>,
     /// The boards one by one in the newest frames of the air step, where they could be told apart.
     pub(super) boards: Option<[BoardSeen; 3]>,
+    /// What boards in air showed, place of the focus axis by place.
+    pub(super) air_places: Vec<AirPlace>,
     /// b and its standard uncertainty, mm: as configured, or as one board at three places told it.
     pub(super) known_b: Option<(f64, f64)>,
     /// Trim of Δv since, mm.
@@ -143,6 +145,7 @@ impl Alignment<'_> {
         let findings = &mut self.findings;
         (findings.delta_v_air, findings.boards, findings.camera, findings.seen) = (None, None, None, None);
         findings.focus_scale = None;
+        findings.air_places.clear();
     }
 
     pub(super) async fn prepare(&mut self) -> Result<(), JobEnd> {

@@ -240,7 +240,7 @@ impl Eye {
     /// What the newest air step left: nothing once the focus axis's position has been unknown, because a new homing
     /// repeats to tenths of a millimetre and Δv is held to thousandths.
     pub(super) fn air_step(&self) -> Option<AirStep> {
-        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner)
+        self.air_step.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// What the newest air step left, for a shell step that goes on from it and aims at a solution.

@@ -20,14 +20,16 @@ fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {
 pub(super) fn evidence(eye: &Eye, findings: &Findings, window_px: f64) -> Option<Evidence> {
     let air = eye.air_step()?;
     let pitch = eye.sight().zip(eye.white_frame()).and_then(|(sight, frame)| {
-        let moved_mm = frame.focus.position?.value() - air.focus_mm;
+        let focus_mm = frame.focus.position?.value();
         let grid = &sight.white().grid;
         let sigma_px = grid.sigma.pitch_px;
-        let delta_v_mm = moved_mm * findings.focus_scale.unwrap_or(1.0);
-        (sigma_px > 0.0).then(|| PitchSeen { pitch_px: grid.pitch_px(), sigma_px, delta_v_mm })
+        (sigma_px > 0.0).then(|| PitchSeen { pitch_px: grid.pitch_px(), sigma_px, focus_mm })
     });
     Some(Evidence {
         air: air.camera,
+        focus_mm: air.focus_mm,
+        focus_scale: air.focus_scale,
+        places: air.places,
         boards: air.boards?,
         pitch,
         shell: findings.through_shell.clone(),

@@ -1,7 +1,7 @@
 //! The kinds of job that are parts of an alignment, each from its preparation to its end.
 
 use super::alignment::{Alignment, VERIFY_FRAMES};
-use super::budget::BoardSeen;
+use super::budget::{AirPlace, BoardSeen};
 use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
 use super::job::Stage;
@@ -12,7 +12,7 @@ use bench::config::{LBoundSource, ShellStep};
 use bench::device::AxisName;
 
 /// What an air step left: enough to go on with the shell in a later job.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct AirStep {
     /// Camera as calibrated.
     pub(super) camera: CalibratedCamera,
@@ -22,6 +22,10 @@ pub(super) struct AirStep {
     pub(super) boards: Option<[BoardSeen; 3]>,
     /// Readback of the focus axis then, mm.
     pub(super) focus_mm: f64,
+    /// Travel of the focus axis over its reading, as the boards had it.
+    pub(super) focus_scale: f64,
+    /// What boards showed at other places of the axis.
+    pub(super) places: Vec<AirPlace>,
 }
 
 impl Alignment<'_> {
@@ -68,6 +72,7 @@ impl Alignment<'_> {
         self.findings.solution = Some(solution);
         self.findings.camera = Some(kept.camera);
         self.findings.delta_v_air = Some(kept.delta_v);
+        self.findings.focus_scale = Some(kept.focus_scale);
         // A homing that takes the focus axis along would lose Δv.
         if self.eye.bench().stage(AxisName::E).homes_also().is_none() {
             self.withdraw_e(&plan).await?;

@@ -118,6 +118,22 @@ pub struct AirStep {
     /// The boards of the triple-level board, nearest first; none where they could not be told apart.
     #[prost(message, repeated, tag = "8")]
     pub boards: ::prost::alloc::vec::Vec<BoardSeen>,
+    /// Travel of the focus axis over its reading, as the boards had it; 1 of a recording that does not say.
+    #[prost(double, optional, tag = "9")]
+    pub focus_scale: ::core::option::Option<f64>,
+    /// What boards showed at other places of the axis.
+    #[prost(message, repeated, tag = "10")]
+    pub places: ::prost::alloc::vec::Vec<AirPlace>,
+}
+/// What boards in air showed where the focus axis stood.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct AirPlace {
+    /// Readback of the focus axis, mm.
+    #[prost(double, tag = "1")]
+    pub focus_mm: f64,
+    /// All levels of a stepped board, nearest first, or one board.
+    #[prost(message, repeated, tag = "2")]
+    pub boards: ::prost::alloc::vec::Vec<BoardSeen>,
 }
 /// A board in air.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

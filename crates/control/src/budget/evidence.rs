@@ -23,6 +23,15 @@ impl BoardSeen {
     }
 }
 
+/// What boards in air showed where the focus axis stood.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AirPlace {
+    /// Readback of the focus axis, mm.
+    pub focus_mm: f64,
+    /// All levels of a stepped board, nearest first, or one board.
+    pub boards: Vec<BoardSeen>,
+}
+
 /// The pitch of a white frame's micro-images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PitchSeen {
@@ -30,8 +39,8 @@ pub struct PitchSeen {
     pub pitch_px: f64,
     /// Its standard uncertainty, px.
     pub sigma_px: f64,
-    /// Δv when the frame was taken, less that of the end of the air step, mm.
-    pub delta_v_mm: f64,
+    /// Readback of the focus axis when the frame was taken, mm.
+    pub focus_mm: f64,
 }
 
 /// How the spacing's tilt differs through the shell from what it was in air.
@@ -62,6 +71,13 @@ impl TiltChange {
 pub struct Evidence {
     /// The camera as the air step left it.
     pub air: CalibratedCamera,
+    /// Readback of the focus axis then, mm.
+    pub focus_mm: f64,
+    /// Travel of the focus axis over its reading, as the trims through the shell were reckoned.
+    pub focus_scale: f64,
+    /// The boards at other places of the focus axis: what they tell of its scale, and by that of where the white frame was
+    /// taken.
+    pub places: Vec<AirPlace>,
     /// The three boards of the triple-level board at the end of the air step, nearest first.
     pub boards: [BoardSeen; 3],
     /// The white frame's pitch.

@@ -25,7 +25,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use self::evidence::{BoardSeen, Evidence, PitchSeen, TiltChange};
+pub use self::evidence::{AirPlace, BoardSeen, Evidence, PitchSeen, TiltChange};
 
 use self::adjustment::{Adjusted, slopes};
 use self::model::Model;

@@ -6,10 +6,11 @@ use nalgebra::DVector;
 use plenoptics::optics::{CameraDesign, Decentring, MainLens, Mla, Shell, mla};
 
 use super::adjustment::{Adjusted, Measured};
-use super::evidence::Evidence;
-use super::part::Part;
+use super::evidence::{BoardSeen, Evidence};
+use super::part::{LEVELS, Part};
 use crate::axis_model::AxisModel;
 use crate::calibrated::CalibratedCamera;
+use crate::shell::ShellObservation;
 
 /// Standard uncertainty of d before the boards were looked at, mm: next to nothing is known of it.
 const LENS_TO_MLA_SIGMA_MM: f64 = 10.0;
@@ -105,6 +106,59 @@ impl<'a> Model<'a> {
         }
     }
 
+    /// How far the focus axis truly moves for a way of its reading, mm.
+    fn focus_moved_mm(&self, unknowns: &DVector<f64>, reading_mm: f64) -> f64 {
+        (1.0 + self.off(unknowns, Part::FocusScale)) * reading_mm
+    }
+
+    /// How far the focus axis truly stands from the end of the air step at a pose of the shell step, mm.
+    fn trim_mm(&self, unknowns: &DVector<f64>, pose: &ShellObservation) -> f64 {
+        self.focus_moved_mm(unknowns, pose.trim_mm / self.seen.focus_scale)
+    }
+
+    /// The spacing of a board in air with the focus axis's reading so far from the end of the air step's, px. Of a board
+    /// `level` is the one of a stepped board; one that stands alone has no step.
+    fn board_px(
+        &self,
+        unknowns: &DVector<f64>,
+        camera: &CalibratedCamera,
+        moved_mm: f64,
+        distance_mm: f64,
+        level: Option<usize>,
+    ) -> f64 {
+        let step_mm = level.map_or(0.0, |level| self.off(unknowns, Part::BoardStep(level)));
+        let distance_mm = distance_mm + self.off(unknowns, Part::BoardsInAir) + step_mm;
+        let d = camera.lens_to_mla_mm + self.focus_moved_mm(unknowns, moved_mm);
+        let a = camera.design.main_lens.image_distance(distance_mm) - d;
+        mla::spacing(camera.design.mla.pitch, a, camera.mla_to_sensor_mm) / camera.pixel_mm
+    }
+
+    /// Every board that was seen elsewhere than at the end of the air step: by how far the focus axis's reading was away, mm,
+    /// which level it was, and what was seen of it.
+    fn elsewhere(&self) -> impl Iterator<Item = (f64, Option<usize>, BoardSeen)> {
+        self.seen.places.iter().flat_map(|place| {
+            let moved_mm = place.focus_mm - self.seen.focus_mm;
+            let stepped = place.boards.len() == LEVELS;
+            place.boards.iter().enumerate().map(move |(at, board)| (moved_mm, stepped.then_some(at), *board))
+        })
+    }
+
+    /// What the spacing of a board elsewhere is uncertain by, px: out of focus its image's shape counts, and one that is put
+    /// up alone stands where it does by a step of its own.
+    fn elsewhere_sigma_px(&self, (moved_mm, level, board): (f64, Option<usize>, BoardSeen)) -> f64 {
+        let as_thought = DVector::zeros(self.unknowns());
+        let camera = self.camera(&as_thought);
+        let at = |distance_mm| self.board_px(&as_thought, &camera, moved_mm, distance_mm, None);
+        let step_mm = if level.is_none() { self.config.uncertainty.board_steps_mm } else { 0.0 };
+        let by_step = at(board.distance_mm + step_mm) - at(board.distance_mm);
+        board.sigma_px.hypot(by_step).hypot(self.blurred_px(board.spacing_px))
+    }
+
+    /// What a spacing is uncertain by because it is not the one in focus, px.
+    fn blurred_px(&self, spacing_px: f64) -> f64 {
+        BLUR_SHARE * (spacing_px - self.design.mla.target_spacing() / self.seen.air.pixel_mm)
+    }
+
     /// e where the axis reads `reading_mm`, mm.
     fn e_mm(&self, unknowns: &DVector<f64>, reading_mm: f64) -> f64 {
         let home = self.config.bench.e.home_position_mm;
@@ -132,7 +186,7 @@ impl<'a> Model<'a> {
         let at = self.seen.shell[pose];
         let decentre_squared = (self.decentre_squared + self.off(unknowns, Part::Decentre)).max(0.0);
         let e = self.e_mm(unknowns, at.e_reading_mm) - self.decentring[pose].nearer * decentre_squared;
-        camera.spacing_px(e, at.trim_mm)
+        camera.spacing_px(e, self.trim_mm(unknowns, &at))
     }
 
     /// What each measurement is called, and the most probable values. `None` where what was seen fits nothing.
@@ -146,34 +200,36 @@ impl<'a> Model<'a> {
     fn measured(&self) -> (Vec<&'static str>, Vec<Measured>) {
         let named = |name, value, sigma| (name, Measured { value, sigma });
         let boards = self.seen.boards.iter().map(|b| named("spacings of the boards in air", b.spacing_px, b.sigma_px));
+        let elsewhere = self
+            .elsewhere()
+            .map(|seen| named("spacings of the boards in air", seen.2.spacing_px, self.elsewhere_sigma_px(seen)));
         let pitch = self.seen.pitch.iter().map(|p| named("pitch of the micro-images", p.pitch_px, p.sigma_px));
         // Beside what all poses share the window is another at each; and far from focus its shape counts for more.
-        let in_focus = self.design.mla.target_spacing() / self.seen.air.pixel_mm;
         let shell = self.seen.shell.iter().zip(&self.excess_px).map(|(seen, (_, excess_sigma_px))| {
-            let blurred = BLUR_SHARE * (seen.spacing_px - in_focus);
-            named("spacings through the shell", seen.spacing_px, seen.sigma_px.hypot(*excess_sigma_px).hypot(blurred))
+            let sigma_px = seen.sigma_px.hypot(*excess_sigma_px).hypot(self.blurred_px(seen.spacing_px));
+            named("spacings through the shell", seen.spacing_px, sigma_px)
         });
-        boards.chain(pitch).chain(shell).unzip()
+        boards.chain(elsewhere).chain(pitch).chain(shell).unzip()
     }
 
     /// The same as the unknowns would have them.
     fn predicted(&self, unknowns: &DVector<f64>) -> Vec<f64> {
         let camera = self.camera(unknowns);
         let (design, b) = (&camera.design, camera.mla_to_sensor_mm);
-        let datum = self.off(unknowns, Part::BoardsInAir);
-        let boards = self.seen.boards.iter().enumerate().map(|(level, board)| {
-            let distance = board.distance_mm + datum + self.off(unknowns, Part::BoardStep(level));
-            let a = design.main_lens.image_distance(distance) - camera.lens_to_mla_mm;
-            mla::spacing(design.mla.pitch, a, b) / camera.pixel_mm
-        });
+        let board_px = |moved_mm: f64, board: &BoardSeen, level: Option<usize>| {
+            self.board_px(unknowns, &camera, moved_mm, board.distance_mm, level)
+        };
+        let boards = self.seen.boards.iter().enumerate().map(|(level, board)| board_px(0.0, board, Some(level)));
+        let elsewhere = self.elsewhere().map(|(moved_mm, level, board)| board_px(moved_mm, &board, level));
         let pitch = self.seen.pitch.iter().map(|pitch| {
-            let from_pupil = camera.lens_to_mla_mm + pitch.delta_v_mm + self.off(unknowns, Part::ExitPupil);
+            let moved_mm = self.focus_moved_mm(unknowns, pitch.focus_mm - self.seen.focus_mm);
+            let from_pupil = camera.lens_to_mla_mm + moved_mm + self.off(unknowns, Part::ExitPupil);
             mla::micro_image_pitch(design.mla.pitch, from_pupil, b) / camera.pixel_mm
         });
         let window = 1.0 + self.off(unknowns, Part::Aberrations);
         let shell = (0..self.seen.shell.len())
             .map(|pose| self.paraxial_px(unknowns, &camera, pose) + window * self.excess_px[pose].0);
-        boards.chain(pitch).chain(shell).collect()
+        boards.chain(elsewhere).chain(pitch).chain(shell).collect()
     }
 
     /// What the alignment came to at its last pose, as the unknowns would have it: Δv, mm, which is d + N b less the air
@@ -181,7 +237,7 @@ impl<'a> Model<'a> {
     pub(super) fn results(&self, unknowns: &DVector<f64>) -> Option<[f64; 3]> {
         let last = self.seen.shell.last()?;
         let camera = self.camera(unknowns);
-        let d = camera.lens_to_mla_mm + last.trim_mm;
+        let d = camera.lens_to_mla_mm + self.trim_mm(unknowns, last);
         let resolution = self.design.mla.signed_resolution();
         let focal_length = self.design.mla.focal_length + self.off(unknowns, Part::MlaFocalLength);
         // Eq. 16 with 1/b − 1/a = 1/f_MLA.

@@ -21,12 +21,13 @@ pub(super) enum Part {
     /// The square of how far the shell's centre is beside the lens's axis.
     Decentre,
     Aberrations,
+    FocusScale,
     EZero,
     EScale,
 }
 
 /// Boards of the triple-level board.
-const LEVELS: usize = 3;
+pub(super) const LEVELS: usize = 3;
 
 impl Part {
     /// All of them; those of one name stand together.
@@ -43,6 +44,7 @@ impl Part {
                 Self::ShellIndex,
                 Self::Decentre,
                 Self::Aberrations,
+                Self::FocusScale,
                 Self::EZero,
                 Self::EScale,
             ])
@@ -69,6 +71,7 @@ impl Part {
             Self::ShellIndex => known.shell_index,
             Self::Decentre => known.shell_decentre_mm,
             Self::Aberrations => known.shell_aberrations,
+            Self::FocusScale => config.bench.focus.scale_uncertainty,
             Self::EZero => axis.zero_uncertainty_mm,
             Self::EScale => axis.scale_uncertainty,
         }
@@ -77,7 +80,7 @@ impl Part {
     /// Its unit with a space before it; nothing of a pure number.
     pub(super) const fn unit(self) -> &'static str {
         match self {
-            Self::WaterIndex | Self::ShellIndex | Self::Aberrations | Self::EScale => "",
+            Self::WaterIndex | Self::ShellIndex | Self::Aberrations | Self::FocusScale | Self::EScale => "",
             Self::Decentre => " mm²",
             _ => " mm",
         }
@@ -99,6 +102,7 @@ impl Part {
             Self::ShellIndex => "index of the shell",
             Self::Decentre => "decentring of the shell",
             Self::Aberrations => "aberrations of the shell",
+            Self::FocusScale => "scale of the focus axis",
             Self::EZero => "zero of the e axis",
             Self::EScale => "scale of the e axis",
         }
@@ -120,6 +124,7 @@ impl Part {
             Self::ShellIndex => "uncertainty.shell_index",
             Self::Decentre => "uncertainty.shell_decentre_mm",
             Self::Aberrations => "uncertainty.shell_aberrations",
+            Self::FocusScale => "bench.focus.scale_uncertainty",
             Self::EZero => "bench.e.zero_uncertainty_mm",
             Self::EScale => "bench.e.scale_uncertainty",
         }
@@ -142,7 +147,7 @@ impl Part {
             Self::Decentre => "centre the shell",
             Self::Aberrations => "a smaller aperture, or a larger shell",
             Self::EZero => "a better home switch, or l_bound measured",
-            Self::EScale => "calibrate the axis",
+            Self::FocusScale | Self::EScale => "calibrate the axis",
         }
     }
 }

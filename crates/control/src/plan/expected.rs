@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::Plan;
 use super::precision::Precision;
-use crate::budget::{BoardSeen, Budget, Evidence, PitchSeen, e_axis};
+use crate::budget::{AirPlace, BoardSeen, Budget, Evidence, PitchSeen, e_axis};
 use crate::calibrated::CalibratedCamera;
 use crate::room::{Contact, Room};
 use crate::shell::ShellObservation;
@@ -78,13 +78,20 @@ fn evidence(config: &Config, plan: &Plan, precision: &Precision) -> Evidence {
     };
     // Each level has a third of the field.
     let sigma_px = 3.0_f64.sqrt() * precision.spacing_px;
-    let boards = plan.places_about(solution.equivalent_distance).map(|distance_mm| BoardSeen {
-        distance_mm,
-        spacing_px: design.spacing_at(distance_mm, solution.delta_v) / pixel_mm,
-        sigma_px,
-    });
-    let white_mm = plan.focus.home_mm - solution.delta_v;
-    let pitch_px = micro_image_pitch(design.mla.pitch, air.lens_to_mla_mm + white_mm, design.mla.b()) / pixel_mm;
+    let boards_at = |delta_v_mm: f64, middle_mm: f64| {
+        plan.places_about(middle_mm).map(|distance_mm| BoardSeen {
+            distance_mm,
+            spacing_px: design.spacing_at(distance_mm, delta_v_mm) / pixel_mm,
+            sigma_px,
+        })
+    };
+    let boards = boards_at(solution.delta_v, solution.equivalent_distance);
+    // The first are looked at where the white frame is taken.
+    let white_mm = plan.focus.home_mm;
+    let first = plan
+        .boards_at(white_mm, plan.unknown_delta_v_mm(white_mm), None)
+        .map(|boards| AirPlace { focus_mm: white_mm, boards: boards_at(white_mm, boards.middle_mm()).to_vec() });
+    let pitch_px = micro_image_pitch(design.mla.pitch, design.lens_to_mla(white_mm), design.mla.b()) / pixel_mm;
     let poses = [plan.mount_e_mm, plan.mount_e_mm - plan.e_probe_mm, solution.e];
     let shell = poses.map(|e_mm| ShellObservation {
         e_reading_mm: e_mm,
@@ -95,10 +102,49 @@ fn evidence(config: &Config, plan: &Plan, precision: &Precision) -> Evidence {
     });
     Evidence {
         air,
+        focus_mm: solution.delta_v,
+        focus_scale: 1.0,
+        places: first.into_iter().collect(),
         boards,
-        pitch: Some(PitchSeen { pitch_px, sigma_px: PITCH_SIGMA * pitch_px, delta_v_mm: white_mm }),
+        pitch: Some(PitchSeen { pitch_px, sigma_px: PITCH_SIGMA * pitch_px, focus_mm: white_mm }),
         shell: shell.to_vec(),
         tilt_change: None,
         window_px: air.window_px.unwrap_or_default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the white frame was taken is told by the boards that were seen there, not by the focus axis's word alone: by the
+    /// pitch there Δv is known where f is not.
+    #[test]
+    fn boards_tell_the_focus_axis_scale() {
+        const SCALE: f64 = 1.05;
+        let config = Config::default();
+        let (design, assembly) = (config.design(), &config.assembly);
+        let plan = Plan::new(&config, design.joint(assembly.l_bound_mm), assembly.l_bound_mm, assembly.initial_e_mm);
+        let as_configured = evidence(&config, &plan, &Precision::of(&config, &plan));
+        let budget = |seen: &Evidence| Budget::of(&config, seen, plan.solution.e).unwrap();
+        let known = budget(&as_configured);
+
+        // An axis that moves by more than it reads has shown the same at readings that are nearer to one another.
+        let reading = |focus_mm: f64| as_configured.focus_mm + (focus_mm - as_configured.focus_mm) / SCALE;
+        let mut stretched = as_configured.clone();
+        stretched.places.iter_mut().for_each(|place| place.focus_mm = reading(place.focus_mm));
+        stretched.pitch.iter_mut().for_each(|pitch| pitch.focus_mm = reading(pitch.focus_mm));
+        let (told, untold) = (budget(&stretched), budget(&Evidence { places: Vec::new(), ..stretched.clone() }));
+        let off = |budget: &Budget| (budget.delta_v_mm - known.delta_v_mm).abs();
+        assert!(off(&told) < 0.1 * known.delta_v_sigma_mm, "{} {}", told.delta_v_mm, known.delta_v_mm);
+        assert!((told.delta_v_sigma_mm / known.delta_v_sigma_mm - 1.0).abs() < 0.1, "{}", told.delta_v_sigma_mm);
+        // Without them it is uncertain by what the axis is, too.
+        let by_axis = |budget: &Budget| {
+            let part = budget.parts.iter().find(|part| part.name == "scale of the focus axis").unwrap();
+            part.delta_v_mm
+        };
+        assert!(by_axis(&untold) > 2.0 * by_axis(&told), "{} {}", by_axis(&untold), by_axis(&told));
+        assert!(untold.delta_v_sigma_mm > told.delta_v_sigma_mm, "{}", untold.delta_v_sigma_mm);
+        assert!(off(&untold) < 2.0 * untold.delta_v_sigma_mm, "{} {}", untold.delta_v_mm, known.delta_v_mm);
     }
 }

@@ -1,7 +1,7 @@
 //! What a job begins with: into a recording, and back into a service that is to do the same.
 
 use super::words;
-use crate::budget::BoardSeen;
+use crate::budget::{AirPlace, BoardSeen};
 use crate::calibrated::CalibratedCamera;
 use crate::context::JobEnd;
 use crate::events::InView;
@@ -63,6 +63,8 @@ impl Service {
                 delta_v_sigma_mm: air.delta_v.1,
                 focus_mm: air.focus_mm,
                 boards: air.boards.iter().flatten().map(messages::BoardSeen::from).collect(),
+                focus_scale: Some(air.focus_scale),
+                places: air.places.iter().map(messages::AirPlace::from).collect(),
             }),
             white_frame_before: self.eye.white_frame().is_some(),
             other_in_view: self.eye.in_view().lacks_flat_board(),
@@ -102,8 +104,10 @@ impl Service {
                     aberrations_sigma: self.config.uncertainty.shell_aberrations,
                 },
                 delta_v: (air.delta_v_mm, air.delta_v_sigma_mm),
-                boards: boards(&air.boards),
+                boards: boards(&air.boards).try_into().ok(),
                 focus_mm: air.focus_mm,
+                focus_scale: air.focus_scale.unwrap_or(1.0),
+                places: air.places.iter().map(AirPlace::from).collect(),
             });
         }
         if let Some(white) = white {
@@ -125,15 +129,26 @@ impl From<&BoardSeen> for messages::BoardSeen {
     }
 }
 
-/// The three boards of a recording, nearest first; `None` of one that has none.
-fn boards(recorded: &[messages::BoardSeen]) -> Option<[BoardSeen; 3]> {
-    let boards: Vec<BoardSeen> = recorded
-        .iter()
-        .map(|board| BoardSeen {
-            distance_mm: board.distance_mm,
-            spacing_px: board.spacing_px,
-            sigma_px: board.sigma_px,
-        })
-        .collect();
-    boards.try_into().ok()
+impl From<&messages::BoardSeen> for BoardSeen {
+    fn from(recorded: &messages::BoardSeen) -> Self {
+        let messages::BoardSeen { distance_mm, spacing_px, sigma_px } = *recorded;
+        Self { distance_mm, spacing_px, sigma_px }
+    }
+}
+
+impl From<&AirPlace> for messages::AirPlace {
+    fn from(place: &AirPlace) -> Self {
+        Self { focus_mm: place.focus_mm, boards: place.boards.iter().map(messages::BoardSeen::from).collect() }
+    }
+}
+
+impl From<&messages::AirPlace> for AirPlace {
+    fn from(recorded: &messages::AirPlace) -> Self {
+        Self { focus_mm: recorded.focus_mm, boards: boards(&recorded.boards) }
+    }
+}
+
+/// The boards of a recording, nearest first.
+fn boards(recorded: &[messages::BoardSeen]) -> Vec<BoardSeen> {
+    recorded.iter().map(BoardSeen::from).collect()
 }
