@@ -50,13 +50,13 @@ impl Service {
         };
         let design = self.config.design();
         let air = self.eye.air_step();
-        let trim_mm = air.map_or(0.0, |air| focus_mm - air.focus_mm);
-        let delta_v_mm = air.map_or(focus_mm, |air| air.delta_v.0 + trim_mm);
+        let trim_mm = air.as_ref().map_or(0.0, |air| air.focus_scale * (focus_mm - air.focus_mm));
+        let delta_v_mm = air.as_ref().map_or(focus_mm, |air| air.delta_v.0 + trim_mm);
         let designed = match e_mm {
             Some(e_mm) => design.exact_in_water(delta_v_mm, e_mm),
             None => design.exact_in_air(delta_v_mm, design.air_distance),
         };
-        let view = match air {
+        let view = match &air {
             Some(air) => ExactView {
                 lens_to_mla: air.camera.lens_to_mla_mm + trim_mm,
                 b: air.camera.mla_to_sensor_mm,
