@@ -4,6 +4,7 @@
 //! ```text
 //!   shard.rs   which of how many parts
 //!   part.rs    the file that holds what a part's items came to
+//!   naming.rs  giving it its name, where no other file has that
 //!   journal/   what a part has finished while it is not whole
 //!   status.rs  which parts are done, running, missing, and how long the rest takes
 //!   merge.rs   parts to the outcomes of all items
@@ -13,6 +14,7 @@
 pub(super) mod exact;
 mod journal;
 mod merge;
+mod naming;
 mod part;
 mod shard;
 mod status;

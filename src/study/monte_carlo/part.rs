@@ -1,14 +1,14 @@
 //! The file that holds what a part's items came to.
 
 use std::fs;
-use std::io::{ErrorKind, Write as _};
+use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
-use super::{Block, Shard};
+use super::{Block, Shard, naming};
 use crate::config::Config;
 use crate::study::assembly::Blur;
 use crate::study::loops::BenchOutcome;
@@ -89,6 +89,23 @@ pub(super) fn named(folder: &Path, begin: &str, end: &str) -> Result<Vec<PathBuf
 pub(super) fn keep_names(folder: &Path) {
     // What the files hold is safe by itself; more than ask for this cannot be done.
     let _ = fs::File::open(folder).and_then(|folder| folder.sync_all());
+}
+
+/// Opens a file to read it. What has a file's name and is a pipe would keep who opens it waiting for ever.
+pub(super) fn opened(path: &Path) -> io::Result<fs::File> {
+    // A folder says by itself that it is one.
+    let kind = fs::metadata(path)?.file_type();
+    if kind.is_file() || kind.is_dir() {
+        return fs::File::open(path);
+    }
+    Err(io::Error::other("it is no file, but a pipe or a device: move it away"))
+}
+
+/// What a file holds.
+pub(super) fn contents(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    opened(path)?.read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// What could not be done with a file or folder.
@@ -174,7 +191,7 @@ impl Part {
     /// [`StudyError::Folder`] for a file that cannot be read, [`StudyError::Part`] for one that is no part.
     pub fn read(path: &Path) -> Result<Self, StudyError> {
         let wrong = |why: String| StudyError::Part { path: path.display().to_string(), why };
-        let mut text = fs::read(path).map_err(failed(path))?;
+        let mut text = contents(path).map_err(failed(path))?;
         let head: Beginning = serde_json::from_slice(&text).map_err(|error| wrong(format!("not a part: {error}")))?;
         if head.format != FORMAT {
             return Err(wrong(format!("not a part: its format is \"{}\", not \"{FORMAT}\"", head.format)));
@@ -282,7 +299,7 @@ impl Part {
     }
 
     /// Writes the part, whole or not at all, and makes its folder where it is not there. One of the same part that is there
-    /// already is kept.
+    /// already is kept, also where it came meanwhile.
     ///
     /// # Errors
     /// As [`Part::kept`]; what is there is not replaced.
@@ -290,6 +307,12 @@ impl Part {
         if Self::there(path, self.shard, &self.origin, self.counts())?.is_some() {
             return Ok(());
         }
+        let partial = self.write_beside(path)?;
+        self.place(&partial, path)
+    }
+
+    /// Writes the part beside its place, into a file that nobody takes for it; where.
+    fn write_beside(&self, path: &Path) -> Result<PathBuf, StudyError> {
         let folder = path.parent().unwrap_or(Path::new("."));
         fs::create_dir_all(folder).map_err(failed(folder))?;
         let mut text = serde_json::to_vec(self).map_err(|error| failed(path)(error.into()))?;
@@ -299,20 +322,96 @@ impl Part {
         text.extend_from_slice(ending.as_bytes());
         // A name of its own: a batch engine may have begun the same part twice, on two machines that share the folder.
         let partial = path.with_file_name(format!("{}.{}{PARTIAL}", stem(self.shard), Uuid::now_v7()));
-        let written = fs::File::create(&partial)
-            .and_then(|mut file| file.write_all(&text).and_then(|()| file.sync_all()))
-            .map_err(failed(&partial))
-            .and_then(|()| fs::rename(&partial, path).map_err(failed(path)));
-        if written.is_err() {
+        let written = fs::File::create(&partial).and_then(|mut file| {
+            file.write_all(&text)?;
+            file.sync_all()
+        });
+        written.map(|()| partial.clone()).map_err(|source| {
             // What is left of it is of no use; that it could not be written is what is told.
             let _ = fs::remove_file(&partial);
-            return written;
+            failed(&partial)(source)
+        })
+    }
+
+    /// Gives what was written beside its place the part's own name, where no file has it, and takes away what others have left
+    /// there.
+    fn place(&self, partial: &Path, path: &Path) -> Result<(), StudyError> {
+        if let Err(source) = naming::name(partial, path) {
+            let _ = fs::remove_file(partial);
+            // Another machine, or another study, may have been faster.
+            let there = Self::there(path, self.shard, &self.origin, self.counts())?;
+            return there.map(drop).ok_or_else(|| match source.kind() {
+                ErrorKind::AlreadyExists => {
+                    let why =
+                        "its place is taken by what is no file, such as a link to nowhere: move it away".to_owned();
+                    StudyError::Part { path: path.display().to_string(), why }
+                }
+                _ => failed(path)(source),
+            });
         }
+        let folder = path.parent().unwrap_or(Path::new("."));
         keep_names(folder);
-        // What attempts have left that were killed while they wrote. One that is writing now finds the part instead.
-        for partial in named(folder, &format!("{}.", stem(self.shard)), PARTIAL)? {
+        // What attempts have left that were killed while they wrote. One that is writing now finds the part instead. It is of
+        // no use, and harms nobody where it stays.
+        for partial in named(folder, &format!("{}.", stem(self.shard)), PARTIAL).unwrap_or_default() {
             let _ = fs::remove_file(&partial);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::Counts;
+
+    /// A part that no item falls to.
+    fn part(seed: u64) -> Part {
+        let options = StudyOptions { quick: true, seed, counts: Counts { benches: 1, assemblies: 1 } };
+        let benches = Block { count: 1, first: 0, seconds: 0.0, outcomes: Vec::new() };
+        let assemblies = Block { count: 1, first: 0, seconds: 0.0, outcomes: Vec::new() };
+        Part::new(&Config::default(), options, "1/2".parse().unwrap(), benches, assemblies)
+    }
+
+    #[test]
+    fn of_two_that_are_written_at_once_the_one_that_is_first_in_its_place_stays() {
+        for (seeds, says) in [([1, 1], None), ([1, 2], Some("there is part 1/2 of a study (quick, seed 1, "))] {
+            let folder = tempfile::tempdir().unwrap();
+            let [first, second] = seeds.map(part);
+            let path = Part::path(folder.path(), first.shard);
+            // Both have seen that none is there, and come to the renaming one after the other.
+            let [one, other] = [&first, &second].map(|part| part.write_beside(&path).unwrap());
+            let aside = folder.path().join("aside");
+            fs::rename(&other, &aside).unwrap();
+            first.place(&one, &path).unwrap();
+            fs::rename(&aside, &other).unwrap();
+            let said = second.place(&other, &path).map_err(|error| error.to_string());
+            match says {
+                None => assert_eq!(said, Ok(())),
+                Some(says) => assert!(said.as_ref().is_err_and(|said| said.contains(says)), "{said:?}"),
+            }
+            assert!(Part::read(&path).unwrap() == first && !one.exists() && !other.exists());
+            // Where the first has swept away what the second wrote, it is the same.
+            let said_of_swept = second.place(&other, &path).map_err(|error| error.to_string());
+            assert_eq!(said_of_swept, said);
+        }
+    }
+
+    #[test]
+    fn what_is_no_file_is_told_and_not_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = part(1);
+        let path = Part::path(folder.path(), first.shard);
+        fs::create_dir(path.parent().unwrap()).unwrap();
+        std::os::unix::fs::symlink("nowhere", &path).unwrap();
+        let why = first.write(&path).unwrap_err().to_string();
+        assert!(why.ends_with(
+            "part-1-of-2.json: its place is taken by what is no file, such as a link to nowhere: move it away"
+        ));
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+        fs::remove_file(&path).unwrap();
+        nix::unistd::mkfifo(&path, nix::sys::stat::Mode::S_IRWXU).unwrap();
+        let why = first.write(&path).unwrap_err().to_string();
+        assert!(why.ends_with("part-1-of-2.json: it is no file, but a pipe or a device: move it away"), "{why}");
     }
 }

@@ -3,13 +3,12 @@
 //! No clock of another machine is asked: a part is running where its journal grows while it is looked at.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::journal::{self, Content};
-use super::part::{Origin, failed};
+use super::part::{Origin, failed, opened};
 use super::{Counts, Part, Shard};
 use crate::study::{StudyError, StudyOptions};
 
@@ -118,7 +117,7 @@ fn lengths(folder: &Path) -> Result<BTreeMap<PathBuf, u64>, StudyError> {
     for path in journal::in_folder(folder, |_| true)? {
         // Opened, since a network's file system may answer from what it remembers for a file that is not.
         // What cannot be opened does not grow; why is said when it is read.
-        if let Ok(found) = File::open(&path).and_then(|file| file.metadata()) {
+        if let Ok(found) = opened(&path).and_then(|file| file.metadata()) {
             lengths.insert(path, found.len());
         }
     }

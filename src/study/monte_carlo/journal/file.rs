@@ -2,7 +2,6 @@
 //! A line that is torn fails its checksum, and is not believed.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -13,7 +12,7 @@ use uuid::Uuid;
 use crate::config::Config;
 use crate::study::loops::BenchOutcome;
 use crate::study::monte_carlo::Shard;
-use crate::study::monte_carlo::part::{Beginning, Origin, failed, named, stem};
+use crate::study::monte_carlo::part::{Beginning, Origin, contents, failed, named, stem};
 use crate::study::{StudyError, StudyOptions};
 
 /// What says that a file is a journal.
@@ -114,7 +113,7 @@ pub(super) fn new_path(folder: &Path, shard: Shard) -> PathBuf {
 
 /// Reads a journal.
 pub(in crate::study::monte_carlo) fn read(path: &Path) -> Content {
-    let bytes = match fs::read(path) {
+    let bytes = match contents(path) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == ErrorKind::NotFound => return Content::Nothing,
         Err(source) => return Content::Unknown(failed(path)(source)),

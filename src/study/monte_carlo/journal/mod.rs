@@ -112,13 +112,16 @@ impl Journal {
         self.elsewhere
     }
 
-    /// How many lines of theirs were not believed.
+    /// How many lines of earlier attempts at this very part were not believed: torn, or damaged, in journals that are
+    /// otherwise read. The benches of such lines are done again. Of journals that are not read at all [`Self::unknown`] tells.
     #[must_use]
     pub const fn torn(&self) -> usize {
         self.torn
     }
 
-    /// Journals of the part that are not of this program, and why.
+    /// Journals in the folder, of whichever part, of which nothing was read, and why: they cannot be opened, their first line
+    /// is damaged, or it is of another version of the format. They are left alone. Lines of journals that were read
+    /// are [`Self::torn`].
     #[must_use]
     pub fn unknown(&self) -> &[StudyError] {
         &self.unknown
@@ -211,7 +214,8 @@ impl Journal {
         let _ = state.flush();
         part.write(path)?;
         let folder = self.path.parent().unwrap_or(Path::new("."));
-        for journal in in_folder(folder, |named| named == self.head.shard)? {
+        // The part is there, whatever stays beside it.
+        for journal in in_folder(folder, |named| named == self.head.shard).unwrap_or_default() {
             let same = match read(&journal) {
                 Content::Kept(kept) => kept.head == self.head,
                 Content::Nothing => true,
