@@ -14,7 +14,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;
 
-use super::until::until_blocking;
+use super::until::{until_blocking, when};
 
 /// What the shards make, and merge takes from them.
 pub(super) const MONTE_CARLOS: [&str; 2] = ["loops", "assembly"];
@@ -206,23 +206,32 @@ fn an_interrupted_part_goes_on_and_a_finished_one_is_kept() {
     let interrupted = status();
     assert_eq!((&interrupted["state"], &interrupted["benches_finished"]), (&"interrupted".into(), &1.into()));
 
-    // Also where what it says finds no room.
-    let before = fs::read_dir(folder.path().join("study/parts")).unwrap().count();
-    let slurm = arguments.map(|argument| if argument == "2/2" { "slurm" } else { argument });
-    let mut unheard = command(folder.path(), &slurm);
-    unheard.env_remove("RAYON_NUM_THREADS").stdout(full()).stderr(full()).env("SLURM_CPUS_PER_TASK", "1000");
-    for (variable, value) in [("ID", "2"), ("COUNT", "2"), ("MIN", "1"), ("MAX", "2")] {
-        unheard.env(format!("SLURM_ARRAY_TASK_{variable}"), value);
+    // Whatever Slurm says, a thread for each processor that it gives and no more than there are; also where what is said finds
+    // no room.
+    let processors = std::thread::available_parallelism().unwrap().get();
+    for (given, threads) in [("1000", processors), ("1", 1)] {
+        let slurm = arguments.map(|argument| if argument == "2/2" { "slurm" } else { argument });
+        let mut unheard = command(folder.path(), &slurm);
+        unheard.env_remove("RAYON_NUM_THREADS").stdout(full()).stderr(full()).env("SLURM_CPUS_PER_TASK", given);
+        for (variable, value) in [("ID", "2"), ("COUNT", "2"), ("MIN", "1"), ("MAX", "2")] {
+            unheard.env(format!("SLURM_ARRAY_TASK_{variable}"), value);
+        }
+        let before = fs::read_dir(folder.path().join("study/parts")).unwrap().count();
+        let mut unheard = unheard.spawn().unwrap();
+        // Its threads are there before its journal is.
+        until_blocking("another attempt has begun", || {
+            (fs::read_dir(folder.path().join("study/parts")).ok()?.count() > before).then_some(())
+        });
+        until_blocking("the study's threads are as many as are due", || {
+            let names = threads_of(unheard.id());
+            // Beside them are what began, hears signals, and writes.
+            let (of_study, others): (Vec<_>, Vec<_>) = names.iter().partition(|name| name.starts_with("study-"));
+            when((of_study.len(), others.len()), |&(of_study, others)| of_study == threads && others <= 3)
+                .map_err(|_| format!("{threads} of {names:?}"))
+        });
+        kill(Pid::from_raw(i32::try_from(unheard.id()).unwrap()), Signal::SIGTERM).unwrap();
+        assert_eq!(unheard.wait().unwrap().code(), Some(143));
     }
-    let mut unheard = unheard.spawn().unwrap();
-    until_blocking("another attempt has begun", || {
-        (fs::read_dir(folder.path().join("study/parts")).ok()?.count() > before).then_some(())
-    });
-    // Whatever Slurm says, no more than there are processors; beside them are what began, hears signals, and writes.
-    let threads = fs::read_dir(format!("/proc/{}/task", unheard.id())).unwrap().count();
-    assert!(threads <= std::thread::available_parallelism().unwrap().get() + 3, "{threads} threads");
-    kill(Pid::from_raw(i32::try_from(unheard.id()).unwrap()), Signal::SIGTERM).unwrap();
-    assert_eq!(unheard.wait().unwrap().code(), Some(143));
 
     // In another split, whose third part of four is the bench that is finished.
     let other = tempfile::tempdir().unwrap();
@@ -260,6 +269,14 @@ fn an_interrupted_part_goes_on_and_a_finished_one_is_kept() {
     let other = study(folder.path(), &["merge", "study/parts/part-2-of-2.json", "--set", "assembly.initial_e_mm=25"]);
     let error = String::from_utf8_lossy(&other.stderr).into_owned();
     assert!(!other.status.success() && error.contains("made with another configuration than this one"), "{error}");
+}
+
+/// The names of a process' threads.
+fn threads_of(process: u32) -> Vec<String> {
+    let threads = fs::read_dir(format!("/proc/{process}/task")).unwrap();
+    threads
+        .filter_map(|thread| Some(fs::read_to_string(thread.ok()?.path().join("comm")).ok()?.trim().to_owned()))
+        .collect()
 }
 
 /// A file that has no room.

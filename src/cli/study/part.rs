@@ -47,7 +47,9 @@ impl Asked {
         if let Some(threads) = slurm::threads(&variable)? {
             // More than there are would be in each other's way, whatever is told.
             let threads = std::thread::available_parallelism().map_or(threads, |most| most.min(threads));
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads.get())
+                .thread_name(|number| format!("study-{number}"));
             pool.build_global().context("the threads do not start")?;
         }
         Ok(shard)
