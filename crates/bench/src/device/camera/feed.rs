@@ -22,6 +22,9 @@ use plenoptics::raw::RawImage;
 pub(super) const CONTROLS_ALLOWED: Duration = Duration::from_secs(5);
 /// A camera that sent frames is waited for this long after the last one: a plug pushed back in does not cost a run.
 const RETURN_ALLOWED: Duration = Duration::from_secs(30);
+/// A driver may take so long to find out that a camera is lost which sends nothing any more: one on a network is asked, and
+/// asked again where it does not answer.
+const VERDICT_ALLOWED: Duration = Duration::from_secs(6);
 /// Frames that may have been under way, or already exposed, when a control was set: it is in force from the next one on.
 const FRAMES_UNDER_WAY: u32 = 3;
 /// First and longest pause before a lost device is opened again.
@@ -44,6 +47,7 @@ pub struct Feed {
     state: watch::Receiver<CameraState>,
     live: watch::Receiver<Option<Arc<Frame>>>,
     seen_at: watch::Receiver<Option<Instant>>,
+    there_since: watch::Receiver<Option<Instant>>,
     ended: Arc<AtomicBool>,
 }
 
@@ -56,6 +60,8 @@ pub(super) struct Outlet {
     live: watch::Sender<Option<Arc<Frame>>>,
     /// When a frame last came.
     seen_at: watch::Sender<Option<Instant>>,
+    /// Since when the camera is there: first, or again.
+    there_since: watch::Sender<Option<Instant>>,
     ended: Arc<AtomicBool>,
     interval_ns: Arc<AtomicU64>,
     age_ns: Arc<AtomicU64>,
@@ -73,6 +79,7 @@ pub(super) fn feed(
     let (state, state_out) = watch::channel(state);
     let (live, live_out) = watch::channel(None);
     let (seen_at, seen_at_out) = watch::channel(None);
+    let (there_since, there_since_out) = watch::channel(None);
     let ended = Arc::new(AtomicBool::new(false));
     let device = config.device.clone();
     let interval = Duration::try_from_secs_f64(1.0 / config.frame_rate_hz).unwrap_or_default();
@@ -88,9 +95,10 @@ pub(super) fn feed(
         state: state_out,
         live: live_out,
         seen_at: seen_at_out,
+        there_since: there_since_out,
         ended: Arc::clone(&ended),
     };
-    (feed, Outlet { device, size, poses, state, live, seen_at, ended, interval_ns, age_ns, seq: 0 })
+    (feed, Outlet { device, size, poses, state, live, seen_at, there_since, ended, interval_ns, age_ns, seq: 0 })
 }
 
 fn nanoseconds(duration: Duration) -> u64 {
@@ -119,29 +127,55 @@ impl Feed {
         if let Some(reason) = self.state.borrow().unfit.clone() {
             return Err(DeviceError::Refused { device: self.name.clone(), reason });
         }
-        // The wait for the camera, and what passes besides: exposure, read-out, what its pictures are late by, and how much
-        // older than that they count as where their times are not known any better.
-        let age = Duration::from_nanos(self.age_ns.load(Ordering::Relaxed));
-        let allowed = self.timeout + (self.pipeline_delay + FRAMES_UNDER_WAY * self.interval()).max(age);
-        let mut until = Instant::now().max(not_before) + allowed;
+        let began = Instant::now().max(not_before);
+        let mut allowed = self.allowed();
+        let mut until = began + allowed;
         loop {
             let mut live = self.live.clone();
             let fresh = live.wait_for(|frame| frame.as_ref().is_some_and(|frame| frame.exposed_from >= not_before));
-            if let Ok(Ok(frame)) = tokio::time::timeout_at(until, fresh).await
-                && let Some(frame) = frame.as_ref()
-            {
-                return Ok(Arc::clone(frame));
+            match tokio::time::timeout_at(until, fresh).await {
+                Ok(Ok(frame)) => {
+                    if let Some(frame) = frame.as_ref() {
+                        return Ok(Arc::clone(frame));
+                    }
+                }
+                // Nobody takes frames any more.
+                Ok(Err(_)) => break,
+                Err(_) => {}
             }
-            // Lost on the way: it may come back.
-            let returned = self.seen_at.borrow().map(|seen_at| seen_at + RETURN_ALLOWED);
+            // Lost on the way, it may come back; and one that is back has as long as any other, from then on.
+            let returns_by = self.seen_at.borrow().map(|seen_at| seen_at + RETURN_ALLOWED);
+            let back_at = self.there_since.borrow().filter(|since| returns_by.is_some_and(|by| *since <= by));
             let offline = self.state.borrow().fault.is_some();
-            match returned.filter(|returned| offline && *returned > Instant::now()) {
-                Some(returned) => until = returned,
+            // Frames may have come to count as older meanwhile, too.
+            allowed = self.allowed();
+            let due = back_at.map_or(began, |back_at| back_at.max(began)) + allowed;
+            let later = match offline {
+                true => returns_by,
+                // Its driver is finding out why.
+                false if self.is_silent() => Some(due + VERDICT_ALLOWED),
+                false => Some(due),
+            };
+            match later.filter(|later| *later > Instant::now()) {
+                Some(later) => until = later,
                 None => break,
             }
         }
         self.require_there()?;
         Err(DeviceError::Timeout { device: self.name.clone(), what: "send a frame".to_owned(), allowed })
+    }
+
+    /// Whether no frame came for as long as is waited for one.
+    fn is_silent(&self) -> bool {
+        self.seen_at.borrow().is_some_and(|seen_at| seen_at.elapsed() >= self.timeout)
+    }
+
+    /// How long a camera that is there may take for a frame: the wait for the camera, and what passes besides: exposure,
+    /// read-out, what its pictures are late by, and how much older than that they count as where their times are not known any
+    /// better.
+    fn allowed(&self) -> Duration {
+        let age = Duration::from_nanos(self.age_ns.load(Ordering::Relaxed));
+        self.timeout + (self.pipeline_delay + FRAMES_UNDER_WAY * self.interval()).max(age)
     }
 
     /// Has the thread that takes frames end, and waits for it.
@@ -344,6 +378,7 @@ impl Outlet {
             let back = news.good && (!state.online || state.fault.is_some());
             let changed = back || lost > 0 || state.notes != news.notes;
             if back {
+                self.there_since.send_replace(Some(Instant::now()));
                 tracing::info!(device = %self.device, camera = %news.identity, "the camera is online");
                 (state.online, state.fault) = (true, None);
                 news.identity.clone_into(&mut state.identity);
@@ -395,6 +430,119 @@ impl Judge {
 mod tests {
     use super::*;
     use crate::device::AxisPose;
+
+    /// Both ends for a camera of 10 frames a second that may take 3 s.
+    fn slow_feed() -> (Feed, Outlet) {
+        let config = CameraConfig { timeout_ms: 3000, frame_rate_hz: 10.0, ..CameraConfig::default() };
+        let unknown = AxisPose { position: None, settled: false };
+        let state = CameraState::not_yet("genicam", "not opened yet");
+        feed(&config, (1, 1), Arc::new(move |_, _| (unknown, unknown)), state)
+    }
+
+    impl Outlet {
+        fn publish_aged(&self, seq: u64, age_ms: u64) {
+            let window = Window { from_age: Duration::from_millis(age_ms), to_age: Duration::ZERO, assumed: false };
+            self.publish(Arc::new(RawImage::from_u8(1, 1, vec![0])), seq, window);
+        }
+
+        fn tell_good(&self) {
+            self.tell(News { good: true, identity: "", white: 255, notes: Vec::new(), count: Count::default() });
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_camera_that_is_back_is_waited_for_anew() {
+        let (feed, outlet) = slow_feed();
+        outlet.tell_good();
+        outlet.publish_aged(1, 300);
+        outlet.go_offline("restarted".to_owned());
+        let asked = Instant::now();
+        let camera = async {
+            // It is back just before the wait would end, and its first frame is not dated yet.
+            tokio::time::sleep(Duration::from_millis(3200)).await;
+            outlet.tell_good();
+            tokio::time::sleep(Duration::from_millis(600)).await;
+            outlet.publish_aged(2, 300);
+        };
+        let (frame, ()) = tokio::join!(feed.next(asked), camera);
+        assert_eq!(frame.unwrap().seq, 2);
+        // One that is back and sends nothing is given up all the same.
+        outlet.go_offline("restarted".to_owned());
+        outlet.tell_good();
+        let asked = Instant::now();
+        let why = feed.next(asked).await.unwrap_err();
+        assert!(matches!(why, DeviceError::Timeout { .. }) && asked.elapsed() < Duration::from_secs(10), "{why}");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn one_that_falls_silent_is_waited_for_while_its_driver_finds_out_and_then_as_any_that_is_lost() {
+        let (feed, outlet) = slow_feed();
+        outlet.tell_good();
+        outlet.publish_aged(1, 300);
+        let asked = Instant::now();
+        let camera = async {
+            tokio::time::sleep(Duration::from_secs(8)).await;
+            outlet.go_offline("it does not answer".to_owned());
+            tokio::time::sleep(Duration::from_secs(15)).await;
+            outlet.tell_good();
+            outlet.publish_aged(2, 300);
+        };
+        let (frame, ()) = tokio::join!(feed.next(asked), camera);
+        assert_eq!(frame.unwrap().seq, 2);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn one_that_comes_and_goes_without_a_frame_is_not_waited_for_for_ever() {
+        let (feed, outlet) = slow_feed();
+        outlet.tell_good();
+        outlet.publish_aged(1, 300);
+        let asked = Instant::now();
+        let camera = async {
+            loop {
+                outlet.go_offline("restarted".to_owned());
+                tokio::time::sleep(Duration::from_secs(1)).await;
+                outlet.tell_good();
+                tokio::time::sleep(Duration::from_secs(1)).await;
+            }
+        };
+        tokio::select! {
+            frame = feed.next(asked) => assert!(frame.is_err()),
+            () = camera => {}
+        }
+        assert!(asked.elapsed() < RETURN_ALLOWED + Duration::from_secs(10), "{:?}", asked.elapsed());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn one_that_nobody_takes_frames_of_any_more_is_not_waited_for() {
+        for offline in [false, true] {
+            let (feed, outlet) = slow_feed();
+            outlet.tell_good();
+            outlet.publish_aged(1, 300);
+            if offline {
+                outlet.go_offline("restarted".to_owned());
+            }
+            drop(outlet);
+            let asked = Instant::now();
+            assert!(feed.next(asked).await.is_err() && asked.elapsed() < Duration::from_secs(1));
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn frames_that_come_to_count_as_older_are_waited_for() {
+        let (feed, outlet) = slow_feed();
+        outlet.tell_good();
+        outlet.publish_aged(1, 300);
+        let asked = Instant::now();
+        let camera = async {
+            // One that took long: frames may have been exposed for as long from now on.
+            for seq in 2..8 {
+                tokio::time::sleep(Duration::from_millis(900)).await;
+                outlet.publish_aged(seq, 4000);
+            }
+        };
+        let (frame, ()) = tokio::join!(feed.next(asked), camera);
+        assert_eq!(frame.unwrap().seq, 6);
+    }
 
     #[tokio::test(start_paused = true)]
     async fn a_frame_is_waited_for_as_long_as_frames_count_as_old() {
