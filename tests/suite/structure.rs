@@ -280,6 +280,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
     (
         "a stand-in that takes its time, as what it stands for does",
         &[
+            ("crates/bench/src/device/camera/genicam/bounded.rs", 1),
             ("tests/hardware/chain.sh", 1),
             ("tests/hardware/loopback.rs", 1),
             ("tests/package/booted.sh", 1),

@@ -11,7 +11,7 @@ use viva_genicam::{Frame as Block, FrameStream, GenicamError, StreamStats};
 use super::super::controls::KeptControls;
 use super::super::feed::{Capture, Count, Judge, News, Outlet};
 use super::super::unpack::{UnpackError, unpack};
-use super::bounded::{OPEN_WITHIN, within};
+use super::bounded::{OPEN_WITHIN, Wanted, within};
 use super::dating::{Dating, HELD};
 use super::features::{self, Device};
 use super::find;
@@ -77,7 +77,7 @@ impl Capture for Capturer {
         let (config, format, size) = (self.config.clone(), self.format, self.outlet.size());
         let distrusted = self.distrusted.take();
         let Running { mut opened, mut frames, mut stream, _in_use } =
-            within(OPEN_WITHIN, move || Running::begin(&config, &controls, format, size, distrusted))?;
+            within(OPEN_WITHIN, move |wanted| Running::begin(&config, &controls, (format, size), distrusted, wanted))?;
         self.outlet.pace(stream.agreed.interval);
         let ended = self.take_frames(&mut opened.device, &mut frames, &mut stream);
         if stream.hold.is_silent() {
@@ -106,20 +106,20 @@ struct Running {
 }
 
 impl Running {
-    /// Finds, opens and sets up the camera, and has it begin. Why its clock was not believed is told, where it was given up
-    /// for that.
+    /// Finds, opens and sets up the camera, and has it begin, while that is `wanted`. Why its clock was not believed is told,
+    /// where it was given up for that.
     ///
     /// # Errors
     /// Why not, in words.
     fn begin(
         config: &CameraConfig,
         controls: &BTreeMap<String, ControlValue>,
-        format: PixelFormat,
-        size: (usize, usize),
+        (format, size): (PixelFormat, (usize, usize)),
         distrusted: Option<String>,
+        wanted: &Wanted,
     ) -> Result<Self, String> {
         let info = find::resolve(config)?;
-        let (mut opened, in_use) = find::open(&info)?;
+        let (mut opened, in_use) = find::open(&info, wanted)?;
         let device = &mut opened.device;
         let hold = Hold::of(device);
         let mut agreed = setup::agree(device, config, controls, format, size)?;
@@ -133,9 +133,16 @@ impl Running {
         let frame_bytes = format.row_bytes(size.0 * size.1);
         let room = || setup::room_by_arrival(frame_bytes, super::most_buffer_bytes());
         let room = clock.is_none().then(room);
+        // Which takes control again, if it was lost.
+        wanted.check()?;
         let mut frames = setup::open_stream(device, config, room)?;
         frames.set_block_timeout(HELD);
+        wanted.check()?;
         device.acquisition_start().map_err(|error| format!("it does not start: {}", features::why(&error)))?;
+        if let Err(why) = wanted.check() {
+            let _ = device.acquisition_stop();
+            return Err(why);
+        }
         let now = Instant::now();
         let buffered = room.map_or(0, |room| setup::buffered(room, frame_bytes));
         let delays = (Duration::from_millis(config.pipeline_delay_ms), Duration::from_millis(config.timeout_ms));

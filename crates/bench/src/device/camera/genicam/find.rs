@@ -9,7 +9,7 @@ use serde::Serialize;
 use viva_genicam::blocking;
 use viva_genicam::gige::{DeviceInfo, DiscoveryOptions, Iface};
 
-use super::bounded::{OPEN_WITHIN, within};
+use super::bounded::{OPEN_WITHIN, Wanted, within};
 use super::features;
 use super::known::{self, Identity, InUse};
 use super::listing::{self, Feature};
@@ -202,8 +202,8 @@ pub fn features_of(config: &CameraConfig, apply: bool) -> Result<(Vec<Feature>, 
         return apart(|| Reader::open(info.ip)?.look(|device| Ok((listing::list(device), Vec::new()))))?;
     }
     let controls = config.controls.clone();
-    within(OPEN_WITHIN, move || {
-        let (mut opened, _in_use) = open(&info)?;
+    within(OPEN_WITHIN, move |wanted| {
+        let (mut opened, _in_use) = open(&info, wanted)?;
         let notes = features::apply(&mut opened.device, &controls)?;
         Ok((listing::list(&opened.device), notes))
     })
@@ -268,14 +268,14 @@ fn chosen(answers: Vec<DeviceInfo>, name: &GenicamName, config: &CameraConfig) -
     }
 }
 
-/// Takes control of a camera, which is this program's own while the other that is returned lives: to be done [`within`] bounded
-/// time.
+/// Takes control of a camera while that is `wanted`, which is this program's own while the other that is returned lives: to be
+/// done [`within`] bounded time.
 ///
 /// # Errors
 /// Why not, and what to do, in words.
-pub(super) fn open(info: &DeviceInfo) -> Result<(Opened, InUse), String> {
+pub(super) fn open(info: &DeviceInfo, wanted: &Wanted) -> Result<(Opened, InUse), String> {
     let in_use = InUse::begin(info.ip);
-    let opened = Reader::open(info.ip)?.take().map_err(|why| match is_controlled(info.ip) {
+    let opened = Reader::open(info.ip)?.take(wanted).map_err(|why| match is_controlled(info.ip) {
         // Some refuse, some say nothing.
         true => features::CONTROLLED.to_owned(),
         false => why,

@@ -11,7 +11,7 @@ use viva_genicam::genapi::{NodeMap, RegisterIo as _};
 use viva_genicam::gige::{GVCP_PORT, GigeDevice, GigeError, consts};
 use viva_genicam::{Camera, GigeRegisterIo};
 
-use super::bounded::{OPEN_WITHIN, within};
+use super::bounded::{OPEN_WITHIN, Wanted, within};
 use super::features::{self, Device, state};
 use super::known::{self, Identity};
 
@@ -82,18 +82,20 @@ impl Reader {
         look: impl FnOnce(&Device) -> Result<T, String> + Send + 'static,
     ) -> Result<T, String> {
         let description = self.fetched()?;
-        within(OPEN_WITHIN, move || {
+        within(OPEN_WITHIN, move |_| {
             let Self { runtime, device } = self;
             let nodes = nodes(&description)?;
             look(&Camera::new(GigeRegisterIo::monitor(runtime.handle().clone(), device), nodes))
         })
     }
 
-    /// Takes control of the camera and reads its description: to be done [`within`] bounded time.
+    /// Takes control of the camera, while that is `wanted`, and reads its description: to be done [`within`] bounded time.
     ///
     /// # Errors
     /// Why not, in words; the camera is then let go.
-    pub(super) fn take(mut self) -> Result<Opened, String> {
+    pub(super) fn take(mut self, wanted: &Wanted) -> Result<Opened, String> {
+        wanted.check()?;
+        wanted.speaks(self.runtime.handle());
         let claimed = self.runtime.block_on(async {
             let claim = async {
                 self.device.claim_control().await?;
