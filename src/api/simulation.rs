@@ -11,7 +11,7 @@ use super::App;
 use super::error::{Problem, Result};
 use super::extract::JsonBody;
 use crate::access::{AuditRecord, Principal};
-use crate::device::faults::{FaultPlan, Faults};
+use crate::device::faults::{FaultPlan, Faults, Plannable as _};
 
 /// Longest plan of faults, bytes: a thousand events, each naming everything.
 const PLAN_LIMIT_BYTES: usize = 2 * 1024 * 1024;

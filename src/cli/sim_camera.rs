@@ -19,6 +19,7 @@ use super::faults::read_plan;
 use super::serve::Signals;
 use crate::config::TimestampMeans;
 use crate::device::Setup;
+use crate::device::faults::Plannable as _;
 use crate::sim::gige::{GigeCamera, GigeFaultPlan, GigeFaults, LinkFaults, Options, SlideRecord};
 
 /// Longest serial number and user's name, bytes.

@@ -5,7 +5,7 @@ mod plan;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use plan::{Episode, FaultEvent, FaultPlan, PlanError, check_events, faults_at, next_change};
+pub use plan::{FaultEvent, FaultPlan, PlanError, Plannable};
 
 use super::AxisName;
 use crate::whole::whole;
@@ -169,12 +169,10 @@ impl Faults {
     pub fn any(&self) -> bool {
         *self != Self::default()
     }
+}
 
-    /// Whether every number is within its range.
-    ///
-    /// # Errors
-    /// The first that is not.
-    pub fn check(&self) -> Result<(), FaultRange> {
+impl Plannable for Faults {
+    fn check(&self) -> Result<(), FaultRange> {
         let one_in = 1e6;
         for (field, value, low, high) in [
             ("serial.delay_ms", f64::from(self.serial.delay_ms), 0.0, 5000.0),

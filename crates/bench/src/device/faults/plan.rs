@@ -13,21 +13,25 @@ const MAX_EVENTS: usize = 1000;
 /// Latest begin and longest duration of an event, s: a week.
 const MAX_SECONDS: f64 = 604_800.0;
 
-/// What is to go wrong with a simulated bench, and when. Counted from the moment at which the plan is put in force, in
-/// the bench's own time.
+/// What is to go wrong, and when: with a simulated bench, or with whatever else has faults of its own. Counted from the moment
+/// at which the plan is put in force.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct FaultPlan {
+#[schema(
+    description = "What is to go wrong with a simulated bench, and when. Counted from the moment at which the plan is put \
+                        in force, in\nthe bench's own time."
+)]
+pub struct FaultPlan<F = Faults> {
     /// What happens, in any order. Where events overlap, everything that any of them names goes wrong; of two that name
     /// the same, the later one counts.
-    #[schema(max_items = 1000)]
-    pub events: Vec<FaultEvent>,
+    #[schema(max_items = 1000, value_type = Vec<FaultEvent>)]
+    pub events: Vec<FaultEvent<F>>,
 }
 
 /// Something that goes wrong for a while.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct FaultEvent {
+pub struct FaultEvent<F = Faults> {
     /// When it begins, s after the plan was put in force.
     #[schema(minimum = 0, maximum = 604_800)]
     pub at_s: f64,
@@ -36,7 +40,8 @@ pub struct FaultEvent {
     #[schema(minimum = 0, maximum = 604_800)]
     pub lasts_s: Option<f64>,
     /// What goes wrong; what is not named is left as it is.
-    pub faults: Faults,
+    #[schema(value_type = Faults)]
+    pub faults: F,
 }
 
 /// A plan that cannot be.
@@ -80,103 +85,61 @@ impl PlanError {
     }
 }
 
-/// An event of a plan, whatever it is that it has go wrong.
-pub trait Episode {
-    /// What can go wrong; by default nothing does.
-    type Faults: Default + Clone + Serialize + DeserializeOwned;
-
-    /// When it begins, and how long it lasts, s.
-    fn times(&self) -> (f64, Option<f64>);
-
-    /// What goes wrong.
-    fn faults(&self) -> &Self::Faults;
-
-    /// Whether that can be.
+/// What can go wrong at a time; by default nothing does.
+pub trait Plannable: Default + Clone + Serialize + DeserializeOwned {
+    /// Whether every number is within its range.
     ///
     /// # Errors
-    /// The first of the faults that cannot.
+    /// The first that is not.
     fn check(&self) -> Result<(), FaultRange>;
 }
 
-/// Whether a plan of these events can be carried out.
-///
-/// # Errors
-/// The first thing that cannot be.
-pub fn check_events<E: Episode>(events: &[E]) -> Result<(), PlanError> {
-    if events.len() > MAX_EVENTS {
-        return Err(PlanError::TooMany { found: events.len() });
-    }
-    for (event, planned) in events.iter().enumerate() {
-        let (at_s, lasts_s) = planned.times();
-        for (field, value) in [("at_s", Some(at_s)), ("lasts_s", lasts_s)] {
-            if let Some(value) = value.filter(|value| !(0.0..=MAX_SECONDS).contains(value)) {
-                return Err(PlanError::Time { event, field, value });
-            }
-        }
-        planned.check().map_err(|fault| PlanError::Fault { event, fault })?;
-    }
-    Ok(())
-}
-
-/// What goes wrong so many seconds after a plan of these events was put in force.
-pub fn faults_at<E: Episode>(events: &[E], seconds: f64) -> E::Faults {
-    let lasts = |event: &&E| event.times().0 <= seconds && ends_at(*event).is_none_or(|end| seconds < end);
-    let mut now: Vec<&E> = events.iter().filter(lasts).collect();
-    now.sort_by(|one, other| one.times().0.total_cmp(&other.times().0));
-    now.into_iter().fold(E::Faults::default(), |faults, event| overlaid(&faults, event.faults()))
-}
-
-/// The next moment after so many seconds at which any of these events begins or ends; `None` when nothing changes any more.
-pub fn next_change<E: Episode>(events: &[E], seconds: f64) -> Option<f64> {
-    let times = events.iter().flat_map(|event| [Some(event.times().0), ends_at(event)]);
-    times.flatten().filter(|&at| at > seconds).min_by(f64::total_cmp)
-}
-
-fn ends_at(event: &impl Episode) -> Option<f64> {
-    let (at_s, lasts_s) = event.times();
-    lasts_s.map(|lasts| at_s + lasts)
-}
-
-impl Episode for FaultEvent {
-    type Faults = Faults;
-
-    fn times(&self) -> (f64, Option<f64>) {
-        (self.at_s, self.lasts_s)
-    }
-
-    fn faults(&self) -> &Faults {
-        &self.faults
-    }
-
-    fn check(&self) -> Result<(), FaultRange> {
-        self.faults.check()
+impl<F> FaultEvent<F> {
+    fn ends_at(&self) -> Option<f64> {
+        self.lasts_s.map(|lasts| self.at_s + lasts)
     }
 }
 
-impl FaultPlan {
+impl<F: Plannable> FaultPlan<F> {
     /// Whether the plan can be carried out.
     ///
     /// # Errors
     /// The first thing that cannot be.
     pub fn check(&self) -> Result<(), PlanError> {
-        check_events(&self.events)
+        let found = self.events.len();
+        if found > MAX_EVENTS {
+            return Err(PlanError::TooMany { found });
+        }
+        for (event, planned) in self.events.iter().enumerate() {
+            for (field, value) in [("at_s", Some(planned.at_s)), ("lasts_s", planned.lasts_s)] {
+                if let Some(value) = value.filter(|value| !(0.0..=MAX_SECONDS).contains(value)) {
+                    return Err(PlanError::Time { event, field, value });
+                }
+            }
+            planned.faults.check().map_err(|fault| PlanError::Fault { event, fault })?;
+        }
+        Ok(())
     }
 
     /// What goes wrong so many seconds after the plan was put in force.
     #[must_use]
-    pub fn at(&self, seconds: f64) -> Faults {
-        faults_at(&self.events, seconds)
+    pub fn at(&self, seconds: f64) -> F {
+        let lasts = |event: &&FaultEvent<F>| event.at_s <= seconds && event.ends_at().is_none_or(|end| seconds < end);
+        let mut now: Vec<&FaultEvent<F>> = self.events.iter().filter(lasts).collect();
+        now.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
+        now.into_iter().fold(F::default(), |faults, event| overlaid(&faults, &event.faults))
     }
 
     /// The next moment after so many seconds at which anything begins or ends; `None` when nothing changes any more.
     #[must_use]
     pub fn next_change(&self, seconds: f64) -> Option<f64> {
-        next_change(&self.events, seconds)
+        let times = self.events.iter().flat_map(|event| [Some(event.at_s), event.ends_at()]);
+        times.flatten().filter(|&at| at > seconds).min_by(f64::total_cmp)
     }
 }
 
 /// Faults with what others name laid over them.
-fn overlaid<F: Default + Clone + Serialize + DeserializeOwned>(faults: &F, over: &F) -> F {
+fn overlaid<F: Plannable>(faults: &F, over: &F) -> F {
     let json = |faults: &F| serde_json::to_value(faults).unwrap_or_default();
     let mut merged = json(faults);
     overlay(&mut merged, &json(over), &json(&F::default()));

@@ -4,9 +4,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use crate::device::faults::{
-    CameraFaults, Episode, FaultRange, Faults, PlanError, SceneFaults, check_events, faults_at, next_change,
-};
+use crate::device::faults::{CameraFaults, FaultPlan, FaultRange, Faults, Plannable, SceneFaults};
 
 /// Most packets of which one goes wrong.
 const ONE_IN: f64 = 1e6;
@@ -58,12 +56,8 @@ pub enum Taken {
     Exclusive,
 }
 
-impl GigeFaults {
-    /// Whether every number is within its range.
-    ///
-    /// # Errors
-    /// The first that is not.
-    pub fn check(&self) -> Result<(), FaultRange> {
+impl Plannable for GigeFaults {
+    fn check(&self) -> Result<(), FaultRange> {
         self.seen().check()?;
         for (field, value) in [
             ("link.lost_one_in", self.link.lost_one_in),
@@ -78,68 +72,17 @@ impl GigeFaults {
         }
         Ok(())
     }
+}
 
+impl GigeFaults {
     /// What of them is seen in a picture.
     pub(super) fn seen(&self) -> Faults {
         Faults { camera: self.camera, scene: self.scene, ..Faults::default() }
     }
 }
 
-/// What is to go wrong, and when: written as the simulated bench's plans of faults are, with the faults that there are here.
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GigeFaultPlan {
-    /// What happens, in any order.
-    events: Vec<GigeFaultEvent>,
-}
-
-/// Something that goes wrong for a while.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct GigeFaultEvent {
-    at_s: f64,
-    #[serde(default)]
-    lasts_s: Option<f64>,
-    faults: GigeFaults,
-}
-
-impl Episode for GigeFaultEvent {
-    type Faults = GigeFaults;
-
-    fn times(&self) -> (f64, Option<f64>) {
-        (self.at_s, self.lasts_s)
-    }
-
-    fn faults(&self) -> &GigeFaults {
-        &self.faults
-    }
-
-    fn check(&self) -> Result<(), FaultRange> {
-        self.faults.check()
-    }
-}
-
-impl GigeFaultPlan {
-    /// Whether the plan can be carried out.
-    ///
-    /// # Errors
-    /// The first thing that cannot be.
-    pub fn check(&self) -> Result<(), PlanError> {
-        check_events(&self.events)
-    }
-
-    /// What goes wrong so many seconds after the plan was put in force.
-    #[must_use]
-    pub fn at(&self, seconds: f64) -> GigeFaults {
-        faults_at(&self.events, seconds)
-    }
-
-    /// The next moment after so many seconds at which anything begins or ends; `None` when nothing changes any more.
-    #[must_use]
-    pub fn next_change(&self, seconds: f64) -> Option<f64> {
-        next_change(&self.events, seconds)
-    }
-}
+/// What is to go wrong with such a camera, and when: written as the simulated bench's plans are.
+pub type GigeFaultPlan = FaultPlan<GigeFaults>;
 
 /// A packet as it is to be sent: its number, and by how many its frame's number is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
