@@ -551,3 +551,16 @@ impl Bench {
         self.simulated.is_some()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_set_up_at_a_place_that_is_none() {
+        assert_eq!(Setup::WaterBoard { distance_mm: 800.0 }.check(), Ok(()));
+        let why = Setup::AirTripleBoard { distances_mm: [100.0, -1.0, 120.0] }.check().unwrap_err();
+        assert!(why.contains("distances_mm[1] -1: it has to be above 0"), "{why}");
+        assert!(Setup::Aperture { diameter_mm: f64::NAN, ring_f_number: 4.0 }.check().is_err());
+    }
+}
