@@ -64,7 +64,12 @@ impl IntoResponses for FromHistory {
 
 /// A failure as the contract has it.
 pub(super) fn problem(description: &str) -> RefOr<Response> {
-    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+    failure("Problem", description)
+}
+
+/// A failure whose body has a schema of this name.
+pub(super) fn failure(schema: &str, description: &str) -> RefOr<Response> {
+    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name(schema))).build();
     ResponseBuilder::new().description(description).content("application/problem+json", content).build().into()
 }
 

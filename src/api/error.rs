@@ -43,6 +43,41 @@ pub struct Problem {
     pub members: Map<String, Value>,
 }
 
+/// The problem of who is not let in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct UnauthorisedProblem {
+    /// What every problem has.
+    #[serde(flatten)]
+    pub problem: Problem,
+    /// Why what was shown opens nothing any more; left out where it is not known to have opened anything.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended: Option<EndedView>,
+}
+
+/// Why a token, or a session that was opened with it, opens nothing any more.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct EndedView {
+    /// How it has ended.
+    pub how: EndedHow,
+    /// Name of the token.
+    pub name: String,
+    /// When, RFC 3339.
+    #[schema(value_type = String, format = DateTime)]
+    pub at: jiff::Timestamp,
+    /// Who revoked it; `null` where it was done on the daemon's machine, and where it has expired.
+    pub by: Option<String>,
+}
+
+/// How a token has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EndedHow {
+    /// Somebody revoked it.
+    Revoked,
+    /// The end that it was made with has come.
+    Expired,
+}
+
 impl Problem {
     fn new(status: StatusCode, name: &str, title: &str, detail: impl Into<String>) -> Self {
         Self {
@@ -173,16 +208,17 @@ impl Problem {
 
     /// Who asks was let in once, and is no more.
     fn ended(ended: Ended) -> Self {
-        let (how, what, name, at, by) = match ended {
+        let (what, ended) = match ended {
             Ended::Revoked { name, at, by } => {
                 let whence = by.as_ref().map_or_else(|| "on the daemon's machine".to_owned(), |by| format!("by {by}"));
-                ("revoked", format!("was revoked {whence}"), name, at, by)
+                (format!("was revoked {whence}"), EndedView { how: EndedHow::Revoked, name, at, by })
             }
-            Ended::Expired { name, at } => ("expired", "has expired".to_owned(), name, at, None),
+            Ended::Expired { name, at } => {
+                ("has expired".to_owned(), EndedView { how: EndedHow::Expired, name, at, by: None })
+            }
         };
-        let detail = format!("the token of {name} {what} at {at:.0}: ask for another");
-        Self::new(StatusCode::UNAUTHORIZED, "unauthorised", "Not signed in", detail)
-            .with(json!({ "ended": { "how": how, "name": name, "at": at, "by": by } }))
+        let detail = format!("the token of {} {what} at {:.0}: ask for another", ended.name, ended.at);
+        Self::new(StatusCode::UNAUTHORIZED, "unauthorised", "Not signed in", detail).with(json!({ "ended": ended }))
     }
 
     /// Who asks is known, and may not do this.

@@ -71,7 +71,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 pub(crate) use client::{Client, Peer};
-use error::Problem;
+use error::{Problem, UnauthorisedProblem};
 use hub::Hub;
 use picture::Pictures;
 pub use scopes::IN_RESERVE;
@@ -238,7 +238,7 @@ impl Api {
         what is no HTTP at all (400) and a head beyond 256 headers or 64 KiB (431) are answered by their status alone, \
         and the connection is closed."
     ),
-    components(schemas(types::ServerMessage, types::ViewerMessage, Problem))
+    components(schemas(types::ServerMessage, types::ViewerMessage, Problem, UnauthorisedProblem))
 )]
 struct Contract;
 

@@ -6,7 +6,7 @@ use utoipa::openapi::security::{
 };
 use utoipa::openapi::{Components, OpenApi};
 
-use super::contract::problem;
+use super::contract::{failure, problem};
 use super::scopes::{Need, STOP, need};
 use crate::access::Scope;
 
@@ -63,7 +63,9 @@ fn secure(operation: &mut Operation, scope: Scope, reads: bool) {
         ways.push(TICKET);
     }
     operation.security = Some(ways.into_iter().map(|way| SecurityRequirement::new(way, [scope.name()])).collect());
-    fails(operation, "401", "Not signed in: no token, ticket or session is shown, or one that is not valid");
+    let stranger = "Not signed in: no token, ticket or session is shown, or one that is not valid";
+    let responses = &mut operation.responses.responses;
+    responses.entry("401".to_owned()).or_insert_with(|| failure("UnauthorisedProblem", stranger));
     if scope > Scope::View {
         fails(operation, "403", "Who asks may not do this");
     }

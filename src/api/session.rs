@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use super::App;
 use super::client::Client;
 use super::credentials;
-use super::error::{Problem, Result};
+use super::error::{Problem, Result, UnauthorisedProblem};
 use super::extract::JsonBody;
 use crate::access::{AuditRecord, Principal, Scope, SignInError};
 
@@ -43,7 +43,7 @@ pub(super) struct SessionView {
     post, path = "/api/v1/session", operation_id = "sign_in", tag = "access", request_body = SignIn,
     responses(
         (status = 200, body = SessionView, headers(("Set-Cookie" = String, description = "The session"))),
-        (status = 401, description = "The key opens nothing", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "The key opens nothing", body = UnauthorisedProblem, content_type = "application/problem+json"),
         (status = 429, description = "Too many keys of this address have opened nothing", body = Problem,
          content_type = "application/problem+json"),
     )
@@ -60,7 +60,7 @@ pub(super) async fn sign_in(
             Problem::internal()
         }
     })?;
-    let lasts = session.expires_at.duration_since(jiff::Timestamp::now()).as_secs().max(0);
+    let lasts = session.remembered_until.duration_since(jiff::Timestamp::now()).as_secs().max(0);
     let cookie = cookie(&app.cookie, session.secret.reveal(), lasts, client.secure)?;
     let Principal { name, scope, .. } = session.principal;
     let view = SessionView { name, scope, signed_in: true, demanded: app.gate.demands() };

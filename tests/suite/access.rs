@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use futures_util::StreamExt as _;
+use jiff::Timestamp;
 use plenalign::access::{Demand, Gate, GateSettings, LogAudit, Networks, Scope, Secret, TokenStore};
 use plenalign::api::server::ServerSettings;
 use plenalign::config::Config;
@@ -274,6 +275,32 @@ async fn a_revoked_token_takes_its_sessions_with_it() {
 }
 
 #[tokio::test]
+async fn who_is_signed_in_with_a_token_that_expires_is_told_that_it_has_and_when() {
+    let tokens = TokenStore::in_memory();
+    let end = Timestamp::now() + jiff::SignedDuration::from_secs(2);
+    let brief = tokens.create("Vera", Scope::View, Some(end)).unwrap().0.reveal().to_owned();
+    let daemon = behind(Gate::new(settings(), tokens, Box::new(LogAudit))).await;
+    let opened = daemon.post("/api/v1/session", &json!({ "key": brief })).await;
+    let (cookie, whole) = cookie(&opened);
+    // A browser brings its cookie after the end: by nothing else it is known whose it was.
+    let (_, lasts_s) = whole.split_once("Max-Age=").unwrap();
+    assert!(lasts_s.split(';').next().unwrap().parse::<u64>().unwrap() > 24 * 3600, "{whole}");
+    let ask = || daemon.request(Method::GET, "/api/v1/session").header("cookie", &cookie).send();
+    assert_eq!(ask().await.unwrap().status(), 200);
+    let over = until("the token has expired", async || ask().await.unwrap().status() != 200);
+    tokio::time::timeout(std::time::Duration::from_secs(10), over).await.unwrap();
+    for told in
+        [ask().await.unwrap(), daemon.request(Method::GET, "/api/v1/bench").bearer_auth(&brief).send().await.unwrap()]
+    {
+        let told = problem(told, 401, "unauthorised").await;
+        assert_eq!(told["ended"], json!({ "how": "expired", "name": "Vera", "at": end, "by": null }), "{told}");
+        assert!(told["detail"].as_str().unwrap().contains("the token of Vera has expired at"), "{told}");
+    }
+    let told = problem(daemon.post("/api/v1/session", &json!({ "key": brief })).await, 401, "unauthorised").await;
+    assert_eq!(told["ended"]["how"], "expired");
+}
+
+#[tokio::test]
 async fn the_one_time_key_opens_the_door_once() {
     let gate = GateSettings { demand: Demand::Always, ..settings() };
     let gate = Gate::new(gate, TokenStore::in_memory(), Box::new(LogAudit));
@@ -480,7 +507,8 @@ fn the_contract_says_what_is_needed() {
                 None => open.push(format!("{method} {path}")),
                 Some(ways) => {
                     assert_eq!(ways.iter().any(|way| way.get("ticket").is_some()), method == "get", "{method} {path}");
-                    assert!(operation["responses"]["401"].is_object(), "{method} {path}");
+                    let stranger = &operation["responses"]["401"]["content"]["application/problem+json"]["schema"];
+                    assert_eq!(stranger["$ref"], "#/components/schemas/UnauthorisedProblem", "{method} {path}");
                 }
             }
         }

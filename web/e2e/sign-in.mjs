@@ -117,6 +117,30 @@ try {
   await out.waitFor({ timeout: 10_000 });
   await accessible(page);
   await page.screenshot({ path: `${shots}/revoked.png` });
+
+  step("a token that expires ends what is shown, and says that it has and when, also after a reload");
+  const admin = execFileSync(program, ["token", "create", "--name", "Ada", "--scope", "admin"], {
+    env,
+    stdio: ["ignore", "pipe", "ignore"],
+  });
+  const answer = await fetch(new URL("api/v1/tokens", address), {
+    method: "POST",
+    headers: { authorization: `Bearer ${admin.toString().trim()}`, "content-type": "application/json" },
+    body: JSON.stringify({
+      name: "Brief",
+      scope: "view",
+      expires_at: new Date(Date.now() + 8000).toISOString(),
+    }),
+  });
+  assert.equal(answer.status, 201);
+  await page.locator("#sign-in input").fill((await answer.json()).secret);
+  await page.locator("#sign-in button").click();
+  await page.locator(".who", { hasText: "Brief" }).waitFor({ timeout: 10_000 });
+  const over = page.locator("#out", { hasText: /token of Brief has expired, .*\d:\d\d/ });
+  await over.waitFor({ timeout: 20_000 });
+  assert.equal(await page.locator(".axes, #stop").count(), 0);
+  await page.reload();
+  await over.waitFor({ timeout: 10_000 });
 } finally {
   await browser.close();
   daemon.process.kill("SIGKILL");

@@ -82,15 +82,8 @@ export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "de
   problems?: ConfigFault[];
 };
 
-/** Why a token opens nothing any more, in a problem's member `ended`. */
-export interface Ended {
-  how: "revoked" | "expired";
-  /** Name of the token. */
-  name: string;
-  at: string;
-  /** Who revoked it; null where it was done on the daemon's machine. */
-  by: string | null;
-}
+/** Why a token opens nothing any more. */
+export type Ended = Schemas["EndedView"];
 
 /** Every message type this page reads; a type not here is ignored. */
 const KNOWN = [

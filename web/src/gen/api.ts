@@ -3557,6 +3557,25 @@ export interface components {
       /** @description The camera's states: air design, shell added directly, clarity, joint. */
       states: components["schemas"]["DraftStateView"][];
     };
+    /**
+     * @description How a token has ended.
+     * @enum {string}
+     */
+    EndedHow: "revoked" | "expired";
+    /** @description Why a token, or a session that was opened with it, opens nothing any more. */
+    EndedView: {
+      /**
+       * Format: date-time
+       * @description When, RFC 3339.
+       */
+      at: string;
+      /** @description Who revoked it; `null` where it was done on the daemon's machine, and where it has expired. */
+      by?: string | null;
+      /** @description How it has ended. */
+      how: components["schemas"]["EndedHow"];
+      /** @description Name of the token. */
+      name: string;
+    };
     /** @description What is to be expected with all that is taken for granted. */
     ExpectedBudget: {
       /**
@@ -5997,6 +6016,10 @@ export interface components {
       /** @description Spacing on the axis as each has it, px: first that of the board that fills more of the field. */
       spacings_px: number[];
     };
+    /** @description The problem of who is not let in. */
+    UnauthorisedProblem: components["schemas"]["Problem"] & {
+      ended?: components["schemas"]["EndedView"] | null;
+    };
     /**
      * @description Whether a value is within its tolerance, as far as its uncertainty lets anybody tell.
      * @enum {string}
@@ -6200,7 +6223,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -6271,7 +6294,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -6382,7 +6405,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -6512,7 +6535,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -6587,7 +6610,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -6734,7 +6757,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -6861,7 +6884,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -6902,7 +6925,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -6984,7 +7007,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -7050,7 +7073,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -7180,7 +7203,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       422: {
@@ -7236,7 +7259,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -7291,7 +7314,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -7409,7 +7432,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -7459,7 +7482,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -7541,7 +7564,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -7591,7 +7614,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The body is late */
@@ -7673,7 +7696,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -7776,7 +7799,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -7837,7 +7860,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description A parameter does not say what it must; `field` names it */
@@ -7914,7 +7937,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -8035,7 +8058,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8093,7 +8116,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -8178,7 +8201,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The key confirms nothing of this job */
@@ -8302,7 +8325,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Neither an administrator nor the job's lease */
@@ -8387,7 +8410,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8445,7 +8468,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8503,7 +8526,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8561,7 +8584,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8619,7 +8642,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8677,7 +8700,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8736,7 +8759,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8821,7 +8844,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The key confirms nothing of this job */
@@ -8942,7 +8965,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description There is nothing under this name */
@@ -8997,7 +9020,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -9047,7 +9070,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -9140,7 +9163,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -9198,7 +9221,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -9275,7 +9298,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -9357,7 +9380,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Nothing has been measured */
@@ -9408,7 +9431,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description A parameter does not say what it must; `field` names it */
@@ -9476,7 +9499,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The body is late */
@@ -9567,7 +9590,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -9617,7 +9640,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The body is late */
@@ -9699,7 +9722,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -9736,7 +9759,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -9788,7 +9811,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The body is late */
@@ -9860,7 +9883,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -9913,7 +9936,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -10031,7 +10054,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The bench is not simulated */
@@ -10090,7 +10113,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -10180,7 +10203,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -10235,7 +10258,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description The bench is not simulated */
@@ -10294,7 +10317,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -10389,7 +10412,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       422: {
@@ -10443,7 +10466,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Too many requests; Retry-After says when to try again */
@@ -10486,7 +10509,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description A parameter does not say what it must; `field` names it */
@@ -10537,7 +10560,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -10635,7 +10658,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       422: {
@@ -10693,7 +10716,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not read this */
@@ -10775,7 +10798,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -10836,7 +10859,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -10938,7 +10961,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Who asks may not do this */
@@ -11004,7 +11027,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Nothing can be made of the frame (`not-viewable`) */
@@ -11084,7 +11107,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Nothing can be made of the frame (`not-viewable`), or distances are asked for and the pose is not known (`pose-unknown`) */
@@ -11164,7 +11187,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Nothing can be made of the frame (`not-viewable`), or distances are asked for and the pose is not known (`pose-unknown`) */
@@ -11231,7 +11254,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description A page of another origin */
@@ -11323,7 +11346,7 @@ export interface operations {
           [name: string]: unknown;
         };
         content: {
-          "application/problem+json": components["schemas"]["Problem"];
+          "application/problem+json": components["schemas"]["UnauthorisedProblem"];
         };
       };
       /** @description Nothing is kept */

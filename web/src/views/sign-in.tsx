@@ -49,7 +49,9 @@ function whyOf(out: NonNullable<State["out"]>): string {
   const words = strings.signIn.ended;
   if (out === "demanded") return words.demanded;
   const when = moment(out.at);
-  return out.how === "revoked" ? words.revoked(out.name, when, out.by) : words.expired(out.name, when);
+  return out.how === "revoked"
+    ? words.revoked(out.name, when, out.by ?? null)
+    : words.expired(out.name, when);
 }
 
 /** Who one is, and the way out. */

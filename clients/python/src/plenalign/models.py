@@ -583,6 +583,26 @@ class DraftView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The camera's states: air design, shell added directly, clarity, joint."""
 
 
+class EndedHow(str, Enum):
+    """How a token has ended."""
+
+    REVOKED = "revoked"
+    EXPIRED = "expired"
+
+
+class EndedView(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Why a token, or a session that was opened with it, opens nothing any more."""
+
+    at: datetime
+    """When, RFC 3339."""
+    by: str | None = None
+    """Who revoked it; `null` where it was done on the daemon's machine, and where it has expired."""
+    how: EndedHow
+    """How it has ended."""
+    name: str
+    """Name of the token."""
+
+
 class ExpectedBudget(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What is to be expected with all that is taken for granted."""
 
@@ -2489,6 +2509,13 @@ class SingleMeasurement(MeasurementView, frozen=True, kw_only=True, omit_default
     """Whether an axis moved, or had not settled, during the exposure: no loop uses such a measurement."""
     unsettled: list[AxisName]
     """The axes that did."""
+
+
+class UnauthorisedProblem(Problem, frozen=True, kw_only=True, omit_defaults=True):
+    """The problem of who is not let in."""
+
+    ended: EndedView | None = None
+    """Why what was shown opens nothing any more; left out where it is not known to have opened anything."""
 
 
 class ViewReport(DepthFigures, frozen=True, kw_only=True, omit_defaults=True):

@@ -12,6 +12,7 @@ use super::buckets::Buckets;
 use super::networks::Networks;
 use super::once::OnceKey;
 use super::principal::{LOCAL, Principal, Scope};
+use super::record::EXPIRED;
 use super::secret::{Digest, Secret};
 use super::tickets::Tickets;
 use super::tokens::{Ended, Holder, ONE_TIME, OWN, TokenError, TokenStore};
@@ -87,8 +88,8 @@ pub enum Unauthorised {
 pub struct Session {
     /// For its cookie.
     pub secret: Secret,
-    /// When it ends.
-    pub expires_at: Timestamp,
+    /// Until when its cookie is worth bringing: whose session has ended with its token is told so by it.
+    pub remembered_until: Timestamp,
     /// Who it is.
     pub principal: Principal,
 }
@@ -204,7 +205,10 @@ impl Gate {
         // A ticket ends with the token that it was asked for with.
         match self.tickets.take(&Digest::of(ticket), path).filter(|principal| self.knows(principal)) {
             Some(principal) => Ok(Principal { address, ..principal }),
-            None => Err(self.failed(address)),
+            None => {
+                self.note_wrong(address);
+                Err(Unauthorised::Wrong)
+            }
         }
     }
 
@@ -236,7 +240,8 @@ impl Gate {
         let (secret, expires_at) = opened.map_err(|error| std::io::Error::other(error.to_string()))??;
         let principal = Principal { name: holder.name, scope: holder.scope, address };
         self.audit(AuditRecord::of(&principal, "session.open", serde_json::json!({})));
-        Ok(Session { secret, expires_at, principal })
+        let remembered_until = expires_at.saturating_add(EXPIRED).unwrap_or(Timestamp::MAX);
+        Ok(Session { secret, remembered_until, principal })
     }
 
     /// Signs a browser out.
@@ -283,7 +288,7 @@ impl Gate {
                 return Ok(holder);
             }
         }
-        self.failed(address);
+        self.note_wrong(address);
         Err(self.wrong(digest))
     }
 
@@ -292,10 +297,10 @@ impl Gate {
         self.tokens.ended(digest).map_or(Unauthorised::Wrong, Unauthorised::Ended)
     }
 
-    fn failed(&self, address: IpAddr) -> Unauthorised {
-        // Whoever has used up their guesses still learns only that this one was wrong; signing in makes them wait.
+    /// Counts a wrong token or ticket. Whoever has used up their guesses still learns only that this one was wrong; signing in
+    /// makes them wait.
+    fn note_wrong(&self, address: IpAddr) {
         let _ = self.failures.take(&address);
-        Unauthorised::Wrong
     }
 
     /// Counts a wrong key of another kind than a token like a wrong token.

@@ -1,6 +1,6 @@
 //! What is kept of tokens and sessions.
 
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
@@ -9,6 +9,8 @@ use super::secret::Digest;
 
 /// Revoked tokens that are remembered.
 const REVOKED: usize = 100;
+/// How long a session that has ended with its token is remembered.
+pub(super) const EXPIRED: SignedDuration = SignedDuration::from_hours(30 * 24);
 
 /// A token as it is kept: everything but the secret.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -66,15 +68,18 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// Takes away what has expired, and sessions of tokens that are gone.
+    /// Takes away what has expired, and sessions of tokens that are gone. A token that has expired stays in the list, and for a
+    /// while the sessions that ended with it, so that its holder can be told why it no longer opens.
     pub(super) fn tidy(&mut self, now: Timestamp) {
-        let alive = |expires_at: Option<Timestamp>| expires_at.is_none_or(|end| end > now);
         let Self { tokens, sessions, revoked } = self;
         revoked.drain(..revoked.len().saturating_sub(REVOKED));
-        // A token that has expired stays in the list, so that its holder can be told why it no longer opens.
-        sessions.retain(|session| {
-            session.expires_at > now
-                && session.token.is_none_or(|id| tokens.iter().any(|token| token.id == id && alive(token.expires_at)))
+        let remembered = |end: Timestamp| end.saturating_add(EXPIRED).is_ok_and(|until| until > now);
+        sessions.retain(|session| match session.token {
+            None => session.expires_at > now,
+            Some(id) => tokens.iter().any(|token| {
+                let with_it = token.expires_at.is_some_and(|end| session.expires_at >= end && remembered(end));
+                token.id == id && (session.expires_at > now || with_it)
+            }),
         });
     }
 }

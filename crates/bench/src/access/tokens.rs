@@ -436,6 +436,7 @@ fn read(path: &Path) -> Result<Records, TokenError> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::record::EXPIRED;
     use super::*;
 
     const DAY: SignedDuration = SignedDuration::from_hours(24);
@@ -522,6 +523,32 @@ mod tests {
         assert!(store.holder(&secret.digest()).is_none());
         assert!(store.session_holder(&session.digest()).is_none());
         assert!(!store.has_any());
+    }
+
+    #[test]
+    fn whose_token_has_expired_is_told_for_a_while_and_who_guesses_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = TokenStore::open(folder.path()).unwrap();
+        let end = Timestamp::now() + SignedDuration::from_hours(1);
+        let (secret, _) = store.create("brief", Scope::View, Some(end)).unwrap();
+        let (session, _) = store.open_session(&store.holder(&secret.digest()).unwrap(), DAY).unwrap();
+        assert_eq!(store.ended(&session.digest()), None);
+        // Their time comes: everything kept is as it would be then.
+        let kept_at = |past: Timestamp| {
+            let mut held = store.held();
+            held.records.tokens.iter_mut().for_each(|token| token.expires_at = Some(past));
+            held.records.sessions.iter_mut().for_each(|session| session.expires_at = past);
+            held.records.tidy(Timestamp::now());
+        };
+        let past = Timestamp::now() - SignedDuration::from_secs(1);
+        kept_at(past);
+        let told = Some(Ended::Expired { name: "brief".to_owned(), at: past });
+        assert_eq!((store.ended(&session.digest()), store.ended(&secret.digest())), (told.clone(), told));
+        assert_eq!(store.ended(&Digest::of("guess")), None);
+        assert!(store.session_holder(&session.digest()).is_none() && !store.knows("brief"));
+        // In the end nobody asks any more.
+        kept_at(past - EXPIRED);
+        assert_eq!(store.ended(&session.digest()), None);
     }
 
     #[test]
