@@ -170,22 +170,23 @@ struct Viewer {
 /// How often a viewer has been shown the very same picture.
 #[derive(Default)]
 struct Repeated {
-    last: Option<Arc<Frame>>,
+    /// The frame shown last, and the first of those before it that have its picture.
+    last: Option<[u64; 2]>,
     /// In a row, the last one counted.
     alike: u32,
 }
 
 impl Repeated {
-    /// How many pictures in a row are the same, up to one of this frame: 1 where it is another than the one before. What is
-    /// played from files may well come again.
-    fn note(&mut self, app: &App, frame: &Arc<Frame>) -> u32 {
-        self.alike = match &self.last {
+    /// How many pictures in a row are the same, up to one of frame `seq`, whose picture was that of frame `first` already: 1
+    /// where it is another than the one before.
+    fn note(&mut self, seq: u64, first: u64) -> u32 {
+        self.alike = match self.last {
             // Another part of it, or another view.
-            Some(last) if last.seq == frame.seq => self.alike,
-            Some(last) if !frame.replayed && app.service.repeats(last, frame) => self.alike.saturating_add(1),
+            Some([last, _]) if last == seq => self.alike,
+            Some([_, before]) if before == first => self.alike.saturating_add(1),
             _ => 1,
         };
-        self.last = Some(Arc::clone(frame));
+        self.last = Some([seq, first]);
         self.alike
     }
 }
@@ -451,7 +452,9 @@ impl Viewer {
         if watching.window > 0 {
             watching.unseen.push(frame.seq);
         }
-        let alike = self.repeated.note(&self.app, &frame);
+        // What is played from files may well come again.
+        let first = if frame.replayed { frame.seq } else { self.app.service.first_alike(&frame).await };
+        let alike = self.repeated.note(frame.seq, first);
         let message = picture_message(picture, watching.wanted, watching.skipped.total, alike);
         self.send_viewed(What::Frame(message)).await?;
         telemetry::picture_sent(ViewerKind::WebSocket, age(&frame), dropped);

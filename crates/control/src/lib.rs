@@ -44,6 +44,7 @@ pub mod recent;
 mod record;
 pub mod recording;
 mod refusal;
+mod repeats;
 pub mod replay;
 mod report;
 mod request;

@@ -318,9 +318,10 @@ impl Service {
             }
             let missed = before.as_ref().map_or(0, |before| frame.seq.saturating_sub(before.seq + 1));
             frames_left_out += missed;
-            let spacing = match &before {
-                Some(before) if self.eye.repeats(before, &frame) => Err(NoReading::Refused(OLD_PICTURE.to_owned())),
-                _ => read(&mut followed, sight, &frame).await,
+            let spacing = if self.first_alike(&frame).await == frame.seq {
+                read(&mut followed, sight, &frame).await
+            } else {
+                Err(NoReading::Refused(OLD_PICTURE.to_owned()))
             };
             before = Some(Arc::clone(&frame));
             if let Ok(spacing) = &spacing {

@@ -23,12 +23,13 @@ use super::meter::Readings;
 use super::motion::{Motion, Stops};
 use super::press::Presses;
 use super::recent::Recent;
+use super::repeats::Repeats;
 use super::simulated::PlanInForce;
 use super::stopping::KEEP_ALLOWED;
 use super::{Refusal, ServiceError};
 use bench::access::PROGRAM;
 use bench::config::Config;
-use bench::device::{AxisName, Bench, Frame};
+use bench::device::{AxisName, Bench};
 use bench::store::Store;
 
 /// Events kept for a subscriber that lags.
@@ -67,6 +68,7 @@ pub struct Service {
     pub(super) measuring: tokio::sync::Mutex<()>,
     /// One frame at a time is made ready for pictures.
     pub(super) looks: tokio::sync::Mutex<Looks>,
+    pub(super) repeats: Repeats,
     /// Why the last command by hand of an axis did not end as commanded.
     pub(super) failures: Mutex<HashMap<AxisName, Failure>>,
     pub(super) jogs: Mutex<HashMap<AxisName, Jogging>>,
@@ -117,6 +119,7 @@ impl Service {
             recent: Recent::default(),
             measuring: tokio::sync::Mutex::default(),
             looks: tokio::sync::Mutex::default(),
+            repeats: Repeats::default(),
             failures: Mutex::default(),
             jogs: Mutex::default(),
             presses: Presses::default(),
@@ -170,12 +173,6 @@ impl Service {
     #[must_use]
     pub fn field_map(&self) -> watch::Receiver<Option<Arc<FieldMap>>> {
         self.eye.map()
-    }
-
-    /// Whether a frame has the very picture of one before it, which no sensor takes twice.
-    #[must_use]
-    pub fn repeats(&self, before: &Frame, frame: &Frame) -> bool {
-        self.eye.repeats(before, frame)
     }
 
     /// Since when what stands before the camera does, and the shell is on or off.
