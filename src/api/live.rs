@@ -23,7 +23,7 @@ use uuid::Uuid;
 use super::App;
 use super::error::{Problem, Result};
 use super::extract::{Query, parse, parse_member};
-use super::frame::milliseconds;
+use super::frame::{milliseconds, monotonic};
 use super::hub::{Begin, text};
 use super::picture::{QUALITIES, Reduce, Skipped, age, next};
 use super::proto::{self, viewed::What};
@@ -324,6 +324,7 @@ impl Viewer {
             seq: self.app.hub.newest(),
             boot_id: self.app.hub.boot_id(),
             now: jiff::Timestamp::now(),
+            monotonic_us: monotonic(Instant::now()).as_micros() as u64,
             frame_age_ms: newest.map(|frame| milliseconds(age(&frame))),
         };
         self.send(Message::Text(text(&tick))).await?;
@@ -416,7 +417,8 @@ impl Viewer {
             }
             ViewerMessage::Clock { asked_ms } => {
                 let (seq, boot_id) = (self.app.hub.newest(), self.app.hub.boot_id());
-                return Ok(Some(ServerMessage::Clock { seq, boot_id, asked_ms, now: jiff::Timestamp::now() }));
+                let (now, monotonic_us) = (jiff::Timestamp::now(), monotonic(Instant::now()).as_micros() as u64);
+                return Ok(Some(ServerMessage::Clock { seq, boot_id, asked_ms, now, monotonic_us }));
             }
             ViewerMessage::Seen { seq } => {
                 if let Some(watching) = &mut self.watching {

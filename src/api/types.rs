@@ -254,6 +254,8 @@ pub enum ServerMessage {
         /// The daemon's clock, RFC 3339.
         #[schema(value_type = String, format = DateTime)]
         now: jiff::Timestamp,
+        /// The same moment on the daemon's machine's CLOCK_MONOTONIC, microseconds: no setting of the clock disturbs it.
+        monotonic_us: u64,
         /// Age of the newest frame of a viewer that watches pictures, ms.
         frame_age_ms: Option<f64>,
     },
@@ -268,6 +270,8 @@ pub enum ServerMessage {
         /// The daemon's clock when it heard that, RFC 3339.
         #[schema(value_type = String, format = DateTime)]
         now: jiff::Timestamp,
+        /// The same moment on the daemon's machine's CLOCK_MONOTONIC, microseconds.
+        monotonic_us: u64,
     },
     /// A message from this viewer could not be used.
     Problem {

@@ -39,14 +39,21 @@ pub(super) async fn next(socket: &mut Socket) -> Message {
     tokio::time::timeout(Duration::from_secs(5), wait).await.expect("a message within 5 s")
 }
 
+/// The next text message.
+async fn next_message(socket: &mut Socket) -> Value {
+    loop {
+        if let Message::Text(text) = next(socket).await {
+            return serde_json::from_str(&text).unwrap();
+        }
+    }
+}
+
 /// The next text message that is not a sign of life.
 async fn next_text(socket: &mut Socket) -> Value {
     loop {
-        if let Message::Text(text) = next(socket).await {
-            let value: Value = serde_json::from_str(&text).unwrap();
-            if value["type"] != "tick" {
-                return value;
-            }
+        let value = next_message(socket).await;
+        if value["type"] != "tick" {
+            return value;
         }
     }
 }
@@ -144,6 +151,16 @@ async fn the_daemons_clock_is_told_to_who_asks() {
     assert_eq!(told["asked_ms"], 1234.5);
     let now: jiff::Timestamp = told["now"].as_str().unwrap().parse().unwrap();
     assert!(before <= now && now <= jiff::Timestamp::now(), "{told}");
+    // And the clock that nobody sets, of the same moment as a tick's.
+    let tick = loop {
+        let message = next_message(&mut socket).await;
+        if message["type"] == "tick" {
+            break message;
+        }
+    };
+    let apart = tick["monotonic_us"].as_u64().unwrap() - told["monotonic_us"].as_u64().unwrap();
+    let then: jiff::Timestamp = tick["now"].as_str().unwrap().parse().unwrap();
+    assert!((apart as i64 - then.duration_since(now).as_micros() as i64).abs() < 20_000, "{told} {tick}");
 }
 
 #[tokio::test]

@@ -3,10 +3,15 @@
 // Nothing comes before it was sent, and nothing is answered before it was asked: so what the daemon answers to a question
 // says by how much this page's clock is ahead of the daemon's at least, however long the answer took. By that least, nothing
 // is taken for younger than it is, also over a line that is late all the time.
+//
+// The daemon's clock here is that of its machine that nobody sets (CLOCK_MONOTONIC): its wall clock may be set at any time, by
+// less than a line is late. How far that one is from it the daemon says with each sign of life.
 
 import type { ServerMessage } from "./wire";
 
 export interface Clock {
+  /** The run of the daemon that it is of: another one may be of another machine, or that machine started anew. */
+  bootId: string | null;
   /** This page's clock less the daemon's at least, ms, and at which of the daemon's answers that was known, this page's
    *  clock, ms; null before there was one. */
   least: { aheadMs: number; at: number } | null;
@@ -14,36 +19,90 @@ export interface Clock {
   mostMs: number | null;
   /** The same by the newest tick, which may have waited. */
   newestMs: number;
+  /** The daemon's wall clock less the one that nobody sets, ms, as it said last. */
+  wallMs: number | null;
+  /** The same of this page's clocks, when a message came last. */
+  pageWallMs: number | null;
 }
 
-export const unknown: Clock = { least: null, mostMs: null, newestMs: 0 };
+export const unknown: Clock = {
+  bootId: null,
+  least: null,
+  mostMs: null,
+  newestMs: 0,
+  wallMs: null,
+  pageWallMs: null,
+};
 
 /** Two clocks go apart by so much at most, ms a ms: what is set right is slewed no faster. */
 const APART = 5e-4;
 /** Clocks are read to a millisecond, ms. */
 const READ_MS = 2;
 
-/** The clock with what a message says of it, which came at `cameAt` of this page's clock, ms. */
-export function clockAfter(clock: Clock, message: ServerMessage, cameAt: number): Clock {
-  if (message.type === "tick") return heard(clock, cameAt, message.now);
-  return message.type === "clock" ? answered(clock, message.asked_ms, cameAt, message.now) : clock;
+/** When a message came: this page's clock, ms, and how far that was then from the page's clock that nobody sets, ms. */
+export interface Came {
+  at: number;
+  wallMs: number;
+  /** Of an answer, how far the two were apart when it was asked. */
+  askedWallMs?: number | undefined;
 }
 
-/** The clock with another tick, which came at `cameAt` of this page's clock, ms. */
-export function heard(clock: Clock, cameAt: number, now: string): Clock {
-  const newestMs = cameAt - Date.parse(now);
-  if (!Number.isFinite(newestMs)) return clock;
-  // It came before it was sent: one of the clocks has been set.
-  if (newestMs < leastAt(clock, cameAt) - READ_MS) return { least: null, mostMs: newestMs, newestMs };
-  return { ...clock, mostMs: Math.min(clock.mostMs ?? Infinity, newestMs), newestMs };
+/** What the daemon says of its clocks. */
+export interface Told {
+  now: string;
+  monotonic_us: number;
+}
+
+/** The clock with what a message says of it. */
+export function clockAfter(clock: Clock, message: ServerMessage, came: Came): Clock {
+  const of = clock.bootId === message.boot_id ? clock : { ...unknown, bootId: message.boot_id };
+  const now = withPage(of, came);
+  if (message.type === "tick") return heard(now, came.at, message);
+  if (message.type !== "clock") return now;
+  // Where this page's clock was set since, or its computer has slept, it is not known when by it that was asked.
+  const askedWallMs = came.askedWallMs ?? came.wallMs;
+  if (Math.abs(came.wallMs - askedWallMs) > READ_MS) return heard(now, came.at, message);
+  return answered(now, message.asked_ms, came.at, message);
+}
+
+/** By how much this page's clock was set back before a message came, ms: a computer that sleeps has it leap forwards, and then
+ *  nothing is younger than it is said to be. */
+export function setBack({ pageWallMs }: Clock, { wallMs }: Came): number {
+  const byMs = pageWallMs === null ? 0 : pageWallMs - wallMs;
+  return byMs > READ_MS ? byMs : 0;
+}
+
+function withPage(clock: Clock, came: Came): Clock {
+  const byMs = setBack(clock, came);
+  const pageWallMs = came.wallMs;
+  if (byMs === 0) return { ...clock, pageWallMs };
+  const { least, mostMs, newestMs } = clock;
+  return {
+    ...clock,
+    pageWallMs,
+    least: least && { aheadMs: least.aheadMs - byMs, at: least.at - byMs },
+    mostMs: mostMs === null ? null : mostMs - byMs,
+    newestMs: newestMs - byMs,
+  };
+}
+
+/** The clock with another sign of life, which came at `cameAt` of this page's clock, ms. */
+export function heard(clock: Clock, cameAt: number, { now, monotonic_us }: Told): Clock {
+  const sentMs = monotonic_us / 1000;
+  const [newestMs, wallMs] = [cameAt - sentMs, Date.parse(now) - sentMs];
+  if (!Number.isFinite(newestMs) || !Number.isFinite(wallMs)) return clock;
+  // It came before it was sent: this page's clock has been set.
+  if (newestMs < leastAt(clock, cameAt) - READ_MS)
+    return { ...clock, least: null, mostMs: newestMs, newestMs, wallMs };
+  return { ...clock, mostMs: Math.min(clock.mostMs ?? Infinity, newestMs), newestMs, wallMs };
 }
 
 /** The clock with what the daemon answered, asked at `askedAt`, which came at `cameAt`, ms. */
-export function answered(clock: Clock, askedAt: number, cameAt: number, now: string): Clock {
-  const aheadMs = askedAt - Date.parse(now);
+export function answered(clock: Clock, askedAt: number, cameAt: number, told: Told): Clock {
+  const aheadMs = askedAt - told.monotonic_us / 1000;
   // This page's clock was set back meanwhile.
   if (!Number.isFinite(aheadMs) || cameAt < askedAt) return clock;
-  const known = heard(clock, cameAt, now);
+  const known = heard(clock, cameAt, told);
   return { ...known, least: { aheadMs: Math.max(leastAt(known, cameAt), aheadMs), at: cameAt } };
 }
 
@@ -57,19 +116,34 @@ export function ahead({ least, mostMs }: Clock): number | null {
   return least?.aheadMs ?? mostMs;
 }
 
+/** The same of the daemon's wall clock: what is told in hours and minutes is of it. */
+export function aheadOfWall(clock: Clock): number | null {
+  const aheadMs = ahead(clock);
+  return aheadMs === null || clock.wallMs === null ? null : aheadMs - clock.wallMs;
+}
+
+/** A moment of the daemon's wall clock, ms, as it is set now, on the one that nobody sets; null where that is not known. */
+export function monotonicOf({ wallMs }: Clock, at: number): number | null {
+  return wallMs === null ? null : at - wallMs;
+}
+
 /** How long the newest tick waited on its way, ms: all that comes waits with it. */
 export function lateness(clock: Clock): number {
   return Math.max(0, clock.newestMs - (ahead(clock) ?? clock.newestMs));
 }
 
-/** How long it is until a moment of the daemon's clock, RFC 3339, whole seconds; 0 once it has passed. */
+/** How long it is until a moment of the daemon's wall clock, RFC 3339, whole seconds; 0 once it has passed. */
 export function secondsLeft(until: string, clock: Clock, now: number): number {
-  return Math.max(0, Math.round((Date.parse(until) + (ahead(clock) ?? 0) - now) / 1000));
+  return Math.max(0, Math.round((Date.parse(until) + (aheadOfWall(clock) ?? 0) - now) / 1000));
 }
 
 /** This page's clock when the daemon sent a picture that came at `cameAt`, ms. */
-export function sentAt(clock: Clock, picture: { capturedAt: Date; ageMs: number }, cameAt: number): number {
+export function sentAt(
+  clock: Clock,
+  picture: { monotonicMs: number; ageMs: number },
+  cameAt: number,
+): number {
   const aheadMs = ahead(clock);
   if (aheadMs === null) return cameAt;
-  return Math.min(cameAt, picture.capturedAt.getTime() + picture.ageMs + aheadMs);
+  return Math.min(cameAt, picture.monotonicMs + picture.ageMs + aheadMs);
 }

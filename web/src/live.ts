@@ -12,6 +12,7 @@ import {
   type ServerMessage,
   type ViewerMessage,
 } from "./wire";
+import type { Came } from "./clock";
 import type { Link } from "./state";
 import type { Wish } from "./wish";
 
@@ -35,9 +36,8 @@ const NEWEST = 0.2;
 export interface Listener {
   /** `nextAt` is when it is tried again, this page's clock, ms; null where nothing is to be tried. */
   link(link: Link, nextAt: number | null): void;
-  /** `cameAt` is this page's clock, ms. */
-  message(message: ServerMessage, cameAt: number): void;
-  /** Resolves when the picture has been drawn. */
+  message(message: ServerMessage, came: Came): void;
+  /** `cameAt` is this page's clock, ms. Resolves when the picture has been drawn. */
   picture(picture: Picture, cameAt: number): Promise<void>;
   map(map: FieldMap): void;
   reading(reading: FrameReading, cameAt: number): void;
@@ -77,6 +77,8 @@ export class Live {
   private refused = false;
   private askedAt = -Infinity;
   private asking: ReturnType<typeof setTimeout> | null = null;
+  /** When the daemon's clock was asked for on this connection, and how far this page's was then from the one that nobody sets. */
+  private readonly asked = new Map<number, number>();
   /** Whether this connection has been asked for readings. */
   private reads = false;
 
@@ -134,6 +136,7 @@ export class Live {
     this.silent = 0;
     this.said = Promise.resolve();
     this.reads = false;
+    this.asked.clear();
     socket.onopen = () => {
       if (this.socket !== socket) return;
       this.retryMs = FIRST_RETRY_MS;
@@ -149,7 +152,7 @@ export class Live {
       if (typeof event.data === "string") {
         const message = parseMessage(event.data);
         if (message?.type === "tick") this.askClock(socket);
-        if (message && !this.isRefusal(message)) this.listener.message(message, cameAt);
+        if (message && !this.isRefusal(message)) this.listener.message(message, this.came(message, cameAt));
       } else {
         void this.show(socket, new Uint8Array(event.data), cameAt);
       }
@@ -168,7 +171,17 @@ export class Live {
   }
 
   private askClock(socket: WebSocket): void {
-    this.send(socket, { type: "clock", asked_ms: Date.now() });
+    const now = Date.now();
+    this.asked.set(now, now - performance.now());
+    this.send(socket, { type: "clock", asked_ms: now });
+  }
+
+  private came(message: ServerMessage, at: number): Came {
+    const wallMs = at - performance.now();
+    if (message.type !== "clock") return { at, wallMs };
+    const askedWallMs = this.asked.get(message.asked_ms);
+    this.asked.delete(message.asked_ms);
+    return { at, wallMs, askedWallMs };
   }
 
   /** Whether a message says that the part asked for cannot be had: the whole frame is taken in its place. */

@@ -122,13 +122,13 @@ function receiveReport(report: Report): void {
       void identify();
       return;
     case "message": {
-      const { message, cameAt } = report;
+      const { message, came } = report;
       // Another run of the daemon may have another design, and another camera.
       if (message.type === "snapshot" && state.bootId !== null && state.bootId !== message.boot_id) {
         eyepiece.forget();
         void learnDesign();
       }
-      const next = withControl(receive(state, message, cameAt));
+      const next = withControl(receive(state, message, came));
       if (setUpAt(next.bench) !== setUpAt(state.bench)) eyepiece.forgetMap();
       set(next);
       if (message.type === "snapshot") void learnRecent();

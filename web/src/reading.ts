@@ -40,6 +40,8 @@ export interface Reading {
   settled: boolean;
   /** When its frame was taken, the daemon's clock, ms. */
   capturedAt: number;
+  /** The same on its machine's clock that nobody sets, ms; null where it is not known. */
+  monotonicMs: number | null;
 }
 
 /** Why a frame newer than the newest reading has none. */
@@ -49,11 +51,18 @@ export interface Missing {
   targetPx: number;
   tolerancePx: number;
   capturedAt: number;
+  monotonicMs: number;
 }
 
-/** A whole measurement's spacing against its target. */
-export function reading(measurement: Measurement, scene: Scene): Reading {
+/** A whole measurement's spacing against its target. `monotonicMs` says of a moment, ms, which it was by the daemon's machine's
+ *  clock that nobody sets. */
+export function reading(
+  measurement: Measurement,
+  scene: Scene,
+  monotonicMs: (at: number) => number | null = () => null,
+): Reading {
   const { spacing } = measurement;
+  const capturedAt = Date.parse(measurement.captured_at);
   return {
     of: "measurement",
     ...against(
@@ -73,7 +82,8 @@ export function reading(measurement: Measurement, scene: Scene): Reading {
     focusMm: measurement.focus_mm ?? null,
     eMm: measurement.e_mm ?? null,
     settled: measurement.settled,
-    capturedAt: Date.parse(measurement.captured_at),
+    capturedAt,
+    monotonicMs: monotonicMs(capturedAt),
     ...told(measurement, scene),
   };
 }
@@ -87,7 +97,7 @@ export function frameReading(
   setUpAt: number,
   before: Reading | null,
 ): Reading | null {
-  const { found, targetPx, tolerancePx, focusMm, eMm, settled, capturedAt } = read;
+  const { found, targetPx, tolerancePx, focusMm, eMm, settled, capturedAt, monotonicMs } = read;
   if (found.is !== "measured") return null;
   const { spacingPx, sigmaPx, combined, tiltXPx, tiltYPx } = found;
   const pictureAt = pictureBegan(combined, capturedAt, before);
@@ -100,7 +110,8 @@ export function frameReading(
     ...against(combined.spacingPx, combined.sigmaPx, targetPx, tolerancePx, scene),
     frames: combined.frames,
     single: { spacingPx, sigmaPx },
-    ...{ inFocus, pictureAt, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled, capturedAt },
+    ...{ inFocus, pictureAt, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled },
+    ...{ capturedAt, monotonicMs },
     // What was in view before it was set up anew says nothing of what is there now.
     ...told(measuredAt >= setUpAt ? measurement : null, scene),
   };
@@ -129,11 +140,11 @@ function pictureBegan(combined: Combined, capturedAt: number, before: Reading | 
 /** What there is instead of a reading. A spacing once lost is lost until it is measured again: a frame that cannot be
  *  measured meanwhile only says why it is not found, and between two searches nothing new is said of it. */
 export function missing(read: FrameReading, before: Missing | null): Missing | null {
-  const { found, targetPx, tolerancePx, capturedAt } = read;
+  const { found, targetPx, tolerancePx, capturedAt, monotonicMs } = read;
   if (found.is === "measured") return null;
   const lost = before?.is === "lost" ? before : null;
   const why = lost && found.is === "lost" ? lost.why : found.why;
-  return { is: lost ? "lost" : found.is, why, targetPx, tolerancePx, capturedAt };
+  return { is: lost ? "lost" : found.is, why, targetPx, tolerancePx, capturedAt, monotonicMs };
 }
 
 /** By the criterion of a job that sets e, through the shell, or Δv, in air. */

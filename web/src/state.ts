@@ -1,6 +1,15 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
-import { ahead, clockAfter, unknown, type Clock } from "./clock";
+import {
+  ahead,
+  aheadOfWall,
+  clockAfter,
+  monotonicOf,
+  setBack,
+  unknown,
+  type Came,
+  type Clock,
+} from "./clock";
 import { bestWith, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
@@ -157,8 +166,9 @@ const OLD_READING_MS = 1000;
 const OLD_SEARCH_MS = 5000;
 
 /** The state after a message. What was read of another set-up is gone with it. */
-export function receive(state: State, message: ServerMessage, now: number): State {
-  const next = received(state, message, now);
+export function receive(before: State, message: ServerMessage, came: Came): State {
+  const state = withPageSetBack(before, setBack(before.clock, came));
+  const next = received(state, message, came);
   const at = setUpAt(next.bench);
   const anew = at !== setUpAt(state.bench);
   if (!anew && message.type !== "snapshot") return next;
@@ -168,10 +178,26 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
   return { ...next, reading: ofThis(next.reading), missing: ofThis(next.missing), best };
 }
 
-function received(state: State, message: ServerMessage, now: number): State {
-  const heard = { ...state, heardAt: now, link: "open" as const };
+/** The state once this page's clock was set back: what came before did so by it, too. */
+function withPageSetBack(state: State, byMs: number): State {
+  if (byMs === 0) return state;
+  const back = (at: number | null) => (at === null ? null : at - byMs);
+  return {
+    ...state,
+    readingAt: back(state.readingAt),
+    missingAt: back(state.missingAt),
+    pictureAt: back(state.pictureAt),
+    heardAt: back(state.heardAt),
+  };
+}
+
+function received(state: State, message: ServerMessage, came: Came): State {
+  const now = came.at;
+  const heardOf = { ...state, heardAt: now, link: "open" as const };
   // Another start of the daemon: nothing of the old one holds.
-  if (state.bootId !== null && message.boot_id !== state.bootId && message.type !== "snapshot") return heard;
+  if (state.bootId !== null && message.boot_id !== state.bootId && message.type !== "snapshot")
+    return heardOf;
+  const heard = { ...heardOf, clock: clockAfter(state.clock, message, came) };
   const seq = Math.max(message.seq, message.type === "snapshot" ? 0 : state.seq);
   switch (message.type) {
     case "snapshot":
@@ -184,7 +210,7 @@ function received(state: State, message: ServerMessage, now: number): State {
         stopSent: withStop(state, message.bench),
         ...withOutage(state, message.bench, true),
         jobs: message.jobs,
-        ...withSnapshot(message.measurement ?? null, sceneOf(message.bench), now),
+        ...withSnapshot(message.measurement ?? null, sceneOf(message.bench), heard.clock, now),
         axes: withAxes(state, message.bench, now),
         ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
@@ -206,7 +232,7 @@ function received(state: State, message: ServerMessage, now: number): State {
         measurement: message.measurement,
         clarities: follow(
           state.clarities,
-          pageTime(state, Date.parse(message.measurement.captured_at), now) / 1000,
+          wallTime(state, Date.parse(message.measurement.captured_at), now) / 1000,
           message.measurement.eog ?? null,
           clarityWeight,
         ),
@@ -214,7 +240,6 @@ function received(state: State, message: ServerMessage, now: number): State {
       };
     case "tick":
     case "clock":
-      return { ...heard, seq, clock: clockAfter(state.clock, message, now) };
     case "gap":
       return { ...heard, seq };
     case "problem":
@@ -222,10 +247,15 @@ function received(state: State, message: ServerMessage, now: number): State {
   }
 }
 
-function withSnapshot(measurement: Measurement | null, scene: Scene, now: number): Partial<State> {
+function withSnapshot(
+  measurement: Measurement | null,
+  scene: Scene,
+  clock: Clock,
+  now: number,
+): Partial<State> {
   return {
     measurement,
-    reading: measurement && reading(measurement, scene),
+    reading: measurement && reading(measurement, scene, (at) => monotonicOf(clock, at)),
     readingAt: measurement && Math.min(now, Date.parse(measurement.captured_at)),
     missing: null,
     missingAt: null,
@@ -234,7 +264,7 @@ function withSnapshot(measurement: Measurement | null, scene: Scene, now: number
 
 /** A whole measurement says something of the spacing where frame after frame is not read, and by a frame that is newer. */
 function withMeasurement(state: State, measurement: Measurement, now: number): Partial<State> {
-  const newest = reading(measurement, sceneOf(state.bench));
+  const newest = reading(measurement, sceneOf(state.bench), (at) => monotonicOf(state.clock, at));
   if (newest.capturedAt < setUpAt(state.bench)) return {};
   const word = wordOf(state);
   const says = !word || word.of === "measurement" || wordAge(state, word, now) > word.oldMs;
@@ -252,7 +282,7 @@ function withReading(state: State, newest: Reading, sentAt: number) {
     best: bestWith(state.best, newest),
     spacings: follow(
       state.spacings,
-      pageTime(state, newest.capturedAt, sentAt) / 1000,
+      pageTime(state, newest, sentAt) / 1000,
       { ...single, targetPx },
       spacingWeight,
     ),
@@ -339,7 +369,7 @@ const NEWS_MS = 600_000;
 export function newsOfReset(state: State, now: number): StopReset | null {
   const stop = state.bench?.stop;
   if (!stop?.reset || stop.latched || stop.reset.at === state.resetSeen) return null;
-  return now - (ahead(state.clock) ?? 0) - Date.parse(stop.reset.at) < NEWS_MS ? stop.reset : null;
+  return now - (aheadOfWall(state.clock) ?? 0) - Date.parse(stop.reset.at) < NEWS_MS ? stop.reset : null;
 }
 
 /** The jobs with one replaced, if what came is newer, or added. */
@@ -372,6 +402,7 @@ export function pictureAge(state: State, now: number): number | null {
 interface Word {
   of: "frame" | "measurement";
   capturedAt: number;
+  monotonicMs: number | null;
   sentAt: number;
   oldMs: number;
 }
@@ -379,23 +410,32 @@ interface Word {
 function wordOf({ missing, missingAt, reading, readingAt }: State): Word | null {
   if (missing && missingAt !== null) {
     const oldMs = missing.is === "lost" ? OLD_SEARCH_MS : OLD_READING_MS;
-    return { of: "frame", capturedAt: missing.capturedAt, sentAt: missingAt, oldMs };
+    const { capturedAt, monotonicMs } = missing;
+    return { of: "frame", capturedAt, monotonicMs, sentAt: missingAt, oldMs };
   }
   if (!reading || readingAt === null) return null;
   const oldMs = reading.of === "frame" ? OLD_READING_MS : OLD_MEASUREMENT_MS;
-  return { of: reading.of, capturedAt: reading.capturedAt, sentAt: readingAt, oldMs };
+  const { of, capturedAt, monotonicMs } = reading;
+  return { of, capturedAt, monotonicMs, sentAt: readingAt, oldMs };
 }
 
 /** When a frame was taken, this page's clock, ms: where the daemon's is not known, what is given in its place. The one clock of
  *  meter and charts. */
-function pageTime(state: State, capturedAt: number, otherwise: number): number {
+function pageTime(state: State, of: Pick<Reading, "capturedAt" | "monotonicMs">, otherwise: number): number {
   const aheadMs = ahead(state.clock);
+  if (of.monotonicMs === null) return wallTime(state, of.capturedAt, otherwise);
+  return aheadMs === null ? otherwise : of.monotonicMs + aheadMs;
+}
+
+/** The same by the daemon's wall clock, where nothing else is said of when. */
+function wallTime(state: State, capturedAt: number, otherwise: number): number {
+  const aheadMs = aheadOfWall(state.clock);
   return aheadMs === null ? otherwise : capturedAt + aheadMs;
 }
 
 /** Since its frame was taken where the daemon's clock is known, or since it was sent, ms. */
-function wordAge(state: State, word: Pick<Word, "capturedAt" | "sentAt">, now: number): number {
-  return Math.max(0, now - pageTime(state, word.capturedAt, word.sentAt));
+function wordAge(state: State, word: Word, now: number): number {
+  return Math.max(0, now - pageTime(state, word, word.sentAt));
 }
 
 /** Age of what the meter shows, ms. */
@@ -427,13 +467,13 @@ export function isFinal(state: JobState): boolean {
 }
 
 /** The job under way, or else the newest. */
-export function currentJob(state: State): Job | null {
+export function currentJob(state: Pick<State, "bench" | "jobs">): Job | null {
   const held = state.jobs.find((job) => job.id === state.bench?.job);
   return held ?? state.jobs[state.jobs.length - 1] ?? null;
 }
 
 /** The job under way. */
-export function jobUnderWay(state: State): Job | null {
+export function jobUnderWay(state: Pick<State, "bench" | "jobs">): Job | null {
   const job = currentJob(state);
   return job && !isFinal(job.state) ? job : null;
 }

@@ -116,6 +116,8 @@ export function parseMessage(text: string): ServerMessage | null {
 export interface PictureFacts {
   seq: number;
   capturedAt: Date;
+  /** The same on the daemon's machine's clock that nobody sets, ms. */
+  monotonicMs: number;
   /** Age when the daemon sent it, ms. */
   ageMs: number;
   focusMm: number | null;
@@ -168,6 +170,8 @@ export interface FieldMap {
 export interface FrameReading {
   /** When its exposure ended, the daemon's clock, ms. */
   capturedAt: number;
+  /** The same on its machine's clock that nobody sets, ms. */
+  monotonicMs: number;
   /** Age when the daemon sent it, ms. */
   ageMs: number;
   focusMm: number | null;
@@ -279,6 +283,7 @@ function readingOf(read: FrameRead): FrameReading | null {
   return (
     found && {
       capturedAt: Number(read.capturedUnixUs) / 1000,
+      monotonicMs: Number(read.capturedMonotonicUs) / 1000,
       ageMs: read.ageMs,
       focusMm: read.focusMm ?? null,
       eMm: read.eMm ?? null,
@@ -342,6 +347,7 @@ function pictureOf(frame: Frame): Picture {
     facts: {
       seq: Number(frame.seq),
       capturedAt: new Date(Number(frame.capturedUnixUs) / 1000),
+      monotonicMs: Number(frame.capturedMonotonicUs) / 1000,
       ageMs: frame.ageMs,
       focusMm: frame.focusMm ?? null,
       eMm: frame.eMm ?? null,

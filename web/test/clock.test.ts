@@ -1,13 +1,26 @@
 import { describe, expect, it } from "vitest";
 import { nextAt } from "../src/cadence";
-import { ahead, answered, heard, lateness, secondsLeft, sentAt, unknown, type Clock } from "../src/clock";
+import {
+  ahead,
+  aheadOfWall,
+  answered,
+  clockAfter,
+  heard,
+  lateness,
+  monotonicOf,
+  secondsLeft,
+  sentAt,
+  unknown,
+  type Clock,
+} from "../src/clock";
+import { told } from "./fixtures";
 
 const at = (second: number) => new Date(Date.UTC(2026, 0, 1, 0, 0, second));
 
 describe("the daemon's clock", () => {
   const AHEAD = 5000;
   const tick = (second: number, waitedMs: number) =>
-    [at(second).getTime() + AHEAD + waitedMs, at(second).toISOString()] as const;
+    [at(second).getTime() + AHEAD + waitedMs, told(at(second).toISOString())] as const;
   /** What the daemon answered at a second to what was under way so long, and came after it waited so long. */
   const answer = (second: number, underWayMs: number, waitedMs: number) => {
     const [cameAt, now] = tick(second, waitedMs);
@@ -21,8 +34,8 @@ describe("the daemon's clock", () => {
     clock = heard(clock, ...tick(4, 900));
     expect(ahead(clock)).toBe(AHEAD + 3);
     expect([lateness(unknown), lateness(clock), lateness(heard(clock, ...tick(6, 3)))]).toEqual([0, 897, 0]);
-    expect(heard(clock, 0, "no time")).toBe(clock);
-    expect(answered(clock, 0, 0, "no time")).toBe(clock);
+    expect(heard(clock, 0, told("no time"))).toBe(clock);
+    expect(answered(clock, 0, 0, told("no time"))).toBe(clock);
     clock = answered(clock, ...answer(7, 2, 800));
     expect([ahead(clock), lateness(clock)]).toEqual([AHEAD - 2, 802]);
   });
@@ -36,7 +49,7 @@ describe("the daemon's clock", () => {
     expect(lateness(clock)).toBeGreaterThanOrEqual(10_000);
     // Two clocks may go apart a little meanwhile: nothing is younger by that.
     expect(lateness(clock)).toBeLessThan(12_000);
-    const picture = { capturedAt: at(3600), ageMs: 30 };
+    const picture = { monotonicMs: at(3600).getTime(), ageMs: 30 };
     const cameAt = at(3600).getTime() + AHEAD + 10_030;
     expect(cameAt - sentAt(clock, picture, cameAt)).toBeGreaterThanOrEqual(10_000);
     // In order again.
@@ -49,6 +62,63 @@ describe("the daemon's clock", () => {
     expect(lateness(clock)).toBe(0);
     clock = answered(clock, ...answer(1, 20, 8000));
     expect(lateness(clock)).toBe(8020);
+  });
+
+  it("is that which nobody sets: a wall clock set by less than a line is late makes nothing younger", () => {
+    const LATE = 3000;
+    for (const byMs of [2000, -2000]) {
+      let clock = answered(unknown, ...answer(0, 5, LATE));
+      const set = (second: number) => {
+        const [asked, came] = answer(second, LATE, LATE);
+        return [asked, came, told(new Date(at(second).getTime() + byMs).toISOString(), byMs)] as const;
+      };
+      for (let second = 1; second < 10; second += 1) {
+        const [, came, then] = set(second);
+        clock = answered(heard(clock, came, then), ...set(second));
+      }
+      expect(Math.abs(lateness(clock) - LATE)).toBeLessThan(20);
+      const picture = { monotonicMs: at(10).getTime(), ageMs: 30 };
+      const cameAt = at(10).getTime() + AHEAD + 30 + LATE;
+      expect(cameAt - sentAt(clock, picture, cameAt)).toBeGreaterThanOrEqual(LATE);
+      // What is told in hours and minutes goes by the clock as it is set now.
+      const now = at(10).getTime() + AHEAD;
+      expect(secondsLeft(new Date(at(40).getTime() + byMs).toISOString(), clock, now)).toBe(30);
+      expect(monotonicOf(clock, at(10).getTime() + byMs)).toBeCloseTo(at(10).getTime(), 6);
+    }
+    expect([aheadOfWall(unknown), monotonicOf(unknown, 0)]).toEqual([null, null]);
+  });
+
+  const message = (boot_id: string, second: number, asked_ms: number) =>
+    ({ type: "clock", seq: 1, boot_id, asked_ms, ...told(at(second).toISOString()) }) as const;
+
+  it("of a page's computer that is set back by less than a line is late makes nothing younger", () => {
+    let clock: Clock = unknown;
+    const LATE = 3000;
+    for (let second = 0; second < 10; second += 1) {
+      const byMs = second < 5 ? 0 : -2000;
+      const [asked, came] = answer(second, second === 0 ? 5 : LATE, LATE);
+      clock = clockAfter(clock, message("a", second, asked + byMs), { at: came + byMs, wallMs: byMs });
+      expect(Math.abs(lateness(clock) - LATE), `${second} s`).toBeLessThan(20);
+    }
+    // What was asked before, and answered since, says nothing: by this page's clock it was asked later than it was.
+    const [before, since] = answer(10, LATE, LATE);
+    const came = { at: since - 4000, wallMs: -4000, askedWallMs: -2000 };
+    clock = clockAfter(clock, message("a", 10, before - 2000), came);
+    expect(Math.abs(lateness(clock) - LATE)).toBeLessThan(20);
+    // One that slept leaps forwards: what is known says more than it should, until the next answer.
+    const [asked, then] = answer(20, LATE, LATE);
+    clock = clockAfter(clock, message("a", 20, asked - 4000), { at: then - 4000, wallMs: 7000 });
+    expect(lateness(clock)).toBeGreaterThanOrEqual(LATE - 20);
+  });
+
+  it("is another one with another run of the daemon, which may be on a machine started anew", () => {
+    const [asked, came] = answer(1000, 5, 5);
+    const old = clockAfter(unknown, message("a", 1000, asked), { at: came, wallMs: 0 });
+    expect(ahead(old)).toBe(AHEAD - 5);
+    // Its clock began anew, behind: by the old one all would be old.
+    const anew = clockAfter(old, message("b", 3, asked + 5000), { at: came + 5000, wallMs: 0 });
+    expect(ahead(anew)).toBe(asked + 5000 - at(3).getTime());
+    expect(lateness(anew)).toBe(10);
   });
 
   it("is followed when either clock is set, forwards or back", () => {
@@ -67,7 +137,7 @@ describe("the daemon's clock", () => {
     }
     // This page's clock, between a question and its answer.
     const clock = answered(unknown, ...answer(0, 3, 3));
-    expect(answered(clock, 1e15, 1e15 - 1, at(1).toISOString())).toBe(clock);
+    expect(answered(clock, 1e15, 1e15 - 1, told(at(1).toISOString()))).toBe(clock);
   });
 
   it("tells how long something lasts, whatever this page's clock says", () => {
@@ -79,7 +149,7 @@ describe("the daemon's clock", () => {
   });
 
   it("tells when a picture was sent, however long it waited after", () => {
-    const picture = { capturedAt: at(10), ageMs: 30 };
+    const picture = { monotonicMs: at(10).getTime(), ageMs: 30 };
     const cameAt = at(10).getTime() + AHEAD + 430;
     expect(sentAt(unknown, picture, cameAt)).toBe(cameAt);
     const clock = heard(unknown, ...tick(0, 0));

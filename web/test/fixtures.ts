@@ -1,3 +1,5 @@
+import type { Told } from "../src/clock";
+import { receive as receiveCome, type State } from "../src/state";
 import type {
   Bench,
   Combined,
@@ -11,6 +13,16 @@ import type {
 } from "../src/wire";
 
 export const boot = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
+
+/** The state after a message that came at a moment of a page's clock, ms, which nobody sets. */
+export const receive = (state: State, message: ServerMessage, at: number) =>
+  receiveCome(state, message, { at, wallMs: 0 });
+
+/** What the daemon says of its clocks where its wall clock is `setMs` ahead of the one that nobody sets. */
+export const told = (now: string, setMs = 0): Told => ({
+  now,
+  monotonic_us: 1000 * (Date.parse(now) - setMs),
+});
 
 export const bench: Bench = {
   simulated: true,
@@ -108,6 +120,7 @@ function read(found: Found, capturedAt: number): FrameReading {
   return {
     ...axes,
     capturedAt,
+    monotonicMs: capturedAt,
     ageMs: 50,
     framesLeftOut: 2,
     widthPx: 1160,
@@ -141,6 +154,7 @@ export const refusedReading = (why: string, capturedAt: number) => read({ is: "r
 export const picture: PictureFacts = {
   seq: 7,
   capturedAt: new Date(0),
+  monotonicMs: 0,
   ageMs: 100,
   focusMm: 0,
   eMm: 30,

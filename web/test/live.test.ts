@@ -124,11 +124,24 @@ describe("the live connection", () => {
 
   it("asks for the daemon's clock at once, and with each tick", () => {
     vi.setSystemTime(5000);
-    const tick = JSON.stringify({ type: "tick", seq: 1, boot_id: "b", now: "2026-01-01T00:00:00Z" });
+    const tick = JSON.stringify({
+      type: "tick",
+      seq: 1,
+      boot_id: "b",
+      now: "2026-01-01T00:00:00Z",
+      monotonic_us: 7,
+    });
     expect(sent("clock").length).toBe(1);
     socket().onmessage?.({ data: tick });
     expect(sent("clock").at(-1)).toEqual({ type: "clock", asked_ms: 5000 });
-    const clock = { type: "clock", seq: 1, boot_id: "b", asked_ms: 5000, now: "2026-01-01T00:00:00Z" };
+    const clock = {
+      type: "clock",
+      seq: 1,
+      boot_id: "b",
+      asked_ms: 5000,
+      now: "2026-01-01T00:00:00Z",
+      monotonic_us: 7,
+    };
     socket().onmessage?.({ data: JSON.stringify(clock) });
     expect(heard).toEqual(["tick", "clock"]);
     expect(sent("clock").length).toBe(2);
@@ -222,7 +235,13 @@ describe("the live connection", () => {
   });
 
   it("is lost after less than 3 s of silence, whatever becomes of its closing, and is deaf to what comes of it then", () => {
-    const tick = JSON.stringify({ type: "tick", seq: 1, boot_id: "b", now: "2026-01-01T00:00:00Z" });
+    const tick = JSON.stringify({
+      type: "tick",
+      seq: 1,
+      boot_id: "b",
+      now: "2026-01-01T00:00:00Z",
+      monotonic_us: 7,
+    });
     const old = socket();
     for (let second = 0; second < 10; second += 1) {
       vi.advanceTimersByTime(1000);

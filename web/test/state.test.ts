@@ -9,7 +9,7 @@ import {
   newsOfReset,
   pictureAge,
   pictureState,
-  receive,
+  receive as receiveCome,
   receivePicture,
   receiveReading,
   remember,
@@ -28,8 +28,10 @@ import {
   lostReading,
   measurement,
   picture,
+  receive,
   refusedReading,
   snapshot,
+  told,
 } from "./fixtures";
 
 const open = (): State => receive(initial, snapshot(5, [job("a", 1)]), 1000);
@@ -58,10 +60,10 @@ describe("meterAge", () => {
       { ...message, measurement: { ...measurement(20, 0.01), captured_at } },
       5000,
     );
-    const tick = { type: "tick", seq: 6, boot_id: boot, now: "2026-01-01T00:00:14Z" } as const;
-    const told = receive(came, tick, 6000);
-    expect(meterAge(told, 6000)).toBe(4000);
-    expect(meterAge(told, 7500)).toBe(5500);
+    const tick = { type: "tick", seq: 6, boot_id: boot, ...told("2026-01-01T00:00:14Z") } as const;
+    const known = receive(came, tick, 6000);
+    expect(meterAge(known, 6000)).toBe(4000);
+    expect(meterAge(known, 7500)).toBe(5500);
   });
 });
 
@@ -122,6 +124,16 @@ describe("the picture", () => {
     expect(pictureState(raw, 7000 + STALE_MS - 99)).toBe("stale");
     // After an hour in the background the next is not waited for as long.
     expect(pictureState(depth(state, 3_600_000), 3_600_000 + 27_001)).toBe("stale");
+  });
+
+  it("is no younger once this page's clock was set back", () => {
+    const tick = (second: number) =>
+      ({ type: "tick", seq: 6, boot_id: boot, ...told(`2026-01-01T00:00:0${second}Z`) }) as const;
+    const shown = receivePicture(open(), picture, 2000, 2000);
+    const before = receiveCome(shown, tick(0), { at: 2000, wallMs: 0 });
+    const after = receiveCome(before, tick(1), { at: 3000 - 60_000, wallMs: -60_000 });
+    expect([pictureAge(before, 3000), pictureAge(after, 3000 - 60_000)]).toEqual([1100, 1100]);
+    expect(after.heardAt).toBe(3000 - 60_000);
   });
 
   it("is stale at once when the link is lost, and none before the first", () => {
@@ -400,10 +412,10 @@ describe("the bench anew", () => {
 
   it("charts a measurement by when its frame was taken, as the meter counts its age", () => {
     const at = (second: string) => `2026-01-01T00:00:${second}Z`;
-    const tick = { type: "tick", seq: 5, boot_id: boot, now: at("20") } as const;
-    const told = receive(open(), tick, 100_000);
+    const tick = { type: "tick", seq: 5, boot_id: boot, ...told(at("20")) } as const;
+    const known = receive(open(), tick, 100_000);
     const late = { ...measurement(19.73, 0.002), captured_at: at("09"), eog: 1300 };
-    const state = receive(told, { type: "measurement", seq: 6, boot_id: boot, measurement: late }, 100_000);
+    const state = receive(known, { type: "measurement", seq: 6, boot_id: boot, measurement: late }, 100_000);
     expect(meterAge(state, 100_000)).toBe(11_000);
     expect([state.spacings.at, state.clarities.at]).toEqual([[89], [89]]);
     const read = receiveReading(state, frameReading(19.72, Date.parse(at("19.5"))), 100_000);

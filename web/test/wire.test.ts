@@ -150,6 +150,7 @@ describe("parseSeen", () => {
     };
     const measured = of({
       capturedUnixUs: 1_700_000_000_123_456n,
+      capturedMonotonicUs: 5_000_250n,
       ageMs: 31.5,
       eMm: 0,
       settled: true,
@@ -171,6 +172,7 @@ describe("parseSeen", () => {
     });
     expect(measured).toEqual({
       capturedAt: 1_700_000_000_123.456,
+      monotonicMs: 5000.25,
       ageMs: 31.5,
       focusMm: null,
       eMm: 0,

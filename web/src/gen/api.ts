@@ -5509,6 +5509,11 @@ export interface components {
            */
           frame_age_ms?: number | null;
           /**
+           * Format: int64
+           * @description The same moment on the daemon's machine's CLOCK_MONOTONIC, microseconds: no setting of the clock disturbs it.
+           */
+          monotonic_us: number;
+          /**
            * Format: date-time
            * @description The daemon's clock, RFC 3339.
            */
@@ -5532,6 +5537,11 @@ export interface components {
            * @description Identity of this run of the program.
            */
           boot_id: string;
+          /**
+           * Format: int64
+           * @description The same moment on the daemon's machine's CLOCK_MONOTONIC, microseconds.
+           */
+          monotonic_us: number;
           /**
            * Format: date-time
            * @description The daemon's clock when it heard that, RFC 3339.

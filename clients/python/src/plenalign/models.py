@@ -1987,6 +1987,8 @@ class TickMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fie
     """Identity of this run of the program."""
     frame_age_ms: float | None = None
     """Age of the newest frame of a viewer that watches pictures, ms."""
+    monotonic_us: int
+    """The same moment on the daemon's machine's CLOCK_MONOTONIC, microseconds: no setting of the clock disturbs it."""
     now: datetime
     """The daemon's clock, RFC 3339."""
     seq: int
@@ -2000,6 +2002,8 @@ class ClockMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fi
     """What the viewer had said of when it asked."""
     boot_id: UUID
     """Identity of this run of the program."""
+    monotonic_us: int
+    """The same moment on the daemon's machine's CLOCK_MONOTONIC, microseconds."""
     now: datetime
     """The daemon's clock when it heard that, RFC 3339."""
     seq: int
