@@ -3,12 +3,18 @@ import { advice } from "../src/advice";
 import { correction, octant, tilt } from "../src/correction";
 import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter";
 import { best, reading as readingIn } from "../src/reading";
-import { initial, receive, receiveReading, type State } from "../src/state";
+import { initial, receiveReading, type State } from "../src/state";
 import { strings } from "../src/strings";
 import { toneNow } from "../src/tone";
-import type { Bench } from "../src/wire";
-import { nothingRead, whyMissing } from "../src/views/live/shown";
-import { bench as snapshotBench, boot, design, frameReading, job, measurement, snapshot } from "./fixtures";
+import {
+  bench as snapshotBench,
+  boot,
+  design,
+  frameReading,
+  measurement,
+  receive,
+  snapshot,
+} from "./fixtures";
 
 describe("the meter's scale", () => {
   it("has the target in the middle, the ends at its ends, and keeps what is beyond at the end", () => {
@@ -184,28 +190,6 @@ describe("a picture that is another one", () => {
     state = read({ ...state, measurement: { ...whole(2100), two_boards: two } }, 2200, 200, true);
     expect(state.reading?.direction).toBe("two_boards");
     expect(state.best).toBeNull();
-  });
-});
-
-describe("what is said where nothing is read", () => {
-  const missing = { is: "lost" as const, why: "the board went", targetPx: 20, tolerancePx: 0, capturedAt: 0 };
-  const over = (in_view: NonNullable<Bench["in_view"]>): State => ({
-    ...initial,
-    bench: { ...snapshotBench, in_view },
-  });
-
-  it("is why: of a board of several levels and of none before the lens, that", () => {
-    expect(whyMissing(missing, over("flat_board"))).toEqual({ text: "the board went", daemons: true });
-    expect(whyMissing(missing, over("stepped_board"))?.text).toBe(strings.meter.overSteps);
-    expect(whyMissing(missing, over("other"))).toEqual({ text: strings.meter.overNone, daemons: false });
-    expect(whyMissing({ ...missing, is: "refused", why: "dark" }, over("other"))?.text).toBe("dark");
-  });
-
-  it("is that a job has not come to it yet, and not how to begin one", () => {
-    expect(nothingRead(initial)).toBe(strings.meter.unheard);
-    expect(nothingRead(over("unknown"))).toBe(strings.meter.none);
-    const at = { ...over("unknown"), jobs: [job("a", 1)] };
-    expect(nothingRead(at)).toBe(strings.meter.noneOfThis);
   });
 });
 

@@ -12,7 +12,7 @@ import { mayConfirm } from "./job/turn";
 import { LivePage } from "./live/page";
 import { MeterPage } from "./meter/page";
 import { ProblemLine } from "./problem";
-import type { Act, Scene } from "./scene";
+import type { Act, Given } from "./given";
 import { Secret } from "./secret";
 import { SettingsPage } from "./settings/page";
 import { SignIn } from "./sign-in";
@@ -72,14 +72,14 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
       </>
     );
   }
-  const scene: Scene = { state, newest, now, update, act, load, makeToken };
+  const given: Given = { state, newest, now, update, act, load, makeToken };
   const View = VIEWS[state.route.page];
   return (
     <>
-      <Header {...scene} leave={() => void leave()} />
-      {state.route.page !== "meter" && <AskName {...scene} />}
+      <Header {...given} leave={() => void leave()} />
+      {state.route.page !== "meter" && <AskName {...given} />}
       <main id="content" tabIndex={-1} data-link={state.link} data-page={state.route.page}>
-        <View {...scene} />
+        <View {...given} />
       </main>
     </>
   );

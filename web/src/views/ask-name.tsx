@@ -1,10 +1,10 @@
 import { useState } from "preact/hooks";
 import { able } from "../state";
 import { strings } from "../strings";
-import type { Scene } from "./scene";
+import type { Given } from "./given";
 
 /** Asks, once in a browser, what others are to be told who has control here. */
-export function AskName({ state, update }: Scene) {
+export function AskName({ state, update }: Given) {
   const [text, setText] = useState("");
   const { preferences } = state;
   const known = state.session !== null && state.session !== "stranger" && state.session.signed_in;

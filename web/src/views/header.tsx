@@ -5,14 +5,14 @@ import { strings } from "../strings";
 import { Absences } from "./absences";
 import { ControlGone, Lease } from "./bench/lease";
 import { ProblemLine } from "./problem";
-import type { Scene } from "./scene";
+import type { Given } from "./given";
 import { Secret } from "./secret";
 import { Who } from "./sign-in";
 import { Stop, StopNotices } from "./stop";
 
 /** What is seen whatever page is open: that it is simulated, whether it is connected, who has control, STOP. */
-export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
-  const { state, update } = scene;
+export function Header({ leave, ...given }: Given & { leave: () => void }) {
+  const { state, update } = given;
   const bench = state.bench;
   const alone = state.route.page === "meter";
   return (
@@ -49,11 +49,11 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
             ))}
           </nav>
         )}
-        {!alone && <Lease {...scene} />}
+        {!alone && <Lease {...given} />}
         {!alone && state.session && state.session !== "stranger" && (
           <Who session={state.session} leave={leave} />
         )}
-        <Stop {...scene} />
+        <Stop {...given} />
       </div>
       {state.link !== "open" && (
         <div class="link" data-link={state.link}>
@@ -66,11 +66,11 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
               strings.connecting
             )}
           </p>
-          {state.link === "lost" && <Retry {...scene} />}
+          {state.link === "lost" && <Retry {...given} />}
         </div>
       )}
-      <StopNotices {...scene} />
-      {state.controlLost && <ControlGone {...scene} lost={state.controlLost} />}
+      <StopNotices {...given} />
+      {state.controlLost && <ControlGone {...given} lost={state.controlLost} />}
       {bench && state.link === "open" && <Absences bench={bench} />}
       {bench?.history_fault && (
         <div class="problem" role="alert" id="history-fault">
@@ -92,7 +92,7 @@ export function Header({ leave, ...scene }: Scene & { leave: () => void }) {
 }
 
 /** When it is tried again, and how to have it tried at once. */
-function Retry({ state, now }: Scene) {
+function Retry({ state, now }: Given) {
   const left = state.retryAt === null ? 0 : state.retryAt - now;
   return (
     <span class="retry">

@@ -7,7 +7,7 @@ import { SPACE, type StopKey } from "../stop-key";
 import { stop } from "../stopping";
 import { strings } from "../strings";
 import type { Bench } from "../wire";
-import type { Scene } from "./scene";
+import type { Given } from "./given";
 import { useSettled } from "./settled";
 
 /** What a key is called. */
@@ -16,7 +16,7 @@ export function nameOfKey({ code, name }: StopKey): string {
 }
 
 /** STOP, on every page, for everybody. */
-export function Stop({ state, update, newest }: Scene) {
+export function Stop({ state, update, newest }: Given) {
   const key = nameOfKey(state.preferences.stopKey);
   return (
     <button type="button" id="stop" title={strings.stop.more(key)} onClick={() => void stop(update, newest)}>
@@ -26,8 +26,8 @@ export function Stop({ state, update, newest }: Scene) {
 }
 
 /** That the bench is stopped, or that it could not be, and who reset it last. */
-export function StopNotices(scene: Scene) {
-  const { state, update, newest, now } = scene;
+export function StopNotices(given: Given) {
+  const { state, update, newest, now } = given;
   const reset = newsOfReset(state, now);
   return (
     <>
@@ -55,7 +55,7 @@ export function StopNotices(scene: Scene) {
           </button>
         </div>
       )}
-      {state.bench?.stop.latched && <Stopped {...scene} stop={state.bench.stop} />}
+      {state.bench?.stop.latched && <Stopped {...given} stop={state.bench.stop} />}
       {reset && (
         <div class="was-reset" role="alert">
           <p>
@@ -73,7 +73,7 @@ export function StopNotices(scene: Scene) {
 }
 
 /** Since when the bench is stopped and by whom; and the question why it may move again. */
-function Stopped({ state, act, update, stop }: Scene & { stop: Bench["stop"] }) {
+function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) {
   const [asking, ask] = useState(false);
   const [why, setWhy] = useState("");
   const { since, by, unread } = stop;

@@ -7,11 +7,11 @@ import { length, signedLength, toMm } from "../../units";
 import type { Axis } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Hold } from "./hold";
 import { LeaveSwitch } from "./leave-switch";
 
-interface Props extends Scene {
+interface Props extends Given {
   axis: Axis;
   pace: Pace;
   disabled: boolean;

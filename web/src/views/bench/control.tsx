@@ -7,15 +7,15 @@ import { strings } from "../../strings";
 import { plain } from "../../units";
 import { useState } from "preact/hooks";
 import { Old } from "../old";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Choice } from "../toggle";
 import { AxisScale } from "./axis";
 import { ByHand } from "./by-hand";
 import { Shell } from "./shell";
 
 /** The axes, and what moves them by hand. */
-export function Bench(scene: Scene) {
-  const { state, update } = scene;
+export function Bench(given: Given) {
+  const { state, update } = given;
   const [pace, setPace] = useState<Pace>("slow");
   const bench = state.bench;
   if (!bench) return null;
@@ -29,7 +29,7 @@ export function Bench(scene: Scene) {
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
       {commanding && other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
       <p class="paces">
-        <Old {...scene} />
+        <Old {...given} />
         <span class="named">
           <span class="quiet">{strings.byHand.step}</span>
           <Choice
@@ -54,11 +54,11 @@ export function Bench(scene: Scene) {
       {bench.axes.map((axis) => (
         <div class="axis" data-axis={axis.axis} key={axis.axis}>
           <AxisScale bench={bench} axis={axis} unit={unit} />
-          <ByHand {...scene} axis={axis} pace={pace} disabled={busy} />
+          <ByHand {...given} axis={axis} pace={pace} disabled={busy} />
         </div>
       ))}
       <p class="quiet hint">{strings.byHand.hint}</p>
-      <Shell {...scene} shell={bench.shell} disabled={busy} />
+      <Shell {...given} shell={bench.shell} disabled={busy} />
     </section>
   );
 }

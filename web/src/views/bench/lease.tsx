@@ -6,11 +6,11 @@ import { called } from "../../names";
 import { strings } from "../../strings";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { useSettled } from "../settled";
 
 /** Who may move the axes; how to become it, and how to cease to be. */
-export function Lease({ state, act, now }: Scene) {
+export function Lease({ state, act, now }: Given) {
   const [asking, ask] = useAsked<true>(able(state, "admin"));
   // Where control is taken it is given back, too.
   const settled = useSettled(state.bench?.lease?.id ?? "free");
@@ -77,7 +77,7 @@ export function Lease({ state, act, now }: Scene) {
 }
 
 /** That control was lost, told at once: what was held down has been let go of. */
-export function ControlGone({ lost, update }: Scene & { lost: ControlLost }) {
+export function ControlGone({ lost, update }: Given & { lost: ControlLost }) {
   return (
     <div class="control-lost" role="alert">
       <p>

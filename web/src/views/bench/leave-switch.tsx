@@ -3,11 +3,11 @@ import { strings } from "../../strings";
 import type { Axis, Side } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 const ENDS: readonly Side[] = ["low", "high"];
 
-interface Props extends Pick<Scene, "act"> {
+interface Props extends Pick<Given, "act"> {
   axis: Axis;
   disabled: boolean;
 }

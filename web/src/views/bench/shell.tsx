@@ -3,12 +3,12 @@ import { strings } from "../../strings";
 import type { ShellState } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Choice } from "../toggle";
 
 const STATES = ["on", "off", "unknown"] as const;
 
-interface Props extends Scene {
+interface Props extends Given {
   shell: ShellState;
   disabled: boolean;
 }

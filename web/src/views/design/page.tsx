@@ -6,7 +6,7 @@ import { strings } from "../../strings";
 import { Newest } from "../../newest";
 import { reworded, UNITS, type LengthUnit } from "../../units";
 import type { ConfigFault, Draft, DraftBase } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Choice } from "../toggle";
 import { Curves } from "./curves";
 import { DraftFields } from "./fields";
@@ -22,8 +22,8 @@ const RESULTS = "design-results";
 type Comparison = (typeof COMPARISONS)[number];
 
 /** What a camera would come to. */
-export function DesignPage(scene: Scene) {
-  const { state, update, load } = scene;
+export function DesignPage(given: Given) {
+  const { state, update, load } = given;
   const [inForce, setInForce] = useState<Draft | null>(null);
   const [preset, setPreset] = useState<Draft | null>(null);
   const [shown, setShown] = useState<Draft | null>(null);
@@ -111,7 +111,7 @@ export function DesignPage(scene: Scene) {
               {strings.design.reset}
             </button>
           </p>
-          <Save {...scene} changes={changes} wrong={stale} working={working} obstacles={shown.obstacles} />
+          <Save {...given} changes={changes} wrong={stale} working={working} obstacles={shown.obstacles} />
         </section>
         <Summary draft={shown} unit={unit} stale={stale} results={RESULTS} />
       </div>

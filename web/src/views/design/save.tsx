@@ -7,9 +7,9 @@ import { strings } from "../../strings";
 import { reworded } from "../../units";
 import type { Sections } from "../../water";
 import type { ConfigFault, ConfigWritten } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
-interface Props extends Scene {
+interface Props extends Given {
   changes: Sections;
   wrong: boolean;
   working: boolean;

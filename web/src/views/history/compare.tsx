@@ -7,7 +7,7 @@ import { strings } from "../../strings";
 import type { Job } from "../../wire";
 import { differenceAxis, differenceScale } from "../difference";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 const HEIGHT = 300;
 
@@ -47,7 +47,7 @@ function options(colours: Theme): Options {
 }
 
 /** Runs chosen, against one another. */
-export function Compare({ ids, load, state }: Scene & { ids: string[] }) {
+export function Compare({ ids, load, state }: Given & { ids: string[] }) {
   const connected = state.link === "open";
   const [kept, setKept] = useState<Record<string, Job>>({});
   useEffect(() => {

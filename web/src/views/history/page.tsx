@@ -5,7 +5,7 @@ import { addressOf } from "../../route";
 import { isFinal } from "../../state";
 import { strings } from "../../strings";
 import type { Job, JobItem } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Compare } from "./compare";
 import { Filters } from "./filters";
 import { JobTable } from "./table";
@@ -16,8 +16,8 @@ const MOST = 2;
 const REST_MS = 250;
 
 /** The jobs of this run and of earlier ones. */
-export function HistoryPage(scene: Scene) {
-  const { state } = scene;
+export function HistoryPage(given: Given) {
+  const { state } = given;
   const [filter, setFilter] = useState<Filter>(everything);
   const [jobs, setJobs] = useState<JobItem[] | null>(null);
   const [next, setNext] = useState<string | null>(null);
@@ -25,7 +25,7 @@ export function HistoryPage(scene: Scene) {
   const chosen = state.route.jobs;
 
   const load = (cursor: string | null, had: JobItem[], wanted: () => boolean) =>
-    scene.load(
+    given.load(
       api.jobs(queryOf(filter, cursor)).then((result) => {
         if (result.ok && wanted()) {
           setJobs([...had, ...result.value.jobs]);
@@ -83,7 +83,7 @@ export function HistoryPage(scene: Scene) {
         )}
         <p class="quiet">{strings.history.compareMore}</p>
       </section>
-      {chosen.length > 0 && <Compare {...scene} ids={chosen} />}
+      {chosen.length > 0 && <Compare {...given} ids={chosen} />}
     </div>
   );
 }

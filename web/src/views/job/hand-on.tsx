@@ -4,10 +4,10 @@ import { linkWith } from "../../confirm-key";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 /** The link by which somebody else confirms what the job asks, for whoever has it or may make another. */
-export function HandOn({ state, act, job }: Scene & { job: Job }) {
+export function HandOn({ state, act, job }: Given & { job: Job }) {
   const [, renewed] = useState(0);
   const key = api.confirmKeys.of(job.id);
   const mine = api.lease.hasJob(state.bench?.lease ?? null, job.id);

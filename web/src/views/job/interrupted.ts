@@ -2,10 +2,10 @@ import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { isFinal } from "../../state";
 import type { Job } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 /** The job that an earlier run of the daemon was at when it ended, where nothing has been done since; null where there is none. */
-export function useInterrupted({ state }: Scene): Job | null {
+export function useInterrupted({ state }: Given): Job | null {
   const [found, setFound] = useState<Job | null>(null);
   const idle = state.bench !== null && state.jobs.length === 0;
   useEffect(() => {

@@ -9,7 +9,7 @@ import { reworded } from "../../units";
 import type { Job } from "../../wire";
 import { Meter } from "../live/meter";
 import { Old } from "../old";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Downloads } from "./downloads";
 import { HandOn } from "./hand-on";
 import { useInterrupted } from "./interrupted";
@@ -23,12 +23,12 @@ import { Turn } from "./turn";
 import { WayOn } from "./way-on";
 
 /** A job from its start to its report; one of earlier on where the address names it. */
-export function AlignmentPage(scene: Scene) {
-  const { state } = scene;
+export function AlignmentPage(given: Given) {
+  const { state } = given;
   const asked = state.route.jobs[0];
   const { unit } = state.preferences;
-  const { job: earlier, gone } = useEarlier(scene, asked);
-  const interrupted = useInterrupted(scene);
+  const { job: earlier, gone } = useEarlier(given, asked);
+  const interrupted = useInterrupted(given);
   const present = currentJob(state) ?? interrupted;
   const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
   const running = present !== null && !isFinal(present.state);
@@ -40,16 +40,16 @@ export function AlignmentPage(scene: Scene) {
             {strings.job.earlier} <a href={addressOf("alignment")}>{strings.job.backToNow}</a>
           </p>
         )}
-        {job && <JobCard {...scene} job={job} present={job === present} />}
+        {job && <JobCard {...given} job={job} present={job === present} />}
         {!job && state.bench && (!asked || gone) && (
           <p class="card job" data-state="none">
             {asked ? strings.job.gone : strings.job.none}
           </p>
         )}
-        {!asked && !running && <StartJob {...scene} />}
+        {!asked && !running && <StartJob {...given} />}
       </div>
       <div class="column">
-        {!asked && <Meter {...scene} />}
+        {!asked && <Meter {...given} />}
         {job?.report && <Result report={job.report} unit={unit} />}
         {job?.outcome && <Outcome outcome={job.outcome} unit={unit} />}
       </div>
@@ -59,7 +59,7 @@ export function AlignmentPage(scene: Scene) {
 }
 
 /** A job that this page has not followed, or that there is none of that name; neither until the daemon has said. */
-function useEarlier({ state, load }: Scene, id: string | undefined): { job: Job | null; gone: boolean } {
+function useEarlier({ state, load }: Given, id: string | undefined): { job: Job | null; gone: boolean } {
   const [earlier, setEarlier] = useState<Job | null>(null);
   const [gone, lose] = useState<string | null>(null);
   const connected = state.link === "open";
@@ -76,31 +76,31 @@ function useEarlier({ state, load }: Scene, id: string | undefined): { job: Job 
   return { job: earlier?.id === id ? earlier : null, gone: gone === id };
 }
 
-function JobCard(scene: Scene & { job: Job; present: boolean }) {
-  const { job, present } = scene;
+function JobCard(given: Given & { job: Job; present: boolean }) {
+  const { job, present } = given;
   const over = isFinal(job.state);
-  const { unit } = scene.state.preferences;
+  const { unit } = given.state.preferences;
   return (
     <section class="card job" aria-label={strings.job.title} data-state={job.state}>
       <h2>
         {strings.job.kinds[job.kind]}
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
-        {!over && <Old {...scene} />}
+        {!over && <Old {...given} />}
       </h2>
       <p class="quiet">
         {strings.job.byWhom(called(job.owner ?? ""), moment(job.created_at))}
         {job.request.note && ` · ${job.request.note}`}
       </p>
-      {!over && <Turn key={job.id} {...scene} />}
+      {!over && <Turn key={job.id} {...given} />}
       {!over && <Progress job={job} unit={unit} />}
       {over && job.reason && (
         <p class="reason" lang="en">
           {sentence(reworded(job.reason, unit))}
         </p>
       )}
-      <Steps {...scene} />
-      {present && <WayOn {...scene} />}
-      {!over && <HandOn {...scene} />}
+      <Steps {...given} />
+      {present && <WayOn {...given} />}
+      {!over && <HandOn {...given} />}
       {over && <Downloads href={job.href} recording={job.recording} />}
     </section>
   );

@@ -32,7 +32,7 @@ export function SetUpDrawing({ setup, unit, small = false }: Props) {
       role="img"
       aria-label={told(setup, unit)}
     >
-      <Scene setup={setup} unit={unit} small={small} />
+      <Drawing setup={setup} unit={unit} small={small} />
     </svg>
   );
 }
@@ -58,7 +58,7 @@ function told(setup: Setup, unit: LengthUnit): string {
   }
 }
 
-function Scene({ setup, unit, small }: Required<Props>) {
+function Drawing({ setup, unit, small }: Required<Props>) {
   switch (setup.type) {
     case "diffuser":
       return (

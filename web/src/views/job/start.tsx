@@ -16,7 +16,7 @@ import { called } from "../../names";
 import { strings } from "../../strings";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Explained } from "../term";
 import { isPossible, PlanSummary, usePlan } from "./plan";
 import { Choice, Toggle } from "../toggle";
@@ -37,7 +37,7 @@ const PLANNED: JobKind[] = [
 ];
 
 /** Chooses a job, says what it will do, and starts it. */
-export function StartJob({ state, act }: Scene) {
+export function StartJob({ state, act }: Given) {
   const [draft, setDraft] = useState<Draft>(draftOf("joint_alignment"));
   const { unit } = state.preferences;
   const [tried, setTried] = useState(false);

@@ -6,20 +6,20 @@ import { reworded } from "../../units";
 import type { Job, JobStep } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { SetUpDrawing } from "./set-up";
 import { mayConfirm } from "./turn";
 
 /** The steps of a job: done, now, next; what was set up in each, how long it took, and the way to do one again. */
-export function Steps(scene: Scene & { job: Job }) {
-  const { job } = scene;
+export function Steps(given: Given & { job: Job }) {
+  const { job } = given;
   const steps = job.steps ?? [];
   if (steps.length === 0) return null;
   const over = isFinal(job.state);
   const list = (
     <ol class="steps">
       {steps.map((step, index) => (
-        <Step key={index} {...scene} step={step} over={over} />
+        <Step key={index} {...given} step={step} over={over} />
       ))}
     </ol>
   );
@@ -37,9 +37,9 @@ export function Steps(scene: Scene & { job: Job }) {
   );
 }
 
-function Step(scene: Scene & { job: Job; step: JobStep; over: boolean }) {
-  const { step, over } = scene;
-  const { unit } = scene.state.preferences;
+function Step(given: Given & { job: Job; step: JobStep; over: boolean }) {
+  const { step, over } = given;
+  const { unit } = given.state.preferences;
   const words = strings.steps;
   return (
     <li data-state={step.state} aria-current={step.state === "now" && !over ? "step" : undefined}>
@@ -57,7 +57,7 @@ function Step(scene: Scene & { job: Job; step: JobStep; over: boolean }) {
             <span key={text}>{text}</span>
           ))}
         </p>
-        <Again {...scene} />
+        <Again {...given} />
       </div>
     </li>
   );
@@ -77,8 +77,8 @@ function took({ operator_s: operator, bench_s: bench }: JobStep): string[] {
 }
 
 /** Asks for a step again that went wrong, where the job can go back to it. */
-function Again(scene: Scene & { job: Job; step: JobStep }) {
-  const { state, act, job, step } = scene;
+function Again(given: Given & { job: Job; step: JobStep }) {
+  const { state, act, job, step } = given;
   const waiting = job.state === "waiting_for_operator" ? job.operator_step : null;
   const { number } = step;
   const offered =

@@ -1,15 +1,15 @@
 import { addressOf } from "../../route";
 import { currentJob, isFinal } from "../../state";
 import { strings } from "../../strings";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Old } from "../old";
 import { Progress } from "./progress";
 import { Turn } from "./turn";
 import { WayOn } from "./way-on";
 
 /** The job under way, beside the picture. */
-export function JobStrip(scene: Scene) {
-  const { state } = scene;
+export function JobStrip(given: Given) {
+  const { state } = given;
   const job = currentJob(state);
   if (!job) return null;
   const over = isFinal(job.state);
@@ -18,12 +18,12 @@ export function JobStrip(scene: Scene) {
       <h2>
         {strings.job.kinds[job.kind]}
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
-        {!over && <Old {...scene} />}
+        {!over && <Old {...given} />}
         <a href={addressOf("alignment")}>{strings.job.see}</a>
       </h2>
-      {!over && <Turn key={job.id} {...scene} job={job} />}
+      {!over && <Turn key={job.id} {...given} job={job} />}
       {!over && <Progress job={job} unit={state.preferences.unit} />}
-      {over && <WayOn {...scene} job={job} />}
+      {over && <WayOn {...given} job={job} />}
     </section>
   );
 }

@@ -8,7 +8,7 @@ import { reworded, type LengthUnit } from "../../units";
 import type { Job, OperatorStep } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { onceHeld, useSettled } from "../settled";
 import { SetUpDrawing } from "./set-up";
 
@@ -16,8 +16,8 @@ import { SetUpDrawing } from "./set-up";
  * Whose turn it is: what waits for the operator, with the number that matters large, confirmed by whoever has a key of the
  * job; and the way out of it. Its buttons keep their place from prompt to prompt and between them, above all that varies.
  */
-export function Turn(scene: Scene & { job: Job }) {
-  const { state, act, job } = scene;
+export function Turn(given: Given & { job: Job }) {
+  const { state, act, job } = given;
   const { unit } = state.preferences;
   const step = job.state === "waiting_for_operator" ? job.operator_step : null;
   const setup = step && job.steps?.find(({ number }) => number === step.number)?.setup;
@@ -83,7 +83,7 @@ export function Turn(scene: Scene & { job: Job }) {
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
       {step && <Instruction step={step} unit={unit} />}
       {step && setup && <SetUpDrawing setup={setup} unit={unit} />}
-      {step && !confirmable && <GiveKey {...scene} />}
+      {step && !confirmable && <GiveKey {...given} />}
     </div>
   );
 }
@@ -120,7 +120,7 @@ export function mayConfirm(state: State, job: Job): boolean {
 }
 
 /** Why nothing can be confirmed here, and a place for the key. */
-function GiveKey({ state, update, job }: Scene & { job: Job }) {
+function GiveKey({ state, update, job }: Given & { job: Job }) {
   const [text, setText] = useState("");
   const [wrong, setWrong] = useState(false);
   if (!may(state, "control")) return <p class="quiet">{strings.viewOnly}</p>;

@@ -4,10 +4,10 @@ import { able, may } from "../../state";
 import { strings } from "../../strings";
 import { wayOn } from "../../way-on";
 import type { Job, JobRequest } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 /** After a job that ended early: what still holds of it, what to see to first, and the buttons to go on. */
-export function WayOn({ state, act, job }: Scene & { job: Job }) {
+export function WayOn({ state, act, job }: Given & { job: Job }) {
   const [starting, setStarting] = useState(false);
   const { bench } = state;
   const on = wayOn(job, bench);

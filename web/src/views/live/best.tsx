@@ -3,11 +3,11 @@ import { digits } from "../../meter";
 import { bestAnew } from "../../reading";
 import { strings } from "../../strings";
 import { length } from "../../units";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Explained } from "../term";
 
 /** Peak hold: the best that was read, and where the axes stood. */
-export function BestHeld({ state, update }: Scene) {
+export function BestHeld({ state, update }: Given) {
   const held = state.best;
   if (!held) return null;
   const at = (mm: number | null) => (mm === null ? strings.axis.unknown : length(mm, state.preferences.unit));

@@ -7,7 +7,7 @@ import { able, may, type State } from "../../state";
 import { strings } from "../../strings";
 import type { AutoExposure, Light, LightControl } from "../../wire";
 import { Old } from "../old";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { HistogramView } from "./histogram";
 
 /** How the camera is set, as of the newest time that this may have changed; null before it has said so. */
@@ -40,8 +40,8 @@ function barred(state: State): string | null {
 }
 
 /** The camera's exposure and gain, and how the newest frame is exposed. */
-export function CameraPanel(scene: Scene) {
-  const { state, act } = scene;
+export function CameraPanel(given: Given) {
+  const { state, act } = given;
   const [light, keep] = useLight(state);
   const [found, tell] = useState<AutoExposure | null>(null);
   const [searching, search] = useState(false);
@@ -76,7 +76,7 @@ export function CameraPanel(scene: Scene) {
     <section class="card camera" aria-label={strings.camera.title}>
       <h2>
         {strings.camera.title}
-        <Old {...scene} />
+        <Old {...given} />
       </h2>
       {controls.map((control) => (
         <Control key={control.name} control={control} disabled={disabled} set={set} />
@@ -110,7 +110,7 @@ export function CameraPanel(scene: Scene) {
         </p>
       )}
       {why === null && light?.white_frame && settable && <p class="quiet">{strings.camera.dropsWhite}</p>}
-      <HistogramView {...scene} />
+      <HistogramView {...given} />
     </section>
   );
 }

@@ -6,7 +6,7 @@ import { whole, type Trail } from "../../trail";
 import { inUnit, type LengthUnit } from "../../units";
 import { LineKey } from "../line-key";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { useChartGestures } from "./chart-gestures";
@@ -99,7 +99,7 @@ function axes(colours: Theme, unit: LengthUnit, shown: () => Shown): Options {
 }
 
 /** Spacing, clarity and axes over the last two minutes, or whatever of the session is looked at. */
-export function Charts({ state, now }: Scene) {
+export function Charts({ state, now }: Given) {
   const { unit } = state.preferences;
   const [looked, look] = useState<Looked>("recent");
   const second = Math.round(now / 500) / 2;

@@ -4,7 +4,7 @@ import { fixed } from "../../format";
 import { drawn } from "../../histogram";
 import { strings } from "../../strings";
 import type { Histogram } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 /** Between two histograms, ms. */
 const EVERY_MS = 1000;
@@ -45,7 +45,7 @@ function useHistogram(online: boolean) {
 }
 
 /** The grey levels of the newest frame, what is clipped in red. */
-export function HistogramView({ state }: Scene) {
+export function HistogramView({ state }: Given) {
   const online = state.link === "open" && state.bench?.camera.online === true;
   const { seen, histogram } = useHistogram(online);
   const words = strings.camera;

@@ -2,10 +2,10 @@ import * as api from "../../api";
 import { eyepiece } from "../../eyepiece";
 import { nameOf, save } from "../../kept-picture";
 import { strings } from "../../strings";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Toggle } from "../toggle";
 
-interface Props extends Scene {
+interface Props extends Given {
   large: boolean;
   enlarge: (large: boolean) => void;
 }

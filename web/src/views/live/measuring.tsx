@@ -3,13 +3,13 @@ import { fixed, signed } from "../../format";
 import { lengthOf, type Region, type Ruler, type Tool } from "../../marks";
 import { digits } from "../../meter";
 import { strings } from "../../strings";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Toggle } from "../toggle";
 
 const TOOLS: Tool[] = ["region", "ruler"];
 
 /** What can be measured in the raw frame. */
-export function Measuring({ state }: Scene) {
+export function Measuring({ state }: Given) {
   const raw = state.preferences.show === "raw";
   const { marking } = eyepiece;
   const words = strings.measuring;
@@ -39,7 +39,7 @@ export function Measuring({ state }: Scene) {
 }
 
 /** What has been measured, in words. */
-export function Measured({ state }: Scene) {
+export function Measured({ state }: Given) {
   if (state.preferences.show !== "raw") return null;
   const { region, ruler } = eyepiece.marking.marks;
   if (region) return <RegionSays region={region} />;

@@ -6,24 +6,25 @@ import { isBeingSetUp, knowsMotion, showsTilt } from "../../set-up";
 import { jobUnderWay, may } from "../../state";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
-import type { Scene } from "../scene";
+import { nothingRead } from "../../unread";
+import type { Given } from "../given";
 import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
-import { ARROW, NO_FIGURE, nothingRead, useNewest, useShown } from "./shown";
+import { ARROW, NO_FIGURE, useNewest, useShown } from "./shown";
 import { Spoken } from "./spoken";
 import { TiltArrow, TiltUntold } from "./tilt-arrow";
 
 /** The spacing against its target, to be read from two metres. */
-export function Meter(given: Scene) {
-  const scene = useNewest(given);
-  const { state, now: clock } = scene;
-  const shown = useShown(scene);
+export function Meter(earlier: Given) {
+  const given = useNewest(earlier);
+  const { state, now: clock } = given;
+  const shown = useShown(given);
   if (isBeingSetUp(state.bench, jobUnderWay(state))) return <BeingSetUp />;
   const { reading: now, missing, why, old, ageMs: age, difference, words, wanted } = shown;
   const target = missing ?? state.reading;
-  if (!target) return <Nothing {...scene} />;
+  if (!target) return <Nothing {...given} />;
   const leaning = tilt(state.design, state.reading, state.widthPx);
   return (
     <section
@@ -57,7 +58,7 @@ export function Meter(given: Scene) {
         {now?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
         <Toggle
           on={state.tone}
-          set={(tone) => scene.update({ tone })}
+          set={(tone) => given.update({ tone })}
           title={strings.meter.toneMore(TONE_KEY.name)}
         >
           {strings.meter.tone}
@@ -101,7 +102,7 @@ export function Meter(given: Scene) {
           ) : (
             <TiltUntold known={state.bench?.in_view !== "unknown" || Boolean(state.reading?.twoBoards)} />
           ))}
-        <BestHeld {...scene} />
+        <BestHeld {...given} />
       </div>
       {!old && (
         <Spoken
@@ -142,7 +143,7 @@ function BeingSetUp() {
   );
 }
 
-function Nothing({ state }: Scene) {
+function Nothing({ state }: Given) {
   return (
     <section class="card meter" aria-label={strings.meter.title}>
       <h2>

@@ -2,14 +2,14 @@ import { fixed } from "../../format";
 import { eyepiece } from "../../eyepiece";
 import { OVERLAYS, type Overlay } from "../../preferences";
 import { strings } from "../../strings";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { SHOWS } from "../../show";
 import { Choice, Toggle } from "../toggle";
 
 const ZOOM = 2;
 
 /** What the picture shows, what is laid over it, and how near one looks. */
-export function Overlays({ state, update }: Scene) {
+export function Overlays({ state, update }: Given) {
   const { overlays, show } = state.preferences;
   const set = (overlay: Overlay, on: boolean) => {
     const next = OVERLAYS.filter((one) => (one === overlay ? on : overlays.includes(one)));

@@ -2,7 +2,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { fullScreen } from "../../full-screen";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { CameraPanel } from "./camera-panel";
 import { Charts } from "./charts";
 import { Meter } from "./meter";
@@ -12,23 +12,23 @@ import { LivePicture } from "./picture";
 const CLOCK_MS = 500;
 
 /** What an assembler works by. What a picture or a reading does not change is not drawn anew with each. */
-export function LivePage(scene: Scene) {
-  const { state, now } = scene;
+export function LivePage(given: Given) {
+  const { state, now } = given;
   const { picture, pictureAt, pictureOldMs, heardAt, ...more } = state;
   const { reading, readingAt, missing, missingAt, framesLeftOut, best, spacings, clarities, ...rest } = more;
   const [large, enlarge] = useLarge();
   const beat = Math.round(now / CLOCK_MS);
   const about = [...Object.values(rest), beat, picture?.widthPx];
-  const strip = useMemo(() => <JobStrip {...scene} />, about);
-  const meter = useMemo(() => <Meter {...scene} />, about);
-  const bench = useMemo(() => <Bench {...scene} />, about);
-  const camera = useMemo(() => <CameraPanel {...scene} />, about);
-  const charts = useMemo(() => <Charts {...scene} />, [state.preferences.unit, beat]);
-  if (large) return <LivePicture {...scene} {...{ large, enlarge }} />;
+  const strip = useMemo(() => <JobStrip {...given} />, about);
+  const meter = useMemo(() => <Meter {...given} />, about);
+  const bench = useMemo(() => <Bench {...given} />, about);
+  const camera = useMemo(() => <CameraPanel {...given} />, about);
+  const charts = useMemo(() => <Charts {...given} />, [state.preferences.unit, beat]);
+  if (large) return <LivePicture {...given} {...{ large, enlarge }} />;
   return (
     <div class="live-page">
       <div class="column">
-        <LivePicture {...scene} {...{ large, enlarge }} />
+        <LivePicture {...given} {...{ large, enlarge }} />
         {strip}
       </div>
       <div class="column">

@@ -6,7 +6,7 @@ import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
 import { length } from "../../units";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { useGestures } from "./gestures";
 import { Keeping } from "./keeping";
 import { Measured, Measuring } from "./measuring";
@@ -15,14 +15,14 @@ import { Overlays } from "./overlays";
 /** So many in a row are no chance. */
 const SAME = 3;
 
-interface Props extends Scene {
+interface Props extends Given {
   /** Whether it is alone on the page. */
   large: boolean;
   enlarge: (large: boolean) => void;
 }
 
-export function LivePicture(scene: Props) {
-  const { state, now } = scene;
+export function LivePicture(given: Props) {
+  const { state, now } = given;
   const { tool } = eyepiece.marking;
   const shown = pictureState(state, now);
   const age = pictureAge(state, now);
@@ -34,7 +34,7 @@ export function LivePicture(scene: Props) {
       class="card picture"
       data-state={shown}
       data-same={same}
-      data-large={scene.large}
+      data-large={given.large}
       aria-label={strings.picture.live}
     >
       <div class="frame" style={{ aspectRatio: facts ? `${facts.widthPx} / ${facts.heightPx}` : "1" }}>
@@ -54,11 +54,11 @@ export function LivePicture(scene: Props) {
         {same && <p class="over">{strings.picture.same(facts.alike)}</p>}
         {shown === "stale" && age !== null && <p class="over">{strings.picture.stale(span(age))}</p>}
       </div>
-      <Measured {...scene} />
-      <Overlays {...scene} />
+      <Measured {...given} />
+      <Overlays {...given} />
       <div class="tools">
-        <Measuring {...scene} />
-        <Keeping {...scene} />
+        <Measuring {...given} />
+        <Keeping {...given} />
       </div>
       <p class="facts">
         {facts && age !== null && <span>{strings.picture.frame(facts.seq, fixed(age, 0))}</span>}
@@ -76,7 +76,7 @@ export function LivePicture(scene: Props) {
             {camera.fault ? <span lang="en">: {camera.fault}</span> : ""}
           </span>
         )}
-        <Legend {...scene} />
+        <Legend {...given} />
       </p>
       {camera?.notes.map((note) => (
         <p class="facts" role="note" lang="en" key={note}>
@@ -119,7 +119,7 @@ function Canvases({ label }: { label: string }) {
 }
 
 /** What the overlays' colours mean. */
-function Legend({ state }: Scene) {
+function Legend({ state }: Given) {
   const { show } = state.preferences;
   const overlays = overlaysOn(show, state.preferences.overlays);
   const map = eyepiece.newestMap;

@@ -9,7 +9,8 @@ import { needle } from "../../needle";
 import type { Missing, Reading } from "../../reading";
 import { isMeterOld, jobUnderWay, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
-import type { Scene } from "../scene";
+import { whyMissing, type Why } from "../../unread";
+import type { Given } from "../given";
 
 export const ARROW = {
   larger: "▲",
@@ -27,8 +28,7 @@ export interface Shown {
   reading: Reading | null;
   /** Why there is none of the newest frame. */
   missing: Missing | null;
-  /** That in words, and whether they are the daemon's. */
-  why: { text: string; daemons: boolean } | null;
+  why: Why | null;
   old: boolean;
   ageMs: number | null;
   /** The spacing less its target, or what stands in its place. */
@@ -44,30 +44,15 @@ function moved(state: State): Moved {
   return state.bench?.shell === "off" ? "delta_v" : "e";
 }
 
-/** A board of several levels, or none, before the lens says more than what the frame shows. */
-export function whyMissing(missing: Missing, { bench }: State): Shown["why"] {
-  const words = strings.meter;
-  if (missing.is === "lost" && bench?.in_view === "stepped_board")
-    return { text: words.overSteps, daemons: false };
-  if (missing.is === "lost" && bench?.in_view === "other") return { text: words.overNone, daemons: false };
-  return { text: missing.why, daemons: true };
-}
-
-/** What stands where nothing has been read. */
-export function nothingRead(state: State): string {
-  if (!state.bench) return strings.meter.unheard;
-  return jobUnderWay(state) ? strings.meter.noneOfThis : strings.meter.none;
-}
-
-/** The scene as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
-export function useNewest(scene: Scene): Scene {
+/** The state as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
+export function useNewest(given: Given): Given {
   const [, draw] = useState({});
   useEffect(() => needle.follow(() => draw({})), []);
-  return { ...scene, state: scene.newest(), now: Date.now() };
+  return { ...given, state: given.newest(), now: Date.now() };
 }
 
 /** What the meter says; a figure keeps its number of decimals while its uncertainty only just calls for others. */
-export function useShown({ state, now }: Scene): Shown {
+export function useShown({ state, now }: Given): Shown {
   const [held] = useState<{ places: number | null }>({ places: null });
   const { missing } = state;
   // What was read before it was lost is no reading of what there is now.

@@ -4,21 +4,22 @@ import { jobUnderWay, turnOf } from "../../state";
 import { addressOf } from "../../route";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
+import { nothingRead } from "../../unread";
 import { FullScreen } from "../full-screen";
 import { mayConfirm } from "../job/turn";
-import { ARROW, NO_FIGURE, nothingRead, useNewest, useShown } from "../live/shown";
+import { ARROW, NO_FIGURE, useNewest, useShown } from "../live/shown";
 import { Spoken } from "../live/spoken";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Toggle } from "../toggle";
 
 /** A figure is not to jump in size with its last digit. */
 const LEAST_LETTERS = 7;
 
 /** The meter by itself, to be read from three metres on a phone, and across a room on a screen. */
-export function MeterPage(given: Scene) {
-  const scene = useNewest(given);
-  const { state, now, update } = scene;
-  const shown = useShown(scene);
+export function MeterPage(earlier: Given) {
+  const given = useNewest(earlier);
+  const { state, now, update } = given;
+  const shown = useShown(given);
   const job = jobUnderWay(state);
   const settingUp = isBeingSetUp(state.bench, job);
   const { missing, why, old, ageMs, words, wanted } = shown;

@@ -15,14 +15,14 @@ import { rebased } from "../../draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import type { ConfigCheck, ConfigView, ConfigWritten } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { ConfigTable, type Editing } from "./config-table";
 
 /** Before what is typed is checked, ms. */
 const REST_MS = 400;
 
 /** The bench's configuration, key by key. */
-export function Configuration({ state, act, load: ask }: Scene) {
+export function Configuration({ state, act, load: ask }: Given) {
   const [view, setView] = useState<ConfigView | null>(null);
   const [etag, setEtag] = useState<string | null>(null);
   const [table, setTable] = useState<Table | null>(null);

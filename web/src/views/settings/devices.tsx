@@ -2,10 +2,10 @@ import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { strings } from "../../strings";
 import type { Devices as Found } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 /** What is connected to the daemon's machine, by the names that it can be configured with. */
-export function Devices({ state, load }: Scene) {
+export function Devices({ state, load }: Given) {
   const [found, setFound] = useState<Found | null>(null);
   const look = () =>
     load(

@@ -6,7 +6,7 @@ import { Newest } from "../../newest";
 import { strings } from "../../strings";
 import { inUnit, typedMm } from "../../units";
 import type { AxisName, Faults as Wrong } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Choice, Toggle } from "../toggle";
 
 const PICTURES = ["none", "dark", "saturated", "blurred", "torn"] as const;
@@ -16,7 +16,7 @@ const PERCENT = 100;
 const EVERY_MS = 2000;
 
 /** What is made to go wrong with the simulated bench, and what more could be. */
-export function Faults({ state, act, load }: Scene) {
+export function Faults({ state, act, load }: Given) {
   const [wrong, setWrong] = useState<Wrong | null>(null);
   const [newest] = useState(() => new Newest());
   const shown = (asked: ReturnType<typeof api.faults>) => {

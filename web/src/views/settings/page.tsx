@@ -1,5 +1,5 @@
 import { may } from "../../state";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Configuration } from "./configuration";
 import { Devices } from "./devices";
 import { Faults } from "./faults";
@@ -8,17 +8,17 @@ import { Records } from "./records";
 import { Tokens } from "./tokens";
 
 /** What can be set: this page, the bench, who gets in. */
-export function SettingsPage(scene: Scene) {
+export function SettingsPage(given: Given) {
   return (
     <div class="settings-page">
       <div class="column">
-        <Preferences {...scene} />
-        <Devices {...scene} />
-        {scene.state.bench?.simulated && <Faults {...scene} />}
-        {may(scene.state, "admin") && <Tokens {...scene} />}
-        <Records {...scene} />
+        <Preferences {...given} />
+        <Devices {...given} />
+        {given.state.bench?.simulated && <Faults {...given} />}
+        {may(given.state, "admin") && <Tokens {...given} />}
+        <Records {...given} />
       </div>
-      <Configuration {...scene} />
+      <Configuration {...given} />
     </div>
   );
 }

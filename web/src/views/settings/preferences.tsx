@@ -5,12 +5,12 @@ import { LANGUAGE_CHOICES, type LanguageChoice } from "../../language";
 import { choosable, SPACE, type StopKey } from "../../stop-key";
 import { speak, strings } from "../../strings";
 import { UNITS } from "../../units";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { nameOfKey } from "../stop";
 import { Choice, Toggle } from "../toggle";
 
 /** What this browser remembers. */
-export function Preferences({ state, newest, update }: Scene) {
+export function Preferences({ state, newest, update }: Given) {
   const { preferences } = state;
   const set = (part: Partial<typeof preferences>) => update({ preferences: { ...preferences, ...part } });
   // Its words come first: until they are there the page goes on in the other language.

@@ -4,10 +4,10 @@ import { moment } from "../../format";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import type { AuditEntry } from "../../wire";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 
 /** Where more is to be read: the API's documentation, and who did what. */
-export function Records(scene: Scene) {
+export function Records(given: Given) {
   const words = strings.settings;
   return (
     <section class="card records" aria-label={words.records}>
@@ -18,16 +18,16 @@ export function Records(scene: Scene) {
         </a>{" "}
         <span class="quiet">{words.apiDocsMore}</span>
       </p>
-      {may(scene.state, "admin") && <Audit {...scene} />}
+      {may(given.state, "admin") && <Audit {...given} />}
     </section>
   );
 }
 
-function Audit(scene: Scene) {
+function Audit(given: Given) {
   const [entries, setEntries] = useState<AuditEntry[]>([]);
   const [next, setNext] = useState<string | null>(null);
   const load = (cursor: string | null, had: AuditEntry[]) =>
-    scene.load(
+    given.load(
       api.audit(cursor).then((result) => {
         if (result.ok) {
           setEntries([...had, ...result.value.entries]);

@@ -6,13 +6,13 @@ import { able, type State } from "../../state";
 import type { Scope, Token, TokenRequest } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
-import type { Scene } from "../scene";
+import type { Given } from "../given";
 import { Choice } from "../toggle";
 
 const SCOPES: readonly Scope[] = ["view", "control", "admin"];
 
 /** Who gets in. */
-export function Tokens({ act, load, state, makeToken }: Scene) {
+export function Tokens({ act, load, state, makeToken }: Given) {
   const [tokens, setTokens] = useState<Token[] | null>(null);
   const here = able(state, "admin");
   const [wanted, want] = useAsked<TokenRequest>(here);

@@ -7,7 +7,7 @@ import type { TokenRequest } from "../wire";
 /** Carries a request out and shows its problem if it has one; whether it went well. */
 export type Act = (request: Promise<Result<unknown>>) => Promise<boolean>;
 
-export interface Scene {
+export interface Given {
   state: State;
   /** The state as it is by now: readings have come since all of the page was drawn. */
   newest: () => State;

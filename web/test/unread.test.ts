@@ -1,0 +1,41 @@
+import { describe, expect, it } from "vitest";
+import { initial, type State } from "../src/state";
+import { strings } from "../src/strings";
+import { nothingRead, whyMissing } from "../src/unread";
+import type { Bench } from "../src/wire";
+import { bench as snapshotBench, job } from "./fixtures";
+
+describe("what is said where nothing is read", () => {
+  const missing = {
+    is: "lost" as const,
+    why: "the board went",
+    targetPx: 20,
+    tolerancePx: 0,
+    capturedAt: 0,
+    monotonicMs: 0,
+  };
+  const over = (in_view: NonNullable<Bench["in_view"]>): State => ({
+    ...initial,
+    bench: { ...snapshotBench, in_view },
+  });
+
+  it("is why: of a board of several levels and of none before the lens, that", () => {
+    expect(whyMissing(missing, over("flat_board"))).toEqual({ text: "the board went", daemons: true });
+    expect(whyMissing(missing, over("stepped_board")).text).toBe(strings.meter.overSteps);
+    expect(whyMissing(missing, over("other"))).toEqual({ text: strings.meter.overNone, daemons: false });
+    for (const view of ["other", "stepped_board"] as const) {
+      const refused = whyMissing({ ...missing, is: "refused", why: "dark" }, over(view));
+      expect(refused).toEqual({ text: "dark", daemons: true });
+    }
+    expect(whyMissing(missing, initial)).toEqual({ text: "the board went", daemons: true });
+  });
+
+  it("is that a job has not come to it yet, and not how to begin one", () => {
+    expect(nothingRead(initial)).toBe(strings.meter.unheard);
+    expect(nothingRead(over("unknown"))).toBe(strings.meter.none);
+    const at = { ...over("unknown"), jobs: [job("a", 1)] };
+    expect(nothingRead(at)).toBe(strings.meter.noneOfThis);
+    // One that has ended comes to nothing more.
+    expect(nothingRead({ ...at, jobs: [job("a", 2, "failed")] })).toBe(strings.meter.none);
+  });
+});
