@@ -108,6 +108,10 @@ pub struct Reading {
     /// By how much the spacing may be off the one wanted where a job accepts it, px; there without a spacing, too.
     #[prost(double, tag = "28")]
     pub spacing_tolerance_px: f64,
+    /// Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
+    /// are two: it may be neither's, and is not in focus.
+    #[prost(bool, tag = "29")]
+    pub doubted: bool,
 }
 /// The spacing micro-image by micro-image. The lists run together: one entry for each micro-image.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -61,6 +61,7 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
         spacing_target_px: reading.spacing_target_px,
         spacing_tolerance_px: reading.spacing_tolerance_px,
         in_focus: reading.in_focus,
+        doubted: reading.doubted,
         frames_left_out: reading.frames_left_out,
         width_px: frame.image.width() as u32,
         ..proto::Reading::default()

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use plenalign::config::{Config, Texture};
+use plenalign::imaging::live::{LiveError, LiveMeter, LiveOptions, LiveSpacing};
 use plenalign::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frame};
 use plenalign::imaging::spacing::Spacing;
 use plenalign::optics::CameraDesign;
@@ -65,6 +66,13 @@ impl Field {
     }
 
     fn measured(&self) -> Result<Spacing, MeasurementError> {
+        let (raw, white) = self.frames();
+        let options = FrameOptions::of_design(&Config::default().design(), PIXEL_MM);
+        Ok(measure_frame(&raw, Some(&WhiteModel::of(&white, &options)?), &options)?.spacing)
+    }
+
+    /// What is in view, and the white frame.
+    fn frames(&self) -> (RawImage, RawImage) {
         let design = Config::default().design();
         let (medium, distance) = match self.e {
             Some(e) => (Medium::Water { shell: design.shell, e, decentre: [0.0; 2] }, 800.0),
@@ -89,8 +97,7 @@ impl Field {
         } else {
             self.beside(&raw, &board(self.nearer(&design, distance), 2 * self.seed + 1))
         };
-        let options = FrameOptions::of_design(&design, PIXEL_MM);
-        Ok(measure_frame(&raw, Some(&WhiteModel::of(&white, &options)?), &options)?.spacing)
+        (raw, white)
     }
 
     /// One board's picture beside the other's.
@@ -120,6 +127,30 @@ fn a_step_over_a_fifth_of_the_field_is_told_with_both_spacings() {
         let off = [larger - alone.on_axis_px, smaller - larger - step_px];
         println!("{two:?}, off by {off:+.4?} px");
         assert!(off[0].abs() < 0.02 && off[1].abs() < 0.02 + 0.1 * step_px.abs() && two.share < 0.3, "{two:?}");
+    }
+}
+
+/// How uneven two frames are as the meter reads them, the second after the first; nothing where the spacing is lost.
+fn live(fields: [&Field; 2]) -> [Option<f64>; 2] {
+    let (first, white) = fields[0].frames();
+    let model = WhiteModel::of(&white, &FrameOptions::of_design(&Config::default().design(), PIXEL_MM)).unwrap();
+    let mut meter = LiveMeter::new(&model.grid, &model.vignetting, LiveOptions::new(0.1 / PIXEL_MM)).unwrap();
+    let unevenness = |read: Result<LiveSpacing, LiveError>| read.ok().map(|spacing| spacing.unevenness);
+    [unevenness(meter.acquire(&first)), unevenness(meter.measure(&fields[1].frames().0))]
+}
+
+/// In the first frame that has it a second board is seen to be one, or the spacing is lost; one board's field is even.
+#[test]
+fn a_step_is_seen_in_the_first_frame_that_is_read_live() {
+    for (e, across_deg, step_px) in
+        [(None, 50.0, 0.12), (Some(0.0), 0.0, -0.3), (Some(0.0), 50.0, 2.0), (None, 20.0, -1.0)]
+    {
+        let one = Field { e, size: 400, ..PLAIN };
+        let two = Field { across_deg, step_px, ..one };
+        let [before, stepped] = live([&one, &two]);
+        println!("{step_px:+} px: {before:?}, {stepped:?}");
+        assert!(before.is_some_and(|unevenness| unevenness < 0.6), "one board: {before:?}");
+        assert!(stepped.is_none_or(|unevenness| unevenness >= 1.0), "{step_px} px: {stepped:?}");
     }
 }
 

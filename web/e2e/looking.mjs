@@ -58,10 +58,13 @@ export async function twoBoards(page) {
   await nearer.fill("250");
   await nearer.press("Tab");
   await page.locator("#faults-state", { hasText: "wrong on purpose" }).waitFor();
+  await watchFigures(page, Date.now() + ON_ITS_WAY_MS);
   await open("Live");
   const meter = page.locator(".meter[data-old=false][data-direction=two_boards]");
   await meter.locator(".advice", { hasText: "Two boards in view." }).waitFor({ timeout: 20_000 });
   await saysTwo(meter);
+  // Nor was there a figure before a frame was measured in whole.
+  assert.deepEqual(await page.evaluate(() => globalThis.figures), []);
   await accessible(page);
   await photograph(page, "two-boards");
   await meter.locator(".alone-link").click();
@@ -72,6 +75,23 @@ export async function twoBoards(page) {
   await page.locator("#faults-state", { hasText: "Nothing is wrong" }).waitFor();
   await open("Live");
   await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+}
+
+/** A frame that is being taken while a board comes into view may show it or not, ms. */
+const ON_ITS_WAY_MS = 300;
+
+/** Keeps every figure that the meter shows of a frame that is taken after a moment, ms. */
+async function watchFigures(page, from) {
+  await page.evaluate((from) => {
+    globalThis.figures = [];
+    const look = () => {
+      const figure = document.querySelector("#spacing");
+      if (figure && Number(figure.dataset.capturedAt) > from)
+        globalThis.figures.push(figure.parentElement.innerText);
+    };
+    const watched = { subtree: true, childList: true, attributes: true, characterData: true };
+    new MutationObserver(look).observe(document.body, watched);
+  }, from);
 }
 
 async function saysTwo(meter) {

@@ -5,9 +5,9 @@ import type { Scene } from "./set-up";
 import type { Combined, FrameReading, Measurement, TwoBoards } from "./wire";
 
 /** Which way Δv or e has to go: a larger one makes the spacing smaller. "There" is where a job would accept it; "unsure" is
- *  where it cannot be told from the target, and not well enough known to be accepted; of two boards, or of a board
- *  of several levels, the spacing is none's. */
-export type Direction = "larger" | "smaller" | "there" | "unsure" | "two_boards" | "levels";
+ *  where it cannot be told from the target, and not well enough known to be accepted; of two boards, of what may be two
+ *  ("doubted"), or of a board of several levels, the spacing is none's. */
+export type Direction = "larger" | "smaller" | "there" | "unsure" | "two_boards" | "doubted" | "levels";
 
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
@@ -29,6 +29,10 @@ export interface Reading {
   inFocus: boolean;
   /** When the picture that it is of began, the daemon's clock, ms; −∞ where it is that of the one before. */
   pictureAt: number;
+  /** When a picture was taken last that was measured in whole to be of one board, and when the first began since, the daemon's
+   *  clock, ms. */
+  oneBoardAt: number;
+  unmeasuredAt: number;
   /** Rise of the spacing, px per half frame width. */
   tiltXPx: number;
   tiltYPx: number;
@@ -76,6 +80,8 @@ export function reading(
     single: { spacingPx: spacing.spacing_px, sigmaPx: spacing.spacing_sigma_px },
     inFocus: measurement.in_focus,
     pictureAt: -Infinity,
+    oneBoardAt: -Infinity,
+    unmeasuredAt: -Infinity,
     tiltXPx: spacing.tilt_x_px,
     tiltYPx: spacing.tilt_y_px,
     pitchPx: measurement.micro_image_pitch_px,
@@ -84,7 +90,7 @@ export function reading(
     settled: measurement.settled,
     capturedAt,
     monotonicMs: monotonicMs(capturedAt),
-    ...told(measurement, scene),
+    ...told(measurement, false, scene),
   };
 }
 
@@ -112,21 +118,23 @@ export function frameReading(
     single: { spacingPx, sigmaPx },
     ...{ inFocus, pictureAt, tiltXPx, tiltYPx, pitchPx, focusMm, eMm, settled },
     ...{ capturedAt, monotonicMs },
+    ...unmeasured(pictureAt, measurement, before),
     // What was in view before it was set up anew says nothing of what is there now.
-    ...told(measuredAt >= setUpAt ? measurement : null, scene),
+    ...told(measuredAt >= setUpAt ? measurement : null, found.doubted, scene),
   };
 }
 
-/** Of two boards, or of several levels, that there are, whatever their common spacing comes to. */
-function told(measurement: Measurement | null, { levels }: Scene) {
+/** Of two boards, of what may be two, or of several levels, that there are, whatever their common spacing comes to. */
+function told(measurement: Measurement | null, doubted: boolean, { levels }: Scene) {
   const twoBoards = measurement?.two_boards ?? null;
-  const direction: Direction | null = levels ? "levels" : twoBoards ? "two_boards" : null;
+  const several = twoBoards ? "two_boards" : doubted ? "doubted" : null;
+  const direction: Direction | null = levels ? "levels" : several;
   return { twoBoards, ...(direction && { direction, inFocus: false }) };
 }
 
 /** Whether a reading is the spacing of one board, as far as is known: of no other anything is ordered. */
 export function isOfOne({ direction }: Pick<Reading, "direction">): boolean {
-  return direction !== "two_boards" && direction !== "levels";
+  return !["two_boards", "doubted", "levels"].includes(direction);
 }
 
 /** When the picture began that frames are combined of; what moves an axis leaves it as it was. */
@@ -135,6 +143,15 @@ function pictureBegan(combined: Combined, capturedAt: number, before: Reading | 
   const goesOn = before?.of === "frame" && first <= before.capturedAt;
   if (goesOn || !combined.ofNewPicture) return before?.pictureAt ?? -Infinity;
   return first;
+}
+
+/** When one board was measured in whole last, and when the first picture began since. */
+function unmeasured(pictureAt: number, measurement: Measurement | null, before: Reading | null) {
+  const known = before?.of === "frame" ? before : null;
+  const measuredAt = measurement && !measurement.two_boards ? Date.parse(measurement.captured_at) : -Infinity;
+  const oneBoardAt = Math.max(known?.oneBoardAt ?? -Infinity, measuredAt);
+  const goesOn = known !== null && oneBoardAt < known.unmeasuredAt;
+  return { oneBoardAt, unmeasuredAt: goesOn ? known.unmeasuredAt : pictureAt };
 }
 
 /** What there is instead of a reading. A spacing once lost is lost until it is measured again: a frame that cannot be
@@ -184,11 +201,11 @@ export function bestAnew({
   return reading && missing === null && isOfOne(reading) ? best(null, reading) : null;
 }
 
-/** The best so far with a new reading. Of no one board there is none: what was read of the same picture before that was known
- *  goes with it. */
+/** The best so far with a new reading. Of no one board there is none: what was read since nobody has measured one in whole goes
+ *  with it. */
 export function bestWith(held: Best | null, now: Reading): Best | null {
   if (isOfOne(now)) return best(held, now);
-  return held && held.capturedAt >= now.pictureAt ? null : held;
+  return held && held.capturedAt >= now.unmeasuredAt ? null : held;
 }
 
 /** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */

@@ -200,7 +200,8 @@ export interface Combined {
   ofNewPicture: boolean;
 }
 
-const NEW_PICTURE = [CombinedSince.START, CombinedSince.PICTURE, CombinedSince.LOST];
+/** A spacing that leaps or shows a trend while no axis moves does so because something else has: what is in view, or a screw. */
+const NEW_PICTURE = [CombinedSince.START, CombinedSince.PICTURE, CombinedSince.TREND, CombinedSince.LOST];
 
 /** Its spacing; or why there is none: it is lost and searched for, or the frame cannot be measured. */
 export type Found =
@@ -214,6 +215,8 @@ export type Found =
       combined: Combined;
       /** Whether that is within the blur limit. */
       inFocus: boolean;
+      /** Whether it steps over the field as between two boards, and nothing measured in whole says yet whether there are. */
+      doubted: boolean;
     }
   | { is: "lost" | "refused"; why: string };
 
@@ -314,6 +317,7 @@ function foundIn(read: FrameRead): Found | null {
           ofNewPicture: NEW_PICTURE.includes(read.combinedSince),
         },
         inFocus: read.inFocus,
+        doubted: read.doubted,
       };
     case ReadingState.LOST:
       return { is: "lost", why: read.why };

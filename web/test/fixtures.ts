@@ -143,6 +143,7 @@ export function frameReading(
     tiltXPx: 0,
     tiltYPx: 0,
     inFocus: true,
+    doubted: false,
     combined: { ...alone, ...combined },
   };
   return read({ is: "measured", spacingPx, ...level }, capturedAt);

@@ -104,6 +104,54 @@ describe("two boards in view", () => {
   });
 });
 
+describe("a spacing that steps over the field", () => {
+  const at = Date.parse("2026-01-01T00:00:10Z");
+  const whole = (atMs: number) => ({
+    ...measurement(19.725, 0.001),
+    captured_at: new Date(at + atMs).toISOString(),
+  });
+  const state: State = { ...initial, measurement: whole(-500), tone: true, link: "open" };
+  const read = (before: State, atMs: number, doubted: boolean, combined = {}) => {
+    const frame = frameReading(19.7251, at + atMs, combined);
+    const found = frame.found.is === "measured" ? { ...frame.found, doubted } : frame.found;
+    return receiveReading(before, { ...frame, found }, at + atMs);
+  };
+
+  it("is of no board until it is measured in whole: it is no figure, order, tone or best", () => {
+    const one = read(state, 0, false);
+    expect(one.reading).toMatchObject({ direction: "there", inFocus: true });
+    const doubted = read(one, 40, true, { ofNewPicture: true });
+    expect(doubted.reading).toMatchObject({ direction: "doubted", inFocus: false, twoBoards: null });
+    expect(doubted.best).toBe(one.best);
+    expect(toneNow(doubted, at + 40)).toBeNull();
+    const { main, other } = advice(doubted.reading!, correction(design, doubted.reading!), "e", "mm");
+    expect([main, other]).toEqual([strings.meter.doubtedMore, null]);
+    // One board after all, whose tilt steps: it has been measured.
+    const sure = read({ ...doubted, measurement: whole(60) }, 80, false, { spanMs: 40, ofNewPicture: true });
+    expect(sure.reading).toMatchObject({ direction: "there", inFocus: true });
+  });
+
+  it("says what is known where two boards or several levels are", () => {
+    const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
+    const seen = read({ ...state, measurement: { ...whole(-500), two_boards: two } }, 0, true);
+    expect(seen.reading?.direction).toBe("two_boards");
+    const bench = { ...snapshotBench, in_view: "stepped_board" as const };
+    expect(read({ ...state, bench }, 0, true).reading?.direction).toBe("levels");
+  });
+
+  it("takes with it what was the best since one board was measured in whole, however often it has leapt since", () => {
+    let now = read(state, 0, false);
+    // Nearer by chance, of a picture that nobody has measured; then it leaps again, and again.
+    const surer = { sigmaPx: 0.0001, ofNewPicture: true };
+    now = read(now, 100, false, surer);
+    expect(now.best).toMatchObject({ capturedAt: at + 100 });
+    now = read(now, 200, false, { ofNewPicture: true });
+    now = read(now, 300, true, { ofNewPicture: true });
+    expect(now.reading).toMatchObject({ pictureAt: at + 300, unmeasuredAt: at + 100 });
+    expect(now.best).toBeNull();
+  });
+});
+
 describe("a board of several levels in view", () => {
   const at = Date.parse("2026-01-01T00:00:10Z");
   const bench = { ...snapshotBench, in_view: "stepped_board" as const, shell: "off" as const };

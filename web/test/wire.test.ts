@@ -169,6 +169,7 @@ describe("parseSeen", () => {
       combinedFrames: 12,
       combinedSpanS: 2.5,
       combinedSince: CombinedSince.PICTURE,
+      doubted: true,
     });
     expect(measured).toEqual({
       capturedAt: 1_700_000_000_123.456,
@@ -189,8 +190,16 @@ describe("parseSeen", () => {
         tiltYPx: -0.2,
         combined: { spacingPx: 19.71, sigmaPx: 0.0012, frames: 12, spanMs: 2500, ofNewPicture: true },
         inFocus: true,
+        doubted: true,
       },
     });
+    // Whatever but an axis ends a combination, the picture may be of something else.
+    const news = [CombinedSince.START, CombinedSince.PICTURE, CombinedSince.TREND, CombinedSince.LOST];
+    for (const combinedSince of [...news, CombinedSince.AXIS]) {
+      const found = of({ state: ReadingState.MEASURED, combinedSince })?.found;
+      const told = found?.is === "measured" ? found.combined.ofNewPicture : null;
+      expect(told, CombinedSince[combinedSince]).toBe(combinedSince !== CombinedSince.AXIS);
+    }
     expect(of({ state: ReadingState.LOST, why: "the board went" })?.found).toEqual({
       is: "lost",
       why: "the board went",

@@ -14,8 +14,9 @@ use std::time::{Duration, Instant};
 use jiff::Timestamp;
 use tokio::sync::{Notify, broadcast, watch};
 
+use self::doubt::Doubt;
 use super::at_rest::AtRest;
-use super::events::MeasurementView;
+use super::events::{InView, MeasurementView};
 use super::eye::OLD_PICTURE;
 use super::recording::{Happening, words};
 use super::service::Service;
@@ -54,6 +55,9 @@ pub struct Reading {
     pub spacing_tolerance_px: f64,
     /// Whether there is a spacing, of one board as far as is known, and what is combined within the blur limit of that.
     pub in_focus: bool,
+    /// Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
+    /// are: it may be neither's.
+    pub doubted: bool,
     /// Frames that the camera took since somebody began to read, and that were not measured.
     pub frames_left_out: u64,
 }
@@ -164,6 +168,7 @@ const fn word(part: LivePart) -> &'static str {
         LivePart::Pairs => "pairs",
         LivePart::Equations => "equations",
         LivePart::Noise => "noise",
+        LivePart::Boards => "boards",
     }
 }
 
@@ -225,6 +230,8 @@ pub(super) struct Readings {
     begun: Notify,
     /// What was measured in whole last.
     whole: watch::Sender<Option<Whole>>,
+    /// It has come into doubt what is in view.
+    doubted: Notify,
 }
 
 impl Default for Readings {
@@ -234,6 +241,7 @@ impl Default for Readings {
             each: broadcast::Sender::new(EACH_KEPT),
             begun: Notify::new(),
             whole: watch::Sender::new(None),
+            doubted: Notify::new(),
         }
     }
 }
@@ -246,6 +254,11 @@ impl Readings {
     /// The newest reading is of a camera that was set otherwise: nobody is told of it any more.
     pub(super) fn forget(&self) {
         self.newest.send_replace(None);
+    }
+
+    /// Returns once a whole measurement is wanted to say what is in view.
+    pub(super) async fn come_into_doubt(&self) {
+        self.doubted.notified().await;
     }
 
     /// A frame was measured in whole. Where the meter has followed another match to it, it searches anew.
@@ -294,6 +307,7 @@ impl Service {
         let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
         let (mut kept, mut at_rest) = (VecDeque::with_capacity(KEPT), AtRest::new());
+        let (mut doubt, mut was_doubted) = (Doubt::default(), false);
         while self.readings.are_read() {
             match tokio::time::timeout(PATIENCE, live.changed()).await {
                 Ok(Ok(())) => {}
@@ -334,8 +348,19 @@ impl Service {
             }
             let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
             let spacing_target_px = self.eye.target_px();
+            let newest = *whole.borrow();
+            // A board of several levels steps, and is known to.
+            let doubted = self.eye.in_view() != InView::SteppedBoard
+                && spacing.as_ref().is_ok_and(|spacing| {
+                    doubt.take(frame.seq, spacing.unevenness, newest.map(|whole| whole.frame_seq))
+                });
+            if doubted && !std::mem::replace(&mut was_doubted, doubted) {
+                self.readings.doubted.notify_one();
+            }
+            was_doubted = doubted;
             let in_focus = combined.is_some_and(|combined| self.eye.is_field_in_focus(combined.value))
-                && !self.shows_two_boards(*whole.borrow());
+                && !doubted
+                && !self.shows_two_boards(newest);
             self.publish_reading(Reading {
                 frame,
                 spacing,
@@ -343,6 +368,7 @@ impl Service {
                 spacing_target_px,
                 spacing_tolerance_px: self.eye.tolerance_px(),
                 in_focus,
+                doubted,
                 frames_left_out,
             });
         }
@@ -365,5 +391,6 @@ impl Service {
     }
 }
 
+mod doubt;
 #[cfg(test)]
 mod tests;

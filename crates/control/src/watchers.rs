@@ -22,7 +22,8 @@ const PULSE: Duration = Duration::from_millis(500);
 /// Between two attempts to read how an earlier run left the stop.
 const TRY_AGAIN: Duration = Duration::from_secs(1);
 /// Rest between two measurements in whole of the live picture, at least; and in units of what the last one took, so that
-/// the meter's readings and the pictures have the most of the machine.
+/// the meter's readings and the pictures have the most of the machine. Where it is in doubt what is in view, as long as the
+/// last one took.
 const LIVE_REST: Duration = Duration::from_millis(500);
 const LIVE_SHARE: u32 = 3;
 
@@ -207,7 +208,8 @@ impl Service {
     /// whole.
     async fn watch_focus(&self) {
         let mut measured = self.eye.measured();
-        let mut rest = LIVE_REST;
+        let (mut ended, mut took) = (Instant::now(), Duration::ZERO);
+        let mut due = ended + LIVE_REST;
         loop {
             tokio::select! {
                 changed = measured.changed() => {
@@ -219,7 +221,8 @@ impl Service {
                         self.publish_measurement(measurement);
                     }
                 }
-                () = tokio::time::sleep(rest) => {
+                () = self.readings.come_into_doubt() => due = due.min(ended + took),
+                () = tokio::time::sleep_until(due) => {
                     let began = Instant::now();
                     if Arc::strong_count(&self.onlookers) > 1
                         && self.current().is_none_or(|job| job.snapshot().state == JobState::WaitingForOperator)
@@ -228,7 +231,8 @@ impl Service {
                         self.readings.compare(&measurement);
                         self.publish_measurement(measurement);
                     }
-                    rest = LIVE_REST.max(LIVE_SHARE * began.elapsed());
+                    (ended, took) = (Instant::now(), began.elapsed());
+                    due = ended + LIVE_REST.max(LIVE_SHARE * took);
                 }
             }
         }

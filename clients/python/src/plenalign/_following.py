@@ -157,6 +157,8 @@ class Reading:
     """By how much it may be off that where a job accepts it, px."""
     in_focus: bool
     """Whether there is a spacing, and the combined one within the blur limit of that."""
+    doubted: bool
+    """Whether it steps over the field as between two boards, and nothing measured in whole says yet whether there are."""
     frames_left_out: int
     """Frames that the camera took since somebody began to read, and that were not measured."""
     combined_spacing_px: float | None
@@ -354,6 +356,7 @@ def _reading(reading: frame_pb2.Reading, pb: Any) -> Reading:
         spacing_target_px=reading.spacing_target_px,
         spacing_tolerance_px=reading.spacing_tolerance_px,
         in_focus=reading.in_focus,
+        doubted=reading.doubted,
         frames_left_out=reading.frames_left_out,
         combined_spacing_px=value(reading.combined_spacing_px),
         combined_sigma_px=value(reading.combined_sigma_px),

@@ -96,6 +96,7 @@ export const meter: typeof en.meter = {
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
     two_boards: "Zwei Tafeln im Bild",
+    doubted: "Vielleicht zwei Tafeln",
     levels: "Mehrere Stufen im Bild",
   },
   sharp: {
@@ -104,9 +105,12 @@ export const meter: typeof en.meter = {
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
     two_boards: "Zwei Tafeln im Bild",
+    doubted: "Vielleicht zwei Tafeln",
     levels: "Mehrere Stufen im Bild",
   },
   thereMore: (px) => `innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
+  doubtedMore:
+    "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden: Er wird gerade ganz vermessen",
   levelsMore:
     "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
   unsureMore: "innerhalb 2 σ, aber für einen Auftrag zu unsicher",

@@ -97,6 +97,7 @@ export const meter = {
     there: "On target",
     unsure: "Cannot be told from the target",
     two_boards: "Two boards in view",
+    doubted: "Perhaps two boards",
     levels: "Several levels in view",
   } satisfies Record<Direction, string>,
   /** Within the blur limit, and yet off the target by more than the uncertainty. */
@@ -106,9 +107,12 @@ export const meter = {
     there: "On target",
     unsure: "Cannot be told from the target",
     two_boards: "Two boards in view",
+    doubted: "Perhaps two boards",
     levels: "Several levels in view",
   } satisfies Record<Direction, string>,
   thereMore: (px: string) => `within ± ${px} px, as a job accepts it: no move is called for`,
+  doubtedMore:
+    "the spacing steps over the picture as between two boards, and may be neither’s: it is being measured in whole",
   levelsMore:
     "the spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
   unsureMore: "within 2 σ, and too uncertain for a job to accept it",

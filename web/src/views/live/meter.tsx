@@ -2,6 +2,7 @@ import { tilt } from "../../correction";
 import { fixed, span } from "../../format";
 import { needle } from "../../needle";
 import { addressOf } from "../../route";
+import { isOfOne } from "../../reading";
 import { isBeingSetUp, knowsMotion, showsTilt } from "../../set-up";
 import { jobUnderWay, may } from "../../state";
 import { strings } from "../../strings";
@@ -24,7 +25,10 @@ export function Meter(earlier: Given) {
   if (isBeingSetUp(state.bench, jobUnderWay(state))) return <BeingSetUp />;
   const { reading: now, missing, why, old, ageMs: age, difference, words, wanted } = shown;
   const target = missing ?? state.reading;
+  // What is of no one board is no figure to go by.
+  const figure = now && isOfOne(now) ? now : null;
   if (!target) return <Nothing {...given} />;
+  const several = state.reading !== null && !isOfOne(state.reading);
   const leaning = tilt(state.design, state.reading, state.widthPx);
   return (
     <section
@@ -37,12 +41,12 @@ export function Meter(earlier: Given) {
       <h2>
         {strings.meter.title}
         <span class="quiet sigma">
-          {now && (
+          {figure && (
             <>
-              <b id="spacing" data-captured-at={now.capturedAt}>
-                {fixed(now.spacingPx, 4)}
+              <b id="spacing" data-captured-at={figure.capturedAt}>
+                {fixed(figure.spacingPx, 4)}
               </b>{" "}
-              {strings.meter.sigma(fixed(now.sigmaPx, 4))} ·{" "}
+              {strings.meter.sigma(fixed(figure.sigmaPx, 4))} ·{" "}
             </>
           )}
           {strings.meter.target(fixed(target.targetPx, 4))}
@@ -74,7 +78,7 @@ export function Meter(earlier: Given) {
         </span>
       </p>
       <MeterScale
-        reading={now}
+        reading={figure}
         best={state.best}
         blurPx={state.design?.blur_limit_px ?? null}
         tolerancePx={target.tolerancePx}
@@ -97,10 +101,10 @@ export function Meter(earlier: Given) {
       )}
       <div class="meter-more">
         {leaning &&
-          (showsTilt(state.bench) && !state.reading?.twoBoards ? (
+          (showsTilt(state.bench) && !several ? (
             <TiltArrow tilt={leaning} />
           ) : (
-            <TiltUntold known={state.bench?.in_view !== "unknown" || Boolean(state.reading?.twoBoards)} />
+            <TiltUntold known={state.bench?.in_view !== "unknown" || several} />
           ))}
         <BestHeld {...given} />
       </div>

@@ -6,7 +6,7 @@ import { correction } from "../../correction";
 import { signed } from "../../format";
 import { steadyDigits } from "../../meter";
 import { needle } from "../../needle";
-import type { Missing, Reading } from "../../reading";
+import { isOfOne, type Missing, type Reading } from "../../reading";
 import { isMeterOld, jobUnderWay, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
 import { whyMissing, type Why } from "../../unread";
@@ -18,6 +18,7 @@ export const ARROW = {
   there: "✓",
   unsure: "≈",
   two_boards: "≠",
+  doubted: "≠",
   levels: "≠",
 } as const;
 /** What stands where a figure would. */
@@ -31,7 +32,7 @@ export interface Shown {
   why: Why | null;
   old: boolean;
   ageMs: number | null;
-  /** The spacing less its target, or what stands in its place. */
+  /** The spacing of one board less its target, or what stands in its place. */
   difference: string;
   /** What it is, in words. */
   words: string | null;
@@ -68,7 +69,7 @@ export function useShown({ state, now }: Given): Shown {
     why: missing && whyMissing(missing, state),
     old: isMeterOld(state, now),
     ageMs: meterAge(state, now),
-    difference: reading ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE,
+    difference: reading && isOfOne(reading) ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE,
     words: reading && (reading.inFocus ? strings.meter.sharp : strings.meter.words)[reading.direction],
     wanted,
   };

@@ -1,4 +1,5 @@
 import { fixed, span } from "../../format";
+import { isOfOne } from "../../reading";
 import { isBeingSetUp, knowsMotion } from "../../set-up";
 import { jobUnderWay, turnOf } from "../../state";
 import { addressOf } from "../../route";
@@ -71,6 +72,7 @@ export function MeterPage(earlier: Given) {
       </p>
       <p class="quiet exact">
         {reading &&
+          isOfOne(reading) &&
           strings.meterPage.spacing(
             fixed(reading.spacingPx, 4),
             fixed(reading.sigmaPx, 4),

@@ -68,7 +68,7 @@ class Viewed(_message.Message):
     def __init__(self, frame: _Optional[_Union[Frame, _Mapping]] = ..., spacing_map: _Optional[_Union[SpacingMap, _Mapping]] = ..., reading: _Optional[_Union[Reading, _Mapping]] = ...) -> None: ...
 
 class Reading(_message.Message):
-    __slots__ = ("seq", "captured_unix_us", "captured_monotonic_us", "age_ms", "focus_mm", "e_mm", "settled", "preview", "simulated", "replayed", "state", "why", "spacing_px", "spacing_sigma_px", "spacing_sigma_random_px", "tilt_x_px", "tilt_y_px", "curvature_px", "spacing_target_px", "in_focus", "frames_left_out", "combined_spacing_px", "combined_sigma_px", "combined_frames", "combined_span_s", "combined_since", "width_px", "spacing_tolerance_px")
+    __slots__ = ("seq", "captured_unix_us", "captured_monotonic_us", "age_ms", "focus_mm", "e_mm", "settled", "preview", "simulated", "replayed", "state", "why", "spacing_px", "spacing_sigma_px", "spacing_sigma_random_px", "tilt_x_px", "tilt_y_px", "curvature_px", "spacing_target_px", "in_focus", "frames_left_out", "combined_spacing_px", "combined_sigma_px", "combined_frames", "combined_span_s", "combined_since", "width_px", "spacing_tolerance_px", "doubted")
     SEQ_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_UNIX_US_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_MONOTONIC_US_FIELD_NUMBER: _ClassVar[int]
@@ -97,6 +97,7 @@ class Reading(_message.Message):
     COMBINED_SINCE_FIELD_NUMBER: _ClassVar[int]
     WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
     SPACING_TOLERANCE_PX_FIELD_NUMBER: _ClassVar[int]
+    DOUBTED_FIELD_NUMBER: _ClassVar[int]
     seq: int
     captured_unix_us: int
     captured_monotonic_us: int
@@ -125,7 +126,8 @@ class Reading(_message.Message):
     combined_since: CombinedSince
     width_px: int
     spacing_tolerance_px: float
-    def __init__(self, seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., captured_monotonic_us: _Optional[int] = ..., age_ms: _Optional[float] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., replayed: _Optional[bool] = ..., state: _Optional[_Union[ReadingState, str]] = ..., why: _Optional[str] = ..., spacing_px: _Optional[float] = ..., spacing_sigma_px: _Optional[float] = ..., spacing_sigma_random_px: _Optional[float] = ..., tilt_x_px: _Optional[float] = ..., tilt_y_px: _Optional[float] = ..., curvature_px: _Optional[float] = ..., spacing_target_px: _Optional[float] = ..., in_focus: _Optional[bool] = ..., frames_left_out: _Optional[int] = ..., combined_spacing_px: _Optional[float] = ..., combined_sigma_px: _Optional[float] = ..., combined_frames: _Optional[int] = ..., combined_span_s: _Optional[float] = ..., combined_since: _Optional[_Union[CombinedSince, str]] = ..., width_px: _Optional[int] = ..., spacing_tolerance_px: _Optional[float] = ...) -> None: ...
+    doubted: bool
+    def __init__(self, seq: _Optional[int] = ..., captured_unix_us: _Optional[int] = ..., captured_monotonic_us: _Optional[int] = ..., age_ms: _Optional[float] = ..., focus_mm: _Optional[float] = ..., e_mm: _Optional[float] = ..., settled: _Optional[bool] = ..., preview: _Optional[bool] = ..., simulated: _Optional[bool] = ..., replayed: _Optional[bool] = ..., state: _Optional[_Union[ReadingState, str]] = ..., why: _Optional[str] = ..., spacing_px: _Optional[float] = ..., spacing_sigma_px: _Optional[float] = ..., spacing_sigma_random_px: _Optional[float] = ..., tilt_x_px: _Optional[float] = ..., tilt_y_px: _Optional[float] = ..., curvature_px: _Optional[float] = ..., spacing_target_px: _Optional[float] = ..., in_focus: _Optional[bool] = ..., frames_left_out: _Optional[int] = ..., combined_spacing_px: _Optional[float] = ..., combined_sigma_px: _Optional[float] = ..., combined_frames: _Optional[int] = ..., combined_span_s: _Optional[float] = ..., combined_since: _Optional[_Union[CombinedSince, str]] = ..., width_px: _Optional[int] = ..., spacing_tolerance_px: _Optional[float] = ..., doubted: _Optional[bool] = ...) -> None: ...
 
 class SpacingMap(_message.Message):
     __slots__ = ("frame_seq", "micro_image_pitch_px", "spacing_target_px", "x_px", "y_px", "spacing_px", "sigma_px", "state")

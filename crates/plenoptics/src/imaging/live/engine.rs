@@ -16,7 +16,7 @@ use crate::imaging::matching::random::{Random, Setting};
 use crate::imaging::matching::run::{Clusters, Pass, Pool, run};
 use crate::imaging::matching::samples::{Frame, Sample};
 use crate::imaging::matching::shape::Shape;
-use crate::imaging::spacing::{SpacingError, whole_variance};
+use crate::imaging::spacing::{SpacingError, unevenness, whole_variance};
 use crate::imaging::vignetting::Vignetting;
 
 /// Micro-images that light and noise are told from.
@@ -288,6 +288,9 @@ impl Engine {
             let along = inverse.column(0).into_owned();
             let sigma_random_px = random.variance::<_, ALONG>(&setting, &along, known_scale.is_none()).sqrt();
             ended(LivePart::Noise);
+            let compared = Compared { jobs: &plan.jobs, noise };
+            let unevenness = unevenness(&compared, normal, &before, self.pupil.blur(model.spacings[0]));
+            ended(LivePart::Boards);
             let scatter = normal.scatter(&before, &inverse, &step);
             let window_px = f64::from(shape.edge) - 0.5;
             let free = self.pupil.corrected(model.spacings[0], window_px);
@@ -317,6 +320,7 @@ impl Engine {
                 pairs,
                 correlation,
                 residual_ratio,
+                unevenness,
                 noise_grey_levels: raw_noise,
                 grid: self.follower.motion().reported(self.follower.field(), self.follower.sigma_px()),
                 passes,

@@ -157,6 +157,9 @@ pub struct LiveSpacing {
     pub correlation: f64,
     /// Median residual of the pairs in units of what noise alone would leave.
     pub residual_ratio: f64,
+    /// By how much the spacing steps between two parts of the field: 1 and more where it does as between two boards, so that
+    /// it may be neither's; 0 where that cannot be told from noise. Only a whole measurement says whether there are two.
+    pub unevenness: f64,
     /// Noise of the frame as estimated from itself, grey levels.
     pub noise_grey_levels: f64,
     /// How the grid has moved from the one the meter was given: gains and centres are those of there.
@@ -182,12 +185,22 @@ pub enum LivePart {
     Equations,
     /// What pixel noise alone makes of it.
     Noise,
+    /// Whether the spacing steps over the field.
+    Boards,
 }
 
 impl LivePart {
     /// Every part.
-    pub const ALL: [Self; 7] =
-        [Self::Search, Self::Exposure, Self::Grid, Self::Clusters, Self::Pairs, Self::Equations, Self::Noise];
+    pub const ALL: [Self; 8] = [
+        Self::Search,
+        Self::Exposure,
+        Self::Grid,
+        Self::Clusters,
+        Self::Pairs,
+        Self::Equations,
+        Self::Noise,
+        Self::Boards,
+    ];
 }
 
 impl LiveSpacing {

@@ -7,7 +7,8 @@
 //! - pairs do not match, as they do elsewhere: boards that differ by more than matching is linear over; or else
 //! - one step more of the normal equation would give a spacing of its own by which most is gained.
 //!
-//! Then all pairs are fitted once more with a spacing for each of the two.
+//! Then all pairs are fitted once more with a spacing for each of the two. In a frame that is read live there is no time for
+//! that: what one step says has to do ([`unevenness`]).
 
 use std::f64::consts::PI;
 
@@ -19,7 +20,7 @@ use super::map::LEAST_WEIGHT;
 use super::solve::{Outcome, Solver};
 use super::{SpacingOptions, reach, search};
 use crate::imaging::matching::model::{Local, Model};
-use crate::imaging::matching::normal::{LEAST_CORRELATION, LEAST_PAIRS};
+use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal};
 use crate::imaging::matching::plan::{Job, Pair};
 
 /// Directions in which edges are looked for.
@@ -36,6 +37,10 @@ const LEAST_STEP_PX: f64 = 0.05;
 const LEAST_STEP_BLURRED: f64 = 0.015;
 /// Standard uncertainties that a step must stand above none: the likeliest of many edges is large by chance.
 const SIGNIFICANCE: f64 = 5.0;
+/// The same where nothing but one step says so, for a step of 0.1 px: of one board 0.06 px are not exceeded in focus.
+const LEAST_UNEVEN: f64 = 2.0;
+/// What a part that does not match at all counts as, in units of the least step that is one.
+const MISMATCHED_COUNTS: f64 = 10.0;
 /// Shares of pairs that do not match: at least in a board's part of the field, and at most elsewhere.
 const MISMATCHED: [f64; 2] = [0.5, 0.2];
 
@@ -107,6 +112,15 @@ impl Said {
     }
 }
 
+/// A part whose spacing is another one.
+struct Step {
+    part: Part,
+    /// By how much, px.
+    px: f64,
+    /// Its standard uncertainty from noise alone, px.
+    sigma: f64,
+}
+
 /// Where the field says what, and all of it.
 struct Field {
     places: Vec<([f64; 2], Said)>,
@@ -115,13 +129,17 @@ struct Field {
 
 /// The two boards in frames of one pose that one spacing was fitted to; `None` where there is one, or two cannot be told.
 pub(super) fn two_boards(solver: &Solver<'_>, model: &Model, options: &SpacingOptions) -> Option<TwoBoards> {
-    let field = Field::new(solver, model);
+    let compared: Vec<Compared<'_>> = solver.compared().collect();
+    let field = Field::new(&compared, &solver.normal, model);
     let found = |part: Part| Some((part, search_within(&part, solver.frames.first()?, options)?));
     let pupil = &solver.frames.first()?.pupil;
-    let least_px = |spacing: f64| LEAST_STEP_PX + LEAST_STEP_BLURRED * pupil.blur(spacing).powi(2);
+    let least_px = |spacing: f64| least_step_px(pupil.blur(spacing));
     // A second fit costs as much as the first, and one step underrates a difference by no more than a half.
     let worth = |&(_, start): &(Part, f64)| (start - model.spacings[0]).abs() > 0.5 * least_px(model.spacings[0]);
-    let stepped = || field.stepped(solver, model).filter(worth);
+    let stepped = || {
+        let step = field.stepped(&solver.normal, model)?;
+        Some((step.part, model.spacings[0] + step.px)).filter(worth)
+    };
     let (part, start) = field.mismatched().and_then(found).or_else(stepped)?;
     let mut apart = Solver::new(solver.frames, solver.frames.iter().map(|frame| part.jobs(frame)).collect());
     apart.radii.clone_from(&solver.radii);
@@ -149,6 +167,26 @@ pub(super) fn two_boards(solver: &Solver<'_>, model: &Model, options: &SpacingOp
     Some(TwoBoards { spacings_px, difference_sigma_px: sigma, share: share.min(1.0 - share) })
 }
 
+/// The least step (px) between two boards that are so far out of focus (px).
+fn least_step_px(blur_px: f64) -> f64 {
+    LEAST_STEP_PX + LEAST_STEP_BLURRED * blur_px * blur_px
+}
+
+/// By how much the spacing of a field steps between two parts of it, as one step of the normal equation says, so far out of
+/// focus (px): 1 and more where that is as between two boards, 0 where it cannot be told from noise.
+pub(in crate::imaging) fn unevenness(frame: &Compared<'_>, normal: &Normal, model: &Model, blur_px: f64) -> f64 {
+    let field = Field::new(std::slice::from_ref(frame), normal, model);
+    if field.mismatched().is_some() {
+        return MISMATCHED_COUNTS;
+    }
+    match field.stepped(normal, model) {
+        Some(Step { px, sigma, .. }) if px.abs() > SIGNIFICANCE * sigma => {
+            px.abs() / (LEAST_UNEVEN * least_step_px(blur_px))
+        }
+        _ => 0.0,
+    }
+}
+
 /// The spacing (px) at which pairs within a part of a frame match best, where they do.
 fn search_within(part: &Part, frame: &SpacingFrame, options: &SpacingOptions) -> Option<f64> {
     let mut only = frame.clone();
@@ -158,15 +196,16 @@ fn search_within(part: &Part, frame: &SpacingFrame, options: &SpacingOptions) ->
 }
 
 impl Field {
-    fn new(solver: &Solver<'_>, model: &Model) -> Self {
+    /// What the pairs of frames said at a state of the model.
+    fn new(frames: &[Compared<'_>], normal: &Normal, model: &Model) -> Self {
         let mut places = vec![([0.0; 2], Said::default()); PLACES * PLACES];
         let mut all = Said::default();
         let place = |v: f64| (((v + 1.0) / 2.0 * PLACES as f64).max(0.0) as usize).min(PLACES - 1);
-        for (k, (frame, jobs)) in solver.frames.iter().zip(&solver.jobs).enumerate() {
-            let unit = frame.noise(solver.noise_scale).powi(-2);
+        for (k, Compared { jobs, noise }) in frames.iter().enumerate() {
+            let unit = noise.powi(-2);
             for (link, score) in jobs.iter().flat_map(|job| job.links().zip(&job.scores)).filter(|(_, s)| s.compared())
             {
-                let weight = solver.normal.weight(k, score);
+                let weight = normal.weight(k, score);
                 let [along, across] = model.derivatives(0, &link.pair.place);
                 let [[own, mixed], [also, _]] = score.information.map(|row| row.map(f64::from));
                 let said = Said {
@@ -245,10 +284,10 @@ impl Field {
         mismatched.map(|(part, _)| part)
     }
 
-    /// The part that would have a spacing of its own, and which (px).
-    fn stepped(&self, solver: &Solver<'_>, model: &Model) -> Option<(Part, f64)> {
-        let inverse = solver.normal.inverse()?;
-        let step = solver.normal.step(&inverse);
+    /// The part that would have a spacing of its own.
+    fn stepped(&self, normal: &Normal, model: &Model) -> Option<Step> {
+        let inverse = normal.inverse()?;
+        let step = normal.step(&inverse);
         let free = |local: &Local| {
             let terms = model.free.iter().map(|term| local[term + 1]);
             DVector::from_iterator(1 + model.free.len(), [local[0]].into_iter().chain(terms))
@@ -262,6 +301,6 @@ impl Field {
         };
         let (part, said) = self.likeliest(|said| own(said).map(|[left, information]| left * left / information))?;
         let [left, information] = own(&said)?;
-        Some((part, model.spacings[0] + left / information))
+        Some(Step { part, px: left / information, sigma: information.powf(-0.5) })
     }
 }

@@ -39,6 +39,7 @@ use std::slice;
 use serde::Serialize;
 
 pub use boards::TwoBoards;
+pub(in crate::imaging) use boards::unevenness;
 pub use error::SpacingError;
 pub use frame::{MicroImage, SpacingFrame, noise_about};
 pub use map::{LensSpacing, LensState, PairMatch, SpacingMap};

@@ -59,9 +59,15 @@ impl<'a> Solver<'a> {
         for ((frame, jobs), &radius) in self.frames.iter().zip(&mut self.jobs).zip(&self.radii) {
             frame.at(model, radius, self.noise_scale, |pass| run::<_, BOTH>(pass, jobs, &self.pool));
         }
+        let mut normal = std::mem::take(&mut self.normal);
+        normal.gather(&self.compared().collect::<Vec<_>>(), model);
+        self.normal = normal;
+    }
+
+    /// The pairs of each frame, with what they said last.
+    pub(super) fn compared(&self) -> impl Iterator<Item = Compared<'_>> {
         let noise = |frame: &SpacingFrame| frame.noise(self.noise_scale);
-        let compared = self.frames.iter().zip(&self.jobs).map(|(frame, jobs)| Compared { jobs, noise: noise(frame) });
-        self.normal.gather(&compared.collect::<Vec<_>>(), model);
+        self.frames.iter().zip(&self.jobs).map(move |(frame, jobs)| Compared { jobs, noise: noise(frame) })
     }
 
     /// Iterates to the root of the gradient, at most `reach` px from the start. The normal equation that it leaves is the
