@@ -269,7 +269,10 @@ impl Config {
         } else if wall < low {
             faults.add(
                 "assembly.l_bound_mm",
-                format!("puts the e wall (l_bound_mm less e_tolerance_mm, or less 0.1, or less clearance_mm where that is less) at {wall}, beyond {travel}"),
+                format!(
+                    "puts the e wall (l_bound_mm less e_tolerance_mm, or less 0.1, or less clearance_mm where that is \
+                     less) at {wall}, beyond {travel}"
+                ),
             );
         } else if CameraDesign::fov_optimal_e(l_bound) > high {
             faults.add("bench.e.high_limit_mm", format!("the joint solution's e = 0 is beyond {travel}"));
