@@ -68,8 +68,10 @@ def test_tokens_are_made_and_revoked(guarded: Daemon, admin: plenalign.Client) -
             admin.access.create_token("Ana", "view")
         assert taken.value.kind == "taken"
         admin.access.revoke_token(made.id)
-        with pytest.raises(plenalign.UnauthorisedError):
+        with pytest.raises(plenalign.UnauthorisedError) as ended:
             viewer.bench()
+        told = ended.value.members["ended"]
+        assert (told["how"], told["name"]) == ("revoked", "Ana")
     with pytest.raises(plenalign.NotFoundError):
         admin.access.revoke_token(made)
     with pytest.raises(ValueError, match="time zone"):

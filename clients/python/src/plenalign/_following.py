@@ -158,7 +158,7 @@ class Reading:
     in_focus: bool
     """Whether there is a spacing, and the combined one within the blur limit of that."""
     doubted: bool
-    """Whether it steps over the field as between two boards, and nothing measured in whole says yet whether there are."""
+    """Whether it steps over the field as between two boards, and no whole measurement says yet if there are two."""
     frames_left_out: int
     """Frames that the camera took since somebody began to read, and that were not measured."""
     combined_spacing_px: float | None

@@ -104,7 +104,7 @@ class ProblemError(PlenalignError):
 
 
 class UnauthorisedError(ProblemError):
-    """The token is missing, wrong, revoked or expired; `members["ended"]` says how, when and by whom one ended that was good."""
+    """The token is missing, wrong, revoked or expired; `members["ended"]` is how and when one ended that was good."""
 
     kinds = ("unauthorised",)
 
