@@ -94,10 +94,11 @@ impl Capturer {
         let (width, height) = self.outlet.size();
         match unpack(taken.bytes, width, height, stream.agreed.stride, self.format) {
             Ok(image) => {
+                let dated_at = tokio::time::Instant::now();
                 let (image, window) = (Arc::new(image), self.window(stream, newest, taken.arrived_after));
                 stream.good_at = Instant::now();
                 stream.damage = None;
-                self.outlet.publish(Arc::clone(&image), newest_seq, window);
+                self.outlet.publish(Arc::clone(&image), newest_seq, (window, dated_at));
                 stream.judge.see(&image, stream.agreed.white, || controls::of_brightness(device));
             }
             Err(error @ (UnpackError::Stride { .. } | UnpackError::Depth { .. })) => {

@@ -347,28 +347,29 @@ impl Outlet {
         }
     }
 
-    /// Publishes a frame as the newest.
-    pub(super) fn publish(&self, image: Arc<RawImage>, seq: u64, window: Window) {
-        let now = Instant::now();
+    /// Publishes a frame as the newest, exposed in a window whose ages are those at `dated_at`: what passes until it is
+    /// published makes it no younger.
+    pub(super) fn publish(&self, image: Arc<RawImage>, seq: u64, (window, dated_at): (Window, Instant)) {
         self.age_ns.store(nanoseconds(window.from_age), Ordering::Relaxed);
-        let back = |age: Duration| now.checked_sub(age).unwrap_or(now);
+        let back = |age: Duration| dated_at.checked_sub(age).unwrap_or(dated_at);
         let (exposed_from, exposed_to) = (back(window.from_age), back(window.to_age));
         let (focus, e) = (self.poses)(exposed_from, exposed_to);
         let captured_at = jiff::Timestamp::now();
+        let ended_before = window.to_age + dated_at.elapsed();
         self.live.send_replace(Some(Arc::new(Frame {
             image,
             seq,
             exposed_from,
             exposed_to,
             exposure_assumed: window.assumed,
-            captured_at: captured_at.checked_sub(window.to_age).unwrap_or(captured_at),
+            captured_at: captured_at.checked_sub(ended_before).unwrap_or(captured_at),
             focus,
             e,
             preview: false,
             simulated: false,
             replayed: false,
         })));
-        self.seen_at.send_replace(Some(now));
+        self.seen_at.send_replace(Some(Instant::now()));
     }
 
     /// Renews the state.
@@ -431,6 +432,10 @@ mod tests {
     use super::*;
     use crate::device::AxisPose;
 
+    fn black() -> Arc<RawImage> {
+        Arc::new(RawImage::from_u8(1, 1, vec![0]))
+    }
+
     /// Both ends for a camera of 10 frames a second that may take 3 s.
     fn slow_feed() -> (Feed, Outlet) {
         let config = CameraConfig { timeout_ms: 3000, frame_rate_hz: 10.0, ..CameraConfig::default() };
@@ -442,7 +447,7 @@ mod tests {
     impl Outlet {
         fn publish_aged(&self, seq: u64, age_ms: u64) {
             let window = Window { from_age: Duration::from_millis(age_ms), to_age: Duration::ZERO, assumed: false };
-            self.publish(Arc::new(RawImage::from_u8(1, 1, vec![0])), seq, window);
+            self.publish(black(), seq, (window, Instant::now()));
         }
 
         fn tell_good(&self) {
@@ -545,6 +550,19 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
+    async fn a_frame_that_is_published_late_is_no_younger_for_that() {
+        let unknown = AxisPose { position: None, settled: false };
+        let state = CameraState::not_yet("v4l2", "not opened yet");
+        let (feed, outlet) = feed(&CameraConfig::default(), (1, 1), Arc::new(move |_, _| (unknown, unknown)), state);
+        let age = Duration::from_millis(30);
+        let dated_at = Instant::now();
+        tokio::time::advance(Duration::from_millis(14)).await;
+        outlet.publish(black(), 1, (Window { from_age: age, to_age: Duration::ZERO, assumed: false }, dated_at));
+        let frame = feed.live.borrow().clone().unwrap();
+        assert_eq!((frame.exposed_from, frame.exposed_to), (dated_at - age, dated_at));
+    }
+
+    #[tokio::test(start_paused = true)]
     async fn a_frame_is_waited_for_as_long_as_frames_count_as_old() {
         let config = CameraConfig { timeout_ms: 100, frame_rate_hz: 100.0, ..CameraConfig::default() };
         let unknown = AxisPose { position: None, settled: false };
@@ -552,7 +570,7 @@ mod tests {
         let (feed, outlet) = feed(&config, (1, 1), Arc::new(move |_, _| (unknown, unknown)), state);
         // By their arrival, of a buffer that holds many.
         let window = Window { from_age: Duration::from_secs(3), to_age: Duration::ZERO, assumed: true };
-        let publish = |seq| outlet.publish(Arc::new(RawImage::from_u8(1, 1, vec![0])), seq, window);
+        let publish = |seq| outlet.publish(black(), seq, (window, Instant::now()));
         publish(1);
         let frame = feed.next(Instant::now());
         tokio::pin!(frame);

@@ -271,13 +271,14 @@ impl Capturer {
         match image_of(block, width, height, self.format) {
             Ok(image) => {
                 let image = Arc::new(image);
-                let dated = stream.dating.date(ticks, self.outlet.seq, Instant::now());
+                let now = Instant::now();
+                let dated = stream.dating.date(ticks, self.outlet.seq, now);
                 let window = dated.map_err(|why| self.distrust(why))?;
                 stream.good_at = Instant::now();
                 stream.damage = None;
                 self.outlet.pace(stream.dating.interval());
                 if let Some(window) = window {
-                    self.outlet.publish(Arc::clone(&image), self.outlet.seq, window);
+                    self.outlet.publish(Arc::clone(&image), self.outlet.seq, (window, now.into()));
                 }
                 stream.judge.see(&image, self.format.white_level(), || features::of_brightness(device));
                 Ok(None)
