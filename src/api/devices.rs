@@ -10,7 +10,8 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::{Problem, Result};
-use crate::device::camera::genicam::find::{self, NetworkCamera};
+use crate::device::camera::genicam::find;
+use crate::device::camera::genicam::found::FoundCamera;
 use crate::device::connected::{self, ConnectedCamera, ConnectedPort};
 
 /// A camera that is connected.
@@ -18,9 +19,11 @@ use crate::device::connected::{self, ConnectedCamera, ConnectedPort};
 pub(super) struct CameraFound {
     /// Its device file; of a camera on the network, its address.
     path: String,
+    /// What its frames come by: `Video4Linux2`, `GigE Vision` or `USB3 Vision`.
+    standard: String,
     /// What `bench.camera.device` can be to mean it, the steadiest name first.
     names: Vec<String>,
-    /// What its driver calls it; of a camera on the network, its maker and model.
+    /// What its driver calls it; of a GenICam camera, its maker and model.
     card: String,
     /// The formats it offers that this program reads.
     formats: Vec<String>,
@@ -83,15 +86,23 @@ impl From<ConnectedCamera> for CameraFound {
     fn from(camera: ConnectedCamera) -> Self {
         let names = camera.names();
         let ConnectedCamera { node, formats } = camera;
-        Self { path: node.path.display().to_string(), names, card: node.card, formats, unusable: node.unusable }
+        Self {
+            path: node.path.display().to_string(),
+            standard: "Video4Linux2".to_owned(),
+            names,
+            card: node.card,
+            formats,
+            unusable: node.unusable,
+        }
     }
 }
 
-impl From<NetworkCamera> for CameraFound {
-    fn from(camera: NetworkCamera) -> Self {
+impl From<FoundCamera> for CameraFound {
+    fn from(camera: FoundCamera) -> Self {
         Self {
-            path: camera.address.to_string(),
+            path: camera.path(),
             names: camera.names(),
+            standard: camera.standard().to_owned(),
             formats: camera.readable(),
             card: camera.model,
             unusable: camera.unusable,
@@ -115,12 +126,12 @@ impl From<ConnectedPort> for PortFound {
 pub(super) async fn get(State(app): State<App>) -> Result<Json<DevicesFound>> {
     let interfaces = app.service.config().bench.camera.interfaces.clone();
     let look = move || {
-        let (network, notes) = find::cameras(&interfaces);
+        let (genicam, notes) = find::cameras(&interfaces);
         DevicesFound {
             cameras: connected::cameras()
                 .into_iter()
                 .map(Into::into)
-                .chain(network.into_iter().map(Into::into))
+                .chain(genicam.into_iter().map(Into::into))
                 .collect(),
             serial_ports: connected::ports().into_iter().map(Into::into).collect(),
             notes,

@@ -12,7 +12,8 @@ use super::{Context, exposure};
 use crate::config::{CameraConfig, CameraDriver, GenicamName};
 use crate::device::camera::controls::{self, Control};
 use crate::device::camera::find::{self, Node};
-use crate::device::camera::genicam::find::{self as network, NetworkCamera};
+use crate::device::camera::genicam::find as genicam;
+use crate::device::camera::genicam::found::{FoundCamera, Way};
 use crate::device::camera::genicam::listing::Feature;
 use crate::device::camera::offer::{self, Offer};
 
@@ -42,8 +43,8 @@ struct ListArgs {
 
 #[derive(Debug, clap::Args)]
 struct ControlsArgs {
-    /// The camera, as `bench.camera.device` names it: a device file, card:NAME or usb:SERIAL; serial:NUMBER, name:NAME or an
-    /// address of one on the network; the configured one unless given.
+    /// The camera, as `bench.camera.device` names it: a device file, card:NAME or usb:SERIAL; of a GenICam camera
+    /// serial:NUMBER, name:NAME, its address, or usb:VENDOR:PRODUCT; the configured one unless given.
     device: Option<String>,
     /// Set what [bench.camera.controls] says and switch the camera's automatics off, as the daemon does, then list.
     #[arg(long)]
@@ -64,8 +65,10 @@ struct Listed {
 #[derive(Debug, Serialize)]
 struct Cameras {
     cameras: Vec<Listed>,
-    /// Those that answer on the interfaces of the configuration.
-    network: Vec<NetworkCamera>,
+    /// GenICam cameras that answer on the interfaces of the configuration.
+    network: Vec<FoundCamera>,
+    /// GenICam cameras on USB.
+    usb: Vec<FoundCamera>,
 }
 
 /// A camera's controls.
@@ -98,11 +101,12 @@ impl Shown for Feature {
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let text = match args.command {
         Command::List(args) => {
-            let (network, wrong) = network::cameras(&context.config.bench.camera.interfaces);
+            let (found, wrong) = genicam::cameras(&context.config.bench.camera.interfaces);
             for why in wrong {
                 eprintln!("{why}");
             }
-            let cameras = Cameras { cameras: find::nodes().into_iter().map(listed).collect(), network };
+            let (network, usb) = found.into_iter().partition(|camera| matches!(camera.way, Way::Network { .. }));
+            let cameras = Cameras { cameras: find::nodes().into_iter().map(listed).collect(), network, usb };
             if args.json { json(&cameras)? } else { cameras_text(&cameras)? }
         }
         Command::Controls(args) => {
@@ -147,7 +151,7 @@ fn configured(context: &Context, args: &ControlsArgs) -> anyhow::Result<CameraCo
 }
 
 fn read_features(camera: &CameraConfig, apply: bool) -> anyhow::Result<Controls<Feature>> {
-    let (controls, notes) = network::features_of(camera, apply).map_err(|why| anyhow!(why))?;
+    let (controls, notes) = genicam::features_of(camera, apply).map_err(|why| anyhow!(why))?;
     Ok(Controls { device: camera.device.clone(), controls, notes })
 }
 
@@ -161,13 +165,19 @@ fn read_controls(camera: &CameraConfig, apply: bool) -> anyhow::Result<Controls<
     Ok(Controls { device: path.display().to_string(), controls: controls::list(&opened), notes })
 }
 
-fn cameras_text(Cameras { cameras, network }: &Cameras) -> Result<String, std::fmt::Error> {
+fn cameras_text(Cameras { cameras, network, usb }: &Cameras) -> Result<String, std::fmt::Error> {
     let mut out = String::new();
-    if cameras.is_empty() && network.is_empty() {
+    if cameras.is_empty() && network.is_empty() && usb.is_empty() {
         writeln!(out, "no video device is connected")?;
     }
-    for camera in network {
-        writeln!(out, "{}  {} (GigE Vision, {})", camera.address, camera.model, camera.interface)?;
+    for camera in network.iter().chain(usb) {
+        let by = match &camera.way {
+            Way::Network { interface, .. } => format!(", {interface}"),
+            Way::Usb { carried_mbit_per_s, .. } => {
+                carried_mbit_per_s.map_or_else(String::new, |carried| format!(", {carried} Mbit/s of frames"))
+            }
+        };
+        writeln!(out, "{}  {} ({}{by})", camera.path(), camera.model, camera.standard())?;
         for name in camera.names() {
             writeln!(out, "  device = {name:?}")?;
         }
@@ -290,16 +300,21 @@ mod tests {
             sizes: vec![Size { least_px: [640, 480], most_px: [640, 480], step_px: [0, 0], rates_hz: vec![30.0, 7.5] }],
         };
         let formats = vec![format("Y12", true), format("MJPG", true), format("H264", false)];
-        let network = NetworkCamera {
-            address: std::net::Ipv4Addr::new(10, 0, 0, 5),
+        let network = FoundCamera {
+            way: Way::Network { address: std::net::Ipv4Addr::new(10, 0, 0, 5), interface: "eth1".to_owned() },
             model: "Maker Mono".to_owned(),
             serial: Some("B2".to_owned()),
             user_name: None,
-            interface: "eth1".to_owned(),
             formats: vec!["Mono12p".to_owned(), "RGB8".to_owned()],
             unusable: None,
         };
-        let cameras = Cameras { cameras: vec![Listed { node, formats }], network: vec![network] };
+        let way = Way::Usb {
+            file: "/dev/bus/usb/002/005".into(),
+            product: "2676:ba02".to_owned(),
+            carried_mbit_per_s: Some(3200),
+        };
+        let usb = FoundCamera { way, serial: Some("C3".to_owned()), ..network.clone() };
+        let cameras = Cameras { cameras: vec![Listed { node, formats }], network: vec![network], usb: vec![usb] };
         let text = cameras_text(&cameras).unwrap();
         for line in [
             "/dev/video2  Mono (uvcvideo, usb-1)",
@@ -315,11 +330,14 @@ mod tests {
             "  device = \"10.0.0.5\"",
             "  format = \"Mono12p\"",
             "  not read: RGB8",
+            "/dev/bus/usb/002/005  Maker Mono (USB3 Vision, 3200 Mbit/s of frames)",
+            "  device = \"serial:C3\"",
+            "  device = \"usb:2676:ba02\"",
         ] {
             assert!(text.lines().any(|shown| shown == line), "{line}\n{text}");
         }
         assert_eq!(
-            cameras_text(&Cameras { cameras: vec![], network: vec![] }).unwrap(),
+            cameras_text(&Cameras { cameras: vec![], network: vec![], usb: vec![] }).unwrap(),
             "no video device is connected\n"
         );
     }

@@ -117,7 +117,7 @@ if grep PLN-2 <<<"$listed"; then
   exit 1
 fi
 "$plenalign" --config "$folder/plenalign.toml" doctor >"$folder/doctor" || true
-grep --quiet 'camera  *Aravis Fake at 10.9.0.2, Mono8 256x200 at 25 Hz' "$folder/doctor"
+grep --quiet 'camera  *Aravis Fake at 10.9.0.2 (GigE Vision), Mono8 256x200 at 25 Hz' "$folder/doctor"
 echo "- listed by camera list and doctor, on the configured interface and on no other"
 
 # compare SERIAL ADDRESS: features as GenICam's reference implementation reads them, too. Sets how many, and how many of them
@@ -157,7 +157,7 @@ start_stranger exclusive
 "$plenalign" --config "$folder/plenalign.toml" camera list 2>/dev/null | grep --quiet 'cannot be used: another program controls it'
 sed 's/serial:PLN-1/serial:PLN-3/' "$folder/plenalign.toml" >"$folder/other.toml"
 "$plenalign" --config "$folder/other.toml" doctor >"$folder/doctor" || true
-grep --quiet 'PROBLEM  *camera  *Nobody Stranger at 10.7.0.2: another program controls' "$folder/doctor"
+grep --quiet 'PROBLEM  *camera  *Nobody Stranger at 10.7.0.2 (GigE Vision): another program controls' "$folder/doctor"
 end_stranger
 echo "- had by another program for itself alone: told, by a camera that lets others read and by one that does not"
 

@@ -158,14 +158,17 @@ fn a_camera_is_named_by_file_card_or_serial_number() {
 }
 
 #[test]
-fn a_genicam_camera_is_named_by_serial_number_name_or_address() {
+fn a_genicam_camera_is_named_by_serial_number_name_address_or_product() {
     let genicam = |keys: &str| hardware(&format!("driver = \"genicam\"\nformat = \"Mono12p\"\n{keys}"));
     for device in ["serial:40012345", "name:bench 2", "192.168.7.20"] {
         let text = genicam(&format!("interfaces = [\"eth1\"]\ndevice = {device:?}"));
         assert_eq!(Config::from_toml(&text, "t").unwrap().bench.camera.device, device);
     }
     Config::from_toml(&genicam("device = \"192.168.7.20\""), "t").unwrap();
-    refused(&genicam("device = \"serial:1\""), "bench.camera.interfaces", "on no other");
+    // One on USB is found without an interface.
+    for device in ["serial:1", "usb:2676:BA02"] {
+        Config::from_toml(&genicam(&format!("device = {device:?}")), "t").unwrap();
+    }
     for device in ["", "serial:", "usb:1", "/dev/video0", "192.168.7"] {
         refused(&genicam(&format!("device = {device:?}")), "bench.camera.device", "names no GenICam camera");
     }

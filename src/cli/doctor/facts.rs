@@ -7,7 +7,7 @@ use jiff::Timestamp;
 
 use crate::config::{Config, ConfigError, ControllerConfig};
 use crate::device::camera::find::Node;
-use crate::device::camera::genicam::find::NetworkCamera;
+use crate::device::camera::genicam::found::FoundCamera;
 use crate::device::camera::offer::Offer;
 use crate::device::connected::ConnectedPort;
 use crate::store::Inspection;
@@ -180,19 +180,41 @@ pub(super) struct VideoFacts {
 pub(super) enum CameraSource {
     /// A video device, by its path; or why there is none.
     Device(Result<PathBuf, String>),
-    /// A camera on the network; or why there is none.
-    Network(Result<NetworkCameraFacts, String>),
+    /// A GenICam camera; or why there is none.
+    Genicam(Result<Box<GenicamFacts>, String>),
     /// How many files are played; or why none.
     Files(Result<usize, String>),
 }
 
-/// A camera on the network and the way to it.
+/// A GenICam camera and the way to it.
 #[derive(Debug, Clone)]
-pub(super) struct NetworkCameraFacts {
-    pub(super) camera: NetworkCamera,
-    /// Bytes of the largest packet that its interface carries.
+pub(super) struct GenicamFacts {
+    pub(super) camera: FoundCamera,
+    pub(super) way: WayFacts,
+}
+
+/// What the way to a camera carries.
+#[derive(Debug, Clone)]
+pub(super) enum WayFacts {
+    /// The network.
+    Network(NetworkFacts),
+    /// USB.
+    Usb {
+        /// Its device file; or why there is none.
+        file: Result<DeviceFile, String>,
+        /// The memory that the kernel gives all programs for what is under way, MiB; 0: as much as they want.
+        memory_mib: Option<u32>,
+    },
+}
+
+/// What a network carries.
+#[derive(Debug, Clone)]
+pub(super) struct NetworkFacts {
+    /// The interface.
+    pub(super) interface: String,
+    /// Bytes of the largest packet that it carries.
     pub(super) mtu: Option<u32>,
-    /// What its interface carries, Mbit/s.
+    /// What it carries, Mbit/s.
     pub(super) link_mbit_per_s: Option<u32>,
     /// The largest buffer that the kernel gives a socket for what it receives, bytes.
     pub(super) most_buffer_bytes: Option<u64>,

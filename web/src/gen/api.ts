@@ -1383,7 +1383,7 @@ export interface components {
     };
     /** @description A camera that is connected. */
     CameraFound: {
-      /** @description What its driver calls it; of a camera on the network, its maker and model. */
+      /** @description What its driver calls it; of a GenICam camera, its maker and model. */
       card: string;
       /** @description The formats it offers that this program reads. */
       formats: string[];
@@ -1391,6 +1391,8 @@ export interface components {
       names: string[];
       /** @description Its device file; of a camera on the network, its address. */
       path: string;
+      /** @description What its frames come by: `Video4Linux2`, `GigE Vision` or `USB3 Vision`. */
+      standard: string;
       /** @description Why no frames can be had of it; null where they can. */
       unusable?: string | null;
     };
@@ -2252,7 +2254,7 @@ export interface components {
       /**
        * @description Which device. With `v4l2` a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its driver
        *     gives it; or `usb:SERIAL`, by its USB serial number. With `genicam` `serial:NUMBER`; `name:NAME`, by the name that
-       *     a user gave it; or its IPv4 address.
+       *     a user gave it; its IPv4 address; or `usb:VENDOR:PRODUCT`, by the numbers of a camera on USB.
        * @default /dev/video0
        */
       device: string;
@@ -2278,7 +2280,8 @@ export interface components {
        */
       frame_rate_hz: number;
       /**
-       * @description Network interfaces on which cameras are looked for, such as `eth1`; on no other (genicam only).
+       * @description Network interfaces on which cameras are looked for, such as `eth1`; on no other. Those on USB are found without
+       *     (genicam only).
        * @default []
        */
       interfaces: string[];

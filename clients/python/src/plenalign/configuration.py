@@ -237,7 +237,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     device: str | UnsetType = UNSET
     """Which device. With `v4l2` a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its
     driver gives it; or `usb:SERIAL`, by its USB serial number. With `genicam` `serial:NUMBER`; `name:NAME`, by
-    the name that a user gave it; or its IPv4 address.
+    the name that a user gave it; its IPv4 address; or `usb:VENDOR:PRODUCT`, by the numbers of a camera on USB.
     """
     driver: CameraDriver | UnsetType = UNSET
     """Driver. On a simulated bench `v4l2` and `genicam` stand for the simulated camera."""
@@ -248,7 +248,9 @@ class CameraConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     frame_rate_hz: float | UnsetType = UNSET
     """Frames a second asked for, or played."""
     interfaces: list[str] | UnsetType = UNSET
-    """Network interfaces on which cameras are looked for, such as `eth1`; on no other (genicam only)."""
+    """Network interfaces on which cameras are looked for, such as `eth1`; on no other. Those on USB are found
+    without (genicam only).
+    """
     packet_bytes: int | None = None
     """Bytes of a packet with its headers, at most; left out: as many as the network carries (genicam only)."""
     packet_delay_us: float | None = None

@@ -215,13 +215,15 @@ class CameraFound(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A camera that is connected."""
 
     card: str
-    """What its driver calls it; of a camera on the network, its maker and model."""
+    """What its driver calls it; of a GenICam camera, its maker and model."""
     formats: list[str]
     """The formats it offers that this program reads."""
     names: list[str]
     """What `bench.camera.device` can be to mean it, the steadiest name first."""
     path: str
     """Its device file; of a camera on the network, its address."""
+    standard: str
+    """What its frames come by: `Video4Linux2`, `GigE Vision` or `USB3 Vision`."""
     unusable: str | None = None
     """Why no frames can be had of it; null where they can."""
 

@@ -47,9 +47,10 @@ pub struct CameraConfig {
     pub driver: CameraDriver,
     /// Which device. With `v4l2` a device file, best by its `/dev/v4l/by-id` name; `card:NAME`, by the name that its driver
     /// gives it; or `usb:SERIAL`, by its USB serial number. With `genicam` `serial:NUMBER`; `name:NAME`, by the name that
-    /// a user gave it; or its IPv4 address.
+    /// a user gave it; its IPv4 address; or `usb:VENDOR:PRODUCT`, by the numbers of a camera on USB.
     pub device: String,
-    /// Network interfaces on which cameras are looked for, such as `eth1`; on no other (genicam only).
+    /// Network interfaces on which cameras are looked for, such as `eth1`; on no other. Those on USB are found without
+    /// (genicam only).
     pub interfaces: Vec<String>,
     /// Pixel format, by its V4L2 name, or PFNC's (genicam).
     pub format: String,
@@ -172,21 +173,13 @@ impl CameraConfig {
     }
 
     fn check_genicam(&self, faults: &mut Faults) {
-        let Some(name) = GenicamName::of(&self.device) else {
-            faults.add(
-                "bench.camera.device",
+        let named = GenicamName::of(&self.device).is_some();
+        faults.require(named, "bench.camera.device", || {
                 format!(
-                    "{:?} names no GenICam camera: give serial:NUMBER, name:NAME or its IPv4 address; `plenalign camera \
-                     list` shows what there is on bench.camera.interfaces",
+                    "{:?} names no GenICam camera: give serial:NUMBER, name:NAME, its IPv4 address, or usb:VENDOR:PRODUCT of \
+                     one on USB; `plenalign camera list` shows what there is on USB and on bench.camera.interfaces",
                     self.device
-                ),
-            );
-            return;
-        };
-        let by_address = matches!(name, GenicamName::Address(_));
-        faults.require(by_address || !self.interfaces.is_empty(), "bench.camera.interfaces", || {
-            "is empty: cameras are looked for on the network interfaces that it names, such as [\"eth1\"], and on no other"
-                .to_owned()
+                )
         });
     }
 }
@@ -203,6 +196,8 @@ pub enum GenicamName {
     Name(String),
     /// Its address.
     Address(Ipv4Addr),
+    /// Its vendor's number and the product's, on USB.
+    Product(u16, u16),
 }
 
 impl GenicamName {
@@ -213,6 +208,11 @@ impl GenicamName {
         match device.split_once(':') {
             Some(("serial", serial)) => given(serial).map(Self::Serial),
             Some(("name", name)) => given(name).map(Self::Name),
+            Some(("usb", product)) => {
+                let (vendor, product) = product.split_once(':')?;
+                let [vendor, product] = [vendor, product].map(|number| u16::from_str_radix(number.trim(), 16).ok());
+                Some(Self::Product(vendor?, product?))
+            }
             _ => device.trim().parse().ok().map(Self::Address),
         }
     }

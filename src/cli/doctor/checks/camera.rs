@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{network_camera, permission, stages};
+use super::{genicam, permission, stages};
 use crate::cli::doctor::facts::{CameraSource, DeviceFile, Facts, VideoFacts};
 use crate::cli::doctor::finding::Finding;
 use crate::config::Config;
@@ -13,7 +13,7 @@ const ID: &str = "camera.device";
 pub(super) fn check(facts: &Facts) -> Vec<Finding> {
     let mut found = match (facts.configuration.config(), &facts.camera) {
         (Some(config), Some(CameraSource::Device(resolved))) => of_device(config, resolved, facts),
-        (Some(config), Some(CameraSource::Network(found))) => network_camera::check(config, found),
+        (Some(config), Some(CameraSource::Genicam(found))) => genicam::check(config, found, facts),
         (Some(config), Some(CameraSource::Files(files))) => vec![of_files(config, files)],
         _ => Vec::new(),
     };
@@ -22,7 +22,7 @@ pub(super) fn check(facts: &Facts) -> Vec<Finding> {
         _ => false,
     };
     found.extend(facts.cameras.iter().filter(|video| !used(video)).map(unused));
-    if facts.cameras.is_empty() && !matches!(facts.camera, Some(CameraSource::Network(_))) {
+    if facts.cameras.is_empty() && !matches!(facts.camera, Some(CameraSource::Genicam(_))) {
         found.push(Finding::note("camera.found", "cameras", "none is connected"));
     }
     found

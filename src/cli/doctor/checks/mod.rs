@@ -3,14 +3,16 @@
 mod bench;
 mod camera;
 mod configuration;
+mod genicam;
 mod machine;
-mod network_camera;
+mod network;
 mod permission;
 mod server;
 mod stages;
 mod state;
 #[cfg(test)]
 mod tests;
+mod usb;
 
 use super::facts::Facts;
 use super::finding::Finding;

@@ -92,7 +92,7 @@ fn folder(path: &str) -> FolderFacts {
 }
 
 /// A machine on which a hardware bench works.
-fn well() -> Facts {
+pub(super) fn well() -> Facts {
     let config = hardware();
     let controller = config.bench.controllers["main"].clone();
     let names = [BY_ID, "usb:A50285BI", "/dev/ttyUSB0"].map(str::to_owned).to_vec();

@@ -9,9 +9,10 @@ use nix::unistd::{AccessFlags, Gid, Group, eaccess};
 use super::is_hardware;
 use super::processes::OpenDevices;
 use crate::cli::doctor::facts::{
-    CameraSource, ControllerFacts, DeviceFile, NetworkCameraFacts, PortFacts, UsbFacts, VideoFacts,
+    CameraSource, ControllerFacts, DeviceFile, GenicamFacts, NetworkFacts, PortFacts, UsbFacts, VideoFacts, WayFacts,
 };
 use crate::config::{CameraConfig, CameraDriver, Config, ControllerConfig};
+use crate::device::camera::genicam::found::Way;
 use crate::device::camera::{files, find, genicam, offer};
 use crate::device::connected::{self, ConnectedCamera};
 use crate::device::serial;
@@ -66,29 +67,39 @@ pub(super) fn cameras(open: &OpenDevices) -> Vec<VideoFacts> {
 }
 
 /// Where the configured camera's frames come from; nowhere on a simulated bench.
-pub(super) fn camera_source(config: &Config) -> Option<CameraSource> {
+pub(super) fn camera_source(config: &Config, open: &OpenDevices) -> Option<CameraSource> {
     let camera = &config.bench.camera;
     if !is_hardware(config) {
         return None;
     }
     Some(match camera.driver {
         CameraDriver::V4l2 => CameraSource::Device(resolved(&camera.device)),
-        CameraDriver::Genicam => CameraSource::Network(on_network(camera)),
+        CameraDriver::Genicam => CameraSource::Genicam(genicam_camera(camera, open).map(Box::new)),
         CameraDriver::Files => CameraSource::Files(files::matching(&camera.files).map(|found| found.len())),
     })
 }
 
-fn on_network(config: &CameraConfig) -> Result<NetworkCameraFacts, String> {
+fn genicam_camera(config: &CameraConfig, open: &OpenDevices) -> Result<GenicamFacts, String> {
     let camera = genicam::find::configured(config)?;
-    let interface = Path::new("/sys/class/net").join(&camera.interface);
+    let way = match &camera.way {
+        Way::Network { interface, .. } => WayFacts::Network(network(interface)),
+        Way::Usb { file, .. } => {
+            WayFacts::Usb { file: device_file(file, open), memory_mib: genicam::usb::memory_mib() }
+        }
+    };
+    Ok(GenicamFacts { camera, way })
+}
+
+fn network(interface: &str) -> NetworkFacts {
+    let folder = Path::new("/sys/class/net").join(interface);
     let told = |path: &Path| fs::read_to_string(path).ok().map(|text| text.trim().to_owned());
-    Ok(NetworkCameraFacts {
-        mtu: told(&interface.join("mtu")).and_then(|text| text.parse().ok()),
+    NetworkFacts {
+        mtu: told(&folder.join("mtu")).and_then(|text| text.parse().ok()),
         // -1 where the link is down or has no speed.
-        link_mbit_per_s: told(&interface.join("speed")).and_then(|text| text.parse().ok()),
+        link_mbit_per_s: told(&folder.join("speed")).and_then(|text| text.parse().ok()),
         most_buffer_bytes: genicam::most_buffer_bytes(),
-        camera,
-    })
+        interface: interface.to_owned(),
+    }
 }
 
 fn resolved(device: &str) -> Result<PathBuf, String> {

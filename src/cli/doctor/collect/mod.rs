@@ -53,7 +53,7 @@ pub(super) async fn facts(wanted: Wanted<'_>) -> Facts {
         ports,
         controllers,
         cameras: devices::cameras(&open_files),
-        camera: config.as_ref().and_then(devices::camera_source),
+        camera: config.as_ref().and_then(|config| devices::camera_source(config, &open_files)),
         holder,
         meddlers: processes::meddlers(),
         server: server::server(wanted.listen, config.as_ref()).await,

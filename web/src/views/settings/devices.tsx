@@ -39,7 +39,7 @@ export function Devices({ state, load }: Given) {
               key={camera.path}
               title={camera.card || camera.path}
               names={camera.names}
-              more={camera.unusable ?? camera.formats.join(", ")}
+              more={`${camera.standard}: ${camera.unusable ?? camera.formats.join(", ")}`}
               unusable={Boolean(camera.unusable)}
             />
           ))}

@@ -81,7 +81,7 @@ pub(super) fn within<T: Send + 'static>(
     if given_up() >= MOST_GIVEN_UP {
         return Err(format!(
             "{MOST_GIVEN_UP} cameras that were opened or read took too long, were given up, and are worked at still: none is \
-             begun besides; take those cameras off the network, and start this program again"
+             begun besides; disconnect those cameras, and start this program again"
         ));
     }
     let lives = Arc::new(());
@@ -110,6 +110,15 @@ pub(super) fn within<T: Send + 'static>(
             ))
         }
     }
+}
+
+/// Runs what may be run in no thread of an asynchronous runtime.
+///
+/// # Errors
+/// Where it ends unexpectedly, in words.
+pub(super) fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, String> {
+    let joined = std::thread::scope(|scope| scope.spawn(work).join());
+    joined.map_err(|_| "the camera's library answered something unexpected".to_owned())
 }
 
 fn given_up() -> usize {

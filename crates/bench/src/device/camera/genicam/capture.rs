@@ -6,19 +6,20 @@ use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
-use viva_genicam::{Frame as Block, FrameStream, GenicamError, StreamStats};
+use viva_genicam::{Frame as Block, GenicamError, StreamStats};
 
 use super::super::controls::KeptControls;
 use super::super::feed::{Capture, Count, Judge, News, Outlet};
 use super::super::unpack::{UnpackError, unpack};
 use super::bounded::{OPEN_WITHIN, Wanted, within};
 use super::dating::{Dating, HELD};
-use super::features::{self, Device};
+use super::features;
 use super::find;
 use super::hold::Hold;
 use super::known::InUse;
 use super::read::Opened;
 use super::setup::{self, Agreed};
+use super::transport::{Device, Frames, Transport};
 use crate::config::{CameraConfig, ControlValue};
 use crate::device::light::{ControlName, LightControl};
 use plenoptics::raw::{Layout, PixelFormat, RawImage};
@@ -99,7 +100,7 @@ impl Capture for Capturer {
 
 /// A camera that is this program's own and sends frames.
 struct Running {
-    frames: FrameStream,
+    frames: Frames,
     stream: Stream,
     opened: Opened,
     _in_use: InUse,
@@ -118,8 +119,8 @@ impl Running {
         distrusted: Option<String>,
         wanted: &Wanted,
     ) -> Result<Self, String> {
-        let info = find::resolve(config)?;
-        let (mut opened, in_use) = find::open(&info, wanted)?;
+        let target = find::resolve(config)?;
+        let (mut opened, in_use) = find::open(&target, wanted)?;
         let device = &mut opened.device;
         let hold = Hold::of(device);
         let mut agreed = setup::agree(device, config, controls, format, size)?;
@@ -135,8 +136,7 @@ impl Running {
         let room = clock.is_none().then(room);
         // Which takes control again, if it was lost.
         wanted.check()?;
-        let mut frames = setup::open_stream(device, config, room)?;
-        frames.set_block_timeout(HELD);
+        let frames = setup::open_stream(device, config, room, HELD)?;
         wanted.check()?;
         device.acquisition_start().map_err(|error| format!("it does not start: {}", features::why(&error)))?;
         if let Err(why) = wanted.check() {
@@ -144,10 +144,13 @@ impl Running {
             return Err(why);
         }
         let now = Instant::now();
-        let buffered = room.map_or(0, |room| setup::buffered(room, frame_bytes));
+        let buffered = room.map_or(0, |room| match device.transport() {
+            Transport::Gige(_) => setup::buffered(room, frame_bytes),
+            Transport::Usb(_) => setup::in_transfers(frame_bytes),
+        });
         let delays = (Duration::from_millis(config.pipeline_delay_ms), Duration::from_millis(config.timeout_ms));
         let stream = Stream {
-            identity: find::identity(&info),
+            identity: target.identity(),
             dating: Dating::new((config.timestamp_means, clock), agreed.interval, buffered, delays, now),
             agreed,
             hold,
@@ -170,12 +173,7 @@ impl Capturer {
         }
     }
 
-    fn take_frames(
-        &mut self,
-        device: &mut Device,
-        frames: &mut FrameStream,
-        stream: &mut Stream,
-    ) -> Result<(), String> {
+    fn take_frames(&mut self, device: &mut Device, frames: &mut Frames, stream: &mut Stream) -> Result<(), String> {
         let timeout = Duration::from_millis(self.config.timeout_ms);
         while !self.outlet.has_ended() {
             stream.hold.check(device)?;
@@ -192,7 +190,7 @@ impl Capturer {
             let mut newest = None;
             let mut wait = SLICE;
             loop {
-                match frames.next_frame_blocking(wait) {
+                match frames.next(wait) {
                     Ok(Some(block)) => {
                         self.outlet.seq = self.outlet.seq.saturating_add(1);
                         newest = Some(block);
@@ -200,7 +198,14 @@ impl Capturer {
                     }
                     Err(GenicamError::Timeout(_)) => break,
                     Ok(None) => return Err("its stream has ended".to_owned()),
-                    Err(error) => return Err(format!("waiting for a frame failed: {error}")),
+                    Err(error) => {
+                        let why = features::why(&error);
+                        return Err(stream
+                            .hold
+                            .check(device)
+                            .err()
+                            .unwrap_or(format!("waiting for a frame failed: {why}")));
+                    }
                 }
             }
             let mut count = self.count(&frames.stats(), stream);
@@ -243,7 +248,10 @@ impl Capturer {
         self.outlet.seq = self.outlet.seq.saturating_add(lost).saturating_add(damaged);
         if damaged > 0 {
             let packets = stats.packets_missing.saturating_sub(before.packets_missing);
-            stream.damage = Some(format!("{packets} packets of {damaged} frames did not come"));
+            stream.damage = Some(match packets {
+                0 => format!("{damaged} frames ended early"),
+                packets => format!("{packets} packets of {damaged} frames did not come"),
+            });
         }
         Count { lost, damaged }
     }
@@ -302,7 +310,7 @@ impl Capturer {
             return Ok(());
         }
         stream.latched_at = Instant::now();
-        let latch = match setup::latch(device) {
+        let latch = match device.transport().latch() {
             Ok(latch) => latch,
             // That comes of another's having the camera, or of none.
             Err(why) => {
@@ -347,6 +355,10 @@ fn why_none(device: &Device, stream: &mut Stream) -> String {
         (Some(why), Ok(()), _) => format!("the last one was damaged: {why}"),
         (None, Ok(()), true) => {
             "it answers and is this program's own: it has stopped sending, or what it sends is lost on the way"
+                .to_owned()
+        }
+        (None, Ok(()), false) if matches!(device.transport(), Transport::Usb(_)) => {
+            "it answers, and none came at all: it has too little power, or its cable or hub loses what it sends"
                 .to_owned()
         }
         // A switch between that does not carry large packets.

@@ -5,14 +5,13 @@ use std::io::ErrorKind;
 
 use viva_genicam::genapi::{AccessMode, FeatureState, FeatureValue, GenApiError};
 use viva_genicam::gige::{GigeError, GigeStatus};
-use viva_genicam::{Camera, GenicamError, GigeRegisterIo, StandardFeature, gencp};
+use viva_genicam::u3v::U3vError;
+use viva_genicam::{GenicamError, StandardFeature, gencp};
 
 use super::super::controls::{KeptControls, keep_while};
+use super::transport::Device;
 use crate::config::ControlValue;
 use crate::device::light::{ControlName, ControlUnit, LightControl};
-
-/// An open camera.
-pub(super) type Device = Camera<GigeRegisterIo>;
 
 /// What adjusts itself, and would change a picture between two frames that are compared.
 const AUTOMATICS: [&str; 6] =
@@ -26,12 +25,24 @@ pub(super) const CONTROLLED: &str =
 
 /// What is wrong where nothing comes back.
 const SILENT: &str = "it does not answer: unplugged, without power, or behind a firewall (UDP, port 3956)";
+/// What is wrong where a camera on USB is gone.
+pub(super) const UNPLUGGED: &str = "it is not connected any more: unplugged, without power, or reset";
+/// What is wrong where it is there and does not answer.
+const HUNG: &str = "it does not answer: unplug it, and plug it in again";
 /// How the network says that nobody is there.
 const UNREACHABLE: [ErrorKind; 3] =
     [ErrorKind::ConnectionRefused, ErrorKind::HostUnreachable, ErrorKind::NetworkUnreachable];
 
 /// Why something failed, and what to do.
 pub(super) fn why(error: &(dyn std::error::Error + 'static)) -> String {
+    if let Some(error) = cause::<U3vError>(error) {
+        return match error {
+            U3vError::Disconnected | U3vError::NotFound { .. } => UNPLUGGED.to_owned(),
+            U3vError::Timeout => HUNG.to_owned(),
+            U3vError::Claim { source, .. } => format!("another program has it ({source}): end that one"),
+            _ => error.to_string(),
+        };
+    }
     match cause(error) {
         Some(GigeError::Timeout) => SILENT.to_owned(),
         Some(GigeError::Io(error)) if UNREACHABLE.contains(&error.kind()) => SILENT.to_owned(),
@@ -44,11 +55,11 @@ pub(super) fn why(error: &(dyn std::error::Error + 'static)) -> String {
 /// Whether a camera refused since another program has control of it.
 pub(super) fn is_denied(error: &(dyn std::error::Error + 'static)) -> bool {
     let refused = GigeStatus::Common(gencp::StatusCode::AccessDenied);
-    matches!(cause(error), Some(GigeError::Status(status)) if *status == refused)
+    matches!(cause::<GigeError>(error), Some(GigeError::Status(status)) if *status == refused)
 }
 
 /// What went wrong on the way to a camera or back, if that is behind an error.
-fn cause<'e>(error: &'e (dyn std::error::Error + 'static)) -> Option<&'e GigeError> {
+fn cause<'e, E: std::error::Error + 'static>(error: &'e (dyn std::error::Error + 'static)) -> Option<&'e E> {
     std::iter::successors(Some(error), |error| error.source()).find_map(|error| error.downcast_ref())
 }
 

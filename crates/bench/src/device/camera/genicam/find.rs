@@ -1,24 +1,20 @@
-//! Finding a camera on the network: by serial number, by the name that a user gave it, by address. Cameras are looked for on
-//! the interfaces that are named, and on no other.
+//! Finding a camera: by serial number, by the name that a user gave it, by address on the network, by product on USB. On the
+//! network cameras are looked for on the interfaces that are named, and on no other.
 
-use std::collections::HashSet;
 use std::net::Ipv4Addr;
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
-use viva_genicam::blocking;
-use viva_genicam::gige::{DeviceInfo, DiscoveryOptions, Iface};
+use viva_genicam::u3v::U3vDeviceInfo;
 
-use super::bounded::{OPEN_WITHIN, Wanted, within};
+use super::bounded::{OPEN_WITHIN, Wanted, apart, within};
 use super::features;
-use super::known::{self, Identity, InUse};
+use super::found::{FoundCamera, Way};
+use super::known::{self, InUse};
 use super::listing::{self, Feature};
 use super::read::{self, Opened, Reader};
+use super::target::{Target, given};
+use super::{network, usb};
 use crate::config::{CameraConfig, GenicamName};
-use plenoptics::raw::PixelFormat;
-
-/// How long cameras are waited for: what they may take to answer.
-const ANSWER_WITHIN: Duration = Duration::from_secs(1);
 
 /// So many cameras are listed: whoever is on the network may answer in the name of any number.
 const MOST_LISTED: usize = 64;
@@ -27,75 +23,41 @@ const MOST_READ: usize = 16;
 /// No more cameras are read after so long.
 const LOOK_WITHIN: Duration = Duration::from_secs(20);
 
-/// A camera on the network.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct NetworkCamera {
-    /// Its address.
-    pub address: Ipv4Addr,
-    /// Who made it, and the model.
-    pub model: String,
-    /// Its serial number.
-    pub serial: Option<String>,
-    /// The name that a user gave it.
-    pub user_name: Option<String>,
-    /// The interface on which it answered.
-    pub interface: String,
-    /// The formats it offers, by their PFNC names.
-    pub formats: Vec<String>,
-    /// Why no frames can be had of it; absent where they can.
-    pub unusable: Option<String>,
-}
-
-impl NetworkCamera {
-    /// What `bench.camera.device` can be to mean it, the steadiest name first.
-    #[must_use]
-    pub fn names(&self) -> Vec<String> {
-        let serial = self.serial.iter().map(|serial| format!("serial:{serial}"));
-        let user_name = self.user_name.iter().map(|name| format!("name:{name}"));
-        serial.chain(user_name).chain([self.address.to_string()]).collect()
-    }
-
-    /// The formats of it that this program reads.
-    #[must_use]
-    pub fn readable(&self) -> Vec<String> {
-        self.formats.iter().filter(|name| PixelFormat::from_genicam_name(name).is_some()).cloned().collect()
-    }
-}
-
-/// Every camera that answers on these interfaces, with what it offers; and what cannot be said, one sentence each: of an
-/// interface on which none can be looked for, why. Takes a second for each interface, and as long as it takes to read the
-/// cameras that were not read before; takes no camera from whoever has it, and disturbs none that this program uses itself.
+/// Every camera that is connected to USB or answers on these interfaces, with what it offers; and what cannot be said, one
+/// sentence each: of an interface on which none can be looked for, why. Takes a second for each interface, and as long as it
+/// takes to read the cameras that were not read before; takes no camera from whoever has it, and disturbs none that this
+/// program uses itself.
 #[must_use]
-pub fn cameras(interfaces: &[String]) -> (Vec<NetworkCamera>, Vec<String>) {
+pub fn cameras(interfaces: &[String]) -> (Vec<FoundCamera>, Vec<String>) {
     let (mut answers, mut notes) = (Vec::new(), Vec::new());
     for interface in interfaces {
-        match answering(interface) {
+        match network::answering(interface) {
             Ok(there) => answers.extend(there.into_iter().map(|info| (info, interface.clone()))),
             Err(why) => notes.push(why),
         }
     }
-    let mut answers = distinct(answers, |(info, _)| info);
-    if answers.len() > MOST_LISTED {
-        notes.push(format!("{} cameras answer: {MOST_LISTED} of them are listed", answers.len()));
-        answers.truncate(MOST_LISTED);
+    let mut targets = usb::targets(|_| true).unwrap_or_else(|why| {
+        notes.push(why);
+        Vec::new()
+    });
+    let usb = targets.len();
+    let answers = network::distinct(answers, |(info, _)| info);
+    let (heard, interfaces): (Vec<_>, Vec<_>) =
+        answers.into_iter().map(|(info, interface)| (Target::Network(info), interface)).unzip();
+    targets.extend(heard);
+    if targets.len() > MOST_LISTED {
+        notes.push(format!("{} cameras answer: {MOST_LISTED} of them are listed", targets.len()));
+        targets.truncate(MOST_LISTED);
     }
     let mut allowance = Allowance::of(MOST_READ);
-    let found = answers.iter().map(|(info, interface)| look_at(info, interface, &mut allowance)).collect();
+    // Those on USB come by no interface.
+    let interfaces = std::iter::repeat_n(String::new(), usb).chain(interfaces);
+    let found = targets.iter().zip(interfaces).map(|(target, by)| look_at(target, &by, &mut allowance)).collect();
     if allowance.refused > 0 {
         let refused = allowance.refused;
         notes.push(format!("what {refused} more of the cameras offer has not been read yet: look again"));
     }
     (found, notes)
-}
-
-/// One camera may answer on two interfaces, and is one.
-fn distinct<T>(answers: Vec<T>, info: impl Fn(&T) -> &DeviceInfo) -> Vec<T> {
-    let mut seen = HashSet::new();
-    let mut is_new = |answer: &T| {
-        let DeviceInfo { ip, mac, serial, .. } = info(answer);
-        seen.insert((*ip, *mac, serial.clone()))
-    };
-    answers.into_iter().filter(|answer| is_new(answer)).collect()
 }
 
 /// How many cameras may still be read, and until when.
@@ -127,40 +89,35 @@ impl Allowance {
     }
 }
 
-/// Runs what may be run in no thread of an asynchronous runtime.
-fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, String> {
-    let joined = std::thread::scope(|scope| scope.spawn(work).join());
-    joined.map_err(|_| "the camera's library answered something unexpected".to_owned())
-}
-
-fn answering(interface: &str) -> Result<Vec<DeviceInfo>, String> {
-    let there = Iface::from_system(interface)
-        .map_err(|_| format!("there is no network interface {interface:?} (bench.camera.interfaces)"))?;
-    if there.ipv4().is_none() {
-        return Err(format!("the network interface {interface:?} has no IPv4 address to look for cameras from"));
-    }
-    let options = DiscoveryOptions::new().interface(interface);
-    let answers = apart(|| blocking::discover_with(ANSWER_WITHIN, &options))?;
-    answers.map_err(|error| format!("cameras cannot be looked for on {interface}: {error}"))
-}
-
-fn look_at(info: &DeviceInfo, interface: &str, allowance: &mut Allowance) -> NetworkCamera {
-    let words = [&info.manufacturer, &info.model].into_iter().flatten();
-    let mut camera = NetworkCamera {
-        address: info.ip,
-        model: words.map(|word| word.trim().to_owned()).collect::<Vec<_>>().join(" "),
-        serial: given(info.serial.as_ref()),
-        user_name: given(info.user_name.as_ref()),
-        interface: interface.to_owned(),
-        formats: Vec::new(),
-        unusable: elsewhere(info),
+fn look_at(target: &Target, interface: &str, allowance: &mut Allowance) -> FoundCamera {
+    let (way, unusable) = match target {
+        Target::Network(info) => {
+            (Way::Network { address: info.ip, interface: interface.to_owned() }, network::elsewhere(info))
+        }
+        Target::Usb(info, names) => {
+            let product = format!("{:04x}:{:04x}", info.vendor_id, info.product_id);
+            let carried_mbit_per_s = info.speed.and_then(usb::carried_mbit_per_s);
+            (Way::Usb { file: usb::device_file(info), product, carried_mbit_per_s }, names.as_ref().err().cloned())
+        }
     };
-    let identity = Identity::of(info);
-    if known::is_in_use(info.ip) {
+    let mut camera = FoundCamera {
+        way,
+        model: target.model(),
+        serial: target.serial(),
+        user_name: target.user_name(),
+        formats: Vec::new(),
+        unusable,
+    };
+    let identity = target.known_as();
+    if known::is_in_use(&target.site()) {
         // It is being opened, or sends frames.
-        camera.formats = known::formats(&identity, None).unwrap_or_default();
+        (camera.formats, camera.unusable) = (known::formats(&identity, None).unwrap_or_default(), None);
     } else if camera.unusable.is_none() && allowance.has_time() {
-        match apart(|| read::offered(&identity, || allowance.take())) {
+        let offered = apart(|| match target {
+            Target::Network(info) => read::offered(info.ip, &identity, || allowance.take()),
+            Target::Usb(info, _) => usb::offered(info, || allowance.take()),
+        });
+        match offered {
             Ok(Ok(formats)) => camera.formats = formats.unwrap_or_default(),
             Ok(Err(why)) | Err(why) => camera.unusable = Some(why),
         }
@@ -168,104 +125,95 @@ fn look_at(info: &DeviceInfo, interface: &str, allowance: &mut Allowance) -> Net
     camera
 }
 
-fn given(text: Option<&String>) -> Option<String> {
-    text.map(|text| text.trim().to_owned()).filter(|text| !text.is_empty())
-}
-
-/// Why a camera that answers cannot be reached, where its address is of another network.
-fn elsewhere(info: &DeviceInfo) -> Option<String> {
-    (info.shares_subnet_with_host() == Some(false)).then(|| {
-        let ours = info.local_ip.map_or_else(String::new, |ip| format!(" (this machine is {ip})"));
-        format!("its address {} is of another network than this machine's{ours}: give one of the two another", info.ip)
-    })
-}
-
 /// The camera that the configuration means, with what it offers.
 ///
 /// # Errors
 /// Why there is none, or more than one, naming what there is.
-pub fn configured(config: &CameraConfig) -> Result<NetworkCamera, String> {
-    let info = resolve(config)?;
-    let interface = Iface::from_remote_ipv4(info.ip).map(|interface| interface.name().to_owned()).unwrap_or_default();
-    let mut allowance = Allowance::of(1);
-    Ok(look_at(&info, &interface, &mut allowance))
+pub fn configured(config: &CameraConfig) -> Result<FoundCamera, String> {
+    let target = resolve(config)?;
+    let interface = match &target {
+        Target::Network(info) => network::interface_to(info.ip),
+        Target::Usb(..) => String::new(),
+    };
+    Ok(look_at(&target, &interface, &mut Allowance::of(1)))
 }
 
 /// The features of the camera that the configuration means, and what is to be known of setting them, one sentence each: with
-/// `apply` the configured ones are set first and its automatics switched off, for which the camera is taken for a moment.
+/// `apply` the configured ones are set first and its automatics switched off, for which the camera is taken for a moment. One
+/// on USB is taken for a moment in any case.
 ///
 /// # Errors
 /// Why there is no such camera, or why it cannot be read or set, in words.
 pub fn features_of(config: &CameraConfig, apply: bool) -> Result<(Vec<Feature>, Vec<String>), String> {
-    let info = resolve(config)?;
-    if !apply {
+    let target = resolve(config)?;
+    if let (Target::Network(info), false) = (&target, apply) {
         return apart(|| Reader::open(info.ip)?.look(|device| Ok((listing::list(device), Vec::new()))))?;
     }
     let controls = config.controls.clone();
     within(OPEN_WITHIN, move |wanted| {
-        let (mut opened, _in_use) = open(&info, wanted)?;
-        let notes = features::apply(&mut opened.device, &controls)?;
+        let (mut opened, _in_use) = open(&target, wanted)?;
+        let notes = if apply { features::apply(&mut opened.device, &controls)? } else { Vec::new() };
         Ok((listing::list(&opened.device), notes))
     })
 }
 
 /// As [`configured`], for whoever opens it.
-pub(super) fn resolve(config: &CameraConfig) -> Result<DeviceInfo, String> {
+pub(super) fn resolve(config: &CameraConfig) -> Result<Target, String> {
     let name = GenicamName::of(&config.device)
         .ok_or_else(|| format!("{:?} names no GenICam camera (bench.camera.device)", config.device))?;
     if let GenicamName::Address(address) = name {
-        let answer = apart(|| blocking::discover_ip(address, ANSWER_WITHIN))?;
-        let found = answer.map_err(|error| format!("{address} cannot be reached: {error}"))?;
-        return found
-            .ok_or_else(|| format!("no camera answers at {address}; connect it, or correct bench.camera.device"));
+        return network::at(address).map(Target::Network);
     }
-    if config.interfaces.is_empty() {
-        return Err("bench.camera.interfaces names no network interface to look for the camera on".to_owned());
-    }
-    let (mut answers, mut wrong) = (Vec::new(), Vec::new());
-    for interface in &config.interfaces {
-        match answering(interface) {
-            Ok(there) => answers.extend(there),
+    let (mut heard, mut wrong) = (Vec::new(), Vec::new());
+    // Mostly the kernel knows which it is, and none has to be opened to be asked.
+    let asks = |there: &[U3vDeviceInfo]| match &name {
+        GenicamName::Serial(serial) => !there.iter().any(|info| given(info.serial.as_ref()).as_ref() == Some(serial)),
+        GenicamName::Name(_) => true,
+        GenicamName::Product(..) | GenicamName::Address(_) => false,
+    };
+    let mut answers = usb::targets(asks).unwrap_or_else(|why| {
+        wrong.push(why);
+        Vec::new()
+    });
+    let on_network = !matches!(name, GenicamName::Product(..));
+    for interface in config.interfaces.iter().filter(|_| on_network) {
+        match network::answering(interface) {
+            Ok(there) => heard.extend(there),
             // The camera may be on another.
             Err(why) => wrong.push(why),
         }
     }
-    let info = chosen(answers, &name, config).map_err(|why| {
+    answers.extend(network::distinct(heard, |info| info).into_iter().map(Target::Network));
+    let target = chosen(answers, &name, config).map_err(|why| {
         wrong.insert(0, why);
         wrong.join("; ")
     })?;
-    elsewhere(&info).map_or(Ok(info), Err)
+    match &target {
+        Target::Network(info) => network::elsewhere(info).map_or(Ok(target), Err),
+        Target::Usb(..) => Ok(target),
+    }
 }
 
-fn chosen(answers: Vec<DeviceInfo>, name: &GenicamName, config: &CameraConfig) -> Result<DeviceInfo, String> {
-    let fits = |info: &DeviceInfo| match name {
-        GenicamName::Serial(serial) => given(info.serial.as_ref()).as_ref() == Some(serial),
-        GenicamName::Name(wanted) => given(info.user_name.as_ref()).as_ref() == Some(wanted),
-        GenicamName::Address(address) => info.ip == *address,
-    };
-    let described = |info: &DeviceInfo| {
-        let serial = given(info.serial.as_ref()).map_or_else(String::new, |serial| format!(", serial:{serial}"));
-        let named = given(info.user_name.as_ref()).map_or_else(String::new, |named| format!(", name:{named}"));
-        format!("{} ({}{serial}{named})", info.ip, info.model.as_deref().unwrap_or("of no name"))
-    };
-    let answers = distinct(answers, |info| info);
-    let fitting: Vec<&DeviceInfo> = answers.iter().filter(|info| fits(info)).collect();
-    match fitting[..] {
-        [one] => Ok(one.clone()),
-        [] => {
-            let there: Vec<String> = answers.iter().map(described).collect();
-            let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
-            Err(format!(
-                "no camera on {} is {:?}: there is {there}; connect it, or correct bench.camera.device",
-                config.interfaces.join(", "),
-                config.device
-            ))
-        }
-        _ => {
-            let several: Vec<String> = fitting.into_iter().map(described).collect();
-            Err(format!("{:?} is more than one camera: {}; name one by its address", config.device, several.join(", ")))
-        }
+fn chosen(answers: Vec<Target>, name: &GenicamName, config: &CameraConfig) -> Result<Target, String> {
+    let (mut fitting, others): (Vec<Target>, Vec<Target>) =
+        answers.into_iter().partition(|target| target.is_called(name));
+    let described = |targets: &[Target]| targets.iter().map(Target::described).collect::<Vec<_>>().join(", ");
+    if fitting.len() > 1 {
+        let several = described(&fitting);
+        return Err(format!(
+            "{:?} is more than one camera: {several}; name one by its serial number or address",
+            config.device
+        ));
     }
+    fitting.pop().ok_or_else(|| {
+        let there = if others.is_empty() { "none".to_owned() } else { described(&others) };
+        let on: Vec<&str> = std::iter::once("USB").chain(config.interfaces.iter().map(String::as_str)).collect();
+        format!(
+            "no camera on {} is {:?}: there is {there}; connect it, or correct bench.camera.device",
+            on.join(", "),
+            config.device
+        )
+    })
 }
 
 /// Takes control of a camera while that is `wanted`, which is this program's own while the other that is returned lives: to be
@@ -273,16 +221,19 @@ fn chosen(answers: Vec<DeviceInfo>, name: &GenicamName, config: &CameraConfig) -
 ///
 /// # Errors
 /// Why not, and what to do, in words.
-pub(super) fn open(info: &DeviceInfo, wanted: &Wanted) -> Result<(Opened, InUse), String> {
-    let in_use = InUse::begin(info.ip);
-    let opened = Reader::open(info.ip)?.take(wanted).map_err(|why| match is_controlled(info.ip) {
-        // Some refuse, some say nothing.
-        true => features::CONTROLLED.to_owned(),
-        false => why,
-    })?;
+pub(super) fn open(target: &Target, wanted: &Wanted) -> Result<(Opened, InUse), String> {
+    let in_use = InUse::begin(target.site());
+    let opened = match target {
+        Target::Network(info) => Reader::open(info.ip)?.take(wanted).map_err(|why| match is_controlled(info.ip) {
+            // Some refuse, some say nothing.
+            true => features::CONTROLLED.to_owned(),
+            false => why,
+        })?,
+        Target::Usb(info, _) => usb::open(info)?,
+    };
     // For whoever lists cameras meanwhile. What cannot be read now is read then.
     if let (Ok(place), Ok(formats)) = (read::place(&opened.device), read::formats(&opened.device)) {
-        known::keep(&Identity::of(info), &place, &formats);
+        known::keep(&target.known_as(), &place, &formats);
     }
     Ok((opened, in_use))
 }
@@ -292,68 +243,83 @@ fn is_controlled(address: Ipv4Addr) -> bool {
     Reader::open(address).is_ok_and(|mut reader| reader.is_controlled())
 }
 
-/// What a camera is, in a line.
-pub(super) fn identity(info: &DeviceInfo) -> String {
-    let maker = info.manufacturer.as_deref().unwrap_or_default();
-    let model = info.model.as_deref().unwrap_or("GenICam camera");
-    let serial = given(info.serial.as_ref()).map_or_else(String::new, |serial| format!("{serial}, "));
-    format!("{} ({serial}{})", format!("{maker} {model}").trim(), info.ip)
-}
-
 #[cfg(test)]
 mod tests {
+    use viva_genicam::gige::DeviceInfo;
+
+    use super::super::usb::Names;
     use super::*;
 
-    fn camera(last: u8, serial: &str, user_name: &str) -> DeviceInfo {
-        DeviceInfo {
+    fn camera(last: u8, serial: &str, user_name: &str) -> Target {
+        Target::Network(DeviceInfo {
             model: Some("Mono".to_owned()),
             serial: Some(serial.to_owned()),
             user_name: Some(user_name.to_owned()),
             ..DeviceInfo::from_ip(Ipv4Addr::new(10, 0, 0, last))
-        }
+        })
+    }
+
+    /// One whose USB device has another serial number than it says itself.
+    fn on_usb(address: u8, serial: &str, names: Result<[&str; 2], &str>) -> Target {
+        let info = U3vDeviceInfo {
+            bus: "002".to_owned(),
+            address,
+            vendor_id: 0x2676,
+            product_id: 0xba00 + u16::from(address),
+            serial: Some(serial.to_owned()),
+            manufacturer: Some("Maker".to_owned()),
+            model: Some("Fast".to_owned()),
+            speed: None,
+        };
+        let names =
+            names.map(|[serial, name]| Names { serial: Some(serial.to_owned()), user_name: Some(name.to_owned()) });
+        Target::Usb(info, names.map_err(str::to_owned))
+    }
+
+    fn config(device: &str) -> CameraConfig {
+        CameraConfig { device: device.to_owned(), interfaces: vec!["eth1".to_owned()], ..CameraConfig::default() }
+    }
+
+    fn found(there: Vec<Target>, device: &str) -> Result<String, String> {
+        chosen(there, &GenicamName::of(device).unwrap(), &config(device)).map(|target| target.said_site())
     }
 
     #[test]
     fn one_camera_is_found_by_serial_number_or_name() {
         let there = || vec![camera(1, "A1", "left"), camera(2, "B2", "spare"), camera(3, "C3", "spare")];
-        let config = |device: &str| CameraConfig {
-            device: device.to_owned(),
-            interfaces: vec!["eth1".to_owned()],
-            ..CameraConfig::default()
-        };
-        let of = |device: &str| chosen(there(), &GenicamName::of(device).unwrap(), &config(device)).map(|info| info.ip);
-        assert_eq!(of("serial:B2"), Ok(Ipv4Addr::new(10, 0, 0, 2)));
-        assert_eq!(of("name:left"), Ok(Ipv4Addr::new(10, 0, 0, 1)));
-        let several = of("name:spare").unwrap_err();
+        assert_eq!(found(there(), "serial:B2").unwrap(), "10.0.0.2");
+        assert_eq!(found(there(), "name:left").unwrap(), "10.0.0.1");
+        let several = found(there(), "name:spare").unwrap_err();
         assert!(several.contains("more than one camera: 10.0.0.2 (Mono, serial:B2, name:spare)"), "{several}");
-        let none = of("serial:D4").unwrap_err();
-        assert!(none.contains("no camera on eth1 is \"serial:D4\"") && none.contains("serial:A1"), "{none}");
-        // The same one, heard twice.
-        let twice =
-            chosen(vec![camera(1, "A1", ""), camera(1, "A1", "")], &GenicamName::Serial("A1".into()), &config("x"));
-        assert_eq!(twice.map(|info| info.ip), Ok(Ipv4Addr::new(10, 0, 0, 1)));
+        let none = found(there(), "serial:D4").unwrap_err();
+        assert!(none.contains("no camera on USB, eth1 is \"serial:D4\"") && none.contains("serial:A1"), "{none}");
     }
 
     #[test]
-    fn a_camera_that_answers_on_two_interfaces_is_one() {
-        let (one, other) = (camera(1, "A1", "spare"), camera(2, "B2", "spare"));
-        let heard = vec![one.clone(), other.clone(), DeviceInfo { local_ip: Some(other.ip), ..one.clone() }];
-        assert_eq!(distinct(heard.clone(), |info| info), [one, other]);
-        let config = CameraConfig { interfaces: vec!["a".to_owned(), "b".to_owned()], ..CameraConfig::default() };
-        let several = chosen(heard, &GenicamName::Name("spare".to_owned()), &config).unwrap_err();
-        assert_eq!(several.matches("10.0.0.1").count(), 1, "{several}");
+    fn a_camera_on_usb_is_found_by_either_serial_number_its_name_or_its_product() {
+        let there =
+            || vec![camera(1, "A1", "left"), on_usb(5, "0A5", Ok(["55", "right"])), on_usb(6, "0A6", Err("held"))];
+        for device in ["serial:0A5", "serial:55", "name:right", "usb:2676:ba05"] {
+            assert_eq!(found(there(), device).unwrap(), "usb:2676:ba05", "{device}");
+        }
+        let none = found(there(), "name:third").unwrap_err();
+        assert!(none.contains("usb:2676:ba06 (Fast, serial:0A6; held)"), "{none}");
+        let both = vec![camera(1, "A1", "left"), on_usb(5, "0A5", Ok(["55", "left"]))];
+        assert!(found(both, "name:left").unwrap_err().contains("more than one"));
     }
 
     #[test]
     fn a_camera_in_use_is_listed_by_what_is_known_of_it_and_not_disturbed() {
         // Nothing is there.
-        let info = DeviceInfo::from_ip(Ipv4Addr::new(127, 97, 0, 1));
-        let there = look_at(&info, "lo", &mut Allowance::of(1));
-        assert!(there.unusable.is_some_and(|why| why.contains("does not answer")));
-        known::keep(&Identity::of(&info), b"", &["Mono8".to_owned()]);
-        let _in_use = InUse::begin(info.ip);
-        let there = look_at(&info, "lo", &mut Allowance::of(1));
-        assert_eq!((there.formats, there.unusable), (vec!["Mono8".to_owned()], None));
+        let network = Target::Network(DeviceInfo::from_ip(Ipv4Addr::new(127, 97, 0, 1)));
+        for (target, why) in [(network, "does not answer"), (on_usb(255, "0B1", Ok(["1", ""])), "not connected")] {
+            let there = look_at(&target, "lo", &mut Allowance::of(1));
+            assert!(there.unusable.as_ref().is_some_and(|told| told.contains(why)), "{there:?}");
+            known::keep(&target.known_as(), b"", &["Mono8".to_owned()]);
+            let _in_use = InUse::begin(target.site());
+            let there = look_at(&target, "lo", &mut Allowance::of(1));
+            assert_eq!((there.formats, there.unusable), (vec!["Mono8".to_owned()], None));
+        }
     }
 
     #[test]
@@ -363,30 +329,16 @@ mod tests {
         assert_eq!(few.refused, 2);
         let mut late = Allowance { until: Instant::now(), ..Allowance::of(1) };
         assert!(!late.has_time());
-        let info = DeviceInfo::from_ip(Ipv4Addr::new(127, 96, 0, 1));
-        let there = look_at(&info, "lo", &mut late);
+        let target = Target::Network(DeviceInfo::from_ip(Ipv4Addr::new(127, 96, 0, 1)));
+        let there = look_at(&target, "lo", &mut late);
         assert_eq!((there.unusable, there.formats.len(), late.refused), (None, 0, 2), "it was not asked");
-    }
-
-    #[test]
-    fn a_camera_of_another_network_says_so() {
-        let mask = Some(Ipv4Addr::new(255, 255, 255, 0));
-        let near = DeviceInfo {
-            subnet: mask,
-            local_ip: Some(Ipv4Addr::new(10, 0, 0, 9)),
-            local_netmask: mask,
-            ..camera(1, "A1", "")
-        };
-        assert_eq!(elsewhere(&near), None);
-        let far = DeviceInfo { local_ip: Some(Ipv4Addr::new(10, 0, 7, 9)), ..near };
-        assert!(elsewhere(&far).unwrap().contains("this machine is 10.0.7.9"));
     }
 
     #[test]
     fn an_interface_that_is_not_there_is_named() {
         let interfaces = vec!["no-such-interface".to_owned()];
-        let (found, wrong) = cameras(&interfaces);
-        assert!(found.is_empty() && wrong[0].contains("no network interface \"no-such-interface\""), "{wrong:?}");
+        let (_, wrong) = cameras(&interfaces);
+        assert!(wrong[0].contains("no network interface \"no-such-interface\""), "{wrong:?}");
         let config = CameraConfig { device: "serial:A1".to_owned(), interfaces, ..CameraConfig::default() };
         let why = resolve(&config).unwrap_err();
         assert!(why.contains("no camera") && why.contains("no network interface"), "{why}");

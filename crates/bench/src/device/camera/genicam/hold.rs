@@ -1,13 +1,15 @@
-//! Whether this program still has control of its camera. One that another program has taken may send frames on, but not those
-//! that were asked for.
+//! Whether this program still has control of its camera. One on the network that another program has taken may send frames on,
+//! but not those that were asked for. One on USB nobody can take: the kernel gives it to one program at a time.
 
 use std::time::{Duration, Instant};
 
-use viva_genicam::ControlState;
 use viva_genicam::genapi::RegisterIo as _;
 use viva_genicam::gige::consts;
+use viva_genicam::u3v::registers::abrm;
+use viva_genicam::{ControlState, GigeRegisterIo};
 
-use super::features::{self, Device};
+use super::features;
+use super::transport::{Device, Transport};
 
 /// How often it is asked: well within the usual heartbeat of 3 s, after which a camera lets go.
 const ASK_EVERY: Duration = Duration::from_secs(1);
@@ -34,7 +36,10 @@ pub(super) struct Hold {
 impl Hold {
     /// Of a camera that was just opened.
     pub(super) fn of(device: &Device) -> Self {
-        let names_controller = word(device, ABILITIES).is_ok_and(|abilities| abilities & NAMES_CONTROLLER != 0);
+        let names_controller = match device.transport() {
+            Transport::Gige(gige) => word(gige, ABILITIES).is_ok_and(|abilities| abilities & NAMES_CONTROLLER != 0),
+            Transport::Usb(_) => false,
+        };
         Self { names_controller, asked_at: Instant::now(), silent: false }
     }
 
@@ -48,8 +53,13 @@ impl Hold {
     /// # Errors
     /// Why it is not, or that it does not answer, in words.
     pub(super) fn check(&mut self, device: &Device) -> Result<(), String> {
-        if device.transport().control_state() != ControlState::Held {
-            return Err(self.lost(device));
+        match device.transport() {
+            Transport::Gige(gige) if gige.control_state() != ControlState::Held => return Err(self.lost(gige)),
+            Transport::Usb(usb) if usb.is_lost() => {
+                self.silent = true;
+                return Err(features::UNPLUGGED.to_owned());
+            }
+            Transport::Gige(_) | Transport::Usb(_) => {}
         }
         if self.asked_at.elapsed() < ASK_EVERY {
             return Ok(());
@@ -63,10 +73,20 @@ impl Hold {
     /// As [`Self::check`].
     pub(super) fn ask(&mut self, device: &Device) -> Result<(), String> {
         self.asked_at = Instant::now();
-        let transport = device.transport();
-        match transport.refresh_control_state() {
+        match device.transport() {
+            Transport::Gige(gige) => self.ask_network(gige),
+            Transport::Usb(usb) => {
+                let answer = usb.read(abrm::GENCP_VERSION, 4);
+                self.silent = answer.is_err();
+                answer.map(|_| ()).map_err(|error| features::why(&error))
+            }
+        }
+    }
+
+    fn ask_network(&mut self, gige: &GigeRegisterIo) -> Result<(), String> {
+        match gige.refresh_control_state() {
             Ok(ControlState::Held) => self.silent = false,
-            Ok(_) => return Err(self.lost(device)),
+            Ok(_) => return Err(self.lost(gige)),
             Err(error) => {
                 self.silent = true;
                 return Err(features::why(&error));
@@ -75,17 +95,17 @@ impl Hold {
         if !self.names_controller
             // Whoever has control may ask for it again, and nobody else may: the camera's state tells no more than that
             // somebody has it.
-            && let Err(error) = transport.write(consts::CONTROL_CHANNEL_PRIVILEGE, &CONTROL.to_be_bytes())
+            && let Err(error) = gige.write(consts::CONTROL_CHANNEL_PRIVILEGE, &CONTROL.to_be_bytes())
         {
-            let held = transport.control_state() == ControlState::Held;
-            return Err(if held { features::why(&error) } else { self.lost(device) });
+            let held = gige.control_state() == ControlState::Held;
+            return Err(if held { features::why(&error) } else { self.lost(gige) });
         }
         Ok(())
     }
 
     /// Who has the camera now.
-    fn lost(&mut self, device: &Device) -> String {
-        match word(device, consts::CONTROL_CHANNEL_PRIVILEGE) {
+    fn lost(&mut self, gige: &GigeRegisterIo) -> String {
+        match word(gige, consts::CONTROL_CHANNEL_PRIVILEGE) {
             Ok(privilege) if privilege & consts::CCP_CONTROLLER_BITS == 0 => LET_GO.to_owned(),
             Ok(_) => TAKEN.to_owned(),
             Err(why) if why == features::CONTROLLED => TAKEN.to_owned(),
@@ -98,7 +118,7 @@ impl Hold {
 }
 
 /// A register's value.
-fn word(device: &Device, at: u64) -> Result<u32, String> {
-    let bytes = device.transport().read(at, 4).map_err(|error| features::why(&error))?;
+fn word(gige: &GigeRegisterIo, at: u64) -> Result<u32, String> {
+    let bytes = gige.read(at, 4).map_err(|error| features::why(&error))?;
     bytes.try_into().map(u32::from_be_bytes).map_err(|_| "no register".to_owned())
 }

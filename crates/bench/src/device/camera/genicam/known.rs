@@ -1,11 +1,13 @@
-//! What this program has learned of the cameras on the network: what each offers, so that no description is read anew each
+//! What this program has learned of the cameras that are there: what each offers, so that no description is read anew each
 //! time cameras are listed; and which of them it has in use itself, so that none of those is disturbed for a list.
 
 use std::collections::VecDeque;
-use std::net::Ipv4Addr;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use viva_genicam::gige::DeviceInfo;
+use viva_genicam::u3v::U3vDeviceInfo;
+
+use super::target::Site;
 
 /// Of so many cameras what they offer is kept: of those that were read last.
 const KEPT: usize = 64;
@@ -13,7 +15,7 @@ const KEPT: usize = 64;
 /// Which camera it is, and of which make: what it offers depends on nothing else.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Identity {
-    pub(super) address: Ipv4Addr,
+    site: Site,
     mac: [u8; 6],
     words: [Option<String>; 4],
 }
@@ -21,7 +23,14 @@ pub(super) struct Identity {
 impl Identity {
     pub(super) fn of(info: &DeviceInfo) -> Self {
         let words = [&info.manufacturer, &info.model, &info.version, &info.serial].map(Clone::clone);
-        Self { address: info.ip, mac: info.mac, words }
+        Self { site: Site::Network(info.ip), mac: info.mac, words }
+    }
+
+    pub(super) fn of_usb(info: &U3vDeviceInfo) -> Self {
+        let product = Some(format!("{:04x}:{:04x}", info.vendor_id, info.product_id));
+        let [maker, model, serial] = [&info.manufacturer, &info.model, &info.serial].map(Clone::clone);
+        let site = Site::Usb { bus: info.bus.clone(), address: info.address };
+        Self { site, mac: [0; 6], words: [maker, model, product, serial] }
     }
 }
 
@@ -37,7 +46,7 @@ struct Read {
 #[derive(Debug)]
 struct Known {
     read: VecDeque<Read>,
-    in_use: Vec<Ipv4Addr>,
+    in_use: Vec<Site>,
 }
 
 static KNOWN: Mutex<Known> = Mutex::new(Known::new());
@@ -52,7 +61,7 @@ impl Known {
     }
 
     fn keep(&mut self, identity: &Identity, place: &[u8], formats: &[String]) {
-        self.read.retain(|read| read.identity.address != identity.address);
+        self.read.retain(|read| read.identity.site != identity.site);
         self.read.push_back(Read { identity: identity.clone(), place: place.to_vec(), formats: formats.to_vec() });
         if self.read.len() > KEPT {
             self.read.pop_front();
@@ -64,8 +73,8 @@ impl Known {
         self.read.iter().find(same).map(|read| read.formats.clone())
     }
 
-    fn let_go(&mut self, address: Ipv4Addr) {
-        if let Some(at) = self.in_use.iter().position(|used| *used == address) {
+    fn let_go(&mut self, site: &Site) {
+        if let Some(at) = self.in_use.iter().position(|used| used == site) {
             self.in_use.swap_remove(at);
         }
     }
@@ -83,29 +92,31 @@ pub(super) fn formats(identity: &Identity, place: Option<&[u8]>) -> Option<Vec<S
 
 /// A camera that this program has in use, for as long as this lives.
 #[derive(Debug)]
-pub(super) struct InUse(Ipv4Addr);
+pub(super) struct InUse(Site);
 
 impl InUse {
-    /// The camera at this address is in use.
-    pub(super) fn begin(address: Ipv4Addr) -> Self {
-        known().in_use.push(address);
-        Self(address)
+    /// The camera there is in use.
+    pub(super) fn begin(site: Site) -> Self {
+        known().in_use.push(site.clone());
+        Self(site)
     }
 }
 
 impl Drop for InUse {
     fn drop(&mut self) {
-        known().let_go(self.0);
+        known().let_go(&self.0);
     }
 }
 
-/// Whether this program itself has the camera at this address in use.
-pub(super) fn is_in_use(address: Ipv4Addr) -> bool {
-    known().in_use.contains(&address)
+/// Whether this program itself has the camera there in use.
+pub(super) fn is_in_use(site: &Site) -> bool {
+    known().in_use.contains(site)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::net::Ipv4Addr;
+
     use super::*;
 
     fn camera(address: Ipv4Addr, version: &str) -> Identity {
@@ -139,11 +150,11 @@ mod tests {
 
     #[test]
     fn a_camera_is_in_use_as_long_as_somebody_has_it() {
-        let address = Ipv4Addr::new(10, 97, 0, 1);
-        let (one, other) = (InUse::begin(address), InUse::begin(address));
+        let site = Site::Network(Ipv4Addr::new(10, 97, 0, 1));
+        let (one, other) = (InUse::begin(site.clone()), InUse::begin(site.clone()));
         drop(one);
-        assert!(is_in_use(address));
+        assert!(is_in_use(&site));
         drop(other);
-        assert!(!is_in_use(address));
+        assert!(!is_in_use(&site));
     }
 }

@@ -6,7 +6,8 @@ use serde::Serialize;
 use viva_genicam::StandardFeature;
 use viva_genicam::genapi::{AccessMode, FeatureState, FeatureValue};
 
-use super::features::{self, Device};
+use super::features;
+use super::transport::Device;
 use crate::config::ControlValue;
 
 /// A feature of a camera.

@@ -1,4 +1,4 @@
-//! A GenICam camera over GigE Vision: the frame source in front of the thread that takes its frames.
+//! A GenICam camera over GigE Vision or USB3 Vision: the frame source in front of the thread that takes its frames.
 //!
 //! The protocol and the camera's XML are read by `viva-genicam`, of which nothing is named outside of here.
 
@@ -8,11 +8,16 @@ mod clock;
 mod dating;
 mod features;
 pub mod find;
+pub mod found;
 mod hold;
 mod known;
 pub mod listing;
+mod network;
 mod read;
 mod setup;
+mod target;
+mod transport;
+pub mod usb;
 
 use std::sync::Arc;
 use std::sync::mpsc;

@@ -1,4 +1,4 @@
-//! Reading a camera's description, of bounded length, in bounded time: without taking the camera from whoever has it, or once
+//! Reading the description of a camera on the network, of bounded length, in bounded time: without taking the camera from whoever has it, or once
 //! it is this program's own.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -7,16 +7,17 @@ use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::Mutex;
 use viva_genapi_xml::{XmlError, fetch_and_load_xml};
-use viva_genicam::genapi::{NodeMap, RegisterIo as _};
+use viva_genicam::genapi::NodeMap;
 use viva_genicam::gige::{GVCP_PORT, GigeDevice, GigeError, consts};
 use viva_genicam::{Camera, GigeRegisterIo};
 
 use super::bounded::{OPEN_WITHIN, Wanted, within};
-use super::features::{self, Device, state};
+use super::features::{self, state};
 use super::known::{self, Identity};
+use super::transport::{Device, Transport};
 
 /// Bytes of the longest description that is read, as the camera sends it: those of real cameras are a tenth of that.
-const MOST_BYTES: usize = 8 << 20;
+pub(super) const MOST_BYTES: usize = 8 << 20;
 /// How long a camera may take to send its description, or to say where it is.
 const READ_WITHIN: Duration = Duration::from_secs(10);
 
@@ -30,6 +31,13 @@ pub(super) struct Reader {
 pub(super) struct Opened {
     pub(super) device: Device,
     _runtime: Background,
+}
+
+impl Opened {
+    /// One on USB, for which nothing works but what it is asked.
+    pub(super) const fn of_usb(device: Device) -> Self {
+        Self { device, _runtime: Background(None) }
+    }
 }
 
 /// A runtime whose end is not waited for.
@@ -85,7 +93,8 @@ impl Reader {
         within(OPEN_WITHIN, move |_| {
             let Self { runtime, device } = self;
             let nodes = nodes(&description)?;
-            look(&Camera::new(GigeRegisterIo::monitor(runtime.handle().clone(), device), nodes))
+            let transport = Transport::Gige(GigeRegisterIo::monitor(runtime.handle().clone(), device));
+            look(&Camera::new(transport, nodes))
         })
     }
 
@@ -115,7 +124,7 @@ impl Reader {
             let _ = self.device.try_send_release();
         })?;
         let Self { runtime, device } = self;
-        let transport = GigeRegisterIo::new(runtime.handle().clone(), device);
+        let transport = Transport::Gige(GigeRegisterIo::new(runtime.handle().clone(), device));
         Ok(Opened { device: Camera::new(transport, nodes(&description)?), _runtime: Background(Some(runtime)) })
     }
 
@@ -131,7 +140,10 @@ fn too_late(what: &str) -> String {
 }
 
 /// The features that a description tells of.
-fn nodes(description: &str) -> Result<NodeMap, String> {
+///
+/// # Errors
+/// Why it is not understood, in words.
+pub(super) fn nodes(description: &str) -> Result<NodeMap, String> {
     let unreadable = |why: String| format!("its description is not understood: {why}");
     let model = viva_genapi_xml::parse(description).map_err(|error| unreadable(error.to_string()))?;
     NodeMap::try_from_xml(model).map_err(|error| unreadable(error.to_string()))
@@ -142,8 +154,12 @@ fn nodes(description: &str) -> Result<NodeMap, String> {
 ///
 /// # Errors
 /// Why it cannot be read, and what to do, in words.
-pub(super) fn offered(identity: &Identity, may_be_read: impl FnOnce() -> bool) -> Result<Option<Vec<String>>, String> {
-    let mut reader = Reader::open(identity.address)?;
+pub(super) fn offered(
+    address: Ipv4Addr,
+    identity: &Identity,
+    may_be_read: impl FnOnce() -> bool,
+) -> Result<Option<Vec<String>>, String> {
+    let mut reader = Reader::open(address)?;
     let place = reader.place()?;
     if let Some(formats) = known::formats(identity, Some(&place)) {
         return Ok(Some(formats));
@@ -178,7 +194,7 @@ async fn description(device: &Mutex<&mut GigeDevice>) -> Result<String, XmlError
 /// # Errors
 /// Why it cannot be read, in words.
 pub(super) fn place(device: &Device) -> Result<Vec<u8>, String> {
-    device.transport().read(consts::FIRST_URL, consts::URL_LEN).map_err(|error| features::why(&error))
+    device.transport().place().map_err(|error| features::why(&error))
 }
 
 /// The formats that an open camera offers, by their PFNC names.

@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use viva_genicam::genapi::{FeatureState, FeatureValue, RegisterIo as _};
+use viva_genicam::genapi::{FeatureState, FeatureValue};
 use viva_genicam::gige::{self, Iface};
-use viva_genicam::{FrameStream, ResendPolicy, StandardFeature, StreamOptions};
+use viva_genicam::u3v::{DEFAULT_MAX_TRANSFER_SIZE, DEFAULT_TRANSFERS_IN_FLIGHT};
+use viva_genicam::{GigeRegisterIo, ResendPolicy, StandardFeature, StreamOptions};
 
 use super::clock::{DeviceClock, Latch};
-use super::features::{self, Device, number, set, standard, state};
+use super::features::{self, number, set, standard, state};
+use super::transport::{Device, Frames, Transport};
 use crate::config::{CameraConfig, ControlValue, TimestampMeans};
 use plenoptics::raw::PixelFormat;
 
@@ -33,13 +35,6 @@ const PLAIN: [(&str, &str); 9] = [
 const LEAST_ROOM: usize = 1 << 20;
 /// The feature of a packet's size with all its headers.
 const PACKET_SIZE: &str = "GevSCPSPacketSize";
-/// Registers that every GigE Vision device has at these places.
-const TICKS_A_SECOND: u64 = 0x093c;
-const TIMESTAMP_CONTROL: u64 = 0x0944;
-const TIMESTAMP: u64 = 0x0948;
-/// What, written to the timestamps' control, keeps the present one to be read.
-const LATCH: u32 = 2;
-
 /// What a camera and this program have agreed on.
 pub(super) struct Agreed {
     /// The time between frames; an exposure is no longer.
@@ -71,7 +66,22 @@ pub(super) fn agree(
     notes.extend(features::apply(device, controls)?);
     let (interval, note) = set_rate(device, config.frame_rate_hz)?;
     notes.extend(note);
+    notes.extend(of_usb(device, config));
     Ok(Agreed { interval, notes })
+}
+
+/// What is to be known of a camera on USB, one sentence each.
+fn of_usb(device: &Device, config: &CameraConfig) -> Vec<String> {
+    let Transport::Usb(usb) = device.transport() else { return Vec::new() };
+    let mut notes = Vec::new();
+    if config.packet_bytes.is_some() || config.packet_delay_us.is_some() {
+        notes.push("packet_bytes and packet_delay_us are of a network: this camera is on USB".to_owned());
+    }
+    let speed = usb.lock_device().ok().and_then(|device| device.current_speed());
+    if let Some(speed) = speed.filter(|speed| speed.is_below_superspeed()) {
+        notes.push(format!("the camera is connected at {speed}: plug it into a USB 3 port, by a USB 3 cable"));
+    }
+    notes
 }
 
 /// Sets back what another program may have left on, and what changes the pixels' places or values. Returns what could not
@@ -182,28 +192,54 @@ pub(super) fn buffered(room: usize, frame_bytes: usize) -> u32 {
     u32::try_from((2 * room).div_ceil(frame_bytes.max(1))).unwrap_or(u32::MAX)
 }
 
-/// Opens the stream, with so many bytes of `room` in the kernel's buffer where frames are dated by their arrival. What is
-/// lost is then not asked for again: a frame that was mended would look younger than it is.
+/// How many frames wait at most between a camera on USB and this program, where frames are dated by their arrival: those that
+/// the transfers hold which the kernel was given, and the one that is being sent. What a camera itself keeps back is not known.
+pub(super) fn in_transfers(frame_bytes: usize) -> u32 {
+    // A frame is a transfer before its pixels and one behind them, besides its own.
+    let of_frame = 2 + frame_bytes.div_ceil(DEFAULT_MAX_TRANSFER_SIZE as usize);
+    u32::try_from(DEFAULT_TRANSFERS_IN_FLIGHT.div_ceil(of_frame)).unwrap_or(u32::MAX).saturating_add(1)
+}
+
+/// Opens the stream, with so many bytes of `room` in the kernel's buffer where frames from the network are dated by their
+/// arrival. What is lost is then not asked for again: a frame that was mended would look younger than it is. None is held back
+/// for longer than `held` for one before it.
 ///
 /// # Errors
 /// Why it cannot be opened, in words.
 pub(super) fn open_stream(
-    device: &mut Device,
+    device: &Device,
     config: &CameraConfig,
     room: Option<usize>,
-) -> Result<FrameStream, String> {
+    held: Duration,
+) -> Result<Frames, String> {
+    let options = match device.transport() {
+        Transport::Gige(gige) => network_options(device, gige, config, room)?,
+        Transport::Usb(_) => StreamOptions::new(),
+    };
+    // Without it frames are as large as they say themselves.
+    let payload = state(device, "PayloadSize").ok().flatten().as_ref().and_then(number).filter(|bytes| *bytes >= 1.0);
+    let opened = device.transport().open_stream(options, held, payload.map(|bytes| bytes as usize));
+    opened.map_err(|error| format!("its stream does not open: {}", features::why(&error)))
+}
+
+fn network_options(
+    device: &Device,
+    gige: &GigeRegisterIo,
+    config: &CameraConfig,
+    room: Option<usize>,
+) -> Result<StreamOptions, String> {
     let mut options = match room {
         None => StreamOptions::new().resend(ResendPolicy::Auto),
         Some(room) => StreamOptions::new().resend(ResendPolicy::Off).rcvbuf_bytes(room),
     };
-    options = match packet_bytes(device, config)? {
+    options = match packet_bytes(device, gige, config)? {
         Some(bytes) => options.packet_size(bytes),
         None => options.auto_packet_size(),
     };
     if let Some(delay_us) = config.packet_delay_us {
         options = options.packet_delay(Duration::try_from_secs_f64(delay_us * 1e-6).unwrap_or_default());
     }
-    device.open_stream(options).map_err(|error| format!("its stream does not open: {}", features::why(&error)))
+    Ok(options)
 }
 
 /// How large a packet may be at most, where the camera or the configuration says so: else as the interface carries them. The
@@ -211,7 +247,7 @@ pub(super) fn open_stream(
 ///
 /// # Errors
 /// Where the camera does not take what is configured, in words.
-fn packet_bytes(device: &Device, config: &CameraConfig) -> Result<Option<u32>, String> {
+fn packet_bytes(device: &Device, gige: &GigeRegisterIo, config: &CameraConfig) -> Result<Option<u32>, String> {
     // Without the feature, or where it cannot be read, the register itself shows what the camera takes.
     let Ok(Some(state)) = state(device, PACKET_SIZE) else { return Ok(config.packet_bytes) };
     let Some(range) = state.range else { return Ok(config.packet_bytes) };
@@ -226,7 +262,7 @@ fn packet_bytes(device: &Device, config: &CameraConfig) -> Result<Option<u32>, S
         }
         return Ok(Some(bytes));
     }
-    let Ok(address) = device.transport().lock_device().map(|device| device.remote_addr()) else { return Ok(None) };
+    let Ok(address) = gige.lock_device().map(|device| device.remote_addr()) else { return Ok(None) };
     let IpAddr::V4(address) = address.ip() else { return Ok(None) };
     let carried =
         Iface::from_remote_ipv4(address).map(|interface| gige::best_packet_size(gige::mtu(&interface).bytes()));
@@ -244,32 +280,16 @@ pub(super) fn clock(device: &Device, config: &CameraConfig) -> Result<DeviceCloc
             "the camera's timestamps are of no use: {why}; the time of a frame's arrival stands in for them"
         )))
     };
-    match long(device, TICKS_A_SECOND).and_then(|hz| Ok((hz, latch(device)?))) {
-        Ok((0, _)) => without("it does not say how fast they run"),
-        Ok((_, Latch { ticks: 0, .. })) => without("its clock cannot be read"),
-        Ok((hz, latch)) => Ok(DeviceClock::new(hz as f64, latch)),
+    let transport = device.transport();
+    match transport
+        .ticks_a_second()
+        .and_then(|hz| if hz == 0 { Ok((0, None)) } else { Ok((hz, Some(transport.latch()?))) })
+    {
+        Ok((0, _)) | Ok((_, None)) => without("it does not say how fast they run"),
+        Ok((_, Some(Latch { ticks: 0, .. }))) => without("its clock cannot be read"),
+        Ok((hz, Some(latch))) => Ok(DeviceClock::new(hz as f64, latch)),
         Err(why) => without(&why),
     }
-}
-
-/// Reads the camera's clock.
-///
-/// # Errors
-/// Why it cannot be read, in words.
-pub(super) fn latch(device: &Device) -> Result<Latch, String> {
-    let before = Instant::now();
-    device.transport().write(TIMESTAMP_CONTROL, &LATCH.to_be_bytes()).map_err(|error| error.to_string())?;
-    let after = Instant::now();
-    Ok(Latch { ticks: long(device, TIMESTAMP)?, before, after })
-}
-
-/// A number of two registers, the high one first.
-fn long(device: &Device, at: u64) -> Result<u64, String> {
-    let half = |at: u64| -> Result<u64, String> {
-        let bytes = device.transport().read(at, 4).map_err(|error| error.to_string())?;
-        bytes.try_into().map(|bytes| u64::from(u32::from_be_bytes(bytes))).map_err(|_| "no register".to_owned())
-    };
-    Ok(half(at)? << 32 | half(at + 4)?)
 }
 
 #[cfg(test)]
@@ -282,5 +302,11 @@ mod tests {
         assert_eq!(held(12_582_912, Some(64 << 20)), 2);
         // 51 200 bytes, of which 2 MiB hold 41 and what Linux gives by default 9.
         assert_eq!([held(51_200, Some(64 << 20)), held(51_200, None), held(51_200, Some(212_992))], [41, 41, 9]);
+    }
+
+    #[test]
+    fn a_frame_over_usb_counts_as_no_older_than_what_is_under_way_can_make_it() {
+        // Eight transfers: of three a small frame, of fourteen one of 12 MiB.
+        assert_eq!([in_transfers(51_200), in_transfers(12 << 20)], [4, 2]);
     }
 }

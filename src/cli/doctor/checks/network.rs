@@ -1,6 +1,6 @@
-//! The configured camera, where it is on the network: whether it is there, and whether its frames come through.
+//! The network between the configured camera and this machine: whether frames come through.
 
-use crate::cli::doctor::facts::NetworkCameraFacts;
+use crate::cli::doctor::facts::NetworkFacts;
 use crate::cli::doctor::finding::Finding;
 use crate::config::Config;
 
@@ -17,44 +17,8 @@ const JUMBO: u32 = 9000;
 /// The least that a driver's buffer holds, bytes: what comes while it is not running must have room.
 const LEAST_BUFFER: u64 = 4 << 20;
 
-pub(super) fn check(config: &Config, found: &Result<NetworkCameraFacts, String>) -> Vec<Finding> {
-    let (what, camera) = ("camera", &config.bench.camera);
-    let facts = match found {
-        Ok(facts) => facts,
-        Err(why) => {
-            let detail = format!("device = {:?}: {why}", camera.device);
-            return vec![Finding::problem("camera.device", what, detail, "plenalign camera list")];
-        }
-    };
-    let called = format!("{} at {}", facts.camera.model, facts.camera.address);
-    if let Some(why) = &facts.camera.unusable {
-        return vec![Finding::problem("camera.device", what, format!("{called}: {why}"), "plenalign camera list")];
-    }
-    if !facts.camera.formats.is_empty() && !facts.camera.formats.contains(&camera.format) {
-        let readable = facts.camera.readable();
-        let mend = readable
-            .first()
-            .map_or_else(|| "plenalign camera list".to_owned(), |format| format!("[bench.camera] format = {format:?}"));
-        let detail = format!("it does not offer {}: it offers {}", camera.format, facts.camera.formats.join(", "));
-        return vec![Finding::problem("camera.format", what, detail, mend)];
-    }
-    let mut all = vec![Finding::ok(
-        "camera.device",
-        what,
-        format!(
-            "{called}, {} {}x{} at {} Hz",
-            camera.format, config.sensor.width_px, config.sensor.height_px, camera.frame_rate_hz
-        ),
-    )];
-    all.extend(link(config, facts));
-    all
-}
-
-/// What on the way would lose frames.
-fn link(config: &Config, facts: &NetworkCameraFacts) -> Vec<Finding> {
-    let Some(format) = config.bench.camera.pixel_format() else { return Vec::new() };
-    let pixels = config.sensor.width_px as usize * config.sensor.height_px as usize;
-    let frame_bytes = format.row_bytes(pixels);
+/// What on the way would lose frames of so many bytes.
+pub(super) fn check(config: &Config, facts: &NetworkFacts, frame_bytes: usize) -> Vec<Finding> {
     let mut all = Vec::new();
     if let Some(mtu) = facts.mtu {
         all.extend(packet_size(config, facts, mtu));
@@ -67,8 +31,8 @@ fn link(config: &Config, facts: &NetworkCameraFacts) -> Vec<Finding> {
 const WHAT: &str = "camera's network";
 
 /// Packets larger than the interface carries do not arrive.
-fn packet_size(config: &Config, facts: &NetworkCameraFacts, mtu: u32) -> Option<Finding> {
-    let (interface, bytes) = (&facts.camera.interface, config.bench.camera.packet_bytes.filter(|bytes| *bytes > mtu)?);
+fn packet_size(config: &Config, facts: &NetworkFacts, mtu: u32) -> Option<Finding> {
+    let (interface, bytes) = (&facts.interface, config.bench.camera.packet_bytes.filter(|bytes| *bytes > mtu)?);
     Some(Finding::problem(
         "camera.packet_size",
         WHAT,
@@ -78,8 +42,8 @@ fn packet_size(config: &Config, facts: &NetworkCameraFacts, mtu: u32) -> Option<
 }
 
 /// Whether the frames' packets come through as often as frames are taken.
-fn pace(config: &Config, facts: &NetworkCameraFacts, mtu: u32, frame_bytes: usize) -> Vec<Finding> {
-    let (camera, interface) = (&config.bench.camera, &facts.camera.interface);
+fn pace(config: &Config, facts: &NetworkFacts, mtu: u32, frame_bytes: usize) -> Vec<Finding> {
+    let (camera, interface) = (&config.bench.camera, &facts.interface);
     let packet = camera.packet_bytes.unwrap_or(mtu).min(mtu);
     let of_frame = (frame_bytes as f64 / f64::from(packet.saturating_sub(HEADERS).max(1))).ceil();
     let packets = of_frame * camera.frame_rate_hz;
@@ -132,7 +96,7 @@ fn pace(config: &Config, facts: &NetworkCameraFacts, mtu: u32, frame_bytes: usiz
 }
 
 /// What comes while the driver is not running has to wait somewhere.
-fn buffer(facts: &NetworkCameraFacts, frame_bytes: usize) -> Option<Finding> {
+fn buffer(facts: &NetworkFacts, frame_bytes: usize) -> Option<Finding> {
     let needed = LEAST_BUFFER.max(2 * frame_bytes as u64);
     let most = facts.most_buffer_bytes.filter(|most| *most < needed)?;
     Some(Finding::warning(
@@ -145,63 +109,43 @@ fn buffer(facts: &NetworkCameraFacts, frame_bytes: usize) -> Option<Finding> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::genicam::tests::config;
     use super::*;
-    use crate::config::{CameraConfig, CameraDriver};
-    use crate::device::camera::genicam::find::NetworkCamera;
 
-    fn config() -> Config {
-        let mut config = Config::default();
-        config.bench.camera = CameraConfig {
-            driver: CameraDriver::Genicam,
-            device: "serial:A1".to_owned(),
-            format: "Mono8".to_owned(),
-            frame_rate_hz: 25.0,
-            ..CameraConfig::default()
-        };
-        (config.sensor.width_px, config.sensor.height_px) = (4096, 3072);
-        config
-    }
+    const FRAME: usize = 4096 * 3072;
 
-    fn facts() -> NetworkCameraFacts {
-        NetworkCameraFacts {
-            camera: NetworkCamera {
-                address: std::net::Ipv4Addr::new(10, 0, 0, 5),
-                model: "Maker Mono".to_owned(),
-                serial: Some("A1".to_owned()),
-                user_name: None,
-                interface: "eth1".to_owned(),
-                formats: vec!["Mono8".to_owned(), "Mono12p".to_owned()],
-                unusable: None,
-            },
+    fn facts() -> NetworkFacts {
+        NetworkFacts {
+            interface: "eth1".to_owned(),
             mtu: Some(9000),
             link_mbit_per_s: Some(10_000),
             most_buffer_bytes: Some(64 << 20),
         }
     }
 
-    fn ids(config: &Config, facts: NetworkCameraFacts) -> Vec<&'static str> {
-        check(config, &Ok(facts)).iter().map(|finding| finding.id).collect()
+    fn ids(config: &Config, facts: NetworkFacts) -> Vec<&'static str> {
+        check(config, &facts, FRAME).iter().map(|finding| finding.id).collect()
     }
 
     #[test]
     fn what_would_lose_frames_is_told_before_it_does() {
         let config = config();
-        assert_eq!(ids(&config, facts()), ["camera.device"]);
+        assert_eq!(ids(&config, facts()), [""; 0]);
         // 12.6 million bytes, 25 times a second: 2.5 Gbit/s.
-        let slow = NetworkCameraFacts { link_mbit_per_s: Some(1000), ..facts() };
-        let found = check(&config, &Ok(slow));
-        assert_eq!(found[1].id, "camera.link");
-        assert!(found[1].detail.contains("2538 Mbit/s"), "{}", found[1].detail);
-        let plain = NetworkCameraFacts { mtu: Some(1500), ..facts() };
-        assert_eq!(ids(&config, plain), ["camera.device", "camera.packets"]);
-        let narrow = NetworkCameraFacts { most_buffer_bytes: Some(212_992), ..facts() };
-        assert_eq!(ids(&config, narrow), ["camera.device", "camera.buffer"]);
+        let slow = NetworkFacts { link_mbit_per_s: Some(1000), ..facts() };
+        let found = check(&config, &slow, FRAME);
+        assert_eq!(found[0].id, "camera.link");
+        assert!(found[0].detail.contains("2538 Mbit/s"), "{}", found[0].detail);
+        let plain = NetworkFacts { mtu: Some(1500), ..facts() };
+        assert_eq!(ids(&config, plain), ["camera.packets"]);
+        let narrow = NetworkFacts { most_buffer_bytes: Some(212_992), ..facts() };
+        assert_eq!(ids(&config, narrow), ["camera.buffer"]);
     }
 
     #[test]
     fn what_is_told_to_type_mends_it() {
-        let mended = |mut config: Config, facts: NetworkCameraFacts, id: &str, key: &str| {
-            let found = check(&config, &Ok(facts.clone()));
+        let mended = |mut config: Config, facts: NetworkFacts, id: &str, key: &str| {
+            let found = check(&config, &facts, FRAME);
             let finding = found.iter().find(|finding| finding.id == id).unwrap_or_else(|| panic!("{id}: {found:?}"));
             let number = finding.mend.as_ref().and_then(|mend| mend.split(&format!("{key} = ")).nth(1)).unwrap();
             let number: f64 = number.split(' ').next().and_then(|number| number.parse().ok()).unwrap();
@@ -211,10 +155,10 @@ mod tests {
                 "packet_delay_us" => camera.packet_delay_us = Some(number),
                 _ => camera.packet_bytes = Some(number as u32),
             }
-            assert_eq!(ids(&config, facts), ["camera.device"], "{finding:?}");
+            assert_eq!(ids(&config, facts), [""; 0], "{finding:?}");
             number
         };
-        let slow = NetworkCameraFacts { link_mbit_per_s: Some(1000), ..facts() };
+        let slow = NetworkFacts { link_mbit_per_s: Some(1000), ..facts() };
         // 1404 packets of 9038 bytes a frame, of 900 Mbit/s.
         assert_eq!(mended(config(), slow, "camera.link", "frame_rate_hz"), 8.8);
         let mut spread = config();
@@ -231,23 +175,11 @@ mod tests {
 
     #[test]
     fn a_link_of_no_known_speed_is_not_judged() {
-        let unknown = NetworkCameraFacts { mtu: None, link_mbit_per_s: None, most_buffer_bytes: None, ..facts() };
-        assert_eq!(ids(&config(), unknown), ["camera.device"]);
+        let unknown = NetworkFacts { mtu: None, link_mbit_per_s: None, most_buffer_bytes: None, ..facts() };
+        assert_eq!(ids(&config(), unknown), [""; 0]);
         let mut spread = config();
         spread.bench.camera.packet_delay_us = Some(100.0);
-        let unknown = NetworkCameraFacts { link_mbit_per_s: None, ..facts() };
-        assert_eq!(ids(&spread, unknown), ["camera.device", "camera.packet_delay"], "the delay alone is too much");
-    }
-
-    #[test]
-    fn a_camera_that_does_not_fit_says_why() {
-        let mut wanted = config();
-        wanted.bench.camera.format = "Mono16".to_owned();
-        assert_eq!(ids(&wanted, facts()), ["camera.format"]);
-        let mut held = facts();
-        held.camera.unusable = Some("another program has it".to_owned());
-        assert_eq!(ids(&config(), held), ["camera.device"]);
-        let missing = check(&config(), &Err("no camera on eth1".to_owned()));
-        assert!(missing[0].detail.contains("no camera on eth1"), "{}", missing[0].detail);
+        let unknown = NetworkFacts { link_mbit_per_s: None, ..facts() };
+        assert_eq!(ids(&spread, unknown), ["camera.packet_delay"], "the delay alone is too much");
     }
 }
