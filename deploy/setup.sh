@@ -33,7 +33,9 @@ bench_packages=(python3 python3-venv)
 # busybox-static, cpio, zstd, kmod   its root in memory
 # gcc-12, make, python3   build v4l2loopback and unpack the kernel
 # v4l-utils         the tests' own hand on a camera's controls
-hardware_packages=(qemu-system-x86 busybox-static cpio zstd kmod gcc-12 make python3 v4l-utils)
+# aravis-tools, aravis-tools-cli   others' word on the USB3 Vision camera that the driver is tried with
+hardware_packages=(qemu-system-x86 busybox-static cpio zstd kmod gcc-12 make python3 v4l-utils
+  aravis-tools aravis-tools-cli)
 # dpkg-dev          finds out which libraries' packages the program depends on
 # python3           gathers the notices of what the program contains; reads the container file in its test
 # lintian           checks the package as Debian checks its own

@@ -4,7 +4,9 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use plenalign::config::CameraConfig;
+use plenalign::config::{CameraConfig, CameraDriver};
+use plenalign::device::camera::genicam::GenicamCamera;
+use plenalign::device::camera::poses::PoseSource;
 use plenalign::device::camera::v4l2::V4l2Camera;
 use plenalign::device::light::{ControlName, LightControl};
 use plenalign::device::{AxisPose, CameraState, DeviceError, Frame, FrameSource};
@@ -26,7 +28,7 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A camera with the runtime that its callers wait in.
 pub(crate) struct Camera {
-    pub(crate) camera: V4l2Camera,
+    pub(crate) camera: Box<dyn FrameSource>,
     runtime: Runtime,
 }
 
@@ -42,7 +44,11 @@ impl Camera {
 
     pub(crate) fn start_for(config: &CameraConfig, size: (usize, usize)) -> Self {
         let rest = AxisPose { position: None, settled: true };
-        let camera = V4l2Camera::start(config, size, Arc::new(move |_, _| (rest, rest))).unwrap();
+        let poses: PoseSource = Arc::new(move |_, _| (rest, rest));
+        let camera: Box<dyn FrameSource> = match config.driver {
+            CameraDriver::Genicam => Box::new(GenicamCamera::start(config, size, poses).unwrap()),
+            CameraDriver::V4l2 | CameraDriver::Files => Box::new(V4l2Camera::start(config, size, poses).unwrap()),
+        };
         Self { camera, runtime: Runtime::new().unwrap() }
     }
 

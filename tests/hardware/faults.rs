@@ -2,8 +2,6 @@
 
 use std::collections::HashSet;
 
-use plenalign::device::FrameSource as _;
-
 use crate::Test;
 use crate::bench::{Camera, WEBCAM, config, driver, set};
 use crate::until::until_blocking;

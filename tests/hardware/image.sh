@@ -72,7 +72,7 @@ else:
 PYTHON
 fi
 
-modules="virtio_pci virtio_net virtio_rng 9p 9pnet_virtio vivid v4l2loopback usbcore xhci_pci xhci_hcd usbserial ftdi_sio cdc_acm"
+modules="virtio_pci virtio_net virtio_rng 9p 9pnet_virtio vivid v4l2loopback usbcore xhci_pci xhci_hcd usbserial ftdi_sio cdc_acm vhci_hcd"
 root=$work/root
 rm -rf "$root"
 mkdir -p "$root"/{bin,sbin,proc,sys,dev,tmp,run,etc,mnt/host,usr/bin} "$root/lib/modules/$version"

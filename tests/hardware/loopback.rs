@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use plenalign::device::FrameSource as _;
 use plenalign::raw::{PixelFormat, RawImage, Samples};
 use v4l::video::Output as _;
 use v4l::{Device, Format, FourCC};

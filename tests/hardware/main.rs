@@ -13,9 +13,12 @@ mod feed;
 mod formats;
 mod loopback;
 mod settings;
+mod u3v;
 #[path = "../suite/until.rs"]
 #[expect(dead_code, reason = "what tests on a paused clock use")]
 mod until;
+mod usb;
+mod usbip;
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -39,7 +42,7 @@ fn cameras(filters: &[&str]) -> ExitCode {
         eprintln!("hardware: there is no {}; these tests run in a guest: make test-hardware", bench::WEBCAM);
         return ExitCode::FAILURE;
     }
-    let tests: Vec<Test> = [formats::TESTS, settings::TESTS, faults::TESTS, loopback::TESTS].concat();
+    let tests: Vec<Test> = [formats::TESTS, settings::TESTS, faults::TESTS, loopback::TESTS, usb::TESTS].concat();
     let wanted = |name: &str| filters.is_empty() || filters.iter().any(|filter| name.contains(filter));
     let mut failed = Vec::new();
     let mut passed = 0;

@@ -26,7 +26,7 @@ binary=$(cargo test --quiet --no-run --test hardware --message-format=json |
   sed -n 's/.*"target":{[^}]*"name":"hardware".*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
 [[ -x $binary ]] || { echo "hardware: the test binary was not built" >&2; exit 1; }
 cp "$binary" target/hardware/plenalign-hardware
-tests/hardware/image.sh "$PWD/target/hardware/plenalign-hardware" >target/hardware/image.log 2>&1 || {
+tests/hardware/image.sh "$PWD/target/hardware/plenalign-hardware" arv-tool-0.8 arv-camera-test-0.8 >target/hardware/image.log 2>&1 || {
   grep -qE 'Unable to (fetch|locate)|Could not resolve|Failed to fetch' target/hardware/image.log &&
     skip "its Debian packages cannot be fetched: $(tail -n 1 target/hardware/image.log)"
   tail -n 20 target/hardware/image.log >&2

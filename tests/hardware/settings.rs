@@ -1,7 +1,6 @@
 //! What is configured reaches the camera, and what cannot be is refused with the choices.
 
 use plenalign::config::{CameraConfig, ControlValue};
-use plenalign::device::FrameSource as _;
 use plenalign::device::camera::find;
 use plenalign::device::light::{ControlName, ControlUnit};
 

@@ -283,6 +283,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
             ("crates/bench/src/device/camera/genicam/bounded.rs", 1),
             ("tests/hardware/chain.sh", 1),
             ("tests/hardware/loopback.rs", 1),
+            ("tests/hardware/u3v.rs", 1),
             ("tests/package/booted.sh", 1),
             ("tests/python-client/test_failures.py", 2),
             ("tests/python-client/test_lease.py", 1),
