@@ -175,11 +175,11 @@ impl CameraConfig {
     fn check_genicam(&self, faults: &mut Faults) {
         let named = GenicamName::of(&self.device).is_some();
         faults.require(named, "bench.camera.device", || {
-                format!(
-                    "{:?} names no GenICam camera: give serial:NUMBER, name:NAME, its IPv4 address, or usb:VENDOR:PRODUCT of \
-                     one on USB; `plenalign camera list` shows what there is on USB and on bench.camera.interfaces",
-                    self.device
-                )
+            format!(
+                "{:?} names no GenICam camera: give serial:NUMBER, name:NAME, its IPv4 address, or usb:VENDOR:PRODUCT \
+                 of one on USB; `plenalign camera list` shows what there is on USB and on bench.camera.interfaces",
+                self.device
+            )
         });
     }
 }

@@ -103,6 +103,10 @@ pub(super) fn within<T: Send + 'static>(
         Err(RecvTimeoutError::Disconnected) => Err("the camera's library answered something unexpected".to_owned()),
         Err(RecvTimeoutError::Timeout) => {
             wanted.give_up();
+            // It may have ended just now.
+            if let Ok(done) = end.try_recv() {
+                return done;
+            }
             GIVEN_UP.lock().unwrap_or_else(PoisonError::into_inner).push(life);
             Err(format!(
                 "it was given up after {} s: it answers too slowly, or what its description says takes too long to work out",

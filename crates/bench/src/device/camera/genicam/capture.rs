@@ -77,15 +77,15 @@ impl Capture for Capturer {
         controls.extend(self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).clone());
         let (config, format, size) = (self.config.clone(), self.format, self.outlet.size());
         let distrusted = self.distrusted.take();
-        let Running { mut opened, mut frames, mut stream, _in_use } =
+        let Running { mut opened, mut frames, mut stream, in_use } =
             within(OPEN_WITHIN, move |wanted| Running::begin(&config, &controls, (format, size), distrusted, wanted))?;
         self.outlet.pace(stream.agreed.interval);
         let ended = self.take_frames(&mut opened.device, &mut frames, &mut stream);
         if stream.hold.is_silent() {
             // To let go of it takes as long as its answers are waited for, and nobody is to take its last picture for a new
-            // one until then.
-            let let_go =
-                std::thread::Builder::new().name("camera-gone".to_owned()).spawn(move || drop((frames, opened)));
+            // one until then. Until then it is in use.
+            let let_go = move || drop((frames, opened, in_use));
+            let let_go = std::thread::Builder::new().name("camera-gone".to_owned()).spawn(let_go);
             if let Err(error) = let_go {
                 tracing::warn!(%error, "there is no thread to let go of a camera in");
             }
@@ -103,7 +103,7 @@ struct Running {
     frames: Frames,
     stream: Stream,
     opened: Opened,
-    _in_use: InUse,
+    in_use: InUse,
 }
 
 impl Running {
@@ -161,7 +161,7 @@ impl Running {
             heard_at: now,
             damage: None,
         };
-        Ok(Self { frames, stream, opened, _in_use: in_use })
+        Ok(Self { frames, stream, opened, in_use })
     }
 }
 
@@ -208,7 +208,12 @@ impl Capturer {
                     }
                 }
             }
-            let mut count = self.count(&frames.stats(), stream);
+            let stats = frames.stats();
+            // What waits in the camera meanwhile is older than its arrival says.
+            if stats.transfer_errors > stream.seen.transfer_errors && !stream.dating.has_clock() {
+                return Err("a transfer of its frames failed, and it has no clock to date the next ones by".to_owned());
+            }
+            let mut count = self.count(&stats, stream);
             let lost = count.lost > 0 || count.damaged > 0;
             if lost {
                 stream.dating.lost();

@@ -39,7 +39,9 @@ pub(super) fn why(error: &(dyn std::error::Error + 'static)) -> String {
         return match error {
             U3vError::Disconnected | U3vError::NotFound { .. } => UNPLUGGED.to_owned(),
             U3vError::Timeout => HUNG.to_owned(),
-            U3vError::Claim { source, .. } => format!("another program has it ({source}): end that one"),
+            U3vError::Claim { source, .. } => {
+                format!("another program has it, or this one has not let go of it yet ({source}): end that one")
+            }
             _ => error.to_string(),
         };
     }

@@ -207,9 +207,16 @@ fn chosen(answers: Vec<Target>, name: &GenicamName, config: &CameraConfig) -> Re
     }
     fitting.pop().ok_or_else(|| {
         let there = if others.is_empty() { "none".to_owned() } else { described(&others) };
-        let on: Vec<&str> = std::iter::once("USB").chain(config.interfaces.iter().map(String::as_str)).collect();
+        let by_product = matches!(name, GenicamName::Product(..));
+        let interfaces = if by_product { &[] } else { &config.interfaces[..] };
+        let on: Vec<&str> = std::iter::once("USB").chain(interfaces.iter().map(String::as_str)).collect();
+        let unasked = if interfaces.is_empty() && !by_product {
+            " (on the network none is looked for: bench.camera.interfaces is empty)"
+        } else {
+            ""
+        };
         format!(
-            "no camera on {} is {:?}: there is {there}; connect it, or correct bench.camera.device",
+            "no camera on {} is {:?}: there is {there}; connect it, or correct bench.camera.device{unasked}",
             on.join(", "),
             config.device
         )

@@ -1,5 +1,5 @@
-//! Reading the description of a camera on the network, of bounded length, in bounded time: without taking the camera from whoever has it, or once
-//! it is this program's own.
+//! Reading the description of a camera on the network, of bounded length, in bounded time: without taking the camera from
+//! whoever has it, or once it is this program's own.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
@@ -27,7 +27,7 @@ pub(super) struct Reader {
     device: GigeDevice,
 }
 
-/// A camera that is read or this program's own. The library's part of it works in a thread that ends with this.
+/// A camera that is this program's own. The library's part of it works in a thread that ends with this.
 pub(super) struct Opened {
     pub(super) device: Device,
     _runtime: Background,

@@ -13,6 +13,7 @@ use viva_genicam::{
 };
 
 use super::clock::Latch;
+use super::features;
 
 /// An open camera.
 pub(super) type Device = Camera<Transport>;
@@ -23,10 +24,10 @@ const TIMESTAMP_CONTROL: u64 = 0x0944;
 const TIMESTAMP: u64 = 0x0948;
 /// What, written to the timestamps' control, keeps the present one to be read.
 const LATCH: u32 = 2;
-/// USB3 Vision's clocks count nanoseconds.
-const NANOSECONDS: u64 = 1_000_000_000;
 /// The same of one on USB.
 const USB_LATCH: u32 = 1;
+/// USB3 Vision's clocks count nanoseconds.
+const NANOSECONDS: u64 = 1_000_000_000;
 
 /// The way to an open camera's registers.
 pub(super) enum Transport {
@@ -75,7 +76,7 @@ impl Transport {
         match self {
             Self::Gige(_) => self.long(TICKS_A_SECOND),
             Self::Usb(usb) => {
-                let device = usb.lock_device().map_err(|error| error.to_string())?;
+                let device = usb.lock_device().map_err(|error| features::why(&error))?;
                 let has = device.abrm().device_capability & capability::TIMESTAMP != 0;
                 Ok(if has { NANOSECONDS } else { 0 })
             }
@@ -92,7 +93,7 @@ impl Transport {
             Self::Usb(_) => (abrm::TIMESTAMP_LATCH, USB_LATCH.to_le_bytes()),
         };
         let before = Instant::now();
-        self.write(control, &value).map_err(|error| error.to_string())?;
+        self.write(control, &value).map_err(|error| features::why(&error))?;
         let after = Instant::now();
         let ticks = match self {
             Self::Gige(_) => self.long(TIMESTAMP)?,
@@ -102,7 +103,7 @@ impl Transport {
     }
 
     fn register<const BYTES: usize>(&self, at: u64) -> Result<[u8; BYTES], String> {
-        let bytes = self.read(at, BYTES).map_err(|error| error.to_string())?;
+        let bytes = self.read(at, BYTES).map_err(|error| features::why(&error))?;
         bytes.try_into().map_err(|_| "no register".to_owned())
     }
 

@@ -28,6 +28,8 @@ const FIRST_URL: u64 = 0x0200;
 const ENTRIES: u64 = 8;
 const ENTRY_BYTES: usize = 64;
 const MOST_ENTRIES: u64 = 16;
+/// How long a camera may say that its answers take, ms.
+const MOST_ANSWER_MS: u32 = 5000;
 /// What a camera says of itself is kept of so many.
 const KEPT: usize = 16;
 
@@ -104,10 +106,9 @@ fn said(info: &U3vDeviceInfo) -> Option<Names> {
 
 fn names(info: &U3vDeviceInfo) -> Result<Names, String> {
     let site = Site::Usb { bus: info.bus.clone(), address: info.address };
-    if known::is_in_use(&site)
-        && let Some(names) = said(info)
-    {
-        return Ok(names);
+    // What this program has in use, or is just opening, is not disturbed.
+    if known::is_in_use(&site) {
+        return Ok(said(info).unwrap_or_default());
     }
     open_device(info).map(|_| said(info).unwrap_or_default())
 }
@@ -133,6 +134,13 @@ fn open_device(info: &U3vDeviceInfo) -> Result<U3vDevice<NusbTransfer>, String> 
     within(OPEN_WITHIN, move |_| {
         let device = U3vDevice::open_device(&info).map_err(|error| features::why(&error))?;
         let abrm = device.abrm();
+        // By this number the library waits for every answer.
+        if abrm.max_device_response_time_ms > MOST_ANSWER_MS {
+            return Err(format!(
+                "it says that its answers may take {} ms: no more than {MOST_ANSWER_MS} ms are waited for",
+                abrm.max_device_response_time_ms
+            ));
+        }
         let names = Names { serial: given(Some(&abrm.serial_number)), user_name: given(Some(&abrm.user_defined_name)) };
         let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
         said.retain(|(of, _)| (&of.bus, of.address) != (&info.bus, info.address));
