@@ -198,9 +198,14 @@ impl Alignment<'_> {
         let delta_v_mm = self.keep_camera(&seen.camera, seen.middle.window_px);
         self.findings.boards = seen.camera.boards;
         let mut air_places = self.places_but(reading);
-        let as_one = || vec![self.as_one(&seen.camera, boards.middle_mm(), seen.middle.spacing.spacing_px)];
-        let boards = seen.camera.boards.map_or_else(as_one, Vec::from);
-        air_places.push(AirPlace { focus_mm: reading, boards });
+        let seen_boards = match (seen.camera.boards, boards) {
+            (Some(levels), _) => levels.to_vec(),
+            (None, AirBoards::Flat(distance_mm)) => vec![BoardSeen::at(distance_mm, &seen.middle.spacing)],
+            (None, AirBoards::Levels(_)) => {
+                vec![self.as_one(&seen.camera, boards.middle_mm(), seen.middle.spacing.spacing_px)]
+            }
+        };
+        air_places.push(AirPlace { focus_mm: reading, boards: seen_boards });
         self.findings.air_places = air_places;
         self.findings.seen = Some(seen.middle.clone());
         let observation = AirObservation {
@@ -218,8 +223,8 @@ impl Alignment<'_> {
         places.filter(|place| (place.focus_mm - focus_mm).abs() > SAME_FOCUS_MM).cloned().collect()
     }
 
-    /// Boards that were not told apart as one at a distance (mm) with their spacing (px): as uncertain as it leaves the image
-    /// distance, by where the levels stand, too.
+    /// Levels that were not told apart as one board at a distance (mm) with their spacing (px): as uncertain as that leaves the
+    /// image distance.
     fn as_one(&self, seen: &CameraSeen, distance_mm: f64, spacing_px: f64) -> BoardSeen {
         let (mla, pixel_mm) = (self.design.mla, self.eye.pixel_mm());
         let a = a_from_spacing(mla.pitch, spacing_px * pixel_mm, seen.mla_to_sensor_mm);

@@ -6,8 +6,8 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Plan;
 use super::precision::Precision;
+use super::{AirBoards, Plan};
 use crate::budget::{AirPlace, BoardSeen, Budget, Evidence, PitchSeen, e_axis};
 use crate::calibrated::CalibratedCamera;
 use crate::room::{Contact, Room};
@@ -88,9 +88,17 @@ fn evidence(config: &Config, plan: &Plan, precision: &Precision) -> Evidence {
     let boards = boards_at(solution.delta_v, solution.equivalent_distance);
     // The first are looked at where the white frame is taken.
     let white_mm = plan.focus.home_mm;
-    let first = plan
-        .boards_at(white_mm, plan.unknown_delta_v_mm(white_mm), None)
-        .map(|boards| AirPlace { focus_mm: white_mm, boards: boards_at(white_mm, boards.middle_mm()).to_vec() });
+    let first = plan.boards_at(white_mm, plan.unknown_delta_v_mm(white_mm), None).map(|boards| AirPlace {
+        focus_mm: white_mm,
+        boards: match boards {
+            AirBoards::Levels(_) => boards_at(white_mm, boards.middle_mm()).to_vec(),
+            AirBoards::Flat(distance_mm) => vec![BoardSeen {
+                distance_mm,
+                spacing_px: design.spacing_at(distance_mm, white_mm) / pixel_mm,
+                sigma_px: precision.spacing_px,
+            }],
+        },
+    });
     let pitch_px = micro_image_pitch(design.mla.pitch, design.lens_to_mla(white_mm), design.mla.b()) / pixel_mm;
     let poses = [plan.mount_e_mm, plan.mount_e_mm - plan.e_probe_mm, solution.e];
     let shell = poses.map(|e_mm| ShellObservation {
