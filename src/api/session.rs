@@ -43,7 +43,8 @@ pub(super) struct SessionView {
     post, path = "/api/v1/session", operation_id = "sign_in", tag = "access", request_body = SignIn,
     responses(
         (status = 200, body = SessionView, headers(("Set-Cookie" = String, description = "The session"))),
-        (status = 401, description = "The key opens nothing", body = UnauthorisedProblem, content_type = "application/problem+json"),
+        (status = 401, description = "The key opens nothing", body = UnauthorisedProblem,
+         content_type = "application/problem+json"),
         (status = 429, description = "Too many keys of this address have opened nothing", body = Problem,
          content_type = "application/problem+json"),
     )

@@ -150,7 +150,9 @@ fn a_step_is_seen_in_the_first_frame_that_is_read_live() {
         let [before, stepped] = live([&one, &two]);
         println!("{step_px:+} px: {before:?}, {stepped:?}");
         assert!(before.is_some_and(|unevenness| unevenness < 0.6), "one board: {before:?}");
-        assert!(stepped.is_none_or(|unevenness| unevenness >= 1.0), "{step_px} px: {stepped:?}");
+        // A step of a pixel may leave nothing to follow.
+        let told = stepped.map_or(step_px.abs() >= 1.0, |unevenness| unevenness >= 1.0);
+        assert!(told, "{step_px} px: {stepped:?}");
     }
 }
 

@@ -205,7 +205,7 @@ export function bestAnew({
  *  with it. */
 export function bestWith(held: Best | null, now: Reading): Best | null {
   if (isOfOne(now)) return best(held, now);
-  return held && held.capturedAt >= now.unmeasuredAt ? null : held;
+  return held && held.capturedAt >= Math.max(now.unmeasuredAt, now.oneBoardAt) ? null : held;
 }
 
 /** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */

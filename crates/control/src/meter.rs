@@ -348,7 +348,9 @@ impl Service {
             }
             let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
             let spacing_target_px = self.eye.target_px();
-            let newest = *whole.borrow();
+            // What another set-up showed says nothing of this one.
+            let set_up_at = self.eye.set_up_at();
+            let newest = (*whole.borrow()).filter(|whole| whole.captured_at >= set_up_at);
             // A board of several levels steps, and is known to.
             let doubted = self.eye.in_view() != InView::SteppedBoard
                 && spacing.as_ref().is_ok_and(|spacing| {

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::ServiceError;
-use super::events::{Event, MeasurementView};
+use super::events::{Event, InView, MeasurementView};
 use super::job::JobState;
 use super::service::Service;
 use bench::access::PROGRAM;
@@ -218,6 +218,10 @@ impl Service {
                     }
                     let newest = measured.borrow_and_update().clone();
                     if let Some(measurement) = newest {
+                        // Of a stepped board it is of one level, and no reading's.
+                        if self.eye.in_view() != InView::SteppedBoard {
+                            self.readings.compare(&measurement);
+                        }
                         self.publish_measurement(measurement);
                     }
                 }

@@ -110,7 +110,7 @@ export const meter: typeof en.meter = {
   },
   thereMore: (px) => `innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   doubtedMore:
-    "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden: Er wird gerade ganz vermessen",
+    "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden, bis eine Aufnahme ganz vermessen ist",
   levelsMore:
     "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
   unsureMore: "innerhalb 2 σ, aber für einen Auftrag zu unsicher",

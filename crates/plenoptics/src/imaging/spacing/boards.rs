@@ -37,9 +37,10 @@ const LEAST_STEP_PX: f64 = 0.05;
 const LEAST_STEP_BLURRED: f64 = 0.015;
 /// Standard uncertainties that a step must stand above none: the likeliest of many edges is large by chance.
 const SIGNIFICANCE: f64 = 5.0;
-/// The same where nothing but one step says so, for a step of 0.1 px: of one board 0.06 px are not exceeded in focus.
+/// Least steps that it has to be where nothing but one step of the normal equation says so: 0.1 px in focus, where one
+/// board has not exceeded 0.06 px.
 const LEAST_UNEVEN: f64 = 2.0;
-/// What a part that does not match at all counts as, in units of the least step that is one.
+/// What a part that does not match at all counts as, as an unevenness.
 const MISMATCHED_COUNTS: f64 = 10.0;
 /// Shares of pairs that do not match: at least in a board's part of the field, and at most elsewhere.
 const MISMATCHED: [f64; 2] = [0.5, 0.2];
@@ -173,17 +174,16 @@ fn least_step_px(blur_px: f64) -> f64 {
 }
 
 /// By how much the spacing of a field steps between two parts of it, as one step of the normal equation says, so far out of
-/// focus (px): 1 and more where that is as between two boards, 0 where it cannot be told from noise.
+/// focus (px): 1 and more where that is as between two boards.
 pub(in crate::imaging) fn unevenness(frame: &Compared<'_>, normal: &Normal, model: &Model, blur_px: f64) -> f64 {
     let field = Field::new(std::slice::from_ref(frame), normal, model);
     if field.mismatched().is_some() {
         return MISMATCHED_COUNTS;
     }
     match field.stepped(normal, model) {
-        Some(Step { px, sigma, .. }) if px.abs() > SIGNIFICANCE * sigma => {
-            px.abs() / (LEAST_UNEVEN * least_step_px(blur_px))
-        }
-        _ => 0.0,
+        // Small by either is small: noise has it go to and fro, and not leap.
+        Some(Step { px, sigma, .. }) => px.abs() / (LEAST_UNEVEN * least_step_px(blur_px)).max(SIGNIFICANCE * sigma),
+        None => 0.0,
     }
 }
 
