@@ -28,6 +28,13 @@ impl Known {
         self.firsts.iter().find(|[known, _]| *known == seq).map(|[_, first]| *first)
     }
 
+    /// The same of a frame that nobody has looked at, where those on both sides of it have one picture.
+    fn first_between(&self, seq: u64) -> Option<u64> {
+        let before = self.firsts.iter().rev().find(|[known, _]| *known < seq)?;
+        let after = self.firsts.iter().find(|[known, _]| *known > seq)?;
+        (before[1] == after[1]).then_some(before[1])
+    }
+
     fn keep(&mut self, frame: &Arc<Frame>, first: u64) {
         self.newest = Some(Arc::clone(frame));
         if self.firsts.len() == KEPT {
@@ -50,7 +57,9 @@ impl Repeats {
         }
         let first = match known.newest.clone() {
             // Too old to be compared with the one before it.
-            Some(before) if before.exposed_to > frame.exposed_to => return frame.seq,
+            Some(before) if before.exposed_to > frame.exposed_to => {
+                return known.first_between(frame.seq).unwrap_or(frame.seq);
+            }
             Some(before) => {
                 let (earlier, taken) = (Arc::clone(&before), Arc::clone(frame));
                 let same = tokio::task::spawn_blocking(move || repeats(&earlier, &taken)).await.unwrap_or(false);
@@ -112,13 +121,13 @@ mod tests {
             };
             repeats.first(frame, same).await
         };
-        let frames = [at(1, 120), at(2, 120), at(4, 120), at(5, 121), at(6, 120)];
-        for (frame, expected) in frames.iter().zip([1, 1, 1, 5, 6]) {
+        let frames = [at(1, 120), at(2, 120), at(4, 120), at(5, 121), at(6, 120), at(8, 121)];
+        for (frame, expected) in frames.iter().zip([1, 1, 1, 5, 6, 8]) {
             assert_eq!(tokio::join!(first(frame), first(frame), first(frame)), (expected, expected, expected));
         }
-        assert_eq!(compared.load(Ordering::Relaxed), 4);
-        // Who is behind is told what was found out; of a frame that nobody looked at then nothing is.
-        assert_eq!((first(&frames[1]).await, first(&at(3, 120)).await), (1, 3));
+        assert_eq!(compared.load(Ordering::Relaxed), 5);
+        // Who is behind is told what was found out; of a frame that nobody looked at what those beside it are.
+        assert_eq!((first(&frames[1]).await, first(&at(3, 120)).await, first(&at(7, 120)).await), (1, 1, 7));
         // A camera that counts anew.
         let anew = frame(2, 120, began + std::time::Duration::from_secs(1));
         assert_eq!((first(&anew).await, first(&at(1003, 120)).await), (2, 2));
