@@ -53,6 +53,8 @@ impl Alignment<'_> {
         let solution = plan.solution;
         let mut air = AirLoop::new(plan.air_goal());
         self.findings.known_b = Some(self.configured_b());
+        // The axis may have been homed since, which repeats to tenths of a millimetre.
+        self.findings.air_places.clear();
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
         let moves_before = self.findings.moves_air;
         let mut boards = None;
