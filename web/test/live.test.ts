@@ -5,6 +5,14 @@ import { Live } from "../src/live";
 import type { FrameReading, Part, PictureFacts } from "../src/wire";
 import type { Wish } from "../src/wish";
 
+const TICK = JSON.stringify({
+  type: "tick",
+  seq: 1,
+  boot_id: "b",
+  now: "2026-01-01T00:00:00Z",
+  monotonic_us: 7,
+});
+
 class Socket {
   static readonly CONNECTING = 0;
   static readonly OPEN = 1;
@@ -124,15 +132,8 @@ describe("the live connection", () => {
 
   it("asks for the daemon's clock at once, and with each tick", () => {
     vi.setSystemTime(5000);
-    const tick = JSON.stringify({
-      type: "tick",
-      seq: 1,
-      boot_id: "b",
-      now: "2026-01-01T00:00:00Z",
-      monotonic_us: 7,
-    });
     expect(sent("clock").length).toBe(1);
-    socket().onmessage?.({ data: tick });
+    socket().onmessage?.({ data: TICK });
     expect(sent("clock").at(-1)).toEqual({ type: "clock", asked_ms: 5000 });
     const clock = {
       type: "clock",
@@ -235,17 +236,10 @@ describe("the live connection", () => {
   });
 
   it("is lost after less than 3 s of silence, whatever becomes of its closing, and is deaf to what comes of it then", () => {
-    const tick = JSON.stringify({
-      type: "tick",
-      seq: 1,
-      boot_id: "b",
-      now: "2026-01-01T00:00:00Z",
-      monotonic_us: 7,
-    });
     const old = socket();
     for (let second = 0; second < 10; second += 1) {
       vi.advanceTimersByTime(1000);
-      old.onmessage?.({ data: tick });
+      old.onmessage?.({ data: TICK });
     }
     expect(links).toEqual([]);
     vi.advanceTimersByTime(2400);
@@ -253,7 +247,7 @@ describe("the live connection", () => {
     vi.advanceTimersByTime(599);
     expect(links.map(([link]) => link)).toEqual(["lost"]);
     const before = heard.length;
-    old.onmessage?.({ data: tick });
+    old.onmessage?.({ data: TICK });
     old.onclose?.();
     expect(heard.length).toBe(before);
     expect(links.length).toBe(1);
