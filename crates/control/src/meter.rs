@@ -362,7 +362,7 @@ impl Service {
             was_doubted = doubted;
             let in_focus = combined.is_some_and(|combined| self.eye.is_field_in_focus(combined.value))
                 && !doubted
-                && !self.shows_two_boards(newest);
+                && !newest.is_some_and(|whole| whole.two_boards);
             self.publish_reading(Reading {
                 frame,
                 spacing,
@@ -374,11 +374,6 @@ impl Service {
                 frames_left_out,
             });
         }
-    }
-
-    /// Whether what was measured in whole showed two boards, of what is before the lens still.
-    fn shows_two_boards(&self, whole: Option<Whole>) -> bool {
-        whole.is_some_and(|whole| whole.two_boards && whole.captured_at >= self.eye.set_up_at())
     }
 
     /// Hands a reading to who reads, and to a job's recording. Nobody is waited for.
