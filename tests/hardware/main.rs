@@ -20,6 +20,7 @@ mod until;
 mod usb;
 mod usbip;
 
+use std::any::Any;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -48,14 +49,27 @@ fn cameras(filters: &[&str]) -> ExitCode {
     let mut passed = 0;
     for (name, test) in tests.into_iter().filter(|(name, _)| wanted(name)) {
         let begun = Instant::now();
-        let ok = std::panic::catch_unwind(test).is_ok();
-        println!("hardware: {} {name} ({:.1} s)", if ok { "ok    " } else { "FAILED" }, begun.elapsed().as_secs_f64());
-        if ok {
-            passed += 1;
-        } else {
-            failed.push(name);
+        let outcome = std::panic::catch_unwind(test);
+        let mark = if outcome.is_ok() { "ok    " } else { "FAILED" };
+        println!("hardware: {mark} {name} ({:.1} s)", begun.elapsed().as_secs_f64());
+        match outcome {
+            Ok(()) => passed += 1,
+            Err(panic) => failed.push((name, why(&*panic))),
         }
     }
-    println!("hardware: {passed} passed, {} failed {}", failed.len(), failed.join(" "));
+    // Once more, last: where only a log's end is kept, it says why.
+    for (name, why) in &failed {
+        println!("hardware: {name}: {why}");
+    }
+    let names: Vec<&str> = failed.iter().map(|(name, _)| *name).collect();
+    println!("hardware: {passed} passed, {} failed {}", names.len(), names.join(" "));
     if failed.is_empty() && passed > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// What a panic said, its end where that is long.
+fn why(panic: &dyn Any) -> String {
+    const LINES: usize = 16;
+    let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref().copied());
+    let lines: Vec<&str> = text.unwrap_or("a panic without words").lines().collect();
+    lines[lines.len().saturating_sub(LINES)..].join("\n")
 }

@@ -200,9 +200,11 @@ impl Running {
         });
         let runs = Arc::clone(&camera);
         let thread = std::thread::spawn(move || {
+            let mut due = Instant::now();
             while !runs.ended.load(Ordering::SeqCst) {
                 let rate_hz = runs.expose();
-                std::thread::sleep(Duration::from_secs_f64(1.0 / rate_hz));
+                due = (due + Duration::from_secs_f64(1.0 / rate_hz)).max(Instant::now());
+                std::thread::sleep(due.saturating_duration_since(Instant::now()));
             }
         });
         Self { camera, thread: Some(thread) }
