@@ -125,16 +125,17 @@ fn aravis() {
     for line in ["Width = 320", "PixelFormat = Mono8", "DeviceUserID = left", "PayloadSize = 64000"] {
         assert!(features.contains(line), "{line}: {features}");
     }
-    // It waits 100 ms for a transfer and throws away what comes while it gives up: where frames are further apart, that can
-    // be every leader.
-    let frames = told("arv-camera-test-0.8", &["--duration=8", "-f", "50"]);
+    // Its transfers wait 100 ms and throw away what comes while they are given up: where frames are further apart, that can
+    // be every leader, and on a loaded machine a part of a frame. Each that is given up is told of.
+    let frames = told("env", &["ARV_DEBUG=sp:2", "arv-camera-test-0.8", "--duration=8", "-f", "50"]);
     let number = |label: &str| {
         let line = frames.lines().find(|line| line.contains(label)).unwrap_or_else(|| panic!("{label}: {frames}"));
         line.rsplit(['=', ' ']).find_map(|word| word.trim().parse::<u64>().ok()).unwrap()
     };
     let (completed, failures) = (number("n_completed_buffers"), number("n_failures"));
+    let given_up = frames.matches("LIBUSB_ERROR_TIMEOUT").count() as u64;
     // How many come in that time is the emulated machine's pace, and no claim.
-    assert!(completed > 0 && failures == 0, "{frames}");
+    assert!(completed > 0 && failures <= given_up, "{frames}");
 }
 
 fn listed() {
