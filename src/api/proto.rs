@@ -56,7 +56,8 @@ pub struct Reading {
     /// What became of the frame.
     #[prost(enumeration = "ReadingState", tag = "11")]
     pub state: i32,
-    /// Why it has no spacing, in words; empty where it has one. The fields that follow are then 0.
+    /// Why it has no spacing, in words: the fields that follow are then 0. Of one that is in doubt, why no frame could be
+    /// measured in whole to end that, where none could. Else empty.
     #[prost(string, tag = "12")]
     pub why: ::prost::alloc::string::String,
     /// The spacing on the axis, px.
@@ -80,7 +81,7 @@ pub struct Reading {
     /// The spacing wanted, px; there without a spacing, too.
     #[prost(double, tag = "19")]
     pub spacing_target_px: f64,
-    /// Whether the combined spacing is within the blur limit of that.
+    /// Whether there is a spacing, of one board as far as is known, and the combined one is within the blur limit of that.
     #[prost(bool, tag = "20")]
     pub in_focus: bool,
     /// Frames that the camera took since somebody began to read, and that were not measured.

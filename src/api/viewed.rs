@@ -73,6 +73,7 @@ pub(super) fn reading_message(reading: &Reading) -> proto::Reading {
     match &reading.spacing {
         Ok(spacing) => proto::Reading {
             state: proto::ReadingState::Measured.into(),
+            why: reading.unresolved.clone().unwrap_or_default(),
             spacing_px: spacing.on_axis_px,
             spacing_sigma_px: spacing.sigma_px,
             spacing_sigma_random_px: spacing.sigma_random_px,

@@ -26,6 +26,8 @@ export interface Reading {
   direction: Direction;
   /** The two boards that are in view where one should be; null where there is one, as far as has been measured. */
   twoBoards: TwoBoards | null;
+  /** Where it is in doubt, why no frame could be measured in whole to end that; else empty. */
+  unresolved: string;
   inFocus: boolean;
   /** When the picture that it is of began, the daemon's clock, ms; −∞ where it is that of the one before. */
   pictureAt: number;
@@ -91,6 +93,7 @@ export function reading(
     capturedAt,
     monotonicMs: monotonicMs(capturedAt),
     ...told(measurement, false, scene),
+    unresolved: "",
   };
 }
 
@@ -121,6 +124,7 @@ export function frameReading(
     ...unmeasured(pictureAt, measurement, before),
     // What was in view before it was set up anew says nothing of what is there now.
     ...told(measuredAt >= setUpAt ? measurement : null, found.doubted, scene),
+    unresolved: found.unresolved,
   };
 }
 

@@ -217,6 +217,8 @@ export type Found =
       inFocus: boolean;
       /** Whether it steps over the field as between two boards, and nothing measured in whole says yet whether there are. */
       doubted: boolean;
+      /** Of one in doubt, why no frame could be measured in whole to end that; else empty. */
+      unresolved: string;
     }
   | { is: "lost" | "refused"; why: string };
 
@@ -318,6 +320,7 @@ function foundIn(read: FrameRead): Found | null {
         },
         inFocus: read.inFocus,
         doubted: read.doubted,
+        unresolved: read.why,
       };
     case ReadingState.LOST:
       return { is: "lost", why: read.why };

@@ -144,6 +144,7 @@ export function frameReading(
     tiltYPx: 0,
     inFocus: true,
     doubted: false,
+    unresolved: "",
     combined: { ...alone, ...combined },
   };
   return read({ is: "measured", spacingPx, ...level }, capturedAt);

@@ -125,7 +125,9 @@ describe("a spacing that steps over the field", () => {
     expect(doubted.best).toBe(one.best);
     expect(toneNow(doubted, at + 40)).toBeNull();
     const { main, other } = advice(doubted.reading!, correction(design, doubted.reading!), "e", "mm");
-    expect([main, other]).toEqual([strings.meter.doubtedMore, null]);
+    expect([main, other]).toEqual([strings.meter.doubtedMore(""), null]);
+    const stuck = { ...doubted.reading!, unresolved: "the frame is too dark" };
+    expect(advice(stuck, null, "e", "mm").main).toMatch(/in whole; none could be: the frame is too dark$/);
     // One board after all, whose tilt steps: it has been measured.
     const sure = read({ ...doubted, measurement: whole(60) }, 80, false, { spanMs: 40, ofNewPicture: true });
     expect(sure.reading).toMatchObject({ direction: "there", inFocus: true });

@@ -170,6 +170,7 @@ describe("parseSeen", () => {
       combinedSpanS: 2.5,
       combinedSince: CombinedSince.PICTURE,
       doubted: true,
+      why: "the frame is too dark",
     });
     expect(measured).toEqual({
       capturedAt: 1_700_000_000_123.456,
@@ -191,6 +192,7 @@ describe("parseSeen", () => {
         combined: { spacingPx: 19.71, sigmaPx: 0.0012, frames: 12, spanMs: 2500, ofNewPicture: true },
         inFocus: true,
         doubted: true,
+        unresolved: "the frame is too dark",
       },
     });
     // Whatever but an axis ends a combination, the picture may be of something else.

@@ -565,13 +565,14 @@ impl Eye {
         }
     }
 
-    /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured.
-    pub(super) async fn measure_live(&self) -> Option<MeasurementView> {
+    /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured. The error is why it cannot
+    /// be, in words.
+    pub(super) async fn measure_live(&self) -> Option<Result<MeasurementView, String>> {
         self.sight()?;
         let mut live = self.bench.camera.live();
         let frame =
             tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
-        self.measure_frame(&frame).await.ok()
+        Some(self.measure_frame(&frame).await)
     }
 
     /// Measures the spacing in one frame; the error is why it cannot be, in words.

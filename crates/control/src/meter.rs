@@ -8,7 +8,7 @@
 //! up to it, which is what is judged.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
@@ -58,6 +58,8 @@ pub struct Reading {
     /// Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
     /// are: it may be neither's.
     pub doubted: bool,
+    /// Of one in doubt, why no frame could be measured in whole to end that, in words.
+    pub unresolved: Option<String>,
     /// Frames that the camera took since somebody began to read, and that were not measured.
     pub frames_left_out: u64,
 }
@@ -230,8 +232,10 @@ pub(super) struct Readings {
     begun: Notify,
     /// What was measured in whole last.
     whole: watch::Sender<Option<Whole>>,
-    /// It has come into doubt what is in view.
-    doubted: Notify,
+    /// Why no frame has been measured in whole since, in words.
+    unmeasured: Mutex<Option<String>>,
+    /// Whether it is in doubt what is in view.
+    doubted: watch::Sender<bool>,
 }
 
 impl Default for Readings {
@@ -241,7 +245,8 @@ impl Default for Readings {
             each: broadcast::Sender::new(EACH_KEPT),
             begun: Notify::new(),
             whole: watch::Sender::new(None),
-            doubted: Notify::new(),
+            unmeasured: Mutex::default(),
+            doubted: watch::Sender::new(false),
         }
     }
 }
@@ -256,13 +261,27 @@ impl Readings {
         self.newest.send_replace(None);
     }
 
-    /// Returns once a whole measurement is wanted to say what is in view.
-    pub(super) async fn come_into_doubt(&self) {
-        self.doubted.notified().await;
+    /// Whether it is in doubt what is in view: a whole measurement is wanted to say.
+    pub(super) fn doubted(&self) -> watch::Receiver<bool> {
+        self.doubted.subscribe()
+    }
+
+    fn doubt(&self, doubted: bool) {
+        self.doubted.send_if_modified(|before| std::mem::replace(before, doubted) != doubted);
+    }
+
+    fn unmeasured(&self) -> MutexGuard<'_, Option<String>> {
+        self.unmeasured.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// No frame could be measured in whole; why, in words.
+    pub(super) fn not_measured(&self, why: String) {
+        *self.unmeasured() = Some(why);
     }
 
     /// A frame was measured in whole. Where the meter has followed another match to it, it searches anew.
     pub(super) fn compare(&self, measured: &MeasurementView) {
+        *self.unmeasured() = None;
         self.whole.send_replace(Some(Whole {
             frame_seq: measured.frame_seq,
             captured_at: measured.captured_at,
@@ -299,6 +318,7 @@ impl Service {
                 continue;
             }
             self.read_frames().await;
+            self.readings.doubt(false);
         }
     }
 
@@ -307,7 +327,7 @@ impl Service {
         let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
         let (mut kept, mut at_rest) = (VecDeque::with_capacity(KEPT), AtRest::new());
-        let (mut doubt, mut was_doubted) = (Doubt::default(), false);
+        let mut doubt = Doubt::default();
         while self.readings.are_read() {
             match tokio::time::timeout(PATIENCE, live.changed()).await {
                 Ok(Ok(())) => {}
@@ -356,10 +376,7 @@ impl Service {
                 && spacing.as_ref().is_ok_and(|spacing| {
                     doubt.take(frame.seq, spacing.unevenness, newest.map(|whole| whole.frame_seq))
                 });
-            if doubted && !std::mem::replace(&mut was_doubted, doubted) {
-                self.readings.doubted.notify_one();
-            }
-            was_doubted = doubted;
+            self.readings.doubt(doubted);
             let in_focus = combined.is_some_and(|combined| self.eye.is_field_in_focus(combined.value))
                 && !doubted
                 && !newest.is_some_and(|whole| whole.two_boards);
@@ -371,6 +388,7 @@ impl Service {
                 spacing_tolerance_px: self.eye.tolerance_px(),
                 in_focus,
                 doubted,
+                unresolved: self.readings.unmeasured().clone().filter(|_| doubted),
                 frames_left_out,
             });
         }

@@ -204,10 +204,10 @@ impl Service {
         }
     }
 
-    /// Publishes what the jobs measure and, while somebody watches and no job measures, the live picture's measurement in
-    /// whole.
+    /// Publishes what the jobs measure and, while somebody watches or a reading is in doubt, and no job measures, the live
+    /// picture's measurement in whole.
     async fn watch_focus(&self) {
-        let mut measured = self.eye.measured();
+        let (mut measured, mut doubted) = (self.eye.measured(), self.readings.doubted());
         let (mut ended, mut took) = (Instant::now(), Duration::ZERO);
         let mut due = ended + LIVE_REST;
         loop {
@@ -225,15 +225,27 @@ impl Service {
                         self.publish_measurement(measurement);
                     }
                 }
-                () = self.readings.come_into_doubt() => due = due.min(ended + took),
+                changed = doubted.changed() => {
+                    if changed.is_err() {
+                        return;
+                    }
+                    if *doubted.borrow_and_update() {
+                        due = due.min(ended + took);
+                    }
+                }
                 () = tokio::time::sleep_until(due) => {
                     let began = Instant::now();
-                    if Arc::strong_count(&self.onlookers) > 1
-                        && self.current().is_none_or(|job| job.snapshot().state == JobState::WaitingForOperator)
-                        && let Some(measurement) = self.eye.measure_live().await
-                    {
-                        self.readings.compare(&measurement);
-                        self.publish_measurement(measurement);
+                    // Whoever but reads the meter is to learn, too, whether what it reads is one board's.
+                    let wanted = Arc::strong_count(&self.onlookers) > 1 || *doubted.borrow();
+                    if wanted && self.current().is_none_or(|job| job.snapshot().state == JobState::WaitingForOperator) {
+                        match self.eye.measure_live().await {
+                            Some(Ok(measurement)) => {
+                                self.readings.compare(&measurement);
+                                self.publish_measurement(measurement);
+                            }
+                            Some(Err(why)) => self.readings.not_measured(why),
+                            None => {}
+                        }
                     }
                     (ended, took) = (Instant::now(), began.elapsed());
                     due = ended + LIVE_REST.max(LIVE_SHARE * took);

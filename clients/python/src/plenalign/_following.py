@@ -138,7 +138,7 @@ class Reading:
     lost: bool
     """Whether the spacing could not be followed to this frame, and is searched for."""
     why: str | None
-    """Why there is no spacing; none where there is one."""
+    """Why there is no spacing; of one in doubt, why no frame could be measured in whole to end that; else none."""
     spacing_px: float | None
     """The spacing on the axis, px; none where there is none, and so are those that follow up to the target."""
     spacing_sigma_px: float | None
@@ -156,7 +156,7 @@ class Reading:
     spacing_tolerance_px: float
     """By how much it may be off that where a job accepts it, px."""
     in_focus: bool
-    """Whether there is a spacing, and the combined one within the blur limit of that."""
+    """Whether there is a spacing, of one board as far as is known, and the combined one within the blur limit of that."""
     doubted: bool
     """Whether it steps over the field as between two boards, and no whole measurement says yet if there are two."""
     frames_left_out: int
@@ -346,7 +346,7 @@ def _reading(reading: frame_pb2.Reading, pb: Any) -> Reading:
         simulated=reading.simulated,
         replayed=reading.replayed,
         lost=reading.state == pb.READING_STATE_LOST,
-        why=None if measured else reading.why,
+        why=reading.why or None,
         spacing_px=value(reading.spacing_px),
         spacing_sigma_px=value(reading.spacing_sigma_px),
         spacing_sigma_random_px=value(reading.spacing_sigma_random_px),

@@ -345,7 +345,8 @@ pub struct MeterReading {
     /// What became of the frame: measured, lost or refused.
     #[prost(string, tag = "11")]
     pub state: ::prost::alloc::string::String,
-    /// Why it has no spacing, in words; empty where it has one.
+    /// Why it has no spacing, in words; of one that is in doubt, why no frame could be measured in whole to end that, where none
+    /// could; else empty.
     #[prost(string, tag = "12")]
     pub why: ::prost::alloc::string::String,
     /// The spacing; absent where there is none.
@@ -357,7 +358,8 @@ pub struct MeterReading {
     /// The spacing wanted, px.
     #[prost(double, tag = "15")]
     pub spacing_target_px: f64,
-    /// Whether what is combined while nothing moves, up to this frame, is within the blur limit of that.
+    /// Whether the frame has a spacing, of one board as far as is known, and what is combined while nothing moves, up to it, is
+    /// within the blur limit of that.
     #[prost(bool, tag = "16")]
     pub in_focus: bool,
     /// Frames that the camera took since the meter began to read, and that were not measured.
@@ -366,6 +368,10 @@ pub struct MeterReading {
     /// Readings left out before this one, of the recording or of the viewer's connection, because it was too slow for them.
     #[prost(uint64, tag = "18")]
     pub readings_left_out: u64,
+    /// Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
+    /// are two: it may be neither's, and is not in focus.
+    #[prost(bool, tag = "19")]
+    pub doubted: bool,
 }
 /// An iteration of a job: where the axes were, what was measured, what was decided.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -1,6 +1,7 @@
 //! The meter beside whole measurements.
 
 use bench::config::Config;
+use bench::device::Setup;
 use bench::store::Store;
 use plenoptics::imaging::combined::Since;
 
@@ -38,7 +39,7 @@ async fn ready_with(otherwise: impl FnOnce(&mut Config)) -> Arc<Service> {
 
 /// What a frame measured in whole would say, had it this spacing (px).
 async fn measured(service: &Service, frame_seq: u64, spacing_px: f64) -> MeasurementView {
-    let mut view = service.eye.measure_live().await.unwrap();
+    let mut view = service.eye.measure_live().await.unwrap().unwrap();
     (view.frame_seq, view.spacing.spacing_px) = (frame_seq, spacing_px);
     view
 }
@@ -96,7 +97,7 @@ async fn what_is_no_one_board_is_in_focus_neither_by_frames_nor_by_whole_measure
     let service = ready_with(|config| config.assembly.blur_limit_px = 30.0).await;
     let mut readings = service.readings();
     assert!(next_in_focus(&service, &mut readings).await);
-    let whole = service.eye.measure_live().await.unwrap();
+    let whole = service.eye.measure_live().await.unwrap().unwrap();
     assert!(whole.in_focus && whole.two_boards.is_none());
 
     // Two boards, as a whole measurement has them, until something is set up anew.
@@ -109,7 +110,28 @@ async fn what_is_no_one_board_is_in_focus_neither_by_frames_nor_by_whole_measure
     // A board of several levels: what the whole field has is the spacing of none.
     service.eye.see(Some(InView::SteppedBoard));
     assert!(!next_in_focus(&service, &mut readings).await);
-    assert!(!service.eye.measure_live().await.unwrap().in_focus);
+    assert!(!service.eye.measure_live().await.unwrap().unwrap().in_focus);
     service.eye.see(Some(InView::FlatBoard));
     assert!(next_in_focus(&service, &mut readings).await);
+}
+
+#[tokio::test]
+async fn a_doubt_is_ended_by_a_whole_measurement_though_nobody_but_a_reader_looks_on() {
+    let service = ready().await;
+    service.eye.see(Some(InView::FlatBoard));
+    let mut each = service.each_reading();
+    assert!(!each.recv().await.unwrap().doubted);
+    // Boards side by side, which the program is not told of.
+    let setup = Setup::AirTripleBoard { distances_mm: [167.2, 200.0, 200.0] };
+    service.readings.not_measured("too dark".to_owned());
+    service.bench.simulated.as_ref().unwrap().obey(&setup);
+    let reading = loop {
+        let reading = each.recv().await.unwrap();
+        if reading.doubted {
+            break reading;
+        }
+    };
+    assert!(!reading.in_focus && reading.why == "too dark", "{reading:?}");
+    while each.recv().await.unwrap().doubted {}
+    assert!(service.readings.whole.borrow().unwrap().two_boards);
 }

@@ -163,7 +163,7 @@ pub fn meter_reading(reading: &Reading) -> messages::MeterReading {
     let exposure = frame.exposed_to.saturating_duration_since(frame.exposed_from);
     let read = reading.spacing.as_ref().ok();
     let (state, why) = match &reading.spacing {
-        Ok(_) => ("measured", ""),
+        Ok(_) => ("measured", reading.unresolved.as_deref().unwrap_or_default()),
         Err(NoReading::Lost(why)) => ("lost", why.as_str()),
         Err(NoReading::Refused(why)) => ("refused", why.as_str()),
     };
@@ -194,6 +194,7 @@ pub fn meter_reading(reading: &Reading) -> messages::MeterReading {
         in_focus: reading.in_focus,
         frames_left_out: reading.frames_left_out,
         readings_left_out: 0,
+        doubted: reading.doubted,
     }
 }
 

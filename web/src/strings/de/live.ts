@@ -109,8 +109,8 @@ export const meter: typeof en.meter = {
     levels: "Mehrere Stufen im Bild",
   },
   thereMore: (px) => `innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
-  doubtedMore:
-    "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden, bis eine Aufnahme ganz vermessen ist",
+  doubtedMore: (unresolved: string) =>
+    `Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden, bis eine Aufnahme ganz vermessen ist${unresolved && `; das ging bisher nicht: ${unresolved}`}`,
   levelsMore:
     "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
   unsureMore: "innerhalb 2 σ, aber für einen Auftrag zu unsicher",

@@ -111,8 +111,9 @@ export const meter = {
     levels: "Several levels in view",
   } satisfies Record<Direction, string>,
   thereMore: (px: string) => `within ± ${px} px, as a job accepts it: no move is called for`,
-  doubtedMore:
-    "the spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole",
+  /** `unresolved`: why no frame could be measured in whole, where none could. */
+  doubtedMore: (unresolved: string) =>
+    `the spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole${unresolved && `; none could be: ${unresolved}`}`,
   levelsMore:
     "the spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
   unsureMore: "within 2 σ, and too uncertain for a job to accept it",

@@ -147,7 +147,8 @@ export type Reading = Message<"plenalign.v1.Reading"> & {
   state: ReadingState;
 
   /**
-   * Why it has no spacing, in words; empty where it has one. The fields that follow are then 0.
+   * Why it has no spacing, in words: the fields that follow are then 0. Of one that is in doubt, why no frame could be
+   * measured in whole to end that, where none could. Else empty.
    *
    * @generated from field: string why = 12;
    */
@@ -203,7 +204,7 @@ export type Reading = Message<"plenalign.v1.Reading"> & {
   spacingTargetPx: number;
 
   /**
-   * Whether the combined spacing is within the blur limit of that.
+   * Whether there is a spacing, of one board as far as is known, and the combined one is within the blur limit of that.
    *
    * @generated from field: bool in_focus = 20;
    */
