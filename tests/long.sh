@@ -35,7 +35,7 @@ KILLS=$kills KILL_RESULTS=$PWD/$results \
   cargo test --release --quiet --test integration many_kills -- --ignored --nocapture
 cargo test --release --quiet --test integration many_stops_reach -- --ignored --nocapture
 SEEDS=$range cargo test --release --quiet --test integration many_frames_are_smeared -- --ignored --nocapture
-SEEDS=$range cargo test --release --quiet --test integration many_fields_show_two -- --ignored --nocapture
+SEEDS=$range cargo test --release --quiet --test integration two_boards::many -- --ignored --nocapture
 cargo test --release --quiet --test integration what_many_budgets_say -- --ignored --nocapture
 cargo test --release --quiet --test integration a_slurm_study_comes_through -- --ignored
 cargo test --release --quiet --test integration every_kind_of_job_follows -- --ignored

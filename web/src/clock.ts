@@ -36,8 +36,23 @@ export const unknown: Clock = {
 
 /** Two clocks go apart by so much at most, ms a ms: what is set right is slewed no faster. */
 const APART = 5e-4;
-/** Clocks are read to a millisecond, ms. */
-const READ_MS = 2;
+/** Clocks are read to a millisecond, ms; to two tenths of a second where the browser hides how late it is from whoever would
+ *  know it again by that. */
+const READ_MS = isFine(() => performance.now()) ? 2 : 250;
+
+/** Whether a clock goes by steps of a few milliseconds. */
+function isFine(now: () => number): boolean {
+  /** Enough for a step of a millisecond to come. */
+  const READINGS = 200_000;
+  const FINE_MS = 5;
+  let before = now();
+  for (let k = 0; k < READINGS; k += 1) {
+    const next = now();
+    if (next > before && next - before <= FINE_MS) return true;
+    before = next;
+  }
+  return false;
+}
 
 /** When a message came: this page's clock, ms, and how far that was then from the page's clock that nobody sets, ms. */
 export interface Came {

@@ -1,4 +1,4 @@
-import { describe, expect, it } from "vitest";
+import { describe, expect, it, vi } from "vitest";
 import { nextAt } from "../src/cadence";
 import {
   ahead,
@@ -164,5 +164,53 @@ describe("the cadence of drawing", () => {
     expect(nextAt(1000, 990, 2, 30)).toBe(1020);
     expect(nextAt(1000, 990, 80, 30)).toBe(1150);
     expect(nextAt(1000, 500, 80, 100)).toBe(1000);
+  });
+});
+
+describe("clocks that a browser has go by coarse steps", () => {
+  /** A page's clocks go by steps of so many ms; how far what is known of the daemon's is off then within ten minutes, ms, and
+   *  how late the line then seems. */
+  async function known(stepMs: number) {
+    const began = Date.UTC(2026, 0, 1);
+    const page = (at: number) => Math.floor((began + at) / stepMs) * stepMs;
+    // Its clock that nobody sets goes by steps of its own.
+    const unset = (at: number) => Math.floor((at + 37.3) / stepMs) * stepMs;
+    let readings = 0;
+    const now = vi.spyOn(performance, "now").mockImplementation(() => unset((readings += 1e-4)));
+    vi.resetModules();
+    const fresh = await import("../src/clock");
+    now.mockRestore();
+    let clock = fresh.unknown;
+    const offMs: number[] = [];
+    const lateMs: number[] = [];
+    for (let k = 0; k < 1200; k += 1) {
+      const sent = 487 * k + ((k * 7919) % 41);
+      const [asked, came] = [sent - 2, sent + 3];
+      const what = {
+        boot_id: "a run",
+        seq: k,
+        now: new Date(began + sent).toISOString(),
+        monotonic_us: 1000 * sent,
+      };
+      const arrived = { at: page(came), wallMs: page(came) - unset(came) };
+      const askedWallMs = page(asked) - unset(asked);
+      clock =
+        k % 10 === 9
+          ? fresh.clockAfter(
+              clock,
+              { type: "clock", asked_ms: page(asked), ...what },
+              { ...arrived, askedWallMs },
+            )
+          : fresh.clockAfter(clock, { type: "tick", ...what }, arrived);
+      offMs.push(Math.abs(fresh.ahead(clock)! - began));
+      lateMs.push(fresh.lateness(clock));
+    }
+    return [Math.max(...offMs), Math.max(...lateMs)] as const;
+  }
+
+  it.each([1, 17, 100])("and is off by little more than a step of %i ms", async (stepMs) => {
+    const [offMs, lateMs] = await known(stepMs);
+    expect(offMs).toBeLessThan(stepMs + 10);
+    expect(lateMs).toBeLessThan(stepMs + 15);
   });
 });
