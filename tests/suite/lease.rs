@@ -78,6 +78,8 @@ async fn a_lease_asked_for_badly_says_what_would_be_right() {
         (json!({ "owner": " " }), "owner"),
         (json!({ "owner": "a\u{7}" }), "owner"),
         (json!({ "owner": "ada", "note": "x".repeat(201) }), "note"),
+        (json!({ "owner": "ada\u{202e}", "note": "x" }), "owner"),
+        (json!({ "owner": "ada", "note": "to 1.5 mm\u{2066}" }), "note"),
         (json!({ "owner": "ada", "ttl_s": 1e9 }), "ttl_s"),
         (json!({ "owner": "ada", "ttl": 3 }), "ttl"),
     ] {

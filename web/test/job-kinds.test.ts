@@ -92,6 +92,12 @@ describe("the form of a job", () => {
 
   it("reads numbers as people type them and says what stands where none is typed", () => {
     expect([numberOf("1,5"), numberOf(" −2 "), numberOf("")]).toEqual([1.5, -2, NaN]);
+    expect([numberOf("0x10"), numberOf("Infinity"), numberOf("1e-3"), numberOf("-.5")]).toEqual([
+      NaN,
+      NaN,
+      1e-3,
+      -0.5,
+    ]);
     expect([numberOf("0,125"), numberOf("12,3456"), numberOf("1.234")]).toEqual([0.125, 12.3456, 1.234]);
     expect(unless("e_mm", design, "mm")).toBe("30");
     expect(unless("e_mm", design, "µm")).toBe("30000");

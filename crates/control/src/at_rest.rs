@@ -73,6 +73,11 @@ impl AtRest {
         self.combining.begin_anew(Since::Lost);
     }
 
+    /// Something else stands in view: nothing of before says anything of it.
+    pub(super) fn set_up(&mut self) {
+        self.combining.begin_anew(Since::Picture);
+    }
+
     /// What there is with the spacing in another frame. One that spans motion stands alone.
     pub(super) fn take(&mut self, frame: &Frame, spacing: &LiveSpacing) -> Combined {
         let now = Posture::of(frame);

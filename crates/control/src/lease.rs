@@ -90,16 +90,23 @@ impl LeaseRequest {
     }
 }
 
-/// Text that a person gives with a request: 1 to [`MAX_TEXT`] printable characters.
+/// Text that a person gives with a request: 1 to [`MAX_TEXT`] printable characters, none of which turns the direction of text.
 ///
 /// # Errors
 /// [`ServiceError::Invalid`] names the field.
 pub fn words(field: &'static str, text: &str) -> Result<(), ServiceError> {
-    if text.trim().is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
-        let what = format!("1 to {MAX_TEXT} printable characters are needed");
+    let unprintable = |c: char| c.is_control() || turns_text(c);
+    if text.trim().is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(unprintable) {
+        let what =
+            format!("1 to {MAX_TEXT} printable characters are needed, and no marks that turn the direction of text");
         return Err(ServiceError::Invalid { field, what });
     }
     Ok(())
+}
+
+/// Whether a character is not seen and has what stands around it, also figures of ours, run the other way or on another line.
+const fn turns_text(c: char) -> bool {
+    matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 /// That the holder of the lease asks: what every command of motion needs.

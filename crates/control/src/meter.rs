@@ -327,7 +327,7 @@ impl Service {
         let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
         let (mut kept, mut at_rest) = (VecDeque::with_capacity(KEPT), AtRest::new());
-        let mut doubt = Doubt::default();
+        let (mut doubt, mut set_up_at) = (Doubt::default(), self.eye.set_up_at());
         while self.readings.are_read() {
             match tokio::time::timeout(PATIENCE, live.changed()).await {
                 Ok(Ok(())) => {}
@@ -350,6 +350,18 @@ impl Service {
                     at_rest.lost();
                 }
             }
+            let now_set_up_at = self.eye.set_up_at();
+            if now_set_up_at > set_up_at {
+                set_up_at = now_set_up_at;
+                at_rest.set_up();
+            }
+            let exposure = frame.exposed_to.saturating_duration_since(frame.exposed_from);
+            // It shows, in part at least, what stood there before.
+            if set_up_at.duration_until(frame.captured_at)
+                < jiff::SignedDuration::try_from(exposure).unwrap_or_default()
+            {
+                continue;
+            }
             let missed = before.as_ref().map_or(0, |before| frame.seq.saturating_sub(before.seq + 1));
             frames_left_out += missed;
             let spacing = if self.first_alike(&frame).await == frame.seq {
@@ -369,7 +381,6 @@ impl Service {
             let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
             let spacing_target_px = self.eye.target_px();
             // What another set-up showed says nothing of this one.
-            let set_up_at = self.eye.set_up_at();
             let newest = (*whole.borrow()).filter(|whole| whole.captured_at >= set_up_at);
             // A board of several levels steps, and is known to.
             let doubted = self.eye.in_view() != InView::SteppedBoard

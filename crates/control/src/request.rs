@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::lease::MAX_TEXT;
+use super::lease::words;
 use super::refusal::ServiceError;
 use bench::device::AxisName;
 use bench::whole::whole_or_none;
@@ -178,9 +178,7 @@ impl JobRequest {
                 return invalid(field, format!("this kind of job takes {taken}"));
             }
         }
-        if self.note.as_ref().is_some_and(|note| note.trim().is_empty() || note.chars().count() > MAX_TEXT) {
-            return invalid("note", format!("1 to {MAX_TEXT} characters are needed"));
-        }
+        self.note.as_deref().map_or(Ok(()), |note| words("note", note))?;
         within("e_mm", self.e_mm, -1e3, 1e3)?;
         within("distance_mm", self.distance_mm, 1.0, 1e5)?;
         within("from_mm", self.from_mm, -1e4, 1e4)?;

@@ -146,6 +146,7 @@ impl Alignment<'_> {
 
     async fn homing(&mut self, axes: &[AxisName]) -> Result<(), JobEnd> {
         self.context.stage(Stage::Preparation);
+        self.context.begin(axes.len() as u32 + 1);
         self.context.step_of_bench("homing");
         for &axis in axes {
             self.context.doing(format!("homing the {axis} axis"));

@@ -135,3 +135,25 @@ async fn a_doubt_is_ended_by_a_whole_measurement_though_nobody_but_a_reader_look
     while each.recv().await.unwrap().doubted {}
     assert!(service.readings.whole.borrow().unwrap().two_boards);
 }
+
+#[tokio::test]
+async fn what_stood_in_view_before_a_set_up_is_in_no_reading_after_it() {
+    let service = ready().await;
+    let mut readings = service.readings();
+    while readings.borrow_and_update().clone().and_then(|reading| reading.combined).is_none_or(|it| it.frames < 20) {
+        readings.changed().await.unwrap();
+    }
+    service.eye.see(Some(InView::FlatBoard));
+    let since = service.eye.set_up_at();
+    loop {
+        readings.changed().await.unwrap();
+        let reading = readings.borrow_and_update().clone().unwrap();
+        // One may have been under way.
+        if reading.combined.is_some_and(|it| it.frames < 20) {
+            assert!(reading.frame.captured_at >= since, "{reading:?}");
+            let combined = reading.combined.unwrap();
+            assert_eq!(combined.since, Since::Picture);
+            break;
+        }
+    }
+}

@@ -12,7 +12,6 @@ export const camera: typeof en.camera = {
   set: "Setzen",
   setMore: (name) => `${name} setzen`,
   outside: (limits) => `Möglich ist ${limits}.`,
-  noNumber: "Hier gehört eine Zahl hin.",
   auto: "Automatisch belichten",
   autoMore:
     "Findet Belichtungszeit und Verstärkung für ein Weißbild an den Bildern der Kamera: vorher die Streuscheibe aufsetzen.",

@@ -12,7 +12,6 @@ export const camera = {
   set: "Set",
   setMore: (name: string) => `Set the ${name.toLowerCase()}`,
   outside: (limits: string) => `It may be ${limits}.`,
-  noNumber: "A number is needed.",
   auto: "Auto exposure",
   autoMore:
     "Finds exposure and gain for a white frame by the camera’s own pictures: put the diffuser on the lens first.",

@@ -52,7 +52,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
         class="manual"
         onSubmit={(event) => {
           event.preventDefault();
-          if (!Number.isFinite(target) || position === null) return;
+          if (!Number.isFinite(target) || outside || position === null) return;
           if (isLarge(position, target)) ask(target);
           else void go(target);
         }}
@@ -68,9 +68,13 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
           aria-invalid={outside || unread}
           placeholder={`${strings.byHand.to}, ${unit}`}
           disabled={disabled || position === null}
-          onInput={(event) => setText(event.currentTarget.value)}
+          onInput={(event) => {
+            setText(event.currentTarget.value);
+            // It is of what stood there.
+            ask(null);
+          }}
         />
-        <button type="submit" disabled={still || !Number.isFinite(target)}>
+        <button type="submit" disabled={still || !Number.isFinite(target) || outside}>
           {strings.byHand.go}
         </button>
         <button

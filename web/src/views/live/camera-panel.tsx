@@ -174,7 +174,7 @@ function Control({ control, disabled, set }: ControlProps) {
         {limits}
         {control.unit === "driver" && `, ${strings.camera.driverUnit}`}
       </span>
-      {wrong && <p class="fault">{outside ? strings.camera.outside(limits) : strings.camera.noNumber}</p>}
+      {wrong && <p class="fault">{outside ? strings.camera.outside(limits) : strings.form.noNumber}</p>}
       {locked !== null && (
         <p class="quiet" lang="en">
           {locked}
