@@ -10,8 +10,8 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::{Problem, Result};
-use crate::device::camera::genicam::find;
 use crate::device::camera::genicam::found::FoundCamera;
+use crate::device::camera::genicam::survey;
 use crate::device::connected::{self, ConnectedCamera, ConnectedPort};
 
 /// A camera that is connected.
@@ -126,7 +126,7 @@ impl From<ConnectedPort> for PortFound {
 pub(super) async fn get(State(app): State<App>) -> Result<Json<DevicesFound>> {
     let interfaces = app.service.config().bench.camera.interfaces.clone();
     let look = move || {
-        let (genicam, notes) = find::cameras(&interfaces);
+        let (genicam, notes) = survey::cameras(&interfaces);
         DevicesFound {
             cameras: connected::cameras()
                 .into_iter()

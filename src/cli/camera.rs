@@ -15,6 +15,7 @@ use crate::device::camera::find::{self, Node};
 use crate::device::camera::genicam::find as genicam;
 use crate::device::camera::genicam::found::{FoundCamera, Way};
 use crate::device::camera::genicam::listing::Feature;
+use crate::device::camera::genicam::survey;
 use crate::device::camera::offer::{self, Offer};
 
 /// Arguments of `plenalign camera`.
@@ -101,7 +102,7 @@ impl Shown for Feature {
 pub(super) fn run(context: Context, args: Args) -> anyhow::Result<ExitCode> {
     let text = match args.command {
         Command::List(args) => {
-            let (found, wrong) = genicam::cameras(&context.config.bench.camera.interfaces);
+            let (found, wrong) = survey::cameras(&context.config.bench.camera.interfaces);
             for why in wrong {
                 eprintln!("{why}");
             }

@@ -1,13 +1,13 @@
-//! Cameras on USB3 Vision, against the guest's kernel: found, set, streamed, dated, lost and found again; and Aravis's word on
-//! the camera that they are tried with.
+//! Cameras on USB3 Vision, against the guest's kernel: found, set, streamed, dated, lost and found again; and Aravis's
+//! word on the camera that they are tried with.
 
 use std::process::Command;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use plenalign::config::{CameraConfig, CameraDriver, ControlValue, TimestampMeans};
 use plenalign::device::Frame;
-use plenalign::device::camera::genicam::find;
+use plenalign::device::camera::genicam::{find, survey};
 use plenalign::device::light::ControlName;
 
 use crate::Test;
@@ -19,6 +19,7 @@ use crate::usbip::{Plugged, Speed, plug};
 pub(crate) const TESTS: &[Test] = &[
     ("usb_aravis_takes_the_camera_for_one", aravis),
     ("usb_camera_is_listed_and_found_by_each_name", listed),
+    ("usb_listing_and_opening_keep_out_of_each_others_way", side_by_side),
     ("usb_frames_are_exact", || exact("Mono8")),
     ("usb_packed_frames_are_exact", || exact("Mono12p")),
     ("usb_frames_are_dated_no_later_than_they_were_exposed", dated),
@@ -53,7 +54,7 @@ impl Bench {
 
     /// Waits until the kernel has seen to it.
     fn until_there(&self) {
-        until_blocking("the kernel lists the camera", || !find::cameras(&[]).0.is_empty());
+        until_blocking("the kernel lists the camera", || !survey::cameras(&[]).0.is_empty());
     }
 
     fn unplug(&mut self) {
@@ -68,7 +69,7 @@ impl Bench {
 impl Drop for Bench {
     fn drop(&mut self) {
         self.unplug();
-        until_blocking("the kernel lets go of the camera", || find::cameras(&[]).0.is_empty());
+        until_blocking("the kernel lets go of the camera", || survey::cameras(&[]).0.is_empty());
     }
 }
 
@@ -140,7 +141,7 @@ fn aravis() {
 
 fn listed() {
     let _bench = Bench::new();
-    let (found, notes) = find::cameras(&[]);
+    let (found, notes) = survey::cameras(&[]);
     let [camera] = &found[..] else { panic!("{found:?}") };
     assert_eq!((notes, &camera.unusable), (Vec::new(), &None));
     assert_eq!((camera.standard(), camera.model.as_str()), ("USB3 Vision", "Plenalign Counter"));
@@ -161,13 +162,50 @@ fn listed() {
     assert!(missing.contains("no camera on USB") && missing.contains(SERIAL), "{missing}");
 }
 
+fn side_by_side() {
+    let _bench = Bench::new();
+    let names = [format!("serial:{SERIAL}"), format!("name:{NAME}"), "usb:1209:0001".to_owned()];
+    let ended = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let lists = scope.spawn(|| {
+            let mut lists = 0;
+            while !ended.load(Ordering::SeqCst) {
+                let (found, notes) = survey::cameras(&[]);
+                let [camera] = &found[..] else { panic!("{found:?}") };
+                // While it is in use, too.
+                assert_eq!((&camera.unusable, notes, camera.formats.len()), (&None, Vec::new(), 2), "{camera:?}");
+                assert_eq!(camera.names(), names);
+                lists += 1;
+            }
+            lists
+        });
+        // By name it is asked before it is opened. Whatever this comes to, the lists end.
+        let opened = std::panic::catch_unwind(|| {
+            for device in ["name:left", "usb:1209:0001", "name:left"] {
+                let camera = Camera::start_for(&config(device, "Mono8"), size());
+                camera.until("be online", |state| {
+                    let fault = state.fault.as_deref().unwrap_or_default();
+                    assert!(fault == "not opened yet" || fault.is_empty(), "{fault}");
+                    state.online
+                });
+                drop(camera);
+                until_blocking("it is free", || find::features_of(&by_serial("Mono8"), false));
+            }
+        });
+        ended.store(true, Ordering::SeqCst);
+        let lists = lists.join().unwrap();
+        opened.unwrap();
+        assert!(lists > 3, "{lists} lists");
+    });
+}
+
 fn exact(format: &str) {
     let bench = Bench::new();
     let camera = online(&by_serial(format));
     let numbers: Vec<u64> = camera.watch(5).iter().map(|frame| number_of(frame, &bench)).collect();
     assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]), "{numbers:?}");
     // While it sends, it is listed by what is known of it.
-    let (found, _) = find::cameras(&[]);
+    let (found, _) = survey::cameras(&[]);
     assert_eq!((found[0].formats.len(), &found[0].unusable), (2, &None), "{found:?}");
     assert!(camera.state().online);
 }

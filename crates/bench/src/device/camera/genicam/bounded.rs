@@ -1,8 +1,9 @@
-//! Doing within bounded time what a camera's description may have last for ever: working it out, and looking up features by it.
+//! Doing within bounded time what a camera's description may have last for ever: working it out, and looking up
+//! features by it.
 
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::runtime::Handle;
 
@@ -18,8 +19,12 @@ const SILENT_FOR: Duration = Duration::from_secs(10);
 static GIVEN_UP: Mutex<Vec<Weak<()>>> = Mutex::new(Vec::new());
 
 /// Whether what is done in a thread of its own is waited for still.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Wanted(Arc<Mutex<State>>);
+#[derive(Debug, Clone)]
+pub(super) struct Wanted {
+    state: Arc<Mutex<State>>,
+    allowed: Duration,
+    until: Instant,
+}
 
 #[derive(Debug, Default)]
 struct State {
@@ -29,6 +34,29 @@ struct State {
 }
 
 impl Wanted {
+    /// What begins now and is waited for so long.
+    pub(super) fn beginning(allowed: Duration) -> Self {
+        Self { state: Arc::default(), allowed, until: Instant::now() + allowed }
+    }
+
+    /// How much longer it is waited for.
+    pub(super) fn left(&self) -> Duration {
+        self.until.saturating_duration_since(Instant::now())
+    }
+
+    /// Does a part of it in a thread of its own, which is given up when the whole is: what the part does not own, a
+    /// camera above all, is then let go of although the part goes on.
+    ///
+    /// # Errors
+    /// As [`within`].
+    pub(super) fn part<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> Result<T, String> + Send + 'static,
+    ) -> Result<T, String> {
+        self.check()?;
+        begun(&Self { state: Arc::default(), ..*self }, |_| work())
+    }
+
     /// To be asked before a camera is made to do what it would go on with.
     ///
     /// # Errors
@@ -40,8 +68,8 @@ impl Wanted {
         }
     }
 
-    /// This runtime of one worker speaks to a camera that was taken, and keeps it for this program: it is to fall silent when
-    /// the work is given up, which itself may not come to that for ever.
+    /// This runtime of one worker speaks to a camera that was taken, and keeps it for this program: it is to fall
+    /// silent when the work is given up, which itself may not come to that for ever.
     pub(super) fn speaks(&self, runtime: &Handle) {
         let mut state = self.state();
         state.speaker = Some(runtime.clone());
@@ -57,7 +85,7 @@ impl Wanted {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -70,12 +98,20 @@ impl State {
     }
 }
 
-/// Does something in a thread of its own, which is given up when it takes too long: what it comes to is dropped when it ends.
+/// Does something in a thread of its own, which is given up when it takes too long: what it comes to is dropped when it
+/// ends.
 ///
 /// # Errors
 /// That it takes too long, or why it cannot be done, in words.
 pub(super) fn within<T: Send + 'static>(
     allowed: Duration,
+    work: impl FnOnce(&Wanted) -> Result<T, String> + Send + 'static,
+) -> Result<T, String> {
+    begun(&Wanted::beginning(allowed), work)
+}
+
+fn begun<T: Send + 'static>(
+    wanted: &Wanted,
     work: impl FnOnce(&Wanted) -> Result<T, String> + Send + 'static,
 ) -> Result<T, String> {
     if given_up() >= MOST_GIVEN_UP {
@@ -87,7 +123,6 @@ pub(super) fn within<T: Send + 'static>(
     let lives = Arc::new(());
     let life = Arc::downgrade(&lives);
     let (done, end) = sync_channel(1);
-    let wanted = Wanted::default();
     let work = {
         let wanted = wanted.clone();
         move || {
@@ -98,7 +133,7 @@ pub(super) fn within<T: Send + 'static>(
     };
     let thread = std::thread::Builder::new().name("camera-open".to_owned()).spawn(work);
     thread.map_err(|error| format!("there is no thread to open it in: {error}"))?;
-    match end.recv_timeout(allowed) {
+    match end.recv_timeout(wanted.left()) {
         Ok(done) => done,
         Err(RecvTimeoutError::Disconnected) => Err("the camera's library answered something unexpected".to_owned()),
         Err(RecvTimeoutError::Timeout) => {
@@ -110,7 +145,7 @@ pub(super) fn within<T: Send + 'static>(
             GIVEN_UP.lock().unwrap_or_else(PoisonError::into_inner).push(life);
             Err(format!(
                 "it was given up after {} s: it answers too slowly, or what its description says takes too long to work out",
-                allowed.as_secs_f64()
+                wanted.allowed.as_millis() as f64 / 1e3
             ))
         }
     }
@@ -194,10 +229,35 @@ mod tests {
         assert!(std::iter::repeat_n((), 1000).take_while(beats_on).count() < 1000, "its heart beats on");
         drop(to);
         assert!(said.recv().unwrap().is_err_and(|why| why.contains("given up")));
-        assert_eq!(Wanted::default().check(), Ok(()));
+        assert_eq!(Wanted::beginning(OPEN_WITHIN).check(), Ok(()));
         while given_up() > 0 {
             std::thread::yield_now();
         }
         runtime.shutdown_background();
+    }
+
+    #[test]
+    fn what_a_part_that_takes_for_ever_does_not_own_is_let_go_of_with_the_whole() {
+        let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let (camera, let_go) = mpsc::channel::<()>();
+        let (to, end) = mpsc::channel::<()>();
+        let work = move |wanted: &Wanted| {
+            let _camera = camera;
+            // A description that takes for ever, and nothing else.
+            wanted.part(move || Ok(end.recv().is_err()))
+        };
+        let why = within(Duration::from_millis(50), work).unwrap_err();
+        assert!(why.contains("given up after 0.05 s"), "{why}");
+        let dropped = let_go.recv_timeout(Duration::from_secs(20));
+        assert_eq!(dropped, Err(RecvTimeoutError::Disconnected), "the camera is kept");
+        assert!(given_up() > 0, "the part goes on, and counts");
+        drop(to);
+        while given_up() > 0 {
+            std::thread::yield_now();
+        }
+        let late = Wanted::beginning(OPEN_WITHIN);
+        assert_eq!(late.part(|| Ok(7)), Ok(7));
+        late.give_up();
+        assert!(late.part(|| Ok(7)).is_err_and(|why| why.contains("given up")), "it is begun all the same");
     }
 }

@@ -92,7 +92,8 @@ impl Capture for Capturer {
         } else {
             // Whoever has the camera now is not disturbed: the library refuses to write what it has no control of.
             let _ = opened.device.acquisition_stop();
-            drop(frames);
+            // In use until it is let go of: who lists cameras does not open it before that.
+            drop((frames, opened, in_use));
         }
         ended
     }

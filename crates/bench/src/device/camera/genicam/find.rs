@@ -1,129 +1,23 @@
-//! Finding a camera: by serial number, by the name that a user gave it, by address on the network, by product on USB. On the
-//! network cameras are looked for on the interfaces that are named, and on no other.
+//! Finding a camera: by serial number, by the name that a user gave it, by address on the network, by product on USB.
+//! On the network cameras are looked for on the interfaces that are named, and on no other.
 
 use std::net::Ipv4Addr;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use viva_genicam::u3v::U3vDeviceInfo;
 
+use super::allowance::Allowance;
 use super::bounded::{OPEN_WITHIN, Wanted, apart, within};
 use super::features;
-use super::found::{FoundCamera, Way};
+use super::found::FoundCamera;
 use super::known::{self, InUse};
 use super::listing::{self, Feature};
 use super::read::{self, Opened, Reader};
-use super::target::{Target, given};
-use super::{network, usb};
+use super::target::Target;
+use super::turn::Turn;
+use super::usb::Names;
+use super::{network, survey, usb};
 use crate::config::{CameraConfig, GenicamName};
-
-/// So many cameras are listed: whoever is on the network may answer in the name of any number.
-const MOST_LISTED: usize = 64;
-/// So many cameras are read when cameras are listed, those not counted that were read before.
-const MOST_READ: usize = 16;
-/// No more cameras are read after so long.
-const LOOK_WITHIN: Duration = Duration::from_secs(20);
-
-/// Every camera that is connected to USB or answers on these interfaces, with what it offers; and what cannot be said, one
-/// sentence each: of an interface on which none can be looked for, why. Takes a second for each interface, and as long as it
-/// takes to read the cameras that were not read before; takes no camera from whoever has it, and disturbs none that this
-/// program uses itself.
-#[must_use]
-pub fn cameras(interfaces: &[String]) -> (Vec<FoundCamera>, Vec<String>) {
-    let (mut answers, mut notes) = (Vec::new(), Vec::new());
-    for interface in interfaces {
-        match network::answering(interface) {
-            Ok(there) => answers.extend(there.into_iter().map(|info| (info, interface.clone()))),
-            Err(why) => notes.push(why),
-        }
-    }
-    let mut targets = usb::targets(|_| true).unwrap_or_else(|why| {
-        notes.push(why);
-        Vec::new()
-    });
-    let usb = targets.len();
-    let answers = network::distinct(answers, |(info, _)| info);
-    let (heard, interfaces): (Vec<_>, Vec<_>) =
-        answers.into_iter().map(|(info, interface)| (Target::Network(info), interface)).unzip();
-    targets.extend(heard);
-    if targets.len() > MOST_LISTED {
-        notes.push(format!("{} cameras answer: {MOST_LISTED} of them are listed", targets.len()));
-        targets.truncate(MOST_LISTED);
-    }
-    let mut allowance = Allowance::of(MOST_READ);
-    // Those on USB come by no interface.
-    let interfaces = std::iter::repeat_n(String::new(), usb).chain(interfaces);
-    let found = targets.iter().zip(interfaces).map(|(target, by)| look_at(target, &by, &mut allowance)).collect();
-    if allowance.refused > 0 {
-        let refused = allowance.refused;
-        notes.push(format!("what {refused} more of the cameras offer has not been read yet: look again"));
-    }
-    (found, notes)
-}
-
-/// How many cameras may still be read, and until when.
-struct Allowance {
-    cameras: usize,
-    until: Instant,
-    /// How many were not, for that.
-    refused: usize,
-}
-
-impl Allowance {
-    fn of(cameras: usize) -> Self {
-        Self { cameras, until: Instant::now() + LOOK_WITHIN, refused: 0 }
-    }
-
-    /// Whether there is time for another camera.
-    fn has_time(&mut self) -> bool {
-        let granted = Instant::now() < self.until;
-        self.refused += usize::from(!granted);
-        granted
-    }
-
-    /// Whether another camera may be read.
-    fn take(&mut self) -> bool {
-        let granted = self.cameras > 0;
-        self.cameras = self.cameras.saturating_sub(1);
-        self.refused += usize::from(!granted);
-        granted
-    }
-}
-
-fn look_at(target: &Target, interface: &str, allowance: &mut Allowance) -> FoundCamera {
-    let (way, unusable) = match target {
-        Target::Network(info) => {
-            (Way::Network { address: info.ip, interface: interface.to_owned() }, network::elsewhere(info))
-        }
-        Target::Usb(info, names) => {
-            let product = format!("{:04x}:{:04x}", info.vendor_id, info.product_id);
-            let carried_mbit_per_s = info.speed.and_then(usb::carried_mbit_per_s);
-            (Way::Usb { file: usb::device_file(info), product, carried_mbit_per_s }, names.as_ref().err().cloned())
-        }
-    };
-    let mut camera = FoundCamera {
-        way,
-        model: target.model(),
-        serial: target.serial(),
-        user_name: target.user_name(),
-        formats: Vec::new(),
-        unusable,
-    };
-    let identity = target.known_as();
-    if known::is_in_use(&target.site()) {
-        // It is being opened, or sends frames.
-        (camera.formats, camera.unusable) = (known::formats(&identity, None).unwrap_or_default(), None);
-    } else if camera.unusable.is_none() && allowance.has_time() {
-        let offered = apart(|| match target {
-            Target::Network(info) => read::offered(info.ip, &identity, || allowance.take()),
-            Target::Usb(info, _) => usb::offered(info, || allowance.take()),
-        });
-        match offered {
-            Ok(Ok(formats)) => camera.formats = formats.unwrap_or_default(),
-            Ok(Err(why)) | Err(why) => camera.unusable = Some(why),
-        }
-    }
-    camera
-}
 
 /// The camera that the configuration means, with what it offers.
 ///
@@ -135,25 +29,29 @@ pub fn configured(config: &CameraConfig) -> Result<FoundCamera, String> {
         Target::Network(info) => network::interface_to(info.ip),
         Target::Usb(..) => String::new(),
     };
-    Ok(look_at(&target, &interface, &mut Allowance::of(1)))
+    Ok(survey::look_at(&target, &interface, &mut Allowance::of(1)))
 }
 
-/// The features of the camera that the configuration means, and what is to be known of setting them, one sentence each: with
-/// `apply` the configured ones are set first and its automatics switched off, for which the camera is taken for a moment. One
-/// on USB is taken for a moment in any case.
+/// The features of the camera that the configuration means, and what is to be known of setting them, one sentence each:
+/// with `apply` the configured ones are set first and its automatics switched off, for which the camera is taken for a
+/// moment. One on USB is taken for a moment in any case.
 ///
 /// # Errors
 /// Why there is no such camera, or why it cannot be read or set, in words.
 pub fn features_of(config: &CameraConfig, apply: bool) -> Result<(Vec<Feature>, Vec<String>), String> {
     let target = resolve(config)?;
     if let (Target::Network(info), false) = (&target, apply) {
-        return apart(|| Reader::open(info.ip)?.look(|device| Ok((listing::list(device), Vec::new()))))?;
+        let until = Instant::now() + OPEN_WITHIN;
+        return apart(|| Reader::open(info.ip)?.look(until, |device| Ok((listing::list(device), Vec::new()))))?;
     }
     let controls = config.controls.clone();
     within(OPEN_WITHIN, move |wanted| {
-        let (mut opened, _in_use) = open(&target, wanted)?;
-        let notes = if apply { features::apply(&mut opened.device, &controls)? } else { Vec::new() };
-        Ok((listing::list(&opened.device), notes))
+        let (mut opened, in_use) = open(&target, wanted)?;
+        let applied = if apply { features::apply(&mut opened.device, &controls) } else { Ok(Vec::new()) };
+        let listed = applied.map(|notes| (listing::list(&opened.device), notes));
+        // In use until it is let go of.
+        drop((opened, in_use));
+        listed
     })
 }
 
@@ -165,13 +63,7 @@ pub(super) fn resolve(config: &CameraConfig) -> Result<Target, String> {
         return network::at(address).map(Target::Network);
     }
     let (mut heard, mut wrong) = (Vec::new(), Vec::new());
-    // Mostly the kernel knows which it is, and none has to be opened to be asked.
-    let asks = |there: &[U3vDeviceInfo]| match &name {
-        GenicamName::Serial(serial) => !there.iter().any(|info| given(info.serial.as_ref()).as_ref() == Some(serial)),
-        GenicamName::Name(_) => true,
-        GenicamName::Product(..) | GenicamName::Address(_) => false,
-    };
-    let mut answers = usb::targets(asks).unwrap_or_else(|why| {
+    let mut answers = usb::targets().unwrap_or_else(|why| {
         wrong.push(why);
         Vec::new()
     });
@@ -184,6 +76,14 @@ pub(super) fn resolve(config: &CameraConfig) -> Result<Target, String> {
         }
     }
     answers.extend(network::distinct(heard, |info| info).into_iter().map(Target::Network));
+    let mut allowance = Allowance::of(0);
+    ask_where_needed(&mut answers, &name, |info| {
+        match allowance.time_for(&usb::device_file(info).display().to_string()) {
+            Some(until) => usb::names(info, until),
+            None => Ok(Names::default()),
+        }
+    });
+    wrong.extend(allowance.notes());
     let target = chosen(answers, &name, config).map_err(|why| {
         wrong.insert(0, why);
         wrong.join("; ")
@@ -191,6 +91,24 @@ pub(super) fn resolve(config: &CameraConfig) -> Result<Target, String> {
     match &target {
         Target::Network(info) => network::elsewhere(info).map_or(Ok(target), Err),
         Target::Usb(..) => Ok(target),
+    }
+}
+
+/// Has those on USB say what they are, which takes opening them: only where none that is there is known to have this
+/// name, by what the kernel tells or by its answer from the network.
+fn ask_where_needed(
+    there: &mut [Target],
+    name: &GenicamName,
+    mut ask: impl FnMut(&U3vDeviceInfo) -> Result<Names, String>,
+) {
+    let by_word_of_its_own = matches!(name, GenicamName::Serial(_) | GenicamName::Name(_));
+    if !by_word_of_its_own || there.iter().any(|target| target.is_called(name)) {
+        return;
+    }
+    for target in there {
+        if let Target::Usb(info, names) = target {
+            *names = ask(info);
+        }
     }
 }
 
@@ -223,23 +141,30 @@ fn chosen(answers: Vec<Target>, name: &GenicamName, config: &CameraConfig) -> Re
     })
 }
 
-/// Takes control of a camera while that is `wanted`, which is this program's own while the other that is returned lives: to be
-/// done [`within`] bounded time.
+/// Takes control of a camera while that is `wanted`, which is this program's own while the other that is returned
+/// lives: to be done [`within`] bounded time.
 ///
 /// # Errors
 /// Why not, and what to do, in words.
 pub(super) fn open(target: &Target, wanted: &Wanted) -> Result<(Opened, InUse), String> {
     let in_use = InUse::begin(target.site());
-    let opened = match target {
-        Target::Network(info) => Reader::open(info.ip)?.take(wanted).map_err(|why| match is_controlled(info.ip) {
-            // Some refuse, some say nothing.
-            true => features::CONTROLLED.to_owned(),
-            false => why,
-        })?,
-        Target::Usb(info, _) => usb::open(info)?,
+    let (opened, _turn) = match target {
+        Target::Network(info) => {
+            let opened = Reader::open(info.ip)?.take(wanted).map_err(|why| match is_controlled(info.ip) {
+                // Some refuse, some say nothing.
+                true => features::CONTROLLED.to_owned(),
+                false => why,
+            });
+            (opened?, None)
+        }
+        Target::Usb(info, _) => {
+            // Whoever lists it has done so first, or waits until what it offers is known.
+            let turn = Turn::at(target.site(), wanted)?;
+            (usb::open(info, wanted)?, Some(turn))
+        }
     };
     // For whoever lists cameras meanwhile. What cannot be read now is read then.
-    if let (Ok(place), Ok(formats)) = (read::place(&opened.device), read::formats(&opened.device)) {
+    if let (Ok(place), Ok(formats)) = (opened.device.transport().place(wanted), read::formats(&opened.device)) {
         known::keep(&target.known_as(), &place, &formats);
     }
     Ok((opened, in_use))
@@ -251,10 +176,9 @@ fn is_controlled(address: Ipv4Addr) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use viva_genicam::gige::DeviceInfo;
 
-    use super::super::usb::Names;
     use super::*;
 
     fn camera(last: u8, serial: &str, user_name: &str) -> Target {
@@ -267,7 +191,7 @@ mod tests {
     }
 
     /// One whose USB device has another serial number than it says itself.
-    fn on_usb(address: u8, serial: &str, names: Result<[&str; 2], &str>) -> Target {
+    pub(in super::super) fn on_usb(address: u8, serial: &str, names: Result<[&str; 2], &str>) -> Target {
         let info = U3vDeviceInfo {
             bus: "002".to_owned(),
             address,
@@ -316,35 +240,32 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_in_use_is_listed_by_what_is_known_of_it_and_not_disturbed() {
-        // Nothing is there.
-        let network = Target::Network(DeviceInfo::from_ip(Ipv4Addr::new(127, 97, 0, 1)));
-        for (target, why) in [(network, "does not answer"), (on_usb(255, "0B1", Ok(["1", ""])), "not connected")] {
-            let there = look_at(&target, "lo", &mut Allowance::of(1));
-            assert!(there.unusable.as_ref().is_some_and(|told| told.contains(why)), "{there:?}");
-            known::keep(&target.known_as(), b"", &["Mono8".to_owned()]);
-            let _in_use = InUse::begin(target.site());
-            let there = look_at(&target, "lo", &mut Allowance::of(1));
-            assert_eq!((there.formats, there.unusable), (vec!["Mono8".to_owned()], None));
-        }
-    }
-
-    #[test]
-    fn no_more_cameras_are_read_than_allowed_nor_longer() {
-        let mut few = Allowance::of(1);
-        assert!(few.take() && !few.take() && !few.take() && few.has_time());
-        assert_eq!(few.refused, 2);
-        let mut late = Allowance { until: Instant::now(), ..Allowance::of(1) };
-        assert!(!late.has_time());
-        let target = Target::Network(DeviceInfo::from_ip(Ipv4Addr::new(127, 96, 0, 1)));
-        let there = look_at(&target, "lo", &mut late);
-        assert_eq!((there.unusable, there.formats.len(), late.refused), (None, 0, 2), "it was not asked");
+    fn no_camera_on_usb_is_opened_where_it_is_known_which_is_meant() {
+        let unasked = || {
+            let usb = [on_usb(5, "0A5", Ok(["", ""])), on_usb(6, "0A6", Ok(["", ""]))];
+            usb.into_iter().chain([camera(1, "A1", "left")]).collect::<Vec<_>>()
+        };
+        let asked = |device: &str| {
+            let (mut there, mut asked) = (unasked(), 0);
+            ask_where_needed(&mut there, &GenicamName::of(device).unwrap(), |info| {
+                asked += 1;
+                Ok(Names { serial: Some(info.address.to_string()), user_name: Some("right".to_owned()) })
+            });
+            (asked, found(there, device).ok())
+        };
+        let known = |site: &str| (0, Some(site.to_owned()));
+        assert_eq!(asked("name:left"), known("10.0.0.1"));
+        assert_eq!(asked("serial:A1"), known("10.0.0.1"));
+        assert_eq!(asked("serial:0A6"), known("usb:2676:ba06"));
+        assert_eq!(asked("usb:2676:ba05"), known("usb:2676:ba05"));
+        assert_eq!(asked("serial:6"), (2, Some("usb:2676:ba06".to_owned())));
+        assert_eq!(asked("name:right"), (2, None), "two have that name");
     }
 
     #[test]
     fn an_interface_that_is_not_there_is_named() {
         let interfaces = vec!["no-such-interface".to_owned()];
-        let (_, wrong) = cameras(&interfaces);
+        let (_, wrong) = survey::cameras(&interfaces);
         assert!(wrong[0].contains("no network interface \"no-such-interface\""), "{wrong:?}");
         let config = CameraConfig { device: "serial:A1".to_owned(), interfaces, ..CameraConfig::default() };
         let why = resolve(&config).unwrap_err();

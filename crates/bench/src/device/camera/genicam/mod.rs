@@ -2,6 +2,7 @@
 //!
 //! The protocol and the camera's XML are read by `viva-genicam`, of which nothing is named outside of here.
 
+mod allowance;
 mod bounded;
 mod capture;
 mod clock;
@@ -15,8 +16,10 @@ pub mod listing;
 mod network;
 mod read;
 mod setup;
+pub mod survey;
 mod target;
 mod transport;
+mod turn;
 pub mod usb;
 
 use std::sync::Arc;

@@ -1,8 +1,8 @@
-//! Reading the description of a camera on the network, of bounded length, in bounded time: without taking the camera from
-//! whoever has it, or once it is this program's own.
+//! Reading the description of a camera on the network, of bounded length, in bounded time: without taking the camera
+//! from whoever has it, or once it is this program's own.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::Mutex;
@@ -11,7 +11,8 @@ use viva_genicam::genapi::NodeMap;
 use viva_genicam::gige::{GVCP_PORT, GigeDevice, GigeError, consts};
 use viva_genicam::{Camera, GigeRegisterIo};
 
-use super::bounded::{OPEN_WITHIN, Wanted, within};
+use super::allowance::left;
+use super::bounded::{Wanted, within};
 use super::features::{self, state};
 use super::known::{self, Identity};
 use super::transport::{Device, Transport};
@@ -75,22 +76,23 @@ impl Reader {
     }
 
     /// Where the camera says that its description is.
-    fn place(&mut self) -> Result<Vec<u8>, String> {
+    fn place(&mut self, allowed: Duration) -> Result<Vec<u8>, String> {
         let place = self.device.read_mem(consts::FIRST_URL, consts::URL_LEN);
-        let place = self.runtime.block_on(async { tokio::time::timeout(READ_WITHIN, place).await });
-        place.map_err(|_| too_late("where its description is"))?.map_err(|error| features::why(&error))
+        let place = self.runtime.block_on(async { tokio::time::timeout(allowed, place).await });
+        place.map_err(|_| too_late("where its description is", allowed))?.map_err(|error| features::why(&error))
     }
 
-    /// Reads the description, and looks at the camera by it.
+    /// Reads the description until then, and looks at the camera by it.
     ///
     /// # Errors
     /// Why it cannot be read, in words.
     pub(super) fn look<T: Send + 'static>(
         mut self,
+        until: Instant,
         look: impl FnOnce(&Device) -> Result<T, String> + Send + 'static,
     ) -> Result<T, String> {
-        let description = self.fetched()?;
-        within(OPEN_WITHIN, move |_| {
+        let description = self.fetched(left(until).min(READ_WITHIN))?;
+        within(left(until), move |_| {
             let Self { runtime, device } = self;
             let nodes = nodes(&description)?;
             let transport = Transport::Gige(GigeRegisterIo::monitor(runtime.handle().clone(), device));
@@ -98,7 +100,8 @@ impl Reader {
         })
     }
 
-    /// Takes control of the camera, while that is `wanted`, and reads its description: to be done [`within`] bounded time.
+    /// Takes control of the camera, while that is `wanted`, and reads its description: to be done [`within`] bounded
+    /// time.
     ///
     /// # Errors
     /// Why not, in words; the camera is then let go.
@@ -116,9 +119,9 @@ impl Reader {
         });
         let claimed = match claimed {
             Ok(claimed) => claimed.map_err(|error| features::why(&error)),
-            Err(_) => Err(too_late("whether this program may have it")),
+            Err(_) => Err(too_late("whether this program may have it", READ_WITHIN)),
         };
-        let description = claimed.and_then(|()| self.fetched()).inspect_err(|_| {
+        let description = claimed.and_then(|()| self.fetched(READ_WITHIN)).inspect_err(|_| {
             // It may have been granted all the same.
             let _runtime = self.runtime.enter();
             let _ = self.device.try_send_release();
@@ -128,15 +131,15 @@ impl Reader {
         Ok(Opened { device: Camera::new(transport, nodes(&description)?), _runtime: Background(Some(runtime)) })
     }
 
-    fn fetched(&mut self) -> Result<String, String> {
+    fn fetched(&mut self, allowed: Duration) -> Result<String, String> {
         let device = Mutex::new(&mut self.device);
-        let fetched = self.runtime.block_on(async { tokio::time::timeout(READ_WITHIN, description(&device)).await });
-        fetched.map_err(|_| too_late("its description"))?.map_err(|error| features::why(&error))
+        let fetched = self.runtime.block_on(async { tokio::time::timeout(allowed, description(&device)).await });
+        fetched.map_err(|_| too_late("its description", allowed))?.map_err(|error| features::why(&error))
     }
 }
 
-fn too_late(what: &str) -> String {
-    format!("{what} does not come within {} s", READ_WITHIN.as_secs())
+fn too_late(what: &str, allowed: Duration) -> String {
+    format!("{what} does not come within {:.0} s", allowed.as_secs_f64().ceil())
 }
 
 /// The features that a description tells of.
@@ -149,25 +152,26 @@ pub(super) fn nodes(description: &str) -> Result<NodeMap, String> {
     NodeMap::try_from_xml(model).map_err(|error| unreadable(error.to_string()))
 }
 
-/// What a camera offers: as it was read before, where its description is still the same, and else by reading it, if it
-/// `may_be_read`; `None` where it may not.
+/// What a camera offers, asked until then: as it was read before, where its description is still the same, and else by
+/// reading it, if it `may_be_read`; `None` where it may not.
 ///
 /// # Errors
 /// Why it cannot be read, and what to do, in words.
 pub(super) fn offered(
     address: Ipv4Addr,
     identity: &Identity,
+    until: Instant,
     may_be_read: impl FnOnce() -> bool,
 ) -> Result<Option<Vec<String>>, String> {
     let mut reader = Reader::open(address)?;
-    let place = reader.place()?;
+    let place = reader.place(left(until).min(READ_WITHIN))?;
     if let Some(formats) = known::formats(identity, Some(&place)) {
         return Ok(Some(formats));
     }
     if !may_be_read() {
         return Ok(None);
     }
-    let formats = reader.look(formats)?;
+    let formats = reader.look(until, formats)?;
     known::keep(identity, &place, &formats);
     Ok(Some(formats))
 }
@@ -187,14 +191,6 @@ async fn description(device: &Mutex<&mut GigeDevice>) -> Result<String, XmlError
         }
     };
     fetch_and_load_xml(part).await
-}
-
-/// Where a camera says that its description is.
-///
-/// # Errors
-/// Why it cannot be read, in words.
-pub(super) fn place(device: &Device) -> Result<Vec<u8>, String> {
-    device.transport().place().map_err(|error| features::why(&error))
 }
 
 /// The formats that an open camera offers, by their PFNC names.

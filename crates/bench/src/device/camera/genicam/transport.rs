@@ -1,5 +1,5 @@
-//! What carries a camera's registers and its frames: GigE Vision or USB3 Vision. What is done with a camera is the same by
-//! either; what differs between the two in an open camera is here and in [`super::hold`].
+//! What carries a camera's registers and its frames: GigE Vision or USB3 Vision. What is done with a camera is the same
+//! by either; what differs between the two in an open camera is here and in [`super::hold`].
 
 use std::time::{Duration, Instant};
 
@@ -12,6 +12,7 @@ use viva_genicam::{
     U3vRegisterIo, U3vStreamBuilder, U3vStreamOptions,
 };
 
+use super::bounded::Wanted;
 use super::clock::Latch;
 use super::features;
 
@@ -54,16 +55,16 @@ impl RegisterIo for Transport {
 }
 
 impl Transport {
-    /// What the camera says of where its description is: another when the description is.
+    /// What the camera says of where its description is, read while that is `wanted`: another when the description is.
     ///
     /// # Errors
-    /// Why it cannot be read.
-    pub(super) fn place(&self) -> Result<Vec<u8>, GenApiError> {
+    /// Why it cannot be read, in words.
+    pub(super) fn place(&self, wanted: &Wanted) -> Result<Vec<u8>, String> {
         match self {
-            Self::Gige(gige) => gige.read(consts::FIRST_URL, consts::URL_LEN),
+            Self::Gige(gige) => gige.read(consts::FIRST_URL, consts::URL_LEN).map_err(|error| features::why(&error)),
             Self::Usb(usb) => {
-                let mut device = usb.lock_device().map_err(GenApiError::io)?;
-                super::usb::manifest(&mut device).map_err(GenApiError::io)
+                let mut device = usb.lock_device().map_err(|error| features::why(&error))?;
+                super::usb::manifest(&mut device, wanted)
             }
         }
     }
@@ -113,7 +114,8 @@ impl Transport {
         Ok(half(at)? << 32 | half(at + 4)?)
     }
 
-    /// Opens a stream of frames of `payload` bytes each, where the camera says how many. `options` are those of a network.
+    /// Opens a stream of frames of `payload` bytes each, where the camera says how many. `options` are those of a
+    /// network.
     ///
     /// # Errors
     /// Why it cannot be opened.
