@@ -1,5 +1,5 @@
-//! A USB3 Vision camera for the guest's kernel, of which nothing is shared with the driver: it counts frames and shows their
-//! number.
+//! A USB3 Vision camera for the guest's kernel, of which nothing is shared with the driver: it counts frames and shows
+//! their number.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -155,6 +155,8 @@ pub(crate) struct Faults {
     pub(crate) silent: AtomicBool,
     /// Nothing is answered.
     pub(crate) deaf: AtomicBool,
+    /// How long after their exposure began frames are sent, ms.
+    pub(crate) late_ms: AtomicU32,
 }
 
 /// Whether one of so many is left, which it then takes.
@@ -162,12 +164,17 @@ fn taken(left: &AtomicU32) -> bool {
     left.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1)).is_ok()
 }
 
+/// Bytes that are sent in one transfer, with whether it is a frame's last.
+type Transfer = (Vec<u8>, bool);
+
 struct State {
     /// Memory in parts, with where each begins.
     memory: Vec<(u64, Vec<u8>)>,
     answers: VecDeque<Vec<u8>>,
-    /// Transfers of frames that wait to be fetched, each with whether it is a frame's last.
-    transfers: VecDeque<(Vec<u8>, bool)>,
+    /// Those of frames that wait to be fetched.
+    transfers: VecDeque<Transfer>,
+    /// Those of frames that are not sent before that moment, the oldest first.
+    later: VecDeque<(Instant, [Transfer; 3])>,
     acquiring: bool,
     frames: u64,
     /// The frames whole, with when their exposure began, the oldest first.
@@ -236,6 +243,7 @@ impl State {
             memory,
             answers: VecDeque::new(),
             transfers: VecDeque::new(),
+            later: VecDeque::new(),
             acquiring: false,
             frames: 0,
             exposures: VecDeque::new(),
@@ -302,6 +310,20 @@ impl State {
         u32::from_le_bytes(self.place(at, 4).unwrap().try_into().unwrap())
     }
 
+    /// Has what is due by now sent.
+    fn send_due(&mut self) {
+        let now = Instant::now();
+        while let Some((_, transfers)) = self.later.pop_front_if(|(due, _)| *due <= now) {
+            self.transfers.extend(transfers);
+        }
+    }
+
+    /// Forgets the frames that are not sent yet.
+    fn clear(&mut self) {
+        self.transfers.clear();
+        self.later.clear();
+    }
+
     /// Sets what follows from other registers.
     fn follow(&mut self) {
         let pixels = self.word(WIDTH) * self.word(HEIGHT);
@@ -321,7 +343,7 @@ impl State {
             START => self.acquiring = true,
             STOP => self.acquiring = false,
             STREAM_CONTROL => {
-                self.transfers.clear();
+                self.clear();
                 self.put(at, bytes);
             }
             _ if at >= FEATURES || (STREAM + 0x18..MANIFEST).contains(&at) => self.put(at, bytes),
@@ -389,7 +411,9 @@ impl Camera {
         trailer.extend([if cut { 0xa101u16 } else { 0 }, 0].iter().flat_map(|word| word.to_le_bytes()));
         trailer.extend((bytes.len() as u64).to_le_bytes());
         trailer.extend(height.to_le_bytes());
-        state.transfers.extend([(leader, false), (bytes, false), (trailer, true)]);
+        let late = Duration::from_millis(self.faults.late_ms.load(Ordering::SeqCst).into());
+        state.later.push_back((exposed + late, [(leader, false), (bytes, false), (trailer, true)]));
+        state.send_due();
         rate_hz
     }
 
@@ -497,6 +521,7 @@ impl Device for Camera {
         if endpoint == ANSWERS {
             return state.answers.pop_front().map(Ok);
         }
+        state.send_due();
         if !state.transfers.is_empty() && taken(&self.faults.stalls) {
             return Some(Err(()));
         }
@@ -510,7 +535,7 @@ impl Device for Camera {
 
     fn reset(&self, endpoint: u8) {
         if endpoint == FRAMES {
-            self.state.lock().unwrap().transfers.clear();
+            self.state.lock().unwrap().clear();
         }
     }
 }
