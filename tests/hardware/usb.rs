@@ -193,7 +193,7 @@ fn side_by_side() {
             }
         });
         ended.store(true, Ordering::SeqCst);
-        let lists = lists.join().unwrap();
+        let lists = lists.join().unwrap_or_else(|said| std::panic::resume_unwind(said));
         opened.unwrap_or_else(|said| std::panic::resume_unwind(said));
         assert!(lists > 3, "{lists} lists");
     });

@@ -1,4 +1,4 @@
-//! How long it may take to ask the cameras that are there what they are and what they offer, and of how many.
+//! How many cameras may be asked what they are and what they offer, and how long that may take.
 
 use std::time::{Duration, Instant};
 

@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 
 use tokio::runtime::Handle;
 
+use super::allowance::left;
+
 /// How long a camera may take to be opened and set up; or to be read.
 pub(super) const OPEN_WITHIN: Duration = Duration::from_secs(30);
 /// So much work that was given up may go on: each takes a processor's time until it ends.
@@ -41,7 +43,7 @@ impl Wanted {
 
     /// How much longer it is waited for.
     pub(super) fn left(&self) -> Duration {
-        self.until.saturating_duration_since(Instant::now())
+        left(self.until)
     }
 
     /// Does a part of it in a thread of its own, which is given up when the whole is: what the part does not own, a
@@ -166,14 +168,15 @@ fn given_up() -> usize {
     given_up.len()
 }
 
+/// Held by each test that opens something or has something given up, which counts for the whole program.
+#[cfg(test)]
+pub(super) static ALONE: Mutex<()> = Mutex::new(());
+
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc;
 
     use super::*;
-
-    /// What is given up counts for the whole program.
-    static ALONE: Mutex<()> = Mutex::new(());
 
     #[test]
     fn what_takes_too_long_is_given_up_and_not_begun_without_end() {
@@ -246,8 +249,8 @@ mod tests {
             // A description that takes for ever, and nothing else.
             wanted.part(move || Ok(end.recv().is_err()))
         };
-        let why = within(Duration::from_millis(50), work).unwrap_err();
-        assert!(why.contains("given up after 0.05 s"), "{why}");
+        let why = within(Duration::from_secs(1), work).unwrap_err();
+        assert!(why.contains("given up after 1 s"), "{why}");
         let dropped = let_go.recv_timeout(Duration::from_secs(20));
         assert_eq!(dropped, Err(RecvTimeoutError::Disconnected), "the camera is kept");
         assert!(given_up() > 0, "the part goes on, and counts");

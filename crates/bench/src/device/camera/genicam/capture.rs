@@ -121,7 +121,7 @@ impl Running {
         wanted: &Wanted,
     ) -> Result<Self, String> {
         let target = find::resolve(config)?;
-        let (mut opened, in_use) = find::open(&target, wanted)?;
+        let (in_use, mut opened) = find::open(&target, wanted)?;
         let device = &mut opened.device;
         let hold = Hold::of(device);
         let mut agreed = setup::agree(device, config, controls, format, size)?;

@@ -46,7 +46,7 @@ pub fn features_of(config: &CameraConfig, apply: bool) -> Result<(Vec<Feature>, 
     }
     let controls = config.controls.clone();
     within(OPEN_WITHIN, move |wanted| {
-        let (mut opened, in_use) = open(&target, wanted)?;
+        let (in_use, mut opened) = open(&target, wanted)?;
         let applied = if apply { features::apply(&mut opened.device, &controls) } else { Ok(Vec::new()) };
         let listed = applied.map(|notes| (listing::list(&opened.device), notes));
         // In use until it is let go of.
@@ -146,7 +146,7 @@ fn chosen(answers: Vec<Target>, name: &GenicamName, config: &CameraConfig) -> Re
 ///
 /// # Errors
 /// Why not, and what to do, in words.
-pub(super) fn open(target: &Target, wanted: &Wanted) -> Result<(Opened, InUse), String> {
+pub(super) fn open(target: &Target, wanted: &Wanted) -> Result<(InUse, Opened), String> {
     let in_use = InUse::begin(target.site());
     let (opened, _turn) = match target {
         Target::Network(info) => {
@@ -167,7 +167,7 @@ pub(super) fn open(target: &Target, wanted: &Wanted) -> Result<(Opened, InUse), 
     if let (Ok(place), Ok(formats)) = (opened.device.transport().place(wanted), read::formats(&opened.device)) {
         known::keep(&target.known_as(), &place, &formats);
     }
-    Ok((opened, in_use))
+    Ok((in_use, opened))
 }
 
 /// Whether somebody has control of a camera; `false` where it does not say.

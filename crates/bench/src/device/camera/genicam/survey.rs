@@ -66,10 +66,12 @@ pub(super) fn look_at(target: &Target, interface: &str, allowance: &mut Allowanc
     };
     match offered(target, &camera.path(), allowance) {
         Ok(formats) => camera.formats = formats.unwrap_or_default(),
-        // It was taken by another part of this program meanwhile.
-        Err(_) if known::is_in_use(&target.site()) => camera.formats = known_of(target).unwrap_or_default(),
-        Err(_) if allowance.is_over() => allowance.miss(&camera.path()),
-        Err(why) => camera.unusable = Some(why),
+        Err(why) => match known_of(target).filter(|_| known::is_in_use(&target.site())) {
+            // It was taken by another part of this program meanwhile.
+            Some(formats) => camera.formats = formats,
+            None if allowance.is_over() => allowance.miss(&camera.path()),
+            None => camera.unusable = Some(why),
+        },
     }
     if let Target::Usb(info, _) = target
         && camera.unusable.is_none()
@@ -111,9 +113,11 @@ fn known_of(target: &Target) -> Option<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use std::net::Ipv4Addr;
+    use std::sync::PoisonError;
 
     use viva_genicam::gige::DeviceInfo;
 
+    use super::super::bounded::ALONE;
     use super::super::find::tests::on_usb;
     use super::super::known::InUse;
     use super::*;
@@ -122,6 +126,7 @@ mod tests {
     fn a_camera_in_use_is_listed_by_what_is_known_of_it_and_not_disturbed() {
         // Nothing is there.
         let network = Target::Network(DeviceInfo::from_ip(Ipv4Addr::new(127, 97, 0, 1)));
+        let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         for (target, why) in [(network, "does not answer"), (on_usb(255, "0B1", Ok(["1", ""])), "not connected")] {
             let there = look_at(&target, "lo", &mut Allowance::of(1));
             assert!(there.unusable.as_ref().is_some_and(|told| told.contains(why)), "{there:?}");

@@ -2,6 +2,7 @@
 //! side by side, and neither is to find the camera taken by the other.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use super::bounded::Wanted;
 use super::target::Site;
@@ -10,6 +11,9 @@ use super::target::Site;
 static TAKEN: Mutex<Vec<Site>> = Mutex::new(Vec::new());
 /// One of those has ended.
 static ENDED: Condvar = Condvar::new();
+
+/// It is given up so much earlier than the whole: else that says only that it took too long.
+const SAY_SO: Duration = Duration::from_millis(200);
 
 fn taken() -> MutexGuard<'static, Vec<Site>> {
     TAKEN.lock().unwrap_or_else(PoisonError::into_inner)
@@ -26,7 +30,7 @@ impl Turn {
     /// That one still does, in words.
     pub(super) fn at(site: Site, wanted: &Wanted) -> Result<Self, String> {
         let (mut taken, waited) = ENDED
-            .wait_timeout_while(taken(), wanted.left(), |taken| taken.contains(&site))
+            .wait_timeout_while(taken(), wanted.left().saturating_sub(SAY_SO), |taken| taken.contains(&site))
             .unwrap_or_else(PoisonError::into_inner);
         if waited.timed_out() && taken.contains(&site) {
             return Err("this program is still opening it for something else".to_owned());
@@ -46,7 +50,6 @@ impl Drop for Turn {
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc;
-    use std::time::Duration;
 
     use super::*;
 

@@ -114,7 +114,7 @@ pub(super) fn said(info: &U3vDeviceInfo) -> Option<Names> {
     said.iter().find(|(of, _)| of == info).map(|(_, names)| names.clone())
 }
 
-/// What a camera says of itself, asked until then: that takes opening it, but where this program has it in use.
+/// What a camera says of itself, asked until then: that takes opening it, except where this program has it in use.
 ///
 /// # Errors
 /// Why it cannot be opened, in words.
@@ -244,7 +244,7 @@ pub(super) fn open(info: &U3vDeviceInfo, wanted: &Wanted) -> Result<Opened, Stri
 }
 
 /// A camera with the features that its description tells of. It is let go of as soon as it is not `wanted` any more,
-/// even where its description is worked out for ever.
+/// even where its description is worked out for ever; looking features up by it is not covered by that.
 fn described(mut device: U3vDevice<NusbTransfer>, wanted: &Wanted) -> Result<Device, String> {
     let runtime = tokio::runtime::Builder::new_current_thread().build();
     let runtime = runtime.map_err(|error| format!("its description cannot be read: {error}"))?;
@@ -281,6 +281,8 @@ pub(super) fn offered(
         Err(formats) => return Ok(formats),
     };
     if !may_be_read() {
+        // The turn ends once the camera is let go of.
+        drop((device, turn));
         return Ok(None);
     }
     let formats = within(left(until), move |wanted| {
